@@ -1,0 +1,96 @@
+# Everything a person types: `make help` lists it. Needs Debian (or a relative), Python 3.11 or newer, and make;
+# the rest is set up below, inside this folder: uv in .tools, the locked environment in .venv.
+
+UV_VERSION := 0.13.8
+# The optional dependencies that the tests use, see pyproject.toml.
+EXTRAS := mq tls joystick
+# The Debian packages that the tests use.
+APT_TEST :=
+
+# The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` takes another.
+PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
+    $(shell $(p) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $(p))))
+PYTEST_ARGS ?= -n auto
+
+ROOT := $(patsubst %/,%,$(dir $(abspath $(lastword $(MAKEFILE_LIST)))))
+BIN := $(ROOT)/.venv/bin
+TOOLS := $(ROOT)/.tools/uv-$(UV_VERSION)
+UV := $(TOOLS)/bin/uv
+READY := $(ROOT)/.venv/.ready
+
+# A folder of one's own for caches where there is no home to write to.
+ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
+export HOME := $(ROOT)/.tools/home
+endif
+export UV_NO_CONFIG := 1
+export UV_PYTHON_DOWNLOADS := never
+export UV_PROJECT_ENVIRONMENT := $(ROOT)/.venv
+export UV_NO_PROGRESS := 1
+export UV_LINK_MODE := copy
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_NO_INPUT := 1
+# An environment that is active in the shell is none of our business.
+unexport VIRTUAL_ENV
+unexport PYTHONPATH
+unexport PYTHONHOME
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup system-packages demo test check lint types imports schema tests bench lock clean
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | column -t -s @ 2>/dev/null \
+	    || sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1: \2/p' $(firstword $(MAKEFILE_LIST))
+
+demo: setup ## an emulated arm moves there and back
+	@$(BIN)/hexwire demo
+
+test: setup system-packages check tests ## everything that must hold: lint, types, import rule, tables, tests
+
+check: lint types imports schema ## all of it but the tests
+
+bench: setup ## how fast it is, as ratios against a bare reference
+	@$(BIN)/python tests/bench
+
+setup: $(READY) ## the environment in .venv, from uv.lock
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: setup
+	$(BIN)/mypy --strict src
+
+imports: setup
+	$(BIN)/lint-imports
+
+schema: setup
+	$(BIN)/python schema/generate.py --check
+
+# The code blocks of the documents are tests too.
+tests: setup system-packages
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --markdown-docs tests $(wildcard README.md docs)
+
+lock: $(UV) ## write uv.lock anew after a change in pyproject.toml
+	env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) lock --default-index https://pypi.org/simple
+
+clean: ## remove everything that make made
+	rm -rf .venv .tools .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+system-packages:
+	@.ci/install-packages $(APT_TEST)
+
+$(READY): pyproject.toml uv.lock $(UV)
+	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) </dev/null
+	@touch $@
+
+# Debian keeps the part of Python that makes environments in a package of its own, named after the version.
+$(UV):
+	@test -n '$(PYTHON)' || { echo 'no Python from 3.11 to 3.13 here; install one: sudo apt-get install python3' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || .ci/install-packages \
+	    "$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')"
+	@mkdir -p '$(HOME)'
+	rm -rf $(TOOLS)
+	$(PYTHON) -m venv $(TOOLS)
+	$(TOOLS)/bin/python -m pip install --quiet 'uv==$(UV_VERSION)' </dev/null

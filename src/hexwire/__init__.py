@@ -1,0 +1,43 @@
+"""hexwire: from a joint command in Python to a moving servo, and back.
+
+Owns the public names, which load on first use: ``import hexwire`` costs next to nothing and imports neither a
+third-party package nor a layer that the program does not touch. Knows where each name lives and nothing else.
+
+Attributes:
+    __version__: Version of the installed package, as in ``0.1.0``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexwire.errors import HexwireError
+
+if TYPE_CHECKING:
+    # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
+    pass
+
+__all__ = ["HexwireError", "__version__"]
+
+_LAZY: dict[str, str] = {}
+"""Public name -> module that defines it."""
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name on its first use (PEP 562)."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: object = version("hexwire")
+    elif name in _LAZY:
+        from importlib import import_module
+
+        value = getattr(import_module(_LAZY[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,1 @@
+"""Robot drivers: joints and SI units above, sessions and frames below."""

@@ -1,0 +1,1 @@
+"""Servos, their bus and the controller board, emulated in simulated time."""

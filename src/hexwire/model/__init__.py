@@ -1,0 +1,1 @@
+"""The arm as data: joints, states, targets, calibration, geometry."""

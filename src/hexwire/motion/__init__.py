@@ -1,0 +1,1 @@
+"""Limits and trajectories; pure, but for the loop that keeps time."""

@@ -1,0 +1,1 @@
+"""Sans-I/O machines: decoding, matching, deadlines and retries, with time as an argument."""

@@ -1,0 +1,1 @@
+"""Seeing what happens on the wire: hex dump, decoding, recording."""
