@@ -43,7 +43,7 @@ def _session(session: dict[str, Any]) -> list[str]:
         constant("uint32_t", "SYNC", header["sync"], digits=8),
         constant("uint8_t", "HEADER_SIZE", header["size"]),
     ]
-    out += [constant("uint8_t", f"HEADER_{name.upper()}", offset) for name, _, offset in header["fields"]]
+    out += [constant("uint8_t", f"HEADER_AT_{name.upper()}", offset) for name, _, offset in header["fields"]]
     for name in ("flag", "pad_byte"):
         out.append(constant("uint8_t", f"FRAME_{name.upper()}", frame[name], digits=2))
     out.append(constant("uint8_t", "PROTO_CHAPTER", frame["proto_chapter"]))
@@ -56,6 +56,19 @@ def _session(session: dict[str, Any]) -> list[str]:
         out.append(constant("uint16_t", f"{name.upper()}_MS", round(seconds * 1000)))
     out += [constant(_kind(value), name.upper(), value) for name, value in session["limits"].items()]
     out += [constant("int32_t", f"MODULE_{name}", value) for name, value in session["modules"].items()]
+    return out
+
+
+def _board(session: dict[str, Any], commands: dict[str, Any]) -> list[str]:
+    board = session["board"]
+    series = [commands["series"][name] for name in board["joint_series"]]
+    out = ["\n", constant("uint8_t", "JOINTS", len(board["joint_ids"]))]
+    # Macros, because a constexpr array would need storage.
+    for name, values in (("JOINT_IDS", board["joint_ids"]), ("JOINT_SERIES", series)):
+        out.append(f"#define HEXWIRE_{name} {{{', '.join(map(str, values))}}}\n")
+    for name in ("settings_version", "default_minimum", "default_maximum", "default_speed", "default_neutral"):
+        out.append(constant(_kind(board[name]), name.upper(), board[name]))
+    out.append(constant("int8_t", "DEFAULT_SIGN", board["default_sign"]))
     return out
 
 
@@ -134,6 +147,7 @@ def emit(schema: Schema) -> str:
     parts = [
         HEAD,
         *_session(schema.session),
+        *_board(schema.session, schema.commands),
         *_commands(schema.commands),
         *_registers(schema.registers),
         FOOT,
