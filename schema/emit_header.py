@@ -66,9 +66,8 @@ def _board(session: dict[str, Any], commands: dict[str, Any]) -> list[str]:
     # Macros, because a constexpr array would need storage.
     for name, values in (("JOINT_IDS", board["joint_ids"]), ("JOINT_SERIES", series)):
         out.append(f"#define HEXWIRE_{name} {{{', '.join(map(str, values))}}}\n")
-    for name in ("settings_version", "default_minimum", "default_maximum", "default_speed", "default_neutral"):
-        out.append(constant(_kind(board[name]), name.upper(), board[name]))
-    out.append(constant("int8_t", "DEFAULT_SIGN", board["default_sign"]))
+    settings = {name: value for name, value in board.items() if name.startswith(("settings_", "default_"))}
+    out += [constant(_kind(value), name.upper(), value) for name, value in settings.items()]
     return out
 
 
@@ -139,6 +138,9 @@ def _registers(registers: dict[str, Any]) -> list[str]:
         for row in table["registers"]:
             name = f"{prefix}_REG_{row['name'].upper()}"
             out.append(constant("uint8_t", name, row["at"]))
+            out.append(constant("uint8_t", f"{name}_SIZE", row["size"]))
+            if "sign" in row:
+                out.append(constant("uint16_t", f"{name}_SIGN", 1 << row["sign"], digits=4))
     return out
 
 
