@@ -1,0 +1,63 @@
+"""From an address to a link: the table of schemes.
+
+Owns which scheme is served by which class, built in or from another package (entry-point group
+``hexwire.links``: name = scheme, value = a callable from `LinkUrl` to `Link`). Imports a class only when its
+scheme is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import cast
+
+from hexwire.errors import UsageError
+from hexwire.ipc.link import Link
+from hexwire.ipc.url import LinkUrl, parse_url
+
+__all__ = ["ENTRY_POINT_GROUP", "known_schemes", "make_link", "open_link"]
+
+ENTRY_POINT_GROUP = "hexwire.links"
+
+# scheme -> module, class with a `from_url`
+_BUILT_IN: dict[str, tuple[str, str]] = {
+    "serial": ("hexwire.ipc.serial", "SerialLink"),
+}
+
+
+def known_schemes() -> list[str]:
+    """Every scheme that `make_link` takes, those of other packages included."""
+    return sorted({*_BUILT_IN, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
+
+
+def make_link(url: str) -> Link:
+    """Build the link for an address, without opening it.
+
+    Args:
+        url: ``serial:///dev/ttyUSB0?baud=115200``, ``tcp://host:port`` and so on, or the plain path of a
+            serial device.
+
+    Raises:
+        UsageError: The address is malformed, its scheme unknown or an option wrong.
+    """
+    parts = parse_url(url)
+    if parts.scheme in _BUILT_IN:
+        module, name = _BUILT_IN[parts.scheme]
+        return cast(Link, getattr(importlib.import_module(module), name).from_url(parts))
+    for point in entry_points(group=ENTRY_POINT_GROUP, name=parts.scheme):
+        build = cast("Callable[[LinkUrl], Link]", point.load())
+        return build(parts)
+    raise UsageError(f"{url}: unknown scheme {parts.scheme!r}; known: {', '.join(known_schemes())}")
+
+
+def open_link(url: str) -> Link:
+    """Build the link for an address and open it; the caller closes it.
+
+    Raises:
+        UsageError: The address is wrong.
+        LinkError: It could not be opened; see `Link.open`.
+    """
+    link = make_link(url)
+    link.open()
+    return link

@@ -1,0 +1,159 @@
+"""The serial ports of this machine and what is probably behind them.
+
+Owns the table of USB identities. Opens no port. Must not know what is spoken on a port.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexwire.errors import LinkNotFoundError, UsageError
+
+__all__ = ["PortInfo", "find_only_board", "list_ports"]
+
+# VID:PID -> what it probably is, likely a controller board, likely a servo bus adapter.
+# Arduino's boards.txt for the genuine boards; converter chips by their makers' ids.
+_MEGA = ("Arduino Mega 2560", True, False)
+_ADK = ("Arduino Mega ADK", True, False)
+_IDENTITIES: dict[tuple[int, int], tuple[str, bool, bool]] = {
+    (0x2341, 0x0010): _MEGA,
+    (0x2341, 0x0042): _MEGA,
+    (0x2341, 0x0210): _MEGA,
+    (0x2341, 0x0242): _MEGA,
+    (0x2A03, 0x0010): _MEGA,
+    (0x2A03, 0x0042): _MEGA,
+    (0x2341, 0x003F): _ADK,
+    (0x2341, 0x0044): _ADK,
+    (0x2A03, 0x003F): _ADK,
+    (0x2A03, 0x0044): _ADK,
+    (0x1A86, 0x7523): ("CH340: a Mega 2560 clone, or a URT-1 servo adapter", True, True),
+    (0x1A86, 0x55D3): ("CH343: a newer servo adapter (URT-1, Waveshare)", False, True),
+    (0x1A86, 0x55D4): ("CH9102: a newer servo adapter (Waveshare)", False, True),
+    (0x0403, 0x6001): ("FTDI FT232: a board clone or a serial converter", True, True),
+    (0x10C4, 0xEA60): ("CP210x: a board clone or a serial converter", True, True),
+}
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """A serial port.
+
+    Attributes:
+        device: Path to open, as ``/dev/ttyUSB0``.
+        vid: USB vendor id, or None for a port that is not on USB.
+        pid: USB product id, or None.
+        serial_number: USB serial number; empty if it has none, as many clones.
+        description: What the device says of itself; may be empty.
+        guess: What it probably is, in words.
+        likely_board: It may be the arm's controller board.
+        likely_adapter: It may be an adapter straight to the servo bus.
+    """
+
+    device: str
+    vid: int | None = None
+    pid: int | None = None
+    serial_number: str = ""
+    description: str = ""
+    guess: str = "unknown"
+    likely_board: bool = False
+    likely_adapter: bool = False
+
+    @property
+    def usb_id(self) -> str:
+        """``1a86:7523``, or empty."""
+        return "" if self.vid is None or self.pid is None else f"{self.vid:04x}:{self.pid:04x}"
+
+    def __str__(self) -> str:
+        return f"{self.device} ({self.guess})"
+
+
+def list_ports() -> list[PortInfo]:
+    """List the serial ports, USB ones first, each group by name."""
+    from serial.tools import list_ports as pyserial_ports
+
+    ports = []
+    for found in pyserial_ports.comports():
+        vid, pid = found.vid, found.pid
+        if vid is None or pid is None:
+            guess, board, adapter = "built-in serial port", False, False
+        else:
+            unknown = (f"unknown USB device {vid:04x}:{pid:04x}", False, False)
+            guess, board, adapter = _IDENTITIES.get((vid, pid), unknown)
+        description = found.description if found.description not in (None, "n/a") else ""
+        ports.append(
+            PortInfo(found.device, vid, pid, found.serial_number or "", description, guess, board, adapter)
+        )
+    return sorted(ports, key=lambda port: (port.vid is None, port.device))
+
+
+def find_only_board() -> str:
+    """Find the port when the user names none.
+
+    Returns:
+        Device path of the one port that is likely a controller board.
+
+    Raises:
+        LinkNotFoundError: There is none.
+        UsageError: There are several; the text lists them.
+    """
+    ports = list_ports()
+    boards = [port for port in ports if port.likely_board]
+    if len(boards) == 1:
+        return boards[0].device
+    if boards:
+        raise UsageError(f"several likely boards: {_in_words(boards)}; name one with --port")
+    if ports:
+        raise LinkNotFoundError(
+            f"no likely board among the serial ports: {_in_words(ports)}; "
+            "plug it in, or name a port with --port"
+        )
+    raise LinkNotFoundError(
+        "no serial port on this machine; plug the board in, or name a link with --port (a simulated board: "
+        "'hexwire sim board' prints its path)"
+    )
+
+
+def ports_in_words() -> str:
+    """The serial ports there are, for the end of an error text."""
+    ports = list_ports()
+    return f"ports here: {_in_words(ports)}" if ports else "no serial port on this machine"
+
+
+def _in_words(ports: list[PortInfo]) -> str:
+    names = ", ".join(str(port) for port in ports[:8])
+    return f"{names} and {len(ports) - 8} more" if len(ports) > 8 else names
+
+
+def owner_of(device: str) -> str:
+    """Name the program that has a port open: ``hexwire (pid 4711)``; empty if it cannot be told.
+
+    The file lock comes first, since a pseudo-terminal is also held open by whoever stands behind it.
+    """
+    try:
+        status = Path(device).stat()
+        locks = Path("/proc/locks").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+    major, minor = status.st_dev >> 8 & 0xFFF, status.st_dev & 0xFF
+    wanted = f"{major:02x}:{minor:02x}:{status.st_ino}"
+    for line in locks.splitlines():
+        fields = line.split()
+        if "FLOCK" in fields and wanted in fields:
+            return _program(fields[fields.index(wanted) - 1])
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if any(fd.stat().st_rdev == status.st_rdev != 0 for fd in (process / "fd").iterdir()):
+                return _program(process.name)
+        except OSError:
+            continue  # gone meanwhile, or not ours to look at
+    return ""
+
+
+def _program(pid: str) -> str:
+    try:
+        name = Path(f"/proc/{pid}/comm").read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+    return "this program" if int(pid) == os.getpid() else f"{name} (pid {pid})"

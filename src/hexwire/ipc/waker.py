@@ -1,0 +1,58 @@
+"""A descriptor that one thread makes readable to end another thread's poll.
+
+Owns one eventfd (or a pipe where the system has none). Knows nothing of links.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+
+__all__ = ["Waker"]
+
+_ONE = (1).to_bytes(8, sys.byteorder)
+
+
+class Waker:
+    """Readable from `set` until `clear`. Between `close` and `open` it does nothing."""
+
+    def __init__(self) -> None:
+        # Held while a descriptor is used: after close() its number may belong to a stranger.
+        self._lock = threading.Lock()
+        self._receive_fd = -1
+        self._send_fd = -1
+
+    def open(self) -> None:
+        with self._lock:
+            if self._receive_fd >= 0:
+                return
+            if sys.platform == "linux":
+                self._receive_fd = self._send_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+            else:
+                self._receive_fd, self._send_fd = os.pipe()
+                os.set_blocking(self._receive_fd, False)
+                os.set_blocking(self._send_fd, False)
+
+    def close(self) -> None:
+        with self._lock:
+            for fd in {self._receive_fd, self._send_fd} - {-1}:
+                os.close(fd)
+            self._receive_fd = self._send_fd = -1
+
+    def fileno(self) -> int:
+        return self._receive_fd
+
+    def set(self) -> None:
+        with self._lock:
+            if self._send_fd >= 0:
+                # A full pipe is set already.
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._send_fd, _ONE)
+
+    def clear(self) -> None:
+        with self._lock:
+            if self._receive_fd >= 0:
+                with contextlib.suppress(BlockingIOError):
+                    os.read(self._receive_fd, 4096)
