@@ -1,0 +1,35 @@
+"""What every test shares: a clean environment, property-test profiles, and no thread left behind."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# The user's own settings (HEXWIRE_PORT and the like) must not steer a test.
+for _name in [name for name in os.environ if name.startswith("HEXWIRE_")]:
+    del os.environ[_name]
+
+# No deadlines: a loaded machine is not a fault of the code. In continuous integration the same examples every
+# time, so that a failure belongs to the change that it meets; elsewhere new ones.
+# `HYPOTHESIS_PROFILE=thorough make tests` looks fifty times as hard.
+_quiet = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
+settings.register_profile("default", max_examples=100, **_quiet)
+settings.register_profile("ci", max_examples=100, derandomize=True, database=None, **_quiet)
+settings.register_profile("thorough", max_examples=5000, **_quiet)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "default"))
+
+
+@pytest.fixture(autouse=True)
+def _no_thread_left() -> Iterator[None]:
+    """Fail a test whose threads outlive it; those of wider fixtures are there before and do not count."""
+    before = set(threading.enumerate())
+    yield
+    left = [thread for thread in threading.enumerate() if thread not in before]
+    for thread in left:
+        thread.join(timeout=5.0)
+    alive = [thread.name for thread in left if thread.is_alive()]
+    assert not alive, f"threads left behind: {alive}"

@@ -1,0 +1,81 @@
+"""The project's own files agree with each other: pyproject.toml, uv.lock, Makefile, .ci/run, CHANGELOG.md."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def _entry_points() -> list[str]:
+    project = PYPROJECT["project"]
+    return sorted(
+        {
+            *project["scripts"].values(),
+            *(target for group in project["entry-points"].values() for target in group.values()),
+        }
+    )
+
+
+@pytest.mark.parametrize("target", _entry_points())
+def test_entry_point_leads_to_something_callable(target: str) -> None:
+    module, _, name = target.partition(":")
+    assert callable(getattr(importlib.import_module(module), name))
+
+
+def test_lock_names_public_hosts_only() -> None:
+    lock = (ROOT / "uv.lock").read_text(encoding="utf-8")
+    hosts = set(re.findall(r"\b\w+://([^/\"]*)", lock))
+    assert hosts == {"pypi.org", "files.pythonhosted.org"}
+    sources = {tuple(package["source"].items()) for package in tomllib.loads(lock)["package"]}
+    assert sources == {(("registry", "https://pypi.org/simple"),), (("editable", "."),)}
+
+
+def test_lock_needs_no_compiler() -> None:
+    """Every locked package has a wheel: a bare machine has no compiler to build one."""
+    packages = tomllib.loads((ROOT / "uv.lock").read_text(encoding="utf-8"))["package"]
+    bare = [p["name"] for p in packages if "registry" in p["source"] and not p.get("wheels")]
+    assert bare == []
+
+
+def test_makefile_takes_extras_that_exist() -> None:
+    extras = re.search(r"^EXTRAS := (.*)$", MAKEFILE, re.MULTILINE)
+    assert extras is not None
+    assert set(extras[1].split()) <= set(PYPROJECT["project"]["optional-dependencies"])
+
+
+def test_make_help_lists_what_the_readme_needs() -> None:
+    result = subprocess.run(
+        ["make", "--no-print-directory", "help"], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    listed = re.findall(r"^  make ([a-z-]+)", result.stdout, re.MULTILINE)
+    assert {"demo", "test", "bench", "clean", "help"} <= set(listed)
+
+
+def test_ci_runs_make_test_and_nothing_else() -> None:
+    lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    commands = [line for line in lines if line and not line.startswith(("#", "set ", "cd "))]
+    assert commands == ["exec make test </dev/null"]
+
+
+def test_every_package_stands_in_the_import_rule() -> None:
+    """A new room needs its place in the layers or contracts before it holds code."""
+    named: set[str] = set()
+    for contract in PYPROJECT["tool"]["importlinter"]["contracts"]:
+        for text in [*contract.get("layers", []), *contract.get("source_modules", [])]:
+            named.update(re.findall(r"hexwire\.(\w+)", text))
+    rooms = {path.parent.name for path in (ROOT / "src" / "hexwire").glob("*/__init__.py")}
+    assert rooms <= named
+
+
+def test_changelog_has_a_place_for_the_next_change() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert text.index("## Unreleased") < text.index("### Added")
