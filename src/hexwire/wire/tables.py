@@ -110,6 +110,24 @@ MAX_JOINTS = 16
 FRAGMENT_MESSAGES = 4
 FRAGMENT_MAX_BYTES = 1048576
 
+# The Hex7Bot controller as it leaves the compiler, and its settings while none are stored.
+BOARD_JOINT_IDS: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)
+BOARD_JOINT_SERIES: tuple[str, ...] = (
+    "seven_bot",
+    "seven_bot",
+    "seven_bot",
+    "seven_bot",
+    "hls",
+    "hls",
+    "hls",
+)
+SETTINGS_VERSION = 1
+DEFAULT_MINIMUM = 0
+DEFAULT_MAXIMUM = 4095
+DEFAULT_SPEED = 4096
+DEFAULT_NEUTRAL = 2047
+DEFAULT_SIGN = 1
+
 # Module ids and channel kinds of the chapter.
 MODULES: dict[str, int] = {
     "INVALID_MODULE": -1,

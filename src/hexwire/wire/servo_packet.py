@@ -1,0 +1,467 @@
+"""Servo packets: FF FF id len inst params chk, and the status packets that answer them.
+
+Owns building, exact parsing and finding them in a byte stream. Knows no registers, no time and no series; the
+quirks of who answers how are these:
+
+- A status packet starts FF FF (Feetech) or FF F5 (legacy servo, and every error the board makes itself).
+- A legacy ping status is 6 bytes whose length byte says 6; a JOHO part says 2, as it should. Both are taken.
+- Board errors are FF F5 FF 06 04 and FF F5 FF 06 07, FF F5 id 06 05, and FF F5 id 04 01 00 00: see
+  `board_error_name`. From a legacy id the last two may as well be the servo's own error bits.
+- The chapter's board exchanges value and checksum of a one-byte legacy read. Such bytes are bad, here as
+  everywhere, unless `undo_one_byte_swap` has put them right.
+- The echo of a request is a valid status packet to the same id: remove it first (`strip_echo`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from enum import IntEnum
+from typing import NamedTuple
+
+from hexwire.errors import RemoteProtocolError, UsageError
+
+from .tables import (
+    BOARD_ERRORS,
+    BROADCAST_ID,
+    INSTRUCTIONS,
+    LEGACY_HEADER,
+    MAX_SERVO_ID,
+    MAX_SERVO_PACKET,
+    SERVO_HEADER,
+)
+
+__all__ = [
+    "BOARD_ID",
+    "BROADCAST_ID",
+    "Instruction",
+    "ServoPacket",
+    "StatusPacket",
+    "board_error_name",
+    "find_board_error",
+    "find_status",
+    "iter_packets",
+    "iter_status",
+    "make_action",
+    "make_backup",
+    "make_board_error",
+    "make_calibrate",
+    "make_legacy_ping_status",
+    "make_packet",
+    "make_ping",
+    "make_read",
+    "make_reboot",
+    "make_reg_write",
+    "make_reset_state",
+    "make_restore",
+    "make_status",
+    "make_sync_read",
+    "make_sync_write",
+    "make_write",
+    "parse_packet",
+    "parse_status",
+    "parse_sync_write",
+    "strip_echo",
+    "undo_one_byte_swap",
+]
+
+BOARD_ID = 0xFF
+"""Id in errors the board reports about itself. No servo has it."""
+
+_QUIRK_LENGTH = 6
+_MAX_ERROR = 0x7F  # the vendor's SDK takes a higher error byte for noise
+_MIN_PACKET = 6
+_KNOWN = frozenset(INSTRUCTIONS.values())
+
+
+class Instruction(IntEnum):
+    """Instruction codes of a request."""
+
+    PING = INSTRUCTIONS["PING"]
+    READ = INSTRUCTIONS["READ"]
+    WRITE = INSTRUCTIONS["WRITE"]
+    REG_WRITE = INSTRUCTIONS["REG_WRITE"]
+    ACTION = INSTRUCTIONS["ACTION"]
+    RESTORE = INSTRUCTIONS["RESTORE"]
+    REBOOT = INSTRUCTIONS["REBOOT"]
+    BACKUP = INSTRUCTIONS["BACKUP"]
+    RESET_STATE = INSTRUCTIONS["RESET_STATE"]
+    CALIBRATE = INSTRUCTIONS["CALIBRATE"]
+    SYNC_READ = INSTRUCTIONS["SYNC_READ"]
+    SYNC_WRITE = INSTRUCTIONS["SYNC_WRITE"]
+
+
+class ServoPacket(NamedTuple):
+    """A request to one servo or to all (id 0xFE)."""
+
+    servo_id: int
+    instruction: int
+    params: bytes
+
+    def serialize(self) -> bytes:
+        """The packet's bytes."""
+        return make_packet(self.servo_id, self.instruction, self.params)
+
+
+class StatusPacket(NamedTuple):
+    """An answer. `legacy` says that its header was FF F5; `error` holds the servo's status bits."""
+
+    servo_id: int
+    error: int
+    params: bytes
+    legacy: bool
+
+
+# --- building ----------------------------------------------------------------------------------------------
+
+
+def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
+    """Build any request packet.
+
+    Raises:
+        UsageError: Id outside 0..254, instruction no byte, or more than 250 bytes in all.
+    """
+    if not 0 <= servo_id <= BROADCAST_ID:
+        raise UsageError(f"servo id {servo_id} is outside 0..254 (254 = all)")
+    if not 0 <= instruction <= 0xFF:
+        raise UsageError(f"instruction {instruction} is not a byte")
+    length = len(params) + 2
+    if length + 4 > MAX_SERVO_PACKET:
+        raise UsageError(f"a packet of {length + 4} bytes is too long; at most {MAX_SERVO_PACKET}")
+    body = bytes((servo_id, length, instruction)) + params
+    return SERVO_HEADER + body + bytes((~sum(body) & 0xFF,))
+
+
+def _address(address: int) -> int:
+    if not 0 <= address <= 0xFF:
+        raise UsageError(f"register address {address} is outside 0..255")
+    return address
+
+
+def _count(count: int) -> int:
+    if not 1 <= count <= MAX_SERVO_PACKET - _MIN_PACKET:
+        raise UsageError(f"cannot read {count} bytes; 1..{MAX_SERVO_PACKET - _MIN_PACKET} fit a packet")
+    return count
+
+
+def make_ping(servo_id: int) -> bytes:
+    """Build PING: who is there? Answered by an empty status packet."""
+    return make_packet(servo_id, Instruction.PING)
+
+
+def make_read(servo_id: int, address: int, count: int) -> bytes:
+    """Build READ of `count` bytes from a register address. Legacy servos answer 2-byte reads only."""
+    return make_packet(servo_id, Instruction.READ, bytes((_address(address), _count(count))))
+
+
+def make_write(servo_id: int, address: int, data: bytes) -> bytes:
+    """Build WRITE: `data` takes effect at once."""
+    return make_packet(servo_id, Instruction.WRITE, bytes((_address(address),)) + data)
+
+
+def make_reg_write(servo_id: int, address: int, data: bytes) -> bytes:
+    """Build REG_WRITE: `data` waits in the servo for ACTION."""
+    return make_packet(servo_id, Instruction.REG_WRITE, bytes((_address(address),)) + data)
+
+
+def make_action(servo_id: int = BROADCAST_ID) -> bytes:
+    """Build ACTION: run the waiting REG_WRITE."""
+    return make_packet(servo_id, Instruction.ACTION)
+
+
+def make_restore(servo_id: int) -> bytes:
+    """Build RESTORE: factory settings. A legacy servo loses its id by it."""
+    return make_packet(servo_id, Instruction.RESTORE)
+
+
+def make_reboot(servo_id: int) -> bytes:
+    """Build REBOOT: no answer, and silence for about 800 ms (STS/SMS and HLS)."""
+    return make_packet(servo_id, Instruction.REBOOT)
+
+
+def make_backup(servo_id: int) -> bytes:
+    """Build BACKUP: store the present settings (STS/SMS and HLS)."""
+    return make_packet(servo_id, Instruction.BACKUP)
+
+
+def make_reset_state(servo_id: int) -> bytes:
+    """Build RESET_STATE: clear the turn counter (STS/SMS and HLS)."""
+    return make_packet(servo_id, Instruction.RESET_STATE)
+
+
+def make_calibrate(servo_id: int, position: bytes | None = None) -> bytes:
+    """Build CALIBRATE: the present position becomes 2048, or the given one.
+
+    Args:
+        servo_id: Bus id.
+        position: Two bytes in the servo's order; only firmware that takes one (STS 3.10, HLS 3.43 and later).
+    """
+    if position is not None and len(position) != 2:
+        raise UsageError(f"a calibration position has 2 bytes, not {len(position)}")
+    return make_packet(servo_id, Instruction.CALIBRATE, position or b"")
+
+
+def _checked_ids(ids: Iterable[int]) -> bytes:
+    listed = list(ids)
+    if not listed:
+        raise UsageError("a sync packet needs at least one servo id")
+    if len(set(listed)) != len(listed):
+        raise UsageError("a servo id occurs twice in one sync packet")
+    for servo_id in listed:
+        if not 0 <= servo_id <= MAX_SERVO_ID:
+            raise UsageError(f"servo id {servo_id} is outside 0..{MAX_SERVO_ID}")
+    return bytes(listed)
+
+
+def make_sync_read(address: int, count: int, ids: Iterable[int]) -> bytes:
+    """Build SYNC_READ: each id answers in this order (STS/SMS and HLS only)."""
+    head = bytes((_address(address), _count(count)))
+    return make_packet(BROADCAST_ID, Instruction.SYNC_READ, head + _checked_ids(ids))
+
+
+def make_sync_write(address: int, data: Mapping[int, bytes] | Iterable[tuple[int, bytes]]) -> bytes:
+    """Build SYNC_WRITE: equally long data for several servos. Never answered.
+
+    Args:
+        address: First register address, the same for all.
+        data: Bytes for each id, each in its own servo's byte order.
+    """
+    items = list(data.items()) if isinstance(data, Mapping) else list(data)
+    _checked_ids(servo_id for servo_id, _ in items)
+    size = len(items[0][1])
+    if not size or any(len(values) != size for _, values in items):
+        raise UsageError("a sync write needs the same number of bytes, at least one, for every servo")
+    rows = b"".join(bytes((servo_id,)) + values for servo_id, values in items)
+    return make_packet(BROADCAST_ID, Instruction.SYNC_WRITE, bytes((_address(address), size)) + rows)
+
+
+def make_status(servo_id: int, error: int = 0, params: bytes = b"", *, legacy: bool = False) -> bytes:
+    """Build a status packet.
+
+    Args:
+        servo_id: Who answers.
+        error: Status bits.
+        params: What was read, in the servo's byte order.
+        legacy: Start with FF F5 instead of FF FF.
+    """
+    if not 0 <= servo_id <= 0xFF or not 0 <= error <= 0xFF:
+        raise UsageError(f"id {servo_id} or error {error} is not a byte")
+    if len(params) > MAX_SERVO_PACKET - _MIN_PACKET:
+        raise UsageError(f"{len(params)} parameters do not fit a status packet")
+    body = bytes((servo_id, len(params) + 2, error)) + params
+    return (LEGACY_HEADER if legacy else SERVO_HEADER) + body + bytes((~sum(body) & 0xFF,))
+
+
+def make_legacy_ping_status(servo_id: int, error: int = 0) -> bytes:
+    """Build the ping answer of a legacy servo: 6 bytes, of which the length byte counts all."""
+    body = bytes((servo_id, _QUIRK_LENGTH, error))
+    return LEGACY_HEADER + body + bytes((~sum(body) & 0xFF,))
+
+
+def make_board_error(code: int, servo_id: int = BOARD_ID) -> bytes:
+    """Build an error packet as the chapter's board does.
+
+    Args:
+        code: A value of `tables.BOARD_ERRORS`. "read_silent" is 8 bytes long, the others 6.
+        servo_id: The servo it is about, or 0xFF.
+
+    Raises:
+        UsageError: The board has no such code.
+    """
+    if code == BOARD_ERRORS["read_silent"]:
+        return make_status(servo_id, code, b"\x00\x00", legacy=True)
+    if code not in BOARD_ERRORS.values():
+        raise UsageError(f"the board has no error code {code}")
+    return make_legacy_ping_status(servo_id, code)
+
+
+# --- exact parsing -----------------------------------------------------------------------------------------
+
+
+def parse_packet(data: bytes) -> ServoPacket:
+    """Parse the bytes of exactly one request.
+
+    Raises:
+        RemoteProtocolError: Says what is wrong: header, length, checksum or id.
+    """
+    if len(data) < _MIN_PACKET:
+        raise RemoteProtocolError(f"servo packet of {len(data)} bytes; the shortest has {_MIN_PACKET}")
+    if data[:2] != SERVO_HEADER:
+        raise RemoteProtocolError(f"servo packet starts with {bytes(data[:2]).hex(' ')}, not ff ff")
+    if data[3] != len(data) - 4:
+        raise RemoteProtocolError(
+            f"length byte of a servo packet says {data[3]}, but {len(data) - 4} follow it"
+        )
+    _verify(data)
+    if data[2] > BROADCAST_ID:
+        raise RemoteProtocolError("servo packet to id 255, which no servo has")
+    return ServoPacket(data[2], data[4], bytes(data[5:-1]))
+
+
+def parse_status(data: bytes) -> StatusPacket:
+    """Parse the bytes of exactly one status packet, quirks included.
+
+    Raises:
+        RemoteProtocolError: Says what is wrong: header, length, checksum, id or error byte.
+    """
+    if len(data) < _MIN_PACKET:
+        raise RemoteProtocolError(f"status packet of {len(data)} bytes; the shortest has {_MIN_PACKET}")
+    legacy = data[:2] == LEGACY_HEADER
+    if not legacy and data[:2] != SERVO_HEADER:
+        raise RemoteProtocolError(f"status packet starts with {bytes(data[:2]).hex(' ')}, not ff ff or ff f5")
+    quirk = legacy and len(data) == _QUIRK_LENGTH == data[3]
+    if data[3] != len(data) - 4 and not quirk:
+        raise RemoteProtocolError(
+            f"length byte of a status packet says {data[3]}, but {len(data) - 4} follow it"
+        )
+    _verify(data)
+    if data[2] > MAX_SERVO_ID and not (legacy and data[2] == BOARD_ID):
+        raise RemoteProtocolError(f"status packet from id {data[2]}, which no servo has")
+    if data[4] > _MAX_ERROR:
+        raise RemoteProtocolError(f"status packet with reserved error bits set: {data[4]:#04x}")
+    return StatusPacket(data[2], data[4], bytes(data[5:-1]), legacy)
+
+
+def _verify(data: bytes) -> None:
+    want = ~sum(data[2:-1]) & 0xFF
+    if data[-1] != want:
+        raise RemoteProtocolError(f"checksum is {data[-1]:02x}, should be {want:02x}")
+
+
+def parse_sync_write(packet: ServoPacket) -> tuple[int, tuple[tuple[int, bytes], ...]]:
+    """Take a SYNC_WRITE apart: the address, and (id, data) of each servo.
+
+    Raises:
+        RemoteProtocolError: It is none, or its rows do not come out even.
+    """
+    if packet.instruction != Instruction.SYNC_WRITE:
+        raise RemoteProtocolError(f"instruction {packet.instruction:#04x} is not a sync write")
+    params = packet.params
+    if len(params) < 2 or not params[1] or (len(params) - 2) % (params[1] + 1):
+        raise RemoteProtocolError("the rows of a sync write do not fill it")
+    step = params[1] + 1
+    rows = tuple((params[i], params[i + 1 : i + step]) for i in range(2, len(params), step))
+    return params[0], rows
+
+
+# --- finding in a stream -----------------------------------------------------------------------------------
+
+
+def find_status(
+    data: bytes, servo_id: int, n_params: int | None, start: int = 0
+) -> tuple[StatusPacket, int] | None:
+    """Find the first status packet of one servo among other bytes. Never raises.
+
+    Args:
+        data: What was received.
+        servo_id: Whose answer; `BOARD_ID` for errors of the board itself.
+        n_params: Parameters it must have; None takes any number.
+        start: Where to begin.
+
+    Returns:
+        The packet and the offset after it, or None.
+    """
+    for packet, end in _scan_status(data, start):
+        if packet.servo_id == servo_id and n_params in (None, len(packet.params)):
+            return packet, end
+    return None
+
+
+def iter_status(data: bytes) -> Iterator[StatusPacket]:
+    """All status packets of a byte stream, in order; what is none is passed over. Never raises."""
+    return (packet for packet, _ in _scan_status(data, 0))
+
+
+def _scan_status(data: bytes, start: int) -> Iterator[tuple[StatusPacket, int]]:
+    # One `find` for the next FF, constant work a candidate: linear in the length of any noise.
+    data = bytes(data)
+    find, new, last = data.find, tuple.__new__, len(data) - _MIN_PACKET
+    at = find(b"\xff", start)
+    while 0 <= at <= last:
+        second = data[at + 1]
+        if second == 0xFF or second == 0xF5:
+            legacy = second == 0xF5
+            servo_id, length, error = data[at + 2 : at + 5]
+            if error <= _MAX_ERROR and (servo_id <= MAX_SERVO_ID or (legacy and servo_id == BOARD_ID)):
+                end = at + 4 + length
+                if legacy and length == _QUIRK_LENGTH and sum(data[at + 2 : at + 6]) & 0xFF == 0xFF:
+                    end = at + _QUIRK_LENGTH
+                if length > 1 and end <= last + _MIN_PACKET and sum(data[at + 2 : end]) & 0xFF == 0xFF:
+                    yield new(StatusPacket, (servo_id, error, data[at + 5 : end - 1], legacy)), end
+                    at = end if data[end : end + 1] == b"\xff" else find(b"\xff", end)
+                    continue
+        at = find(b"\xff", at + 1)
+
+
+def iter_packets(data: bytes) -> Iterator[ServoPacket]:
+    """All requests with a known instruction in a byte stream; what is none is passed over. Never raises."""
+    data = bytes(data)
+    last = len(data) - _MIN_PACKET
+    at = data.find(SERVO_HEADER)
+    while 0 <= at <= last:
+        servo_id, length, instruction = data[at + 2 : at + 5]
+        end = at + 4 + length
+        if (
+            servo_id <= BROADCAST_ID
+            and instruction in _KNOWN
+            and length > 1
+            and end <= last + _MIN_PACKET
+            and sum(data[at + 2 : end]) & 0xFF == 0xFF
+        ):
+            yield ServoPacket(servo_id, instruction, data[at + 5 : end - 1])
+            at = data.find(SERVO_HEADER, end)
+        else:
+            at = data.find(SERVO_HEADER, at + 1)
+
+
+def strip_echo(data: bytes, request: bytes) -> bytes:
+    """Remove the echo of a request, as a one-wire adapter makes it.
+
+    What came before the echo is older than the request, so it goes too. Without an echo the bytes come back as
+    they are. An answer that is byte for byte like its request (a ping answered with error 1, say) cannot be
+    told from an echo and is removed.
+    """
+    at = data.find(request) if request else -1
+    return data if at < 0 else data[at + len(request) :]
+
+
+def undo_one_byte_swap(data: bytes) -> bytes:
+    """Put a one-byte read of a legacy servo right, whose value and checksum the chapter's board exchanged.
+
+    Only 7 bytes FF F5 id 03 error x y that fail as they are and fit when x and y change places are altered.
+    """
+    if len(data) == 7 and data[:2] == LEGACY_HEADER and data[3] == 3 and data[6] != ~sum(data[2:6]) & 0xFF:
+        swapped = data[:5] + bytes((data[6], data[5]))
+        if swapped[6] == ~sum(swapped[2:6]) & 0xFF:
+            return swapped
+    return data
+
+
+# --- errors of the board -----------------------------------------------------------------------------------
+
+
+def board_error_name(status: StatusPacket) -> str | None:
+    """Name of the board error a status packet may be, a key of `tables.BOARD_ERRORS`, or None.
+
+    From the id of a legacy servo, "read_silent" and "ping_silent" may also be the servo's own status bits: the
+    bytes are the same. Take them for "no answer" unless the value says otherwise.
+    """
+    if not status.legacy or not status.error:
+        return None
+    if status.error == BOARD_ERRORS["read_silent"]:
+        return "read_silent" if status.params == b"\x00\x00" else None
+    if status.params:
+        return None
+    if status.error == BOARD_ERRORS["ping_silent"]:
+        return "ping_silent"
+    if status.servo_id == BOARD_ID:
+        return next((name for name, code in BOARD_ERRORS.items() if code == status.error), None)
+    return None
+
+
+def find_board_error(data: bytes) -> tuple[StatusPacket, str] | None:
+    """Find the first error the board reports (about itself or a servo) among other bytes, with its name."""
+    for packet in iter_status(data):
+        name = board_error_name(packet)
+        if name is not None:
+            return packet, name
+    return None
