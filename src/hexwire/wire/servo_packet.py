@@ -7,8 +7,8 @@ quirks of who answers how are these:
 - A legacy ping status is 6 bytes whose length byte says 6; a JOHO part says 2, as it should. Both are taken.
 - Board errors are FF F5 FF 06 04 and FF F5 FF 06 07, FF F5 id 06 05, and FF F5 id 04 01 00 00: see
   `board_error_name`. From a legacy id the last two may as well be the servo's own error bits.
-- The chapter's board exchanges value and checksum of a one-byte legacy read. Such bytes are bad, here as
-  everywhere, unless `undo_one_byte_swap` has put them right.
+- The chapter's board exchanges value and checksum of a one-byte legacy read. The checksum fits all the same,
+  so nothing here can notice; see `undo_one_byte_swap`.
 - The echo of a request is a valid status packet to the same id: remove it first (`strip_echo`).
 """
 
@@ -71,6 +71,7 @@ _QUIRK_LENGTH = 6
 _MAX_ERROR = 0x7F  # the vendor's SDK takes a higher error byte for noise
 _MIN_PACKET = 6
 _KNOWN = frozenset(INSTRUCTIONS.values())
+_new = tuple.__new__
 
 
 class Instruction(IntEnum):
@@ -288,9 +289,7 @@ def parse_packet(data: bytes) -> ServoPacket:
     if data[:2] != SERVO_HEADER:
         raise RemoteProtocolError(f"servo packet starts with {bytes(data[:2]).hex(' ')}, not ff ff")
     if data[3] != len(data) - 4:
-        raise RemoteProtocolError(
-            f"length byte of a servo packet says {data[3]}, but {len(data) - 4} follow it"
-        )
+        raise RemoteProtocolError(f"length byte of a servo packet says {data[3]}, but {len(data) - 4} follow it")
     _verify(data)
     if data[2] > BROADCAST_ID:
         raise RemoteProtocolError("servo packet to id 255, which no servo has")
@@ -310,9 +309,7 @@ def parse_status(data: bytes) -> StatusPacket:
         raise RemoteProtocolError(f"status packet starts with {bytes(data[:2]).hex(' ')}, not ff ff or ff f5")
     quirk = legacy and len(data) == _QUIRK_LENGTH == data[3]
     if data[3] != len(data) - 4 and not quirk:
-        raise RemoteProtocolError(
-            f"length byte of a status packet says {data[3]}, but {len(data) - 4} follow it"
-        )
+        raise RemoteProtocolError(f"length byte of a status packet says {data[3]}, but {len(data) - 4} follow it")
     _verify(data)
     if data[2] > MAX_SERVO_ID and not (legacy and data[2] == BOARD_ID):
         raise RemoteProtocolError(f"status packet from id {data[2]}, which no servo has")
@@ -360,40 +357,55 @@ def find_status(
     Returns:
         The packet and the offset after it, or None.
     """
-    for packet, end in _scan_status(data, start):
-        if packet.servo_id == servo_id and n_params in (None, len(packet.params)):
-            return packet, end
+    # Only candidates of this id count, so that noise which happens to look like another servo's packet cannot
+    # swallow the answer.
+    data = bytes(data)
+    at = data.find(b"\xff", start)
+    while 0 <= at <= len(data) - _MIN_PACKET:
+        if data[at + 2] == servo_id:
+            end = _status_end(data, at)
+            if end and n_params in (None, end - at - _MIN_PACKET):
+                return _status(data, at, end), end
+        at = data.find(b"\xff", at + 1)
     return None
 
 
 def iter_status(data: bytes) -> Iterator[StatusPacket]:
     """All status packets of a byte stream, in order; what is none is passed over. Never raises."""
-    return (packet for packet, _ in _scan_status(data, 0))
-
-
-def _scan_status(data: bytes, start: int) -> Iterator[tuple[StatusPacket, int]]:
-    # One `find` for the next FF, constant work a candidate: linear in the length of any noise.
+    # One `find` for the next FF and constant work a candidate: linear in the length of any noise.
     data = bytes(data)
-    find, new, last = data.find, tuple.__new__, len(data) - _MIN_PACKET
-    at = find(b"\xff", start)
+    find, last = data.find, len(data) - _MIN_PACKET
+    at = find(b"\xff")
     while 0 <= at <= last:
-        second = data[at + 1]
-        if second == 0xFF or second == 0xF5:
-            legacy = second == 0xF5
-            servo_id, length, error = data[at + 2 : at + 5]
-            if error <= _MAX_ERROR and (servo_id <= MAX_SERVO_ID or (legacy and servo_id == BOARD_ID)):
-                end = at + 4 + length
-                if legacy and length == _QUIRK_LENGTH and sum(data[at + 2 : at + 6]) & 0xFF == 0xFF:
-                    end = at + _QUIRK_LENGTH
-                if length > 1 and end <= last + _MIN_PACKET and sum(data[at + 2 : end]) & 0xFF == 0xFF:
-                    yield new(StatusPacket, (servo_id, error, data[at + 5 : end - 1], legacy)), end
-                    at = end if data[end : end + 1] == b"\xff" else find(b"\xff", end)
-                    continue
-        at = find(b"\xff", at + 1)
+        end = _status_end(data, at)
+        if end:
+            yield _status(data, at, end)
+            at = find(b"\xff", end)
+        else:
+            at = find(b"\xff", at + 1)
+
+
+def _status_end(data: bytes, at: int) -> int:
+    """Offset after the status packet that starts at `at`, 0 if none does. At least 6 bytes must follow."""
+    second = data[at + 1]
+    if second != 0xFF and second != 0xF5:
+        return 0
+    servo_id, length, error = data[at + 2 : at + 5]
+    if error > _MAX_ERROR or (servo_id > MAX_SERVO_ID and (second == 0xFF or servo_id != BOARD_ID)):
+        return 0
+    if second == 0xF5 and length == _QUIRK_LENGTH and sum(data[at + 2 : at + _QUIRK_LENGTH]) & 0xFF == 0xFF:
+        return at + _QUIRK_LENGTH
+    end = at + 4 + length
+    return end if length > 1 and end <= len(data) and sum(data[at + 2 : end]) & 0xFF == 0xFF else 0
+
+
+def _status(data: bytes, at: int, end: int) -> StatusPacket:
+    # tuple.__new__ skips the Python-level constructor, which would double the cost of a packet.
+    return _new(StatusPacket, (data[at + 2], data[at + 4], data[at + 5 : end - 1], data[at + 1] == 0xF5))
 
 
 def iter_packets(data: bytes) -> Iterator[ServoPacket]:
-    """All requests with a known instruction in a byte stream; what is none is passed over. Never raises."""
+    """All requests with a known instruction in a byte stream; the rest is passed over. Never raises."""
     data = bytes(data)
     last = len(data) - _MIN_PACKET
     at = data.find(SERVO_HEADER)
@@ -416,23 +428,23 @@ def iter_packets(data: bytes) -> Iterator[ServoPacket]:
 def strip_echo(data: bytes, request: bytes) -> bytes:
     """Remove the echo of a request, as a one-wire adapter makes it.
 
-    What came before the echo is older than the request, so it goes too. Without an echo the bytes come back as
-    they are. An answer that is byte for byte like its request (a ping answered with error 1, say) cannot be
-    told from an echo and is removed.
+    What came before the echo is older than the request, so it goes too. Without an echo the bytes come back
+    as they are. An answer that is byte for byte like its request (a ping answered with error 1, say) cannot
+    be told from an echo and is removed.
     """
     at = data.find(request) if request else -1
     return data if at < 0 else data[at + len(request) :]
 
 
 def undo_one_byte_swap(data: bytes) -> bytes:
-    """Put a one-byte read of a legacy servo right, whose value and checksum the chapter's board exchanged.
+    """Put a one-byte legacy read right, whose value and checksum the chapter's board exchanged.
 
-    Only 7 bytes FF F5 id 03 error x y that fail as they are and fit when x and y change places are altered.
+    A sum does not change when its terms change places, so the exchanged bytes have a valid checksum and
+    nothing in them tells. Use this only on what came through a dialect-1 board from a legacy servo; better,
+    read two registers. Anything but 7 bytes FF F5 id 03 error x y comes back as it is.
     """
-    if len(data) == 7 and data[:2] == LEGACY_HEADER and data[3] == 3 and data[6] != ~sum(data[2:6]) & 0xFF:
-        swapped = data[:5] + bytes((data[6], data[5]))
-        if swapped[6] == ~sum(swapped[2:6]) & 0xFF:
-            return swapped
+    if len(data) == 7 and data[:2] == LEGACY_HEADER and data[3] == 3:
+        return data[:5] + bytes((data[6], data[5]))
     return data
 
 
@@ -442,8 +454,8 @@ def undo_one_byte_swap(data: bytes) -> bytes:
 def board_error_name(status: StatusPacket) -> str | None:
     """Name of the board error a status packet may be, a key of `tables.BOARD_ERRORS`, or None.
 
-    From the id of a legacy servo, "read_silent" and "ping_silent" may also be the servo's own status bits: the
-    bytes are the same. Take them for "no answer" unless the value says otherwise.
+    From the id of a legacy servo, "read_silent" and "ping_silent" may also be the servo's own status bits:
+    the bytes are the same. Take them for "no answer" unless the value says otherwise.
     """
     if not status.legacy or not status.error:
         return None

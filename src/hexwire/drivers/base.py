@@ -1,0 +1,228 @@
+"""`RobotDriver`: what every robot can be told, whatever board or bus is behind it.
+
+Owns the abstract driver with the chapter's verbs and the values they share. Must not know any particular
+robot, nor whether a person or a program is asking.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import CommandRefusedError, StoppedError, UsageError
+from hexwire.wire.command_frame import Status, command_name, status_name
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from hexwire.ipc.session import Session
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointState, JointTarget, SentTarget
+    from hexwire.session.events import Reply
+
+__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopMode", "check_reply"]
+
+
+class Signal(IntEnum):
+    """Signal numbers of `RobotDriver.signal`. They are this project's own: the chapter's are not public."""
+
+    STOP = 1
+    """Latched stop; the joints hold where they are."""
+    STOP_TORQUE_OFF = 2
+    """Latched stop that takes the torque away: the arm may fall."""
+    RESUME = 3
+    """Ends a stop; nothing moves by it."""
+    TORQUE_ON = 4
+    """Torque on for all joints, where they stand."""
+    TORQUE_OFF = 5
+    """Torque off for all joints."""
+
+
+class StopMode(IntEnum):
+    """What a stop, or the board's watchdog, does."""
+
+    HOLD = 0
+    TORQUE_OFF = 1
+
+
+@dataclass(frozen=True, slots=True)
+class JointProbe:
+    """What a probe found of one joint."""
+
+    name: str
+    servo_id: int
+    series: str
+    present: bool
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeReport:
+    """What a probe found.
+
+    Attributes:
+        robot: Name of the model.
+        link: URL of the link.
+        dialect: 1 or 2; 0 where there is no such thing.
+        firmware: As in ``2.0.1``; empty if the board does not say.
+        boot_id: Changes at every reset of the board; None if it has none.
+        capabilities: Words for what the board can do.
+        stopped: A stop is latched.
+        joints: One row a joint.
+        counters: The board's and the host's counters by name.
+    """
+
+    robot: str
+    link: str
+    dialect: int
+    firmware: str
+    boot_id: int | None
+    capabilities: tuple[str, ...]
+    stopped: bool
+    joints: tuple[JointProbe, ...]
+    counters: dict[str, int]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the joints whose servo does not answer."""
+        return tuple(joint.name for joint in self.joints if not joint.present)
+
+
+class RobotDriver(ABC):
+    """A robot behind a session. Constructing one does no I/O; `attach` does.
+
+    Args:
+        session: The conversation with the board or robot controller.
+
+    Attributes:
+        model: The arm's joints and limits.
+    """
+
+    model: ArmModel
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+
+    @abstractmethod
+    def attach(self) -> None:
+        """Open the session and find out who is there. Nothing moves.
+
+        Raises:
+            LinkError: The port cannot be opened.
+            ReplyTimeoutError: Nobody answers.
+        """
+
+    @abstractmethod
+    def detach(self, *, torque_off: bool = False) -> None:
+        """Close the session. Harmless if it is closed.
+
+        Args:
+            torque_off: Take the torque away first. Without it the joints hold what they hold.
+        """
+
+    @abstractmethod
+    def probe(self) -> ProbeReport:
+        """Ask the board and each servo who they are and how they do."""
+
+    @abstractmethod
+    def read(self) -> JointState:
+        """Read all joints. A silent servo does not raise: its joint says so."""
+
+    @abstractmethod
+    def write(self, target: JointTarget) -> SentTarget:
+        """Send joints to a target and return at once with what was really sent.
+
+        Raises:
+            LimitError: A target is outside the limits; nothing was sent.
+            StoppedError: A stop is latched.
+            CommandRefusedError: For one, a joint has no torque.
+        """
+
+    @abstractmethod
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        """Special commands; each driver documents its own.
+
+        Raises:
+            NotSupportedError: This robot, board or dialect has no such command.
+        """
+
+    @abstractmethod
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        """Torque on, without moving, or off.
+
+        Args:
+            on: Which.
+            joints: Names; all if None.
+
+        Returns:
+            Names of the joints that confirmed it.
+        """
+
+    @abstractmethod
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        """Latched stop, ahead of everything else, from any thread.
+
+        Returns:
+            Names of the joints that confirmed it.
+        """
+
+    @abstractmethod
+    def resume(self) -> None:
+        """End a stop. Nothing moves by it."""
+
+    def signal(self, number: int) -> None:
+        """Send a `Signal` by number, as the chapter's drivers do.
+
+        Raises:
+            UsageError: There is no such signal.
+        """
+        try:
+            signal = Signal(number)
+        except ValueError:
+            known = ", ".join(f"{s.value} {s.name}" for s in Signal)
+            raise UsageError(f"no signal {number}; there are {known}") from None
+        if signal is Signal.RESUME:
+            self.resume()
+        elif signal is Signal.STOP or signal is Signal.STOP_TORQUE_OFF:
+            self.stop(StopMode.HOLD if signal is Signal.STOP else StopMode.TORQUE_OFF)
+        else:
+            self.torque(signal is Signal.TORQUE_ON)
+
+    def __enter__(self) -> Self:
+        self.attach()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.detach()
+
+
+_ADVICE: dict[int, str] = {
+    Status.STOPPED: "the arm is stopped; `hexwire resume` ends that",
+    Status.TORQUE_OFF: "a joint has no torque; `hexwire torque on` first",
+    Status.BUSY: "the board is busy; try again",
+    Status.SERVO_SILENT: "a servo does not answer; `hexwire ping` tells which",
+}
+
+
+def check_reply(reply: Reply, *accepted: Status) -> Reply:
+    """Turn a status other than ok into an error.
+
+    Args:
+        reply: The reply.
+        *accepted: Further status codes that the caller will look at itself.
+
+    Raises:
+        StoppedError: The arm is stopped.
+        CommandRefusedError: Any other status.
+    """
+    status = reply.status
+    if status == Status.OK or status in accepted:
+        return reply
+    reason = _ADVICE.get(status) or status_name(status)
+    kind = StoppedError if status == Status.STOPPED else CommandRefusedError
+    raise kind(command_name(reply.cmd), status, reason)

@@ -1,0 +1,369 @@
+"""A Hex7Bot board that speaks only the chapter's dialect: servo packets through it, one at a time.
+
+Owns what PROTOCOL.md section 5 asks of a host: two-byte reads, sync writes for legacy servos only, the 7-byte
+block for HLS servos, no 0D 0A inside a frame. Stop and limits are kept on this side, since such a board has
+none. Must not know links or who asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from hexwire.errors import (
+    CommandRefusedError,
+    LocalProtocolError,
+    NotSupportedError,
+    ReplyTimeoutError,
+    StoppedError,
+)
+from hexwire.ipc.session import Session
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.wire.command_frame import Command
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import (
+    StatusPacket,
+    find_status,
+    make_ping,
+    make_read,
+    make_sync_write,
+    make_write,
+)
+from hexwire.wire.tables import TAIL
+
+from .base import JointProbe, StopMode
+
+__all__ = ["Board1", "make_hls_block", "make_legacy_move"]
+
+_POSITION = Series.SEVEN_BOT.register("target_position").address
+_TORQUE = Series.HLS.register("torque_enable").address
+_PRESENT = Series.HLS.register("present_position").address
+_LOAD = Series.HLS.register("present_load")
+_CURRENT_CEILING = Series.HLS.register("protection_current")
+_BLOCK = Series.HLS.register("acceleration").address
+_SPEED_UNIT = 50
+"""Counts per second of one unit of an HLS goal speed."""
+_DEFAULT_CEILING = 154
+"""1.0 A in units of 6.5 mA: for a servo that does not tell its own."""
+_MIN_RUN_TIME = 9
+"""The 7Bot library takes no run time of 8 ms or less."""
+
+
+def make_legacy_move(targets: Mapping[int, int], run_time_ms: int) -> tuple[bytes, int, dict[int, int]]:
+    """Build the sync write of dialect 1 for legacy servos, without 0D 0A inside.
+
+    The run time gives way first, by 1 ms steps, then a position by one count (PROTOCOL.md section 5).
+
+    Args:
+        targets: Counts by servo id.
+        run_time_ms: Milliseconds the motion shall take.
+
+    Returns:
+        The packet, and the run time and counts that are in it.
+
+    Raises:
+        LocalProtocolError: None can be built; the ids themselves form the marker.
+    """
+    run_time = min(max(run_time_ms, _MIN_RUN_TIME), 0xFFFF)
+    for nudge in range(3):
+        for extra in range(4):
+            ms = run_time + extra if run_time + extra <= 0xFFFF else run_time - extra
+            rows, counts_sent = {}, {}
+            for servo_id, counts in targets.items():
+                # A count aside only where the marker is in the position's own bytes or beside them.
+                value = min(max(counts, 0), 0xFFFF)
+                if nudge and b"\x0d" in value.to_bytes(2, "little") + bytes((servo_id,)):
+                    value += nudge if value < 0xFFFF - nudge else -nudge
+                counts_sent[servo_id] = value
+                rows[servo_id] = value.to_bytes(2, "little") + ms.to_bytes(2, "little")
+            packet = make_sync_write(_POSITION, rows)
+            if TAIL not in packet:
+                return packet, ms, counts_sent
+    raise LocalProtocolError("no sync write without 0D 0A inside can be built for these servos")
+
+
+def make_hls_block(servo_id: int, counts: int, speed: int, ceiling: int) -> tuple[bytes, int]:
+    """Build the write that moves one HLS servo: acceleration, position, current ceiling, speed at 0x29.
+
+    Args:
+        servo_id: Bus id.
+        counts: Target position.
+        speed: In units of 50 counts/s, at least 1.
+        ceiling: Current ceiling in units of 6.5 mA.
+
+    Returns:
+        The packet, and the position that is in it.
+
+    Raises:
+        LocalProtocolError: No block without 0D 0A inside can be built.
+    """
+    hls = Series.HLS
+    for nudge in range(4):
+        for faster in range(4):
+            block = (
+                b"\0"
+                + hls.register("goal_position").encode(counts + nudge)
+                + hls.register("goal_torque").encode(ceiling)
+                + hls.register("goal_speed").encode(speed + faster)
+            )
+            packet = make_write(servo_id, _BLOCK, block)
+            if TAIL not in packet:
+                return packet, counts + nudge
+    raise LocalProtocolError(f"no write without 0D 0A inside can be built for servo {servo_id}")
+
+
+class Board1:
+    """Dialect-1 commands of one session.
+
+    Args:
+        session: A negotiated session.
+        model: The arm.
+    """
+
+    dialect = 1
+
+    def __init__(self, session: Session, model: ArmModel) -> None:
+        self._session = session
+        self._model = model
+        n = len(model.joints)
+        self._positions: list[float] = [math.nan] * n
+        self._sampled: list[float] = [-math.inf] * n
+        self._loads: list[float] = [math.nan] * n
+        self._flags: list[int] = [int(JointFlag.SILENT)] * n
+        self._torque: list[bool | None] = [None] * n
+        self._ceilings: dict[int, int] = {}
+        self._stopped = False
+        self._next_load = 0
+
+    # -- state --------------------------------------------------------------------------------------
+
+    def read(self, fields: int = 0) -> JointState:
+        """One position read a servo, and the load of one HLS servo in turn."""
+        model, session = self._model, self._session
+        for i, joint in enumerate(model.joints):
+            self._sample(i, joint)
+        hls = [i for i, joint in enumerate(model.joints) if joint.series == "hls"]
+        if hls:
+            i = hls[self._next_load % len(hls)]
+            self._next_load += 1
+            status = self._read2(model.joints[i].servo_id, _LOAD.address)
+            if status is not None:
+                self._loads[i] = model.joints[i].sign * _LOAD.decode(status.params) * 0.001
+        now = session.now()
+        n = len(model.joints)
+        nan = (math.nan,) * n
+        return JointState(
+            model.names,
+            tuple(self._positions),
+            nan,
+            tuple(self._loads),
+            nan,
+            nan,
+            nan,
+            tuple(f | (JointFlag.TORQUE_ON if t else 0) for f, t in zip(self._flags, self._torque, strict=True)),
+            tuple(now - t for t in self._sampled),
+            now,
+            math.nan,
+            self._stopped,
+        )
+
+    def _sample(self, i: int, joint: JointModel) -> None:
+        status = self._read2(joint.servo_id, _PRESENT)
+        if status is None:
+            self._flags[i] = int(JointFlag.SILENT)
+            return
+        # The board swaps legacy answers, so two bytes are little-endian whatever the servo.
+        counts = int.from_bytes(status.params, "little")
+        if joint.series == "hls":
+            counts = Series.HLS.register("present_position").decode(status.params)
+        self._positions[i] = joint.counts_to_angle(counts)
+        self._sampled[i] = self._session.now()
+        self._flags[i] = status.error & int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
+
+    def _read2(self, servo_id: int, address: int) -> StatusPacket | None:
+        """Read two bytes of a servo; None if it, or the board, does not answer."""
+        try:
+            reply = self._session.request(Command.READ, make_read(servo_id, address, 2), repeatable=True)
+        except ReplyTimeoutError:
+            return None
+        found = find_status(reply.body, servo_id, 2)
+        if found is None:
+            return None
+        status = found[0]
+        # The board's own words for "no answer"; a legacy servo with an error bit and value 0 says the same.
+        silent = status.legacy and status.error == 1 and status.params == b"\0\0"
+        return None if silent else status
+
+    # -- motion -------------------------------------------------------------------------------------
+
+    def move(self, target: JointTarget, present: Mapping[str, float]) -> SentTarget:
+        """Legacy joints in one sync write, HLS joints by a write each."""
+        self._refuse_if_stopped("a move")
+        model = self._model
+        joints = [(model.joint(name), angle) for name, angle in target.positions]
+        self._refuse_without_torque([joint for joint, _ in joints])
+        duration = max(target.duration, 0.001)
+        sent: list[tuple[str, float]] = []
+        silent: list[str] = []
+        legacy = {joint.servo_id: joint.angle_to_counts(angle) for joint, angle in joints if joint.series != "hls"}
+        if legacy:
+            packet, ms, legacy = make_legacy_move(legacy, round(duration * 1000))
+            self._session.request(Command.SYNC_WRITE, packet)
+            duration = ms / 1000
+            for joint, _ in joints:
+                if joint.servo_id in legacy:
+                    sent.append((joint.name, joint.counts_to_angle(legacy[joint.servo_id])))
+        for joint, angle in joints:
+            if joint.servo_id in legacy:
+                continue
+            counts = joint.angle_to_counts(angle)
+            start = present.get(joint.name)
+            distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
+            speed = max(1, math.ceil(distance / max(duration, 0.02) / _SPEED_UNIT))
+            packet, counts = make_hls_block(joint.servo_id, counts, speed, self._ceiling(joint))
+            if self._write(packet):
+                sent.append((joint.name, joint.counts_to_angle(counts)))
+            else:
+                silent.append(joint.name)
+        return SentTarget(tuple(sent), duration, (), tuple(silent))
+
+    def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
+        """Torque by a write a servo, read back; on, the target is first set to where the joint is."""
+        if on:
+            self._refuse_if_stopped("torque on")
+        wanted = [self._model.index(n) for n in (self._model.names if joints is None else joints)]
+        confirmed = []
+        for i in wanted:
+            joint = self._model.joints[i]
+            if on and not self._hold(i):
+                continue
+            self._write(make_write(joint.servo_id, _TORQUE, bytes((int(on),))))
+            state = self._read_torque(joint)
+            if state is not None:
+                self._torque[i] = state
+            if state == on:
+                confirmed.append(joint.name)
+        return tuple(confirmed)
+
+    def stop(self, mode: StopMode) -> tuple[str, ...]:
+        """Hold or free every joint, then refuse everything that moves, on this side of the line."""
+        self._stopped = True
+        if mode == StopMode.TORQUE_OFF:
+            return self.torque(False, None)
+        return tuple(joint.name for i, joint in enumerate(self._model.joints) if self._hold(i))
+
+    def resume(self) -> None:
+        """End the stop."""
+        self._stopped = False
+
+    def _hold(self, i: int) -> bool:
+        """Make the present position of a joint its target."""
+        joint = self._model.joints[i]
+        self._sample(i, joint)
+        if self._flags[i] & JointFlag.SILENT:
+            return False
+        counts = joint.angle_to_counts(self._positions[i])
+        if joint.series == "hls":
+            packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint))
+            return self._write(packet)
+        packet, _, _ = make_legacy_move({joint.servo_id: counts}, _MIN_RUN_TIME)
+        self._session.request(Command.SYNC_WRITE, packet)
+        return True
+
+    def _ceiling(self, joint: JointModel) -> int:
+        """Current ceiling for an HLS servo: its own protection current."""
+        ceiling = self._ceilings.get(joint.servo_id)
+        if ceiling is None:
+            status = self._read2(joint.servo_id, _CURRENT_CEILING.address)
+            ceiling = _CURRENT_CEILING.decode(status.params) if status else 0
+            ceiling = ceiling or _DEFAULT_CEILING
+            self._ceilings[joint.servo_id] = ceiling
+        return ceiling
+
+    def _write(self, packet: bytes) -> bool:
+        """Send a write; True if the servo acknowledged it. Legacy servos never do."""
+        try:
+            reply = self._session.request(Command.READ, packet)
+        except ReplyTimeoutError:
+            return False
+        return find_status(reply.body, packet[2], 0) is not None
+
+    def _read_torque(self, joint: JointModel) -> bool | None:
+        status = self._read2(joint.servo_id, _TORQUE)
+        if status is None:
+            return None
+        # Two registers at 0x28: big-endian for a legacy servo (swapped on the way), little-endian otherwise.
+        return bool(status.params[0] if joint.series == "hls" else status.params[1])
+
+    def _refuse_if_stopped(self, what: str) -> None:
+        if self._stopped:
+            raise StoppedError(what, 5, "the arm is stopped; `hexwire resume` ends that")
+
+    def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
+        limp = []
+        for joint in joints:
+            i = self._model.index(joint.name)
+            if self._torque[i] is None:
+                self._torque[i] = self._read_torque(joint)
+            if not self._torque[i]:
+                limp.append(joint.name)
+        if limp:
+            raise CommandRefusedError("a move", 8, f"{', '.join(limp)} has no torque; `hexwire torque on` first")
+
+    # -- tools --------------------------------------------------------------------------------------
+
+    def ping(self, servo_id: int) -> int | None:
+        """Error byte of a servo, or None if it does not answer."""
+        try:
+            reply = self._session.request(Command.PING, make_ping(servo_id), repeatable=True)
+        except ReplyTimeoutError:
+            return None
+        found = find_status(reply.body, servo_id, 0)
+        if found is None:
+            return None
+        status = found[0]
+        return None if status.legacy and status.error == 5 else status.error
+
+    def probe_joints(self) -> tuple[JointProbe, ...]:
+        """Who is there: a ping and a read a servo; the header of the answer tells the family."""
+        probes = []
+        for i, joint in enumerate(self._model.joints):
+            error = self.ping(joint.servo_id)
+            status = None if error is None else self._read2(joint.servo_id, _PRESENT)
+            if status is None:
+                probes.append(JointProbe(joint.name, joint.servo_id, "unknown", False))
+                continue
+            family = "seven_bot" if status.legacy else "hls"
+            note = "" if family == joint.series else f"answers as {family}, the model says {joint.series}"
+            probes.append(JointProbe(joint.name, joint.servo_id, family, True, note))
+            state = self._read_torque(joint)
+            if state is not None:
+                self._torque[i] = state
+        return tuple(probes)
+
+    def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
+        """One servo packet through command 02; only what an old board survives.
+
+        Raises:
+            NotSupportedError: A read of other than 2 bytes, or an answer longer than 8 bytes.
+        """
+        if reply_length not in (0, 6, 8):
+            raise NotSupportedError(
+                f"an answer of {reply_length} bytes would overrun a dialect-1 board; reads are of 2 bytes there"
+            )
+        reply = self._session.request(Command.READ, packet, window=self._session.policy.dialect1_window + timeout)
+        return reply.body if reply_length else b""
+
+    def stats(self) -> dict[str, int]:
+        """A board of this dialect counts nothing."""
+        return {}
+
+    def unsupported(self, what: str) -> NotSupportedError:
+        """The error for what only dialect 2 can do."""
+        return NotSupportedError(f"{what} needs a board with dialect 2; this one speaks the chapter's dialect only")
+
+    @property
+    def capabilities(self) -> tuple[str, ...]:
+        """None: such a board cannot say."""
+        return ()

@@ -1,0 +1,252 @@
+"""A Hex7Bot board that speaks dialect 2: joint commands to request bodies and back.
+
+Owns the translation between SI and the wire's units for this dialect. The board holds limits, stop and watchdog
+itself. Must not know links or who asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from hexwire.errors import ServoError
+from hexwire.ipc.session import Session
+from hexwire.model.arm import ArmModel
+from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.session.events import Reply
+from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.commands import (
+    AGE_NEVER,
+    ALL_FIELDS,
+    Identity,
+    JointReport,
+    LimitRow,
+    LimitTable,
+    MoveReply,
+    MoveRequest,
+    MoveRow,
+    OffsetRow,
+    OffsetTable,
+    Stats,
+    TransactRequest,
+    make_stop_reply,
+    parse_stop_reply,
+)
+from hexwire.wire.registers import Series
+from hexwire.wire.tables import BOARD_FLAGS_STOPPED, BOARD_FLAGS_WATCHDOG_TRIPPED, CAPABILITIES
+
+from .base import JointProbe, StopMode, check_reply
+
+__all__ = ["Board2"]
+
+_US_WRAP = 1 << 32
+_MAX_DURATION_MS = 0xFFFF
+_SERIES_NAMES = {series.code: series.value for series in Series}
+
+
+class Board2:
+    """Dialect-2 commands of one session.
+
+    Args:
+        session: A negotiated session.
+        model: The arm.
+        identity: What the board said of itself.
+    """
+
+    dialect = 2
+
+    def __init__(self, session: Session, model: ArmModel, identity: Identity) -> None:
+        self._session = session
+        self._model = model
+        self.identity = identity
+        # One row a board joint, in the board's order: name, neutral, factor, offset.
+        self._order = tuple(model.by_servo(row.servo_id) for row in identity.joints)
+        missing = [j.name for j in model.joints if j not in self._order]
+        if missing:
+            known = ", ".join(str(row.servo_id) for row in identity.joints)
+            raise ServoError(f"the board has no servo for {', '.join(missing)}; it has the ids {known}")
+        self._places = tuple(self._order.index(joint) for joint in model.joints)
+        self._in_order = self._places == tuple(range(len(identity.joints)))
+        self._names = model.names
+        self._angle = tuple((j.neutral, j.sign * j.scale, j.offset) for j in model.joints)
+        self._factor = tuple(j.sign * j.scale for j in model.joints)
+        self._signs = tuple(j.sign * 0.001 for j in model.joints)
+        self._nan = (math.nan,) * len(model.joints)
+        self._zero_age = (0.0,) * len(model.joints)
+
+    # -- state --------------------------------------------------------------------------------------
+
+    def read(self, fields: int = ALL_FIELDS) -> JointState:
+        """One JOINT_STATE, decoded."""
+        session = self._session
+        reply = session.request(Command.JOINT_STATE, bytes((fields,)), repeatable=True)
+        if reply.status or reply.frame is None:
+            check_reply(reply)
+        return self.decode_state(reply.body, reply.frame, session.now())  # type: ignore[arg-type]  # dialect 2 has a frame
+
+    def decode_state(self, body: bytes, frame: Frame, now: float) -> JointState:
+        """Turn a JOINT_STATE body into SI units.
+
+        Args:
+            body: Of a reply or a report.
+            frame: The frame it came in; its time is the board's clock at sending.
+            now: Host clock at arrival.
+        """
+        report = JointReport.parse(body)
+        sent_us = frame.time_sec * 1_000_000 + frame.time_nsec // 1000
+        since_sample = ((sent_us - report.time_us) & 0xFFFFFFFF) * 1e-6
+        if since_sample > 0x7FFFFFFF * 1e-6:
+            since_sample = 0.0  # the board rounds the two stamps differently
+        position = self._ordered(report.position)
+        speed, load, current = (
+            self._ordered(report.speed),
+            self._ordered(report.load),
+            self._ordered(report.current),
+        )
+        voltage, temperature = self._ordered(report.voltage), self._ordered(report.temperature)
+        age = self._ordered(report.age)
+        nan = self._nan
+        return JointState(
+            self._names,
+            tuple([k * (c - n) + o for c, (n, k, o) in zip(position, self._angle, strict=True)]),  # type: ignore[arg-type]  # always there
+            nan if speed is None else tuple([k * v for v, k in zip(speed, self._factor, strict=True)]),
+            nan if load is None else tuple([k * v for v, k in zip(load, self._signs, strict=True)]),
+            nan if current is None else tuple([k * v for v, k in zip(current, self._signs, strict=True)]),
+            nan if voltage is None else tuple([0.1 * v for v in voltage]),
+            nan if temperature is None else tuple([float(v) for v in temperature]),
+            self._ordered(report.status),  # type: ignore[arg-type]  # always there
+            self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else math.inf for v in age]),
+            now - since_sample,
+            frame.time_sec + frame.time_nsec * 1e-9 - since_sample,
+            bool(report.board_flags & BOARD_FLAGS_STOPPED),
+            bool(report.board_flags & BOARD_FLAGS_WATCHDOG_TRIPPED),
+        )
+
+    def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        if column is None or (self._in_order and len(column) == len(self._names)):
+            return column
+        if len(column) != len(self._order):
+            raise ServoError(
+                f"the board reports {len(column)} joints and has {len(self._order)}: was it changed? attach again"
+            )
+        return tuple(column[i] for i in self._places)
+
+    # -- motion -------------------------------------------------------------------------------------
+
+    def move(self, target: JointTarget, present: Mapping[str, float]) -> SentTarget:
+        """JOINT_MOVE; the board writes each series its own block."""
+        model = self._model
+        rows = tuple(
+            MoveRow(joint.servo_id, joint.angle_to_counts(angle))
+            for joint, angle in ((model.joint(name), angle) for name, angle in target.positions)
+        )
+        duration = min(round(target.duration * 1000), _MAX_DURATION_MS)
+        reply = self._session.request(Command.JOINT_MOVE, MoveRequest(duration, rows).serialize())
+        check_reply(reply, Status.SERVO_SILENT)
+        sent = MoveReply.parse(reply.body)
+        named = [(model.by_servo(row.servo_id), row) for row in sent.rows]
+        done = {joint.name for joint, _ in named if joint}
+        silent = tuple(model.joint(n).name for n, _ in target.positions if model.joint(n).name not in done)
+        return SentTarget(
+            tuple((joint.name, joint.counts_to_angle(row.position)) for joint, row in named if joint),
+            sent.duration_ms / 1000,
+            tuple(joint.name for joint, row in named if joint and row.clamped),
+            silent if reply.status == Status.SERVO_SILENT else (),
+        )
+
+    def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
+        """TORQUE by mask."""
+        body = make_stop_reply(int(on), self._board_mask(joints))
+        reply = check_reply(self._session.request(Command.TORQUE, body), Status.SERVO_SILENT)
+        return self._confirmed(reply)
+
+    def stop(self, mode: StopMode) -> tuple[str, ...]:
+        """STOP, ahead of everything."""
+        request = self._session.request
+        reply = request(Command.STOP, bytes((mode,)), urgent=True, repeatable=True, attempts=5)
+        return self._confirmed(check_reply(reply, Status.SERVO_SILENT))
+
+    def resume(self) -> None:
+        """RESUME."""
+        check_reply(self._session.request(Command.RESUME))
+
+    def watchdog(self, timeout: float, mode: StopMode) -> None:
+        """WATCHDOG; 0 s switches it off."""
+        body = round(timeout * 1000).to_bytes(2, "little") + bytes((mode,))
+        check_reply(self._session.request(Command.WATCHDOG, body))
+
+    # -- settings and tools -------------------------------------------------------------------------
+
+    def report(self, period: float, fields: int = ALL_FIELDS) -> None:
+        """REPORT every `period` seconds; 0 stops."""
+        body = round(period * 1000).to_bytes(2, "little") + bytes((fields,))
+        check_reply(self._session.request(Command.REPORT, body))
+
+    def limits(self) -> tuple[LimitRow, ...]:
+        """The limits the board has stored, in its joint order."""
+        return LimitTable.parse(check_reply(self._session.request(Command.LIMITS, repeatable=True)).body).rows
+
+    def store_limits(self, rows: Sequence[LimitRow]) -> tuple[LimitRow, ...]:
+        """Store limits; returns what the board has then."""
+        reply = self._session.request(Command.LIMITS, LimitTable.serialize_request(tuple(rows)))
+        return LimitTable.parse(check_reply(reply).body).rows
+
+    def offsets(self) -> tuple[OffsetRow, ...]:
+        """The neutral counts and signs the board has stored, in its joint order."""
+        return OffsetTable.parse(check_reply(self._session.request(Command.OFFSETS, repeatable=True)).body).rows
+
+    def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
+        """Store neutral counts and signs; returns what the board has then."""
+        reply = self._session.request(Command.OFFSETS, OffsetTable.serialize_request(tuple(rows)))
+        return OffsetTable.parse(check_reply(reply).body).rows
+
+    def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
+        """TRANSACT: one raw servo packet and its answer; empty if none was expected."""
+        ms = min(255, max(1, math.ceil(timeout * 1000)))
+        body = TransactRequest(reply_length, ms, packet).serialize()
+        reply = self._session.request(Command.TRANSACT, body, window=self._session.policy.window + timeout)
+        return check_reply(reply).body
+
+    def stats(self) -> dict[str, int]:
+        """The board's counters."""
+        return Stats.parse(check_reply(self._session.request(Command.STATS, repeatable=True)).body).counters
+
+    def command(self, cmd: int, body: bytes) -> bytes:
+        """Any command of the schema; its reply's body."""
+        return check_reply(self._session.request(cmd, body)).body
+
+    def probe_joints(self) -> tuple[JointProbe, ...]:
+        """Who is there, by a fresh IDENTIFY."""
+        self.identity = Identity.parse(check_reply(self._session.request(Command.IDENTIFY, repeatable=True)).body)
+        rows = {row.servo_id: row for row in self.identity.joints}
+        probes = []
+        for joint in self._model.joints:
+            row = rows.get(joint.servo_id)
+            series = _SERIES_NAMES.get(row.series, "unknown") if row else "unknown"
+            present = bool(row and row.present)
+            note = "" if not present or series == joint.series else f"is {series}, the model says {joint.series}"
+            probes.append(JointProbe(joint.name, joint.servo_id, series, present, note))
+        return tuple(probes)
+
+    def ping(self, servo_id: int) -> int | None:
+        """Error byte of a servo, or None if it does not answer."""
+        from hexwire.wire.servo_packet import find_status, make_ping
+
+        reply = self._session.request(Command.PING, make_ping(servo_id), repeatable=True)
+        if reply.status == Status.SERVO_SILENT:
+            return None
+        found = find_status(check_reply(reply).body, servo_id, 0)
+        return None if found is None else found[0].error
+
+    @property
+    def capabilities(self) -> tuple[str, ...]:
+        """Words for what the board can do."""
+        return tuple(name for name, bit in CAPABILITIES.items() if self.identity.capabilities & bit)
+
+    def _board_mask(self, joints: Sequence[str] | None) -> int:
+        wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]
+        return sum(1 << i for i, joint in enumerate(self._order) if joint and joint.name in wanted)
+
+    def _confirmed(self, reply: Reply) -> tuple[str, ...]:
+        _, mask = parse_stop_reply(reply.body)
+        return tuple(joint.name for i, joint in enumerate(self._order) if joint and mask >> i & 1)

@@ -1,0 +1,305 @@
+"""`Hex7BotDriver`: the chapter's driver, for a controller board of either dialect.
+
+Owns what both dialects share: attaching, the host's limits, when a watchdog and reports are armed again. The
+two dialects are `board1` and `board2`. Must not know links or who asks.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+
+from hexwire.errors import HexwireError, LinkError, NotSupportedError, UsageError
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
+from hexwire.model.arm import ArmModel
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.motion.limits import check_target
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command
+from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
+
+from .base import ProbeReport, RobotDriver, StopMode
+from .board1 import Board1
+from .board2 import Board2
+
+__all__ = ["Hex7BotDriver"]
+
+_log = logging.getLogger(__name__)
+
+_MAX_WATCHDOG = 60.0
+_MIN_WATCHDOG = 0.05
+
+
+class Hex7BotDriver(RobotDriver):
+    """The Hex7Bot, or any arm behind a board with the same protocol.
+
+    `ioctl` takes the command codes of `hexwire.wire.command_frame.Command` with a body as in PROTOCOL.md
+    section 6, and returns the reply's body; dialect 1 knows TRANSACT only.
+
+    Args:
+        session: A session; opened by `attach`.
+        model: The arm.
+        boot_window: Seconds to wait for a board that is booting.
+        dialect: Ask only in this dialect; both if None.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        model: ArmModel = HEX7BOT,
+        *,
+        boot_window: float = tables.BOOT_WINDOW,
+        dialect: int | None = None,
+    ) -> None:
+        super().__init__(session)
+        self.model = model
+        self._boot_window = boot_window
+        self._only_dialect = dialect
+        self._board: Board1 | Board2 | None = None
+        self._generation = 0
+        self._watchdog: tuple[float, StopMode] | None = None
+        self._report: tuple[float, int] | None = None
+        self._present: dict[str, float] = {}
+        self._board_clock = 0.0
+
+    @classmethod
+    def from_url(cls, url: str, **options: object) -> Hex7BotDriver:
+        """A driver over the link that `url` names; not attached yet. Options as in the constructor."""
+        return cls(Session(IpcHandle.from_url(url)), **options)  # type: ignore[arg-type]  # passed on as given
+
+    @property
+    def dialect(self) -> int:
+        """Dialect of the attached board."""
+        return self._attached().dialect
+
+    # -- coming and going ---------------------------------------------------------------------------
+
+    def attach(self) -> None:
+        """Open the session and negotiate. Nothing moves; a board without an answer is waited for."""
+        session = self.session
+        session.open()
+        try:
+            ids = [joint.servo_id for joint in self.model.joints]
+            negotiated = session.negotiate(boot_window=self._boot_window, ping_ids=ids, dialect=self._only_dialect)
+            if negotiated.identity is not None:
+                self._board = Board2(session, self.model, negotiated.identity)
+            else:
+                self._board = Board1(session, self.model)
+        except BaseException:
+            session.close()
+            raise
+        self._generation = session.generation
+        self._board_clock = 0.0
+
+    def detach(self, *, torque_off: bool = False) -> None:
+        board, self._board = self._board, None
+        try:
+            if board is not None and torque_off and self.session.is_open:
+                board.torque(False, None)
+        finally:
+            self.session.close()
+
+    def probe(self) -> ProbeReport:
+        board = self._attached()
+        joints = board.probe_joints()
+        counters = {f"board_{k}": v for k, v in board.stats().items()}
+        counters |= self.host_counters()
+        identity = board.identity if isinstance(board, Board2) else None
+        stopped = bool(identity and identity.board_flags & tables.BOARD_FLAGS_STOPPED)
+        return ProbeReport(
+            robot=self.model.name,
+            link=self.session.ipc.link.url,
+            dialect=board.dialect,
+            firmware=".".join(map(str, identity.firmware)) if identity else "",
+            boot_id=identity.boot_id if identity else None,
+            capabilities=board.capabilities,
+            stopped=stopped,
+            joints=joints,
+            counters=counters,
+        )
+
+    def host_counters(self) -> dict[str, int]:
+        """What this side retried, dropped and resynchronised."""
+        connection = self.session.connection
+        counters, decoder = connection.counters, connection.decoder.counters
+        return {
+            "requests": counters.requests,
+            "replies": counters.replies,
+            "retries": counters.retries,
+            "timeouts": counters.timeouts,
+            "stale_frames": counters.stale,
+            "reports": counters.reports,
+            "bad_frames": decoder.bad_frames,
+            "bytes_dropped": decoder.bytes_dropped,
+            "reconnects": self.session.reconnects,
+        }
+
+    # -- reading and writing ------------------------------------------------------------------------
+
+    def read(self) -> JointState:
+        state = self._attached().read()
+        self._remember(state)
+        return state
+
+    def write(self, target: JointTarget) -> SentTarget:
+        board = self._attached()
+        if not self._present or any(name not in self._present for name, _ in target.positions):
+            self.read()
+        checked = check_target(self.model, target, self._present)
+        sent = board.move(checked, self._present)
+        # The next target is judged from where this one ends, unless a state is read in between.
+        self._present.update(sent.positions)
+        self._rearm()
+        return sent
+
+    def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
+        """Yield the states that the board reports by itself every `period` seconds.
+
+        Ends the reports when the caller stops iterating.
+
+        Raises:
+            NotSupportedError: The board speaks dialect 1.
+        """
+        board = self._dialect2("REPORT")
+        self._report = (period, ALL_FIELDS)
+        board.report(period)
+        try:
+            for frame in self.session.stream(timeout):
+                if frame.cmd == Command.JOINT_STATE:
+                    state = board.decode_state(frame.body, frame, self.session.now())
+                    self._remember(state)
+                    yield state
+        finally:
+            self._report = None
+            if self.session.is_open:
+                board.report(0.0)
+
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        confirmed = self._attached().torque(on, joints)
+        self._rearm()
+        return confirmed
+
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        return self._attached().stop(mode)
+
+    def resume(self) -> None:
+        self._attached().resume()
+
+    def ping(self, servo_id: int) -> int | None:
+        """Error byte of a servo, or None if it does not answer."""
+        return self._attached().ping(servo_id)
+
+    # -- settings -----------------------------------------------------------------------------------
+
+    def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
+        """Have the board stop by itself when nothing comes from the host for `timeout` seconds; 0 = never.
+
+        Raises:
+            NotSupportedError: The board speaks dialect 1.
+            UsageError: Outside 0.05..60 s.
+        """
+        if timeout and not _MIN_WATCHDOG <= timeout <= _MAX_WATCHDOG:
+            raise UsageError(f"a watchdog of {timeout:g} s is outside {_MIN_WATCHDOG:g}..{_MAX_WATCHDOG:g} s")
+        self._dialect2("WATCHDOG").watchdog(timeout, mode)
+        self._watchdog = (timeout, mode) if timeout else None
+
+    def limits(self) -> tuple[LimitRow, ...]:
+        """Limits that the board has stored, in counts, in its joint order."""
+        return self._dialect2("LIMITS").limits()
+
+    def store_limits(self, rows: Sequence[LimitRow] | None = None) -> tuple[LimitRow, ...]:
+        """Store limits on the board; those of the model if None. Returns what it has then."""
+        if rows is None:
+            rows = [
+                LimitRow(*joint.count_limits, round(joint.max_speed / joint.scale)) for joint in self.model.joints
+            ]
+        return self._dialect2("LIMITS").store_limits(rows)
+
+    def offsets(self) -> tuple[OffsetRow, ...]:
+        """Neutral counts and signs that the board has stored."""
+        return self._dialect2("OFFSETS").offsets()
+
+    def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
+        """Store neutral counts and signs on the board. Returns what it has then."""
+        return self._dialect2("OFFSETS").store_offsets(rows)
+
+    def stats(self) -> dict[str, int]:
+        """The board's counters since its reset; empty in dialect 1."""
+        return self._attached().stats()
+
+    def transact(self, packet: bytes, reply_length: int, timeout: float = 0.02) -> bytes:
+        """Send one raw servo packet and return the bytes of its answer.
+
+        Args:
+            packet: A whole packet, as `hexwire.wire.servo_packet` builds it.
+            reply_length: Bytes of the answer; 0 for none.
+            timeout: Seconds the board waits for it.
+
+        Raises:
+            NotSupportedError: A dialect-1 board would not survive it.
+        """
+        return self._attached().transact(packet, reply_length, timeout)
+
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        board = self._attached()
+        if isinstance(board, Board2):
+            return board.command(sub_cmd, data)
+        if sub_cmd == Command.TRANSACT and len(data) > 2:
+            return board.transact(data[2:], data[0], data[1] / 1000)
+        raise board.unsupported(f"ioctl 0x{sub_cmd:02X}")
+
+    # -- keeping it right ---------------------------------------------------------------------------
+
+    def _attached(self) -> Board1 | Board2:
+        if self._board is None:
+            raise UsageError("the driver is not attached; call attach() first")
+        if self.session.generation != self._generation:
+            self._after_reconnect()
+        return self._board
+
+    def _dialect2(self, what: str) -> Board2:
+        board = self._attached()
+        if isinstance(board, Board1):
+            raise board.unsupported(what)
+        return board
+
+    def _after_reconnect(self) -> None:
+        """The port was away: another board may be there, and this one may have been reset."""
+        self._generation = self.session.generation
+        self._present.clear()
+        negotiated = self.session.negotiated
+        if negotiated is not None and negotiated.identity is not None:
+            self._board = Board2(self.session, self.model, negotiated.identity)
+        else:
+            self._board = Board1(self.session, self.model)
+        self._arm_again()
+
+    def _remember(self, state: JointState) -> None:
+        self._present = dict(zip(state.names, state.position, strict=True))
+        if state.board_time < self._board_clock - 1.0:
+            _log.warning("%s: the board was reset", self.session.ipc.link.url)
+            self._arm_again()
+        if state.board_time == state.board_time:
+            self._board_clock = state.board_time
+
+    def _rearm(self) -> None:
+        if self.session.generation != self._generation:
+            self._after_reconnect()
+
+    def _arm_again(self) -> None:
+        """Give a board that forgot them its watchdog and report period back."""
+        self._board_clock = 0.0
+        board = self._board
+        if not isinstance(board, Board2):
+            return
+        try:
+            if self._watchdog is not None:
+                board.watchdog(*self._watchdog)
+            if self._report is not None:
+                board.report(*self._report)
+        except LinkError:
+            raise
+        except HexwireError as error:
+            raise NotSupportedError(f"the board came back, but not its watchdog or reports: {error}") from error

@@ -1,0 +1,135 @@
+"""The chapter's `IpcHandle`: one channel of one module, named by a configuration file or a URL.
+
+Owns the choice of the link and who is at its two ends. Opening is `open()`; building a handle does no I/O.
+Must not know frames or commands.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import ConfigError, UsageError
+from hexwire.wire.modules import IpcType, ModuleType, module_name
+
+from .link import Link, LinkKind
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["IpcHandle"]
+
+_TYPE_OF_SCHEME = {
+    "serial": IpcType.SERIAL,
+    "tcp": IpcType.TCP,
+    "tcp-listen": IpcType.TCP,
+    "tcps": IpcType.TCP,
+    "tcps-listen": IpcType.TCP,
+    "udp": IpcType.UDP,
+    "mq": IpcType.QUEUE,
+}
+
+
+class IpcHandle:
+    """A channel that is named but not yet open.
+
+    Args:
+        module: Our module on this channel.
+        conf_file: An `ipc_msg.conf` (or its TOML form) that names the channel; read by `open`.
+
+    Attributes:
+        module: Our module id.
+        destination: The module at the other end; INVALID_MODULE until a configuration file has been read.
+        type: Kind of channel.
+    """
+
+    def __init__(self, module: ModuleType, conf_file: str | Path) -> None:
+        self.module = module
+        self.destination = ModuleType.INVALID_MODULE
+        self.type = IpcType.SERIAL
+        self._conf_file: Path | None = Path(conf_file)
+        self._link: Link | None = None
+
+    @classmethod
+    def from_url(
+        cls,
+        url: str,
+        module: ModuleType = ModuleType.ARM_7BOT_SERIAL_TRX,
+        destination: ModuleType = ModuleType.ARM_7BOT_ARDUINO_TRX,
+    ) -> Self:
+        """A channel over the link that `url` names, as in ``serial:///dev/ttyUSB0?baud=115200``.
+
+        Raises:
+            UsageError: The URL makes no sense; the text names the part.
+        """
+        from .open import make_link
+
+        return cls.from_link(make_link(url), module, destination)
+
+    @classmethod
+    def from_link(
+        cls,
+        link: Link,
+        module: ModuleType = ModuleType.ARM_7BOT_SERIAL_TRX,
+        destination: ModuleType = ModuleType.ARM_7BOT_ARDUINO_TRX,
+    ) -> Self:
+        """A channel over a link that exists already."""
+        handle = cls.__new__(cls)
+        handle.module = module
+        handle.destination = destination
+        handle.type = _TYPE_OF_SCHEME.get(link.url.partition(":")[0], IpcType.SERIAL)
+        handle._conf_file = None
+        handle._link = link
+        return handle
+
+    @property
+    def link(self) -> Link:
+        """The link; with a configuration file, the file is read at the first use.
+
+        Raises:
+            ConfigError: The file is wrong, or does not name this module.
+            LinkNotFoundError: There is no such file.
+        """
+        if self._link is None:
+            self._link = self._from_conf()
+        return self._link
+
+    @property
+    def keeps_messages(self) -> bool:
+        """Whether the link is known and keeps message boundaries."""
+        return self._link is not None and self._link.kind is LinkKind.DATAGRAM
+
+    def open(self) -> None:
+        """Open the link; see `Link.open` for what it may raise."""
+        self.link.open()
+
+    def close(self) -> None:
+        """Close the link. Harmless if it is not open."""
+        if self._link is not None:
+            self._link.close()
+
+    def _from_conf(self) -> Link:
+        from .conf import link_url, load_conf
+        from .open import make_link
+
+        if self._conf_file is None:
+            raise UsageError("this handle has neither a link nor a configuration file")
+        channels = load_conf(self._conf_file)
+        for channel in channels:
+            if channel.module == self.module:
+                self.destination = channel.destination
+                self.type = channel.interface
+                return make_link(link_url(channel))
+        named = ", ".join(sorted({module_name(c.module) for c in channels})) or "none"
+        raise ConfigError(
+            f"no channel of {module_name(self.module)}; the file has {named}", file=str(self._conf_file)
+        )
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

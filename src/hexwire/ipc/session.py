@@ -1,0 +1,439 @@
+"""The chapter's `Session`: a link joined to a connection.
+
+Owns the loop that moves bytes between the two, who may use the line when, and what happens when the port goes
+away. It adds and removes the session header through its `Connection`, which owns serial numbers, matching and
+retries. Must not know joints, servos or units.
+
+One caller at a time drives the line. A second thread waits its turn, but for an urgent request (a stop), which
+interrupts the one that is waiting.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import (
+    LinkBusyError,
+    LinkClosedError,
+    LinkError,
+    LinkLostError,
+    LinkNotFoundError,
+    LinkPermissionError,
+    PreemptedError,
+    ReplyTimeoutError,
+)
+from hexwire.session.connection import Connection, Role
+from hexwire.session.events import Event, Reply, Report, TimedOut
+from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
+from hexwire.session.policy import ReconnectPolicy, RetryPolicy
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Frame, command_name
+from hexwire.wire.modules import IpcType, ModuleType
+
+from .handle import IpcHandle
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["Session"]
+
+_log = logging.getLogger(__name__)
+
+_WRITE_TIMEOUT = 2.0
+_KEPT = 256
+_KEPT_RTTS = 8192
+
+
+class Session:
+    """An active conversation with a board over one channel.
+
+    Args:
+        ipc: The channel.
+        src: Our module id; the channel's if None.
+        dst: The peer's module id; the channel's if None.
+        type: Kind of channel, as in the chapter's constructor; the channel's if None.
+        policy: Deadlines and retries.
+        reconnect: What to do when the port goes away.
+        clock: Monotonic seconds; must be the clock of the link's deadlines.
+        wall: Seconds since 1970 for the header's time stamps.
+
+    Attributes:
+        connection: The state machine, with its counters.
+        negotiated: The outcome of the last negotiation, or None.
+        generation: Grows with every reconnection; a driver compares it to see that the board may be another.
+        rtts: Round-trip times of the last answers, seconds.
+    """
+
+    def __init__(
+        self,
+        ipc: IpcHandle,
+        src: ModuleType | None = None,
+        dst: ModuleType | None = None,
+        type: IpcType | None = None,
+        *,
+        policy: RetryPolicy | None = None,
+        reconnect: ReconnectPolicy | None = None,
+        clock: Callable[[], float] | None = None,
+        wall: Callable[[], float] = time.time,
+    ) -> None:
+        self.ipc = ipc
+        self.policy = policy or RetryPolicy()
+        self.reconnect = reconnect or ReconnectPolicy()
+        self.negotiated: Negotiated | None = None
+        self.generation = 0
+        self.reconnects = 0
+        self.rtts: deque[float] = deque(maxlen=_KEPT_RTTS)
+        self._src = src
+        self._dst = dst
+        self._type = type
+        self._clock = clock
+        self._wall = wall
+        self._sn = 0
+        self._datagrams = False
+        self.connection = self._make_connection(time.monotonic)
+        self._turn = threading.RLock()
+        self._urgent_waiting = 0
+        self._awaited: set[int] = set()
+        self._stash: dict[int, Event] = {}
+        self._reports: deque[Frame] = deque(maxlen=_KEPT)
+        self._frames: deque[Frame] = deque(maxlen=_KEPT)
+        self._negotiation: tuple[float, Sequence[int], int | None] | None = None
+
+    @classmethod
+    def from_url(cls, url: str) -> Session:
+        """A session over the link that `url` names; not open yet."""
+        return cls(IpcHandle.from_url(url))
+
+    @classmethod
+    def from_conf(cls, file: str | Path, module: ModuleType) -> Session:
+        """A session over the channel that a configuration file names for `module`; not open yet."""
+        return cls(IpcHandle(module, file))
+
+    # -- opening and closing ------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the channel. The board is not spoken to; see `negotiate`.
+
+        Raises:
+            LinkError: As `Link.open`.
+        """
+        self.ipc.open()
+        clock = self._clock or getattr(self.ipc.link, "clock", None) or time.monotonic
+        self._clock = clock
+        self._sn = self.connection.sn
+        self.connection = self._make_connection(clock)
+        self._datagrams = self.ipc.keeps_messages
+        self._reports.clear()
+        self._frames.clear()
+
+    def close(self) -> None:
+        """Close the channel; a request that waits in another thread ends with LinkClosedError."""
+        self.ipc.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the channel is open."""
+        return self.ipc.link.is_open
+
+    @property
+    def dialect(self) -> int:
+        """Dialect that requests are sent in."""
+        return self.connection.dialect
+
+    def now(self) -> float:
+        """This session's clock, seconds."""
+        return (self._clock or time.monotonic)()
+
+    def negotiate(
+        self,
+        *,
+        boot_window: float = tables.BOOT_WINDOW,
+        ping_ids: Sequence[int] = (0,),
+        dialect: int | None = None,
+    ) -> Negotiated:
+        """Find out which dialect the board speaks; waits for a board that is booting.
+
+        Args:
+            boot_window: Seconds to go on asking.
+            ping_ids: Servos to ping in dialect 1.
+            dialect: Ask only in this dialect.
+
+        Raises:
+            ReplyTimeoutError: Nobody answers; the text says what that may mean.
+        """
+        with self._my_turn(urgent=False):
+            self._negotiation = (boot_window, ping_ids, dialect)
+            negotiator = Negotiator(
+                self.connection, self.now(), boot_window=boot_window, ping_ids=ping_ids, dialect=dialect
+            )
+            while negotiator.outcome is None:
+                self._step(None)
+                while (event := self.connection.next_event()) is not None:
+                    negotiator.handle(event, self.now())
+            if isinstance(negotiator.outcome, NegotiationFailed):
+                raise self._unanswered(negotiator.outcome)
+            self.negotiated = negotiator.outcome
+            if self.negotiated.identity is not None:
+                self.connection.limit_frame(self.negotiated.identity.max_frame)
+            _log.info("%s speaks dialect %d", self.ipc.link.url, self.negotiated.dialect)
+            return self.negotiated
+
+    # -- asking -------------------------------------------------------------------------------------
+
+    def request(
+        self,
+        cmd: int,
+        body: bytes = b"",
+        *,
+        window: float | None = None,
+        attempts: int | None = None,
+        urgent: bool = False,
+        repeatable: bool = False,
+    ) -> Reply:
+        """Ask and wait for the answer. The status is the caller's to look at.
+
+        Args:
+            cmd: Command code.
+            body: Its body; in dialect 1 a servo packet.
+            window: Seconds to wait for each answer; the policy's if None.
+            attempts: How often to send; the policy's if None.
+            urgent: Go first, and interrupt a request that waits in another thread.
+            repeatable: Send it again after a reconnection. Never for what moves an arm.
+
+        Raises:
+            ReplyTimeoutError: No answer.
+            LinkLostError: The port went away; if it came back, the text says that this was not repeated.
+            PreemptedError: A stop took the line; whether this was done is unknown.
+            LocalProtocolError: It cannot be sent in this dialect or over this link.
+        """
+        with self._my_turn(urgent):
+            while True:
+                try:
+                    ticket = self.connection.request(
+                        cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
+                    )
+                    return self._await(ticket, urgent)
+                except LinkLostError as lost:
+                    self._reopen(lost)
+                    if not repeatable:
+                        raise LinkLostError(
+                            f"{self.ipc.link.url} was lost and is open again; {command_name(cmd)} was not repeated",
+                            url=self.ipc.link.url,
+                        ) from lost
+
+    def send(self, cmd: int, body: bytes = b"") -> None:
+        """Send a frame and do not wait for an answer; one that comes is thrown away.
+
+        Raises:
+            LinkError: The line takes nothing.
+        """
+        with self._my_turn(urgent=False):
+            ticket = self.connection.request(cmd, body, self.now(), attempts=1)
+            self._write()
+            self.connection.abandon(ticket)
+
+    def receive(self, timeout: float | None = None) -> Frame | None:
+        """Wait for the next frame that answers nothing we asked; None if none came within `timeout` seconds."""
+        return self._receive(self._frames, timeout)
+
+    def stream(self, timeout: float | None = None) -> Iterator[Frame]:
+        """Yield unsolicited frames as they come; ends when none came for `timeout` seconds."""
+        while (frame := self._receive(self._reports, timeout)) is not None:
+            yield frame
+
+    def poll_reports(self) -> Frame | None:
+        """Take what has arrived without waiting; the newest unsolicited frame, or None."""
+        with self._my_turn(urgent=False):
+            self._step(self.now())
+            self._sort_events()
+            newest = self._reports[-1] if self._reports else None
+            self._reports.clear()
+            return newest
+
+    # -- the loop -----------------------------------------------------------------------------------
+
+    def _await(self, ticket: int, urgent: bool) -> Reply:
+        connection = self.connection
+        self._awaited.add(ticket)
+        try:
+            while True:
+                self._step(None)
+                while (event := connection.next_event()) is not None:
+                    if event.__class__ is Reply and event.ticket == ticket:
+                        self.rtts.append(event.rtt)
+                        return event
+                    if isinstance(event, TimedOut) and event.ticket == ticket:
+                        raise self._timed_out(event)
+                    self._sort(event)
+                stashed = self._stash.pop(ticket, None)
+                if isinstance(stashed, Reply):
+                    return stashed
+                if isinstance(stashed, TimedOut):
+                    raise self._timed_out(stashed)
+                if self._urgent_waiting and not urgent:
+                    raise PreemptedError("a stop took the line; whether the request was done is unknown")
+        except BaseException:
+            connection.abandon(ticket)
+            raise
+        finally:
+            self._awaited.discard(ticket)
+
+    def _step(self, deadline: float | None) -> None:
+        """Write what is due, read once, until `deadline` or the connection's own next one."""
+        connection = self.connection
+        self._write()
+        due = connection.next_timeout()
+        if due is None or (deadline is not None and deadline < due):
+            due = deadline
+        data = self.ipc.link.read(due)
+        now = self.now()
+        if data:
+            connection.receive(data, now, end_of_message=self._datagrams)
+        if due is not None and now >= due:
+            connection.handle_timeout(now)
+
+    def _write(self) -> None:
+        for data in self.connection.data_to_send():
+            self.ipc.link.write(data, self.now() + _WRITE_TIMEOUT)
+
+    def _receive(self, queue: deque[Frame], timeout: float | None) -> Frame | None:
+        with self._my_turn(urgent=False):
+            deadline = None if timeout is None else self.now() + timeout
+            while True:
+                self._sort_events()
+                if queue:
+                    return queue.popleft()
+                if deadline is not None and self.now() >= deadline:
+                    return None
+                try:
+                    self._step(deadline)
+                except LinkLostError as lost:
+                    self._reopen(lost)
+                if self._urgent_waiting:
+                    raise PreemptedError("a stop took the line")
+
+    def _sort_events(self) -> None:
+        while (event := self.connection.next_event()) is not None:
+            self._sort(event)
+
+    def _sort(self, event: Event) -> None:
+        if isinstance(event, Report):
+            self._reports.append(event.frame)
+        elif isinstance(event, Reply | TimedOut):
+            if event.ticket in self._awaited:
+                self._stash[event.ticket] = event
+        else:
+            frame = getattr(event, "frame", None)
+            if frame is not None:
+                self._frames.append(frame)
+            _log.debug("%s: %s", self.ipc.link.url, event)
+
+    @contextmanager
+    def _my_turn(self, urgent: bool) -> Iterator[None]:
+        if urgent:
+            self._urgent_waiting += 1
+            self.ipc.link.wake()
+            self._turn.acquire()
+            self._urgent_waiting -= 1
+        else:
+            self._turn.acquire()
+            while self._urgent_waiting:
+                # Let the stop through: it counts itself before it waits for the lock.
+                self._turn.release()
+                time.sleep(0.001)
+                self._turn.acquire()
+        try:
+            yield
+        finally:
+            self._turn.release()
+
+    # -- when it does not work ----------------------------------------------------------------------
+
+    def _reopen(self, lost: LinkLostError) -> None:
+        policy = self.reconnect
+        link = self.ipc.link
+        if not policy.enabled or self._negotiation is None:
+            raise lost
+        _log.warning("%s; waiting up to %g s for it to come back", lost, policy.give_up_after)
+        link.close()
+        started = self.now()
+        while True:
+            try:
+                self.open()
+                break
+            except (LinkNotFoundError, LinkBusyError, LinkPermissionError, LinkLostError) as error:
+                # udev sets the permissions of a port that comes back a moment after it is there.
+                if self.now() - started >= policy.give_up_after:
+                    raise LinkLostError(
+                        f"{link.url} was lost and did not come back within {policy.give_up_after:g} s: {error}",
+                        url=link.url,
+                    ) from lost
+                time.sleep(policy.interval)
+        self.generation += 1
+        self.reconnects += 1
+        before = self.negotiated.identity if self.negotiated else None
+        boot_window, ping_ids, dialect = self._negotiation
+        identity = self.negotiate(boot_window=boot_window, ping_ids=ping_ids, dialect=dialect).identity
+        reset = before is not None and identity is not None and before.boot_id != identity.boot_id
+        _log.warning(
+            "%s is back after %.1f s%s",
+            link.url,
+            self.now() - started,
+            "; the board was reset" if reset else "",
+        )
+
+    def _timed_out(self, event: TimedOut) -> ReplyTimeoutError:
+        if self.connection.dialect == tables.PROTO_CHAPTER:
+            # What is still on its way belongs to the request that was given up.
+            try:
+                self.ipc.link.flush_input()
+            except (LinkLostError, LinkClosedError):
+                _log.debug("%s: nothing to flush, the link is gone", self.ipc.link.url)
+        return ReplyTimeoutError(command_name(event.cmd), attempts=event.attempts, instead=event.instead)
+
+    def _unanswered(self, failed: NegotiationFailed) -> LinkError | ReplyTimeoutError:
+        url = self.ipc.link.url
+        if failed.bytes_received == 0:
+            advice = "is this the board's port, has the board power and firmware? `hexwire ports` lists ports"
+            instead = ""
+        elif failed.frames == 0:
+            advice = "a wrong baud rate looks like this; so does another device"
+            instead = f"{failed.bytes_received} bytes that are no frame"
+        else:
+            advice = "another program on the line, or a board of another make"
+            instead = f"{failed.frames} frames that answer nothing"
+        return ReplyTimeoutError(f"IDENTIFY on {url}", attempts=failed.attempts, instead=instead, advice=advice)
+
+    def _make_connection(self, clock: Callable[[], float]) -> Connection:
+        ipc = self.ipc
+        network = ipc.type is not IpcType.SERIAL
+        src = ipc.module if self._src is None else self._src
+        dst = ipc.destination if self._dst is None else self._dst
+        kind = ipc.type if self._type is None else self._type
+        connection = Connection(
+            Role.HOST,
+            local=int(src),
+            remote=int(dst),
+            type=int(kind),
+            policy=self.policy,
+            max_frame=tables.MAX_NETWORK_FRAME if network else tables.MAX_SERIAL_FRAME,
+            epoch=self._wall() - clock(),
+        )
+        connection.sn = self._sn
+        return connection
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,144 @@
+"""What an arm is made of: joints, their servos, how counts become angles, and their limits.
+
+Owns `JointModel` and `ArmModel`. Series are plain strings here; what they mean on the wire is not known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from hexwire.errors import LimitError, UsageError
+
+__all__ = ["ArmModel", "JointModel"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointModel:
+    """One joint and its servo.
+
+    Attributes:
+        name: As in ``J1``.
+        servo_id: Bus id.
+        series: Servo series: seven_bot, scs, sts_sms or hls.
+        neutral: Count at which the joint is at `offset`.
+        sign: 1 or -1.
+        offset: Joint angle at the neutral count, radians.
+        scale: Radians per count.
+        minimum: Lower limit, radians.
+        maximum: Upper limit, radians.
+        max_speed: Radians per second.
+    """
+
+    name: str
+    servo_id: int
+    series: str
+    neutral: int
+    sign: int
+    offset: float
+    scale: float
+    minimum: float
+    maximum: float
+    max_speed: float
+
+    def counts_to_angle(self, counts: float) -> float:
+        """Joint angle in radians of a servo position in counts."""
+        return self.sign * (counts - self.neutral) * self.scale + self.offset
+
+    def angle_to_counts(self, angle: float) -> int:
+        """Nearest servo position in counts of a joint angle in radians."""
+        return round(self.sign * (angle - self.offset) / self.scale) + self.neutral
+
+    def speed_to_angle(self, counts_per_s: float) -> float:
+        """Radians per second of a servo speed in counts per second."""
+        return self.sign * counts_per_s * self.scale
+
+    @property
+    def count_limits(self) -> tuple[int, int]:
+        """Lowest and highest count inside the limits."""
+        a = self.sign * (self.minimum - self.offset) / self.scale + self.neutral
+        b = self.sign * (self.maximum - self.offset) / self.scale + self.neutral
+        return math.ceil(min(a, b)), math.floor(max(a, b))
+
+    def check(self, angle: float) -> None:
+        """Refuse an angle outside the limits.
+
+        Raises:
+            LimitError: With the joint, the angle and the limits in degrees.
+        """
+        # Half a count of grace, so that a limit itself can be named in rounded degrees.
+        grace = 0.5 * self.scale
+        if not self.minimum - grace <= angle <= self.maximum + grace:
+            low, high = math.degrees(self.minimum), math.degrees(self.maximum)
+            raise LimitError(
+                f"{self.name}={math.degrees(angle):.4g} deg is outside its limits {low:.4g} to {high:.4g} deg; "
+                "nothing was sent"
+            )
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """An arm: its joints in order.
+
+    Attributes:
+        name: As in ``hex7bot``.
+        joints: Joint models, in the order of every tuple of joint values.
+    """
+
+    name: str
+    joints: tuple[JointModel, ...]
+    _by_name: Mapping[str, int] = field(init=False, repr=False, compare=False)
+    _by_id: Mapping[int, int] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        by_name = {joint.name: i for i, joint in enumerate(self.joints)}
+        by_id = {joint.servo_id: i for i, joint in enumerate(self.joints)}
+        if len(by_name) != len(self.joints) or len(by_id) != len(self.joints):
+            raise UsageError(f"{self.name}: two joints share a name or a servo id")
+        object.__setattr__(self, "_by_name", by_name)
+        object.__setattr__(self, "_by_id", by_id)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joint names in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    def joint(self, name: str) -> JointModel:
+        """A joint by name; upper and lower case are alike.
+
+        Raises:
+            UsageError: There is none; the text lists them.
+        """
+        return self.joints[self.index(name)]
+
+    def index(self, name: str) -> int:
+        """Place of a joint in the order.
+
+        Raises:
+            UsageError: There is none of this name.
+        """
+        i = self._by_name.get(name)
+        if i is None:
+            i = next((i for known, i in self._by_name.items() if known.lower() == name.lower()), None)
+        if i is None:
+            raise UsageError(f"no joint {name!r}; {self.name} has {', '.join(self.names)}")
+        return i
+
+    def by_servo(self, servo_id: int) -> JointModel | None:
+        """The joint of a servo id, or None."""
+        i = self._by_id.get(servo_id)
+        return None if i is None else self.joints[i]
+
+    def mask(self, names: Sequence[str] | None = None) -> int:
+        """Bit mask of joints, bit i for the i-th; all if None."""
+        if names is None:
+            return (1 << len(self.joints)) - 1
+        mask = 0
+        for name in names:
+            mask |= 1 << self.index(name)
+        return mask
+
+    def names_of(self, mask: int) -> tuple[str, ...]:
+        """Names of the joints in a bit mask."""
+        return tuple(joint.name for i, joint in enumerate(self.joints) if mask >> i & 1)

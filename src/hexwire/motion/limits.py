@@ -1,0 +1,55 @@
+"""Limits on the way down: what is refused, and what is slowed.
+
+Owns the host's check of a target against an arm model. A position outside the limits is refused, never
+silently moved; a motion that would be too fast is given more time, and the caller is told. The board checks
+again with limits of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from hexwire.model.arm import ArmModel
+from hexwire.model.state import JointTarget
+
+__all__ = ["check_target", "needed_duration"]
+
+
+def needed_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[str, float]) -> float:
+    """Shortest time in seconds in which no joint exceeds its speed limit at constant speed.
+
+    Joints without a known start position do not count.
+    """
+    return max(
+        (
+            abs(angle - start[name]) / model.joint(name).max_speed
+            for name, angle in goal.items()
+            if start.get(name) is not None
+        ),
+        default=0.0,
+    )
+
+
+def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float]) -> JointTarget:
+    """Check a target before it is encoded.
+
+    Args:
+        model: The arm.
+        target: What is asked.
+        start: Present positions in radians by joint name, as far as they are known.
+
+    Returns:
+        The target with the arm's own joint names, and a duration that no speed limit forbids.
+
+    Raises:
+        LimitError: A position is outside its limits; nothing may be sent.
+        UsageError: A joint does not exist.
+    """
+    positions = []
+    for name, angle in target.positions:
+        joint = model.joint(name)
+        joint.check(angle)
+        positions.append((joint.name, angle))
+    duration = max(target.duration, needed_duration(model, start, dict(positions)))
+    return replace(target, positions=tuple(positions), duration=duration)

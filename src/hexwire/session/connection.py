@@ -1,0 +1,540 @@
+"""The session state machine: one class, two roles, both dialects, no I/O.
+
+Owns serial numbers, sequence numbers, the matching of replies, deadlines and retries, repeat suppression,
+fragments. Bytes go in with `receive`, events come out of `next_event`, bytes to write come out of
+`data_to_send`; time comes in as `now`. Knows nothing of links, clocks, joints or servo registers.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+
+from hexwire.errors import LocalProtocolError, RemoteProtocolError
+from hexwire.units import split_time
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Frame, Status, command_name, max_body, serialize_frame
+from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead
+from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
+
+from .decoder import FrameDecoder
+from .dialect1 import UNKNOWN_COMMAND_PACKET, Pending1, clean_frame, match_reply
+from .events import BadFrame, Event, Garbage, Reply, Report, Request, Stale, TimedOut
+from .fragments import FragmentReceiver, FragmentSender, Message
+from .policy import RetryPolicy
+
+__all__ = ["Connection", "ConnectionCounters", "Role"]
+
+_MAX_REPORTS = 64
+_MAX_EVENTS = 4096
+
+
+class Role(Enum):
+    """Which end of the line this is."""
+
+    HOST = "host"
+    BOARD = "board"
+
+
+@dataclass(slots=True)
+class ConnectionCounters:
+    """What happened on a connection since it was made."""
+
+    frames_sent: int = 0
+    requests: int = 0
+    replies: int = 0
+    retries: int = 0
+    timeouts: int = 0
+    stale: int = 0
+    repeats: int = 0
+    reports: int = 0
+    reports_dropped: int = 0
+    events_dropped: int = 0
+
+
+@dataclass(slots=True)
+class _Pending:
+    ticket: int
+    cmd: int
+    body: bytes
+    seq: int
+    window: float
+    attempts: int
+    sent: int = 0
+    sent_at: float = 0.0
+    deadline: float = 0.0
+    instead: str = ""
+
+
+class Connection:
+    """One end of a session.
+
+    Args:
+        role: HOST asks, BOARD answers.
+        local: Our module id; the src of what we send.
+        remote: The peer's module id; the dst of what we send.
+        type: The header's type field: 3 from a host on a serial line, 8 from a board.
+        dialect: 1 or 2; what requests are sent in.
+        policy: Deadlines and retries.
+        max_frame: Longest frame on this link, in bytes.
+        epoch: Added to `now` for the header's time: wall minus monotonic on a host, minus boot time on a board.
+        cautious: Keep 0D 0A out of every frame sent, as long as it is unknown who listens.
+    """
+
+    def __init__(
+        self,
+        role: Role,
+        *,
+        local: int,
+        remote: int,
+        type: int,
+        dialect: int = PROTO_HEXWIRE,
+        policy: RetryPolicy | None = None,
+        max_frame: int = tables.MAX_SERIAL_FRAME,
+        epoch: float = 0.0,
+        cautious: bool = False,
+    ) -> None:
+        self.role = role
+        self.local = local
+        self.remote = remote
+        self.type = type
+        self.policy = policy or RetryPolicy()
+        self.max_frame = max_frame
+        self.epoch = epoch
+        self.cautious = cautious
+        self.dialect = dialect
+        self.sn = 0
+        self.seq = 0
+        self.counters = ConnectionCounters()
+        self.decoder = FrameDecoder(max_frame)
+        self._events: deque[Event] = deque()
+        self._reports = 0
+        self._out: list[bytes] = []
+        self._ticket = 0
+        self._pending: dict[int, _Pending] = {}
+        self._queue1: deque[Pending1] = deque()
+        self._current1: Pending1 | None = None
+        self._quiet_until = 0.0
+        self._stored: deque[tuple[float, int, int, int, bytes, list[bytes]]] = deque(maxlen=tables.STORED_REPLIES)
+        self._message_count = 0
+        self._fragments_in = FragmentReceiver()
+        self._fragments_out = FragmentSender(max_body(max_frame) - FRAGMENT_HEAD_SIZE)
+
+    # -- bytes and time -----------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now: float, *, end_of_message: bool = False) -> None:
+        """Take bytes from the link.
+
+        Args:
+            data: What was read.
+            now: Seconds, monotonic.
+            end_of_message: The link keeps message boundaries, and this is one: nothing of a frame follows.
+        """
+        decoder = self.decoder
+        decoder.receive(data, now)
+        while True:
+            event = decoder.next_event()
+            if event.__class__ is Frame:
+                self._receive_frame(event, now)
+            elif event is not None:
+                self._note(event)  # type: ignore[arg-type]  # a Frame is excluded above
+            elif end_of_message and (bad := decoder.end_of_message()) is not None:
+                self._note(bad)
+            else:
+                break
+        if self._queue1:
+            self._pump1(now)
+
+    def data_to_send(self) -> list[bytes]:
+        """Frames to write now, in order; each is one message where the link keeps boundaries."""
+        out = self._out
+        if out:
+            self._out = []
+        return out
+
+    def next_event(self) -> Event | None:
+        """The next thing that happened, or None."""
+        if not self._events:
+            return None
+        event = self._events.popleft()
+        if event.__class__ is Report:
+            self._reports -= 1
+        return event
+
+    def next_timeout(self) -> float | None:
+        """When `handle_timeout` wants to be called, or None."""
+        times = [p.deadline for p in self._pending.values()]
+        if self._current1 is not None:
+            times.append(self._current1.deadline)
+        elif self._queue1:
+            times.append(self._quiet_until)
+        for part in (self.decoder, self._fragments_in, self._fragments_out):
+            when = part.next_timeout()
+            if when is not None:
+                times.append(when)
+        return min(times, default=None)
+
+    def handle_timeout(self, now: float) -> None:
+        """Act on every deadline that has passed: ask again, give up, resynchronise."""
+        bad = self.decoder.handle_timeout(now)
+        if bad is not None:
+            self._note(bad)
+            self.receive(b"", now)
+        for pending in [p for p in self._pending.values() if p.deadline <= now]:
+            if pending.sent < pending.attempts:
+                self.counters.retries += 1
+                self._transmit(pending, now)
+            else:
+                del self._pending[pending.seq]
+                self.counters.timeouts += 1
+                self._add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+        self._timeout1(now)
+        for body in self._fragments_in.handle_timeout(now):
+            self._send_frame(Command.FRAGMENT_MISSING, body, now)
+        self._fragments_out.handle_timeout(now)
+
+    def limit_frame(self, max_frame: int) -> None:
+        """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""
+        self.max_frame = min(self.max_frame, max_frame)
+        self._fragments_out = FragmentSender(max_body(self.max_frame) - FRAGMENT_HEAD_SIZE)
+
+    # -- host ---------------------------------------------------------------------------------------
+
+    def request(
+        self,
+        cmd: int,
+        body: bytes,
+        now: float,
+        *,
+        window: float | None = None,
+        attempts: int | None = None,
+        urgent: bool = False,
+    ) -> int:
+        """Ask the board. The answer comes as a `Reply` or `TimedOut` event with the ticket returned here.
+
+        In dialect 1, where the body is a servo packet, one request is outstanding at a time and others queue;
+        a sync write is never answered, and its `Reply` comes when it has been sent.
+
+        Args:
+            cmd: Command code.
+            body: Its body.
+            now: Seconds, monotonic.
+            window: Seconds to wait for each answer; the policy's if None.
+            attempts: How often to send; the policy's if None.
+            urgent: Go before everything that is queued.
+
+        Raises:
+            LocalProtocolError: The body cannot be sent in this dialect or over this link.
+        """
+        self._ticket += 1
+        self.counters.requests += 1
+        attempts = attempts or self.policy.attempts
+        if self.dialect == PROTO_CHAPTER:
+            pending1 = Pending1(self._ticket, cmd, body, window or self.policy.dialect1_window, attempts)
+            if urgent:
+                self._queue1.appendleft(pending1)
+            else:
+                self._queue1.append(pending1)
+            self._pump1(now)
+            return self._ticket
+        seq = self.seq
+        while True:
+            seq = (seq + 1) & 0xFF
+            if seq not in self._pending:
+                break
+            if seq == self.seq:
+                raise LocalProtocolError("256 requests are outstanding; the board answers none of them")
+        self.seq = seq
+        pending = _Pending(self._ticket, cmd, body, seq, window or self.policy.window, attempts)
+        self._pending[seq] = pending
+        self._transmit(pending, now, urgent=urgent)
+        return self._ticket
+
+    def abandon(self, ticket: int) -> None:
+        """Forget a request; an answer that still comes is stale."""
+        for seq, pending in list(self._pending.items()):
+            if pending.ticket == ticket:
+                del self._pending[seq]
+        if self._current1 is not None and self._current1.ticket == ticket:
+            self._quiet_until = self._current1.deadline
+            self._current1 = None
+        self._queue1 = deque(p for p in self._queue1 if p.ticket != ticket)
+
+    def stay_quiet(self, until: float) -> None:
+        """Dialect 1: send nothing before this time, and take what arrives until then as stale."""
+        self._quiet_until = max(self._quiet_until, until)
+
+    # -- board --------------------------------------------------------------------------------------
+
+    def reply(self, request: Request, status: int, body: bytes, now: float) -> None:
+        """Answer a dialect-2 request; the reply is kept for a repeat of it."""
+        frame = request.frame
+        ext = EXT_REPLY | status & EXT_STATUS_MASK
+        first = len(self._out)
+        if len(body) > max_body(self.max_frame):
+            self._send_message(frame.cmd, ext, body, frame.seq, now)
+        else:
+            self._out.append(self._build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
+        self._stored.append((now, frame.src, frame.seq, frame.cmd, frame.body, self._out[first:]))
+
+    def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
+        """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""
+        self.sn = (self.sn + 1) & 0xFFFFFFFF
+        sec, nsec = split_time(now + self.epoch)
+        self.counters.frames_sent += 1
+        self._out.append(
+            serialize_frame(
+                proto=PROTO_CHAPTER,
+                cmd=Command.READ,
+                body=packet,
+                seq=self.sn & 0xFF,
+                sn=self.sn,
+                src=self.local,
+                dst=dst,
+                type=self.type,
+                time_sec=sec,
+                # The chapter's clock counts milliseconds, and so do its time stamps.
+                time_nsec=nsec // 1_000_000 * 1_000_000,
+                max_frame=self.max_frame,
+            )
+        )
+
+    def report(self, cmd: int, body: bytes, now: float) -> None:
+        """Send a frame nobody asked for."""
+        self.seq = (self.seq + 1) & 0xFF
+        self._out.append(self._build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
+
+    # -- sending ------------------------------------------------------------------------------------
+
+    def _build(
+        self, proto: int, cmd: int, body: bytes, seq: int, now: float, ext: int = 0, dst: int | None = None
+    ) -> bytes:
+        self.sn = sn = (self.sn + 1) & 0xFFFFFFFF
+        self.counters.frames_sent += 1
+        sec, nsec = split_time(now + self.epoch)
+        if self.cautious or (proto == PROTO_CHAPTER and self.role is Role.HOST):
+            data, self.sn = clean_frame(
+                proto, cmd, body, seq, sn, self.local, self.remote, self.type, sec, nsec, ext, self.max_frame
+            )
+            return data
+        return serialize_frame(
+            proto=proto,
+            cmd=cmd,
+            body=body,
+            seq=seq,
+            sn=sn,
+            src=self.local,
+            dst=self.remote if dst is None else dst,
+            type=self.type,
+            time_sec=sec,
+            time_nsec=nsec,
+            cmd_ext=ext,
+            max_frame=self.max_frame,
+        )
+
+    def _send_frame(self, cmd: int, body: bytes, now: float) -> None:
+        self._out.append(self._build(PROTO_HEXWIRE, cmd, body, self.seq, now))
+
+    def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float) -> None:
+        # The low byte of a message id is the seq of its request, so that a reply in fragments finds it.
+        self._message_count = (self._message_count + 1) & 0xFF
+        message_id = self._message_count << 8 | seq
+        for chunk in self._fragments_out.send(message_id, cmd, ext, body, now):
+            self._send_frame(Command.FRAGMENT, chunk, now)
+
+    def _transmit(self, pending: _Pending, now: float, *, urgent: bool = False) -> None:
+        pending.sent += 1
+        pending.sent_at = now
+        pending.deadline = now + pending.window
+        if len(pending.body) > max_body(self.max_frame):
+            if pending.sent == 1:
+                self._send_message(pending.cmd, 0, pending.body, pending.seq, now)
+            return
+        data = self._build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
+        if urgent:
+            self._out.insert(0, data)
+        else:
+            self._out.append(data)
+
+    # -- receiving ----------------------------------------------------------------------------------
+
+    def _receive_frame(self, frame: Frame, now: float) -> None:
+        if frame.proto == PROTO_CHAPTER:
+            if self.role is Role.BOARD:
+                self._add(Request(frame))
+            else:
+                self._receive1(frame, now)
+            return
+        ext = frame.cmd_ext
+        if self.role is Role.HOST and ext & EXT_REPLY:
+            pending = self._pending.get(frame.seq)
+            if pending is None or pending.cmd != frame.cmd or frame.src != self.remote:
+                self._stale(frame, "answers nothing that was asked")
+                return
+            del self._pending[frame.seq]
+            self.counters.replies += 1
+            self._events.append(
+                Reply(
+                    pending.ticket,
+                    frame.cmd,
+                    ext & EXT_STATUS_MASK,
+                    frame.body,
+                    frame,
+                    now - pending.sent_at,
+                    pending.sent,
+                )
+            )
+        elif frame.cmd == Command.FRAGMENT or frame.cmd == Command.FRAGMENT_MISSING:
+            self._receive_fragment(frame, now)
+        elif self.role is Role.HOST:
+            if ext & EXT_UNSOLICITED:
+                self._receive_report(frame)
+            else:
+                self._stale(frame, "a request, and this is a host")
+        elif frame.dst != self.local or ext:
+            self._stale(frame, "not for this board")
+        else:
+            self._receive_request(frame, now)
+
+    def _receive_request(self, frame: Frame, now: float) -> None:
+        for when, src, seq, cmd, body, reply in self._stored:
+            if (
+                seq == frame.seq
+                and cmd == frame.cmd
+                and src == frame.src
+                and body == frame.body
+                and now - when < tables.REPEAT_WINDOW
+            ):
+                self.counters.repeats += 1
+                self._out.extend(reply)
+                return
+        self._add(Request(frame))
+
+    def _receive_report(self, frame: Frame) -> None:
+        self.counters.reports += 1
+        if self._reports >= _MAX_REPORTS:
+            # The newest state matters most: the oldest report makes room.
+            oldest = next(e for e in self._events if e.__class__ is Report)
+            self._events.remove(oldest)
+            self._reports -= 1
+            self.counters.reports_dropped += 1
+        self._events.append(Report(frame))
+        self._reports += 1
+
+    def _receive_fragment(self, frame: Frame, now: float) -> None:
+        try:
+            if frame.cmd == Command.FRAGMENT_MISSING:
+                for chunk in self._fragments_out.receive_missing(frame.body, now):
+                    self._send_frame(Command.FRAGMENT, chunk, now)
+                for pending in self._pending.values():
+                    # The peer is taking our message: its answer's window starts when it has it all.
+                    if len(pending.body) > max_body(self.max_frame):
+                        pending.deadline = now + pending.window
+                return
+            message, asks = self._fragments_in.receive(frame.body, now)
+        except RemoteProtocolError as error:
+            self._add(BadFrame(str(error), frame.body[:64]))
+            return
+        for body in asks:
+            self._send_frame(Command.FRAGMENT_MISSING, body, now)
+        pending_reply = self._pending.get(FragmentHead.parse(frame.body).message_id & 0xFF)
+        if pending_reply is not None:
+            pending_reply.deadline = now + pending_reply.window
+        if message is not None:
+            self._receive_message(frame, message, now)
+
+    def _receive_message(self, frame: Frame, message: Message, now: float) -> None:
+        if message.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
+            self._stale(frame, "a fragment inside a fragment")
+            return
+        whole = frame._replace(
+            cmd=message.cmd, cmd_ext=message.cmd_ext, body=message.body, seq=message.message_id & 0xFF
+        )
+        self._receive_frame(whole, now)
+
+    def _stale(self, frame: Frame, reason: str) -> None:
+        self.counters.stale += 1
+        for pending in self._pending.values():
+            pending.instead = str(frame)
+        if self._current1 is not None:
+            self._current1.instead = str(frame)
+        self._add(Stale(frame, reason))
+
+    def _note(self, event: BadFrame | Garbage) -> None:
+        for pending in self._pending.values():
+            pending.instead = str(event)
+        if self._current1 is not None:
+            self._current1.instead = str(event)
+        self._add(event)
+
+    def _add(self, event: Event) -> None:
+        if len(self._events) >= _MAX_EVENTS:
+            self._events.popleft()
+            self.counters.events_dropped += 1
+        self._events.append(event)
+
+    # -- dialect 1, host ----------------------------------------------------------------------------
+
+    def _pump1(self, now: float) -> None:
+        while self._current1 is None and self._queue1 and now >= self._quiet_until:
+            pending = self._queue1.popleft()
+            self._transmit1(pending, now)
+            if pending.answered:
+                self._current1 = pending
+            else:
+                self._quiet_until = now + self.policy.dialect1_holdoff
+                self._add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
+
+    def _transmit1(self, pending: Pending1, now: float) -> None:
+        self.seq = (self.seq + 1) & 0xFF
+        self._out.append(self._build(PROTO_CHAPTER, pending.cmd, pending.body, self.seq, now))
+        pending.sent += 1
+        pending.sent_at = now
+        pending.deadline = now + pending.window
+
+    def _receive1(self, frame: Frame, now: float) -> None:
+        pending = self._current1
+        if pending is None:
+            identify = next((p for p in self._pending.values() if p.cmd == Command.IDENTIFY), None)
+            if identify is not None and frame.body == UNKNOWN_COMMAND_PACKET:
+                del self._pending[identify.seq]
+                self._add(
+                    Reply(
+                        identify.ticket,
+                        identify.cmd,
+                        Status.UNKNOWN_COMMAND,
+                        b"",
+                        frame,
+                        now - identify.sent_at,
+                        identify.sent,
+                    )
+                )
+                return
+            self._stale(frame, "dialect 1, and nothing was asked in it")
+            return
+        packet = match_reply(frame.body, pending)
+        if packet is None:
+            self._stale(frame, f"not an answer to {command_name(pending.cmd)} of servo {pending.servo_id}")
+            return
+        self._current1 = None
+        self.counters.replies += 1
+        if pending.sent > 1:
+            # An answer to the earlier sending may still come, and could pass for the next request's.
+            self._quiet_until = now + pending.window
+        self._add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, now - pending.sent_at, pending.sent))
+        self._pump1(now)
+
+    def _timeout1(self, now: float) -> None:
+        pending = self._current1
+        if pending is not None and pending.deadline <= now:
+            self.decoder.reset()
+            if pending.sent < pending.attempts:
+                self.counters.retries += 1
+                self._transmit1(pending, now)
+            else:
+                self._current1 = None
+                self._quiet_until = now + pending.window
+                self.counters.timeouts += 1
+                self._add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+        self._pump1(now)

@@ -1,0 +1,171 @@
+"""Frames out of a stream of bytes: finds them, checks them, counts what it throws away.
+
+Owns the receive buffer. The one outcome of bad bytes is a `BadFrame` or `Garbage` event and a counter; no
+input raises. Time comes in as `now`. Knows nothing of requests and replies.
+
+Why a frame is cut by its size and never by its tail: PROTOCOL.md section 3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Frame, examine
+from hexwire.wire.session_header import SYNC_BYTES
+
+from .events import BadFrame, Garbage
+
+__all__ = ["DecoderCounters", "FrameDecoder"]
+
+_SAMPLE = 64
+_SYNC_TAILS = tuple(SYNC_BYTES[:n] for n in (3, 2, 1))
+
+
+@dataclass(slots=True)
+class DecoderCounters:
+    """What went through a decoder, in frames and bytes since it was made."""
+
+    bytes_received: int = 0
+    frames: int = 0
+    bad_frames: int = 0
+    bad_checks: int = 0
+    resyncs: int = 0
+    bytes_dropped: int = 0
+
+
+class FrameDecoder:
+    """A resynchronising decoder with a bounded buffer.
+
+    Args:
+        max_frame: Longest frame believed, in bytes.
+        max_buffer: Most bytes kept between calls; what is over is dropped from the front and counted. Only
+            a caller that does not take its events ever gets there.
+        interbyte_timeout: Seconds of silence after which an unfinished frame is given up.
+    """
+
+    def __init__(
+        self,
+        max_frame: int = tables.MAX_SERIAL_FRAME,
+        *,
+        max_buffer: int = 65536,
+        interbyte_timeout: float = tables.INTERBYTE_TIMEOUT,
+    ) -> None:
+        self.max_frame = max_frame
+        self.counters = DecoderCounters()
+        self._max_buffer = max(max_buffer, max_frame)
+        self._interbyte = interbyte_timeout
+        self._data = b""
+        self._pos = 0
+        self._skipped = 0
+        self._sample = b""
+        self._last_rx = 0.0
+        self._waiting = False
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes from the line; events come from `next_event`."""
+        self.counters.bytes_received += len(data)
+        self._last_rx = now
+        pos = self._pos
+        held = self._data
+        self._data = data if pos == len(held) else held[pos:] + data
+        self._pos = 0
+        self._waiting = False
+        if len(self._data) > self._max_buffer:
+            self._skip_to(len(self._data) - self._max_buffer)
+
+    def next_event(self) -> Frame | BadFrame | Garbage | None:
+        """The next thing in the stream, or None if more bytes are needed."""
+        data = self._data
+        end = len(data)
+        while self._pos < end:
+            start = self._pos
+            if not data.startswith(SYNC_BYTES, start):
+                found = data.find(SYNC_BYTES, start)
+                if found < 0:
+                    self._skip_to(end - self._partial_sync(data, start))
+                    break
+                self._skip_to(found)
+                start = found
+            if self._skipped:
+                return self._garbage()
+            result = examine(data, start, self.max_frame)
+            if result.__class__ is Frame:
+                self._pos = start + result.size
+                self.counters.frames += 1
+                return result
+            if isinstance(result, int):
+                self._waiting = True
+                return None
+            self._skip_to(start + 1)
+            if not str(result).startswith("head:"):
+                return self._bad(str(result), start)
+        if self._skipped:
+            return self._garbage()
+        self._waiting = self._pos < end
+        return None
+
+    def next_timeout(self) -> float | None:
+        """When `handle_timeout` wants to be called, or None."""
+        return self._last_rx + self._interbyte if self._waiting else None
+
+    def handle_timeout(self, now: float) -> BadFrame | None:
+        """Give up an unfinished frame if the line has been silent long enough.
+
+        What it held is searched again from its second byte: call `next_event` afterwards.
+        """
+        if not self._waiting or now < self._last_rx + self._interbyte:
+            return None
+        return self.end_of_message("unfinished")
+
+    def end_of_message(self, reason: str = "cut short") -> BadFrame | None:
+        """Nothing follows: what is held unfinished is bad. For links that keep message boundaries."""
+        start = self._pos
+        if start >= len(self._data):
+            return None
+        self._waiting = False
+        if not self._data.startswith(SYNC_BYTES, start):
+            self._skip_to(len(self._data))
+            return None
+        self._skip_to(start + 1)
+        return self._bad(reason, start)
+
+    def reset(self) -> int:
+        """Forget what is held; returns how many bytes that were."""
+        held = len(self._data) - self._pos
+        self.counters.bytes_dropped += held
+        self._data = b""
+        self._pos = self._skipped = 0
+        self._waiting = False
+        return held
+
+    def _bad(self, reason: str, start: int) -> BadFrame:
+        # The byte that was just passed over is reported with this event, not as garbage of its own.
+        self._skipped = 0
+        self.counters.bad_frames += 1
+        if reason.startswith("check"):
+            self.counters.bad_checks += 1
+        return BadFrame(reason, self._data[start : start + _SAMPLE])
+
+    def _skip_to(self, position: int) -> None:
+        skipped = position - self._pos
+        if skipped <= 0:
+            return
+        if not self._skipped:
+            self._sample = self._data[self._pos : min(position, self._pos + _SAMPLE)]
+        self._skipped += skipped
+        self.counters.bytes_dropped += skipped
+        self._pos = position
+
+    def _garbage(self) -> Garbage:
+        event = Garbage(self._skipped, self._sample)
+        self._skipped = 0
+        self.counters.resyncs += 1
+        return event
+
+    @staticmethod
+    def _partial_sync(data: bytes, start: int) -> int:
+        for tail in _SYNC_TAILS:
+            if data.endswith(tail) and len(data) - start >= len(tail):
+                return len(tail)
+        return 0

@@ -1,0 +1,124 @@
+"""What a session can report: frozen values that travel up, one kind an event.
+
+Owns the event types and their log lines. Knows nothing of how they come about.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hexwire.wire.command_frame import Frame, command_name, status_name
+
+__all__ = ["BadFrame", "Event", "Garbage", "Reply", "Report", "Request", "Stale", "TimedOut"]
+
+
+@dataclass(frozen=True, slots=True)
+class Garbage:
+    """Bytes that belong to no frame.
+
+    Attributes:
+        count: How many were thrown away.
+        data: The first of them, at most 64.
+    """
+
+    count: int
+    data: bytes
+
+    def __str__(self) -> str:
+        return f"{self.count} bytes of garbage: {self.data[:16].hex(' ').upper()}"
+
+
+@dataclass(frozen=True, slots=True)
+class BadFrame:
+    """Something that began like a frame and was not a good one. Nothing in it is acted on.
+
+    Attributes:
+        reason: In words: the check, the tail, unfinished.
+        data: Its first bytes, at most 64.
+    """
+
+    reason: str
+    data: bytes
+
+    def __str__(self) -> str:
+        return f"bad frame, {self.reason}: {self.data[:16].hex(' ').upper()}"
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Board side: a host asks for something. Answer it with `Connection.reply`."""
+
+    frame: Frame
+
+    def __str__(self) -> str:
+        return f"request {self.frame}"
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Host side: the answer to the request with this ticket.
+
+    Attributes:
+        ticket: What `Connection.request` gave.
+        cmd: Command code of the request.
+        status: Status code; 0 is ok. Always 0 in dialect 1, where errors are packets.
+        body: In dialect 2 the reply's body; in dialect 1 the status packet, echo and noise removed.
+        frame: The frame it came in; None for a command of dialect 1 that is never answered.
+        rtt: Seconds from the last sending to the answer.
+        attempts: How often it was sent.
+    """
+
+    ticket: int
+    cmd: int
+    status: int
+    body: bytes
+    frame: Frame | None
+    rtt: float
+    attempts: int
+
+    def __str__(self) -> str:
+        return f"reply to {command_name(self.cmd)}: {status_name(self.status)}, {len(self.body)} bytes"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Host side: a frame the board sent without being asked."""
+
+    frame: Frame
+
+    def __str__(self) -> str:
+        return f"report {self.frame}"
+
+
+@dataclass(frozen=True, slots=True)
+class TimedOut:
+    """Host side: no answer to the request with this ticket, after all attempts.
+
+    Attributes:
+        ticket: What `Connection.request` gave.
+        cmd: Command code of the request.
+        attempts: How often it was sent.
+        instead: What arrived meanwhile, in words; empty if nothing did.
+    """
+
+    ticket: int
+    cmd: int
+    attempts: int
+    instead: str
+
+    def __str__(self) -> str:
+        return f"no answer to {command_name(self.cmd)} after {self.attempts}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stale:
+    """Host side: a good frame that answers nothing we wait for; thrown away and counted."""
+
+    frame: Frame
+    reason: str
+
+    def __str__(self) -> str:
+        return f"stale frame, {self.reason}: {self.frame}"
+
+
+Event = Garbage | BadFrame | Request | Reply | Report | TimedOut | Stale

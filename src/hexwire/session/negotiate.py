@@ -1,0 +1,139 @@
+"""Which dialect does the board speak? Ask with IDENTIFY; fall back to the chapter's dialect.
+
+Owns the order of the questions and the verdict when nobody answers. Works on a `Connection`, sans I/O: the
+caller moves bytes, hands events in with `handle`, and calls `handle_timeout`. A board that is still booting
+(opening its port resets a Mega) is waited for by asking, until a deadline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hexwire.errors import RemoteProtocolError
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.commands import Identity
+from hexwire.wire.servo_packet import make_ping
+from hexwire.wire.tables import PROTO_CHAPTER, PROTO_HEXWIRE
+
+from .connection import Connection
+from .events import Event, Reply, TimedOut
+
+__all__ = ["Negotiated", "NegotiationFailed", "Negotiator"]
+
+_ASK_WINDOW = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Negotiated:
+    """The board answered.
+
+    Attributes:
+        dialect: 1 or 2.
+        identity: What it said of itself; None in dialect 1, which has no such question.
+    """
+
+    dialect: int
+    identity: Identity | None
+
+
+@dataclass(frozen=True, slots=True)
+class NegotiationFailed:
+    """Nobody answered in either dialect.
+
+    Attributes:
+        attempts: How often we asked.
+        bytes_received: Bytes that arrived meanwhile.
+        frames: Good frames among them.
+    """
+
+    attempts: int
+    bytes_received: int
+    frames: int
+
+
+class Negotiator:
+    """One negotiation.
+
+    Args:
+        connection: A host connection; its dialect is set to the outcome.
+        now: Seconds, monotonic.
+        boot_window: Seconds to go on asking.
+        ping_ids: Servos to ping in dialect 1.
+        dialect: Ask only in this dialect; both if None.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        now: float,
+        *,
+        boot_window: float = tables.BOOT_WINDOW,
+        ping_ids: Sequence[int] = (0,),
+        dialect: int | None = None,
+    ) -> None:
+        self.outcome: Negotiated | NegotiationFailed | None = None
+        self._connection = connection
+        self._deadline = now + boot_window
+        self._ping_ids = tuple(ping_ids) or (0,)
+        self._only = dialect
+        self._asked = 0
+        self._pings = 0
+        self._bytes_before = connection.decoder.counters.bytes_received
+        self._frames_before = connection.decoder.counters.frames
+        self._ticket = 0
+        connection.cautious = True
+        self._ask(now)
+
+    def handle(self, event: Event, now: float) -> None:
+        """Take an event of the connection; `outcome` is set when it settles the matter."""
+        if self.outcome is not None or not isinstance(event, Reply | TimedOut) or event.ticket != self._ticket:
+            return
+        if isinstance(event, TimedOut):
+            self._next(now)
+        elif event.cmd != Command.IDENTIFY:
+            self._settle(Negotiated(PROTO_CHAPTER, None), now)
+        elif event.status == Status.OK and self._only != PROTO_CHAPTER:
+            try:
+                identity = Identity.parse(event.body)
+            except RemoteProtocolError:
+                self._next(now)
+            else:
+                self._settle(Negotiated(PROTO_HEXWIRE, identity), now)
+        elif self._only is None:
+            self._settle(Negotiated(PROTO_CHAPTER, None), now)
+        else:
+            self._next(now)
+
+    def _settle(self, outcome: Negotiated, now: float) -> None:
+        self.outcome = outcome
+        self._connection.dialect = outcome.dialect
+        self._connection.cautious = outcome.dialect == PROTO_CHAPTER
+        if outcome.dialect == PROTO_CHAPTER and self._asked > 1:
+            # A board that booted meanwhile now answers what it had queued: let that pass.
+            self._connection.stay_quiet(now + tables.DIALECT1_REPLY_WINDOW)
+
+    def _next(self, now: float) -> None:
+        if now < self._deadline:
+            self._ask(now)
+            return
+        counters = self._connection.decoder.counters
+        self.outcome = NegotiationFailed(
+            self._asked, counters.bytes_received - self._bytes_before, counters.frames - self._frames_before
+        )
+
+    def _ask(self, now: float) -> None:
+        # IDENTIFY twice, then a dialect-1 ping, and so on: a board that answers neither of the first two
+        # may still know the ping.
+        ping = self._only == PROTO_CHAPTER or (self._only is None and self._asked % 3 == 2)
+        self._asked += 1
+        connection = self._connection
+        if ping:
+            servo_id = self._ping_ids[self._pings % len(self._ping_ids)]
+            self._pings += 1
+            connection.dialect = PROTO_CHAPTER
+            self._ticket = connection.request(Command.PING, make_ping(servo_id), now, attempts=1)
+        else:
+            connection.dialect = PROTO_HEXWIRE
+            self._ticket = connection.request(Command.IDENTIFY, b"", now, window=_ASK_WINDOW, attempts=1)

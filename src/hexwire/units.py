@@ -1,0 +1,31 @@
+"""Conversions between what people type, what servos count and SI.
+
+Owns factors and nothing else. The API of hexwire is SI: radians, seconds, volts, amperes, fractions of full
+scale. Degrees are for people; counts live in `wire` and in the joint model.
+"""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "degrees", "radians", "split_time"]
+
+NSEC = 1_000_000_000
+
+CHAPTER_RADIANS_PER_COUNT = 0.001534
+"""Angle of one encoder count as the chapter's host computes it: the rounded constant, not 2 pi / 4096.
+Every angle printed in the chapter's log confirms it to six digits."""
+
+degrees = math.degrees
+radians = math.radians
+
+
+def split_time(seconds: float) -> tuple[int, int]:
+    """Split a time into whole seconds and nanoseconds, both unsigned as the session header wants them.
+
+    Negative times, which a clock may give before it is set, become zero.
+    """
+    if seconds <= 0:
+        return 0, 0
+    whole = int(seconds)
+    return whole & 0xFFFFFFFF, int((seconds - whole) * NSEC)

@@ -1,0 +1,293 @@
+"""The whole frame: session header, command header, body, check, pad and tail.
+
+Owns the layout of both dialects and the rules that make a frame good. Knows nothing of streams: finding a
+frame among other bytes is `session.decoder`, which calls `examine` here.
+"""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+from enum import IntEnum
+from typing import NamedTuple
+
+from hexwire.errors import LocalProtocolError, RemoteProtocolError
+
+from . import tables
+from .checksum import frame_check
+from .modules import module_name
+from .session_header import SYNC_BYTES, SessionHeader
+from .tables import (
+    EXT_REPLY,
+    EXT_STATUS_MASK,
+    EXT_UNSOLICITED,
+    FRAME_FLAG,
+    FRAME_OVERHEAD,
+    HEADER_SIZE,
+    MAX_NETWORK_FRAME,
+    PROTO_CHAPTER,
+    PROTO_HEXWIRE,
+    SYNC,
+    TAIL,
+    UNCHECKED,
+)
+
+__all__ = [
+    "BODY_OFFSET",
+    "Command",
+    "Frame",
+    "Status",
+    "command_name",
+    "examine",
+    "max_body",
+    "parse_frame",
+    "serialize_frame",
+    "status_name",
+]
+
+BODY_OFFSET = HEADER_SIZE + 8
+FRAME_HEAD = struct.Struct("<IIIIiiiIBBBBHBB")
+_CHECK = struct.Struct("<H")
+_PADS = tuple(bytes([tables.PAD_BYTE]) * n + TAIL for n in range(4))
+
+
+class Command(IntEnum):
+    """Command codes; 1 to 3 are the chapter's, the rest are dialect 2."""
+
+    PING = 0x01
+    READ = 0x02
+    SYNC_WRITE = 0x03
+    IDENTIFY = 0x10
+    JOINT_STATE = 0x11
+    REPORT = 0x12
+    JOINT_MOVE = 0x13
+    TORQUE = 0x14
+    STOP = 0x15
+    RESUME = 0x16
+    WATCHDOG = 0x17
+    LIMITS = 0x18
+    OFFSETS = 0x19
+    TRANSACT = 0x1A
+    STATS = 0x1B
+    FRAGMENT = 0x1C
+    FRAGMENT_MISSING = 0x1D
+    IO = 0x1E
+
+
+class Status(IntEnum):
+    """Status codes of dialect-2 replies."""
+
+    OK = 0
+    BAD_LENGTH = 1
+    BAD_RANGE = 2
+    UNKNOWN_COMMAND = 3
+    BUSY = 4
+    STOPPED = 5
+    SERVO_SILENT = 6
+    SERVO_FAULT = 7
+    TORQUE_OFF = 8
+    STORAGE = 9
+    NOT_SUPPORTED = 10
+
+
+_COMMAND_NAMES = {c.value: c.name for c in Command}
+_STATUS_NAMES = {s.value: s.name.lower().replace("_", " ") for s in Status}
+
+
+def command_name(code: int) -> str:
+    """Name of a command code, or ``command 0x7F`` for one nobody knows."""
+    return _COMMAND_NAMES.get(code) or f"command 0x{code:02X}"
+
+
+def status_name(code: int) -> str:
+    """Words for a status code, or ``status 42`` for one nobody knows."""
+    return _STATUS_NAMES.get(code) or f"status {code}"
+
+
+class Frame(NamedTuple):
+    """One whole frame, read or about to be written. Immutable; equal when every field is.
+
+    The header's fields come first, flat, because frames are made a hundred thousand times a second; `header`
+    gives them as a `SessionHeader`.
+    """
+
+    time_sec: int
+    time_nsec: int
+    sn: int
+    src: int
+    dst: int
+    type: int
+    size: int
+    proto: int
+    seq: int
+    cmd: int
+    cmd_ext: int
+    body: bytes
+    check: int
+
+    @property
+    def header(self) -> SessionHeader:
+        """The session header of this frame."""
+        return SessionHeader(*self[:7])
+
+    @property
+    def time(self) -> float:
+        """The sender's clock in seconds."""
+        return self.time_sec + self.time_nsec / 1e9
+
+    @property
+    def is_reply(self) -> bool:
+        """Whether a dialect-2 frame answers a request."""
+        return bool(self.cmd_ext & EXT_REPLY)
+
+    @property
+    def is_unsolicited(self) -> bool:
+        """Whether a dialect-2 frame was sent without being asked for."""
+        return bool(self.cmd_ext & EXT_UNSOLICITED)
+
+    @property
+    def status(self) -> int:
+        """Status code of a dialect-2 reply."""
+        return self.cmd_ext & EXT_STATUS_MASK
+
+    def __str__(self) -> str:
+        """One short line; cannot fail, whatever the fields hold."""
+        kind = ""
+        if self.proto == PROTO_HEXWIRE:
+            if self.is_reply:
+                kind = f" reply {status_name(self.status)}"
+            elif self.is_unsolicited:
+                kind = " report"
+        text = (
+            f"#{self.sn} {module_name(self.src)} -> {module_name(self.dst)} "
+            f"dialect {self.proto} seq {self.seq} {command_name(self.cmd)}{kind} {len(self.body)} bytes"
+        )
+        return text if len(self.body) == 0 else f"{text}: {self.body[:16].hex(' ').upper()}"
+
+
+def max_body(max_frame: int) -> int:
+    """Longest body, in bytes, that fits a frame of `max_frame` bytes with its padding."""
+    return (max_frame - FRAME_OVERHEAD) & ~3
+
+
+def serialize_frame(
+    *,
+    proto: int,
+    cmd: int,
+    body: bytes,
+    seq: int,
+    sn: int,
+    src: int,
+    dst: int,
+    type: int,
+    time_sec: int,
+    time_nsec: int,
+    cmd_ext: int = 0,
+    max_frame: int = MAX_NETWORK_FRAME,
+) -> bytes:
+    """Build a frame's bytes; the check is FF FF in dialect 1 and the CRC in dialect 2.
+
+    Raises:
+        LocalProtocolError: The frame would be longer than `max_frame`.
+    """
+    length = len(body)
+    pad = -length & 3
+    size = FRAME_OVERHEAD + length + pad
+    if size > max_frame:
+        raise LocalProtocolError(
+            f"{command_name(cmd)} would need a frame of {size} bytes, the line takes {max_frame}"
+        )
+    data = (
+        FRAME_HEAD.pack(
+            SYNC,
+            time_sec,
+            time_nsec,
+            sn,
+            src,
+            dst,
+            type,
+            size,
+            FRAME_FLAG,
+            proto,
+            seq,
+            pad,
+            length,
+            cmd,
+            cmd_ext,
+        )
+        + body
+    )
+    check = frame_check(data) if proto == PROTO_HEXWIRE else UNCHECKED
+    return data + _CHECK.pack(check) + _PADS[pad]
+
+
+_unpack_head = FRAME_HEAD.unpack_from
+_new_frame = tuple.__new__
+
+
+def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
+    """Judge the bytes at `start`, which begin with the sync word.
+
+    Returns:
+        A `Frame` if a whole good one stands there; a reason (str) starting with ``head:`` if the header cannot
+        be one, or other words if a whole frame is there but bad; else the number of bytes (int) that must be
+        there before more can be said.
+    """
+    available = len(data) - start
+    if available < BODY_OFFSET:
+        return BODY_OFFSET
+    (_, sec, nsec, sn, src, dst, kind, size, flag, proto, seq, pad, length, cmd, ext) = _unpack_head(data, start)
+    if size > max_frame or flag != FRAME_FLAG:
+        return f"head: size {size} is over {max_frame}" if size > max_frame else f"head: flag 0x{flag:02X}"
+    if size != FRAME_OVERHEAD + length + pad or pad != -length & 3:
+        return f"head: size {size} does not fit length {length} and pad {pad}"
+    if proto != PROTO_HEXWIRE and proto != PROTO_CHAPTER:
+        return f"head: unknown dialect {proto}"
+    if available < size:
+        return size
+    body_end = start + BODY_OFFSET + length
+    end = start + size
+    if data[end - 2 : end] != TAIL:
+        return f"tail is {data[end - 2 : end].hex(' ').upper()}, not 0D 0A"
+    check = data[body_end] | data[body_end + 1] << 8
+    if proto == PROTO_HEXWIRE:
+        expected = crc_hqx(data[start:body_end], 0xFFFF)
+        if (check != expected and (expected != UNCHECKED or check != 0)) or check == UNCHECKED:
+            return f"check is {check:04X}, not {0 if expected == UNCHECKED else expected:04X}"
+    frame: Frame = _new_frame(
+        Frame,
+        (
+            sec,
+            nsec,
+            sn,
+            src,
+            dst,
+            kind,
+            size,
+            proto,
+            seq,
+            cmd,
+            ext,
+            data[start + BODY_OFFSET : body_end],
+            check,
+        ),
+    )
+    return frame
+
+
+def parse_frame(data: bytes, max_frame: int = MAX_NETWORK_FRAME) -> Frame:
+    """Read exactly one frame.
+
+    Raises:
+        RemoteProtocolError: It is not one; the text says why.
+    """
+    if data[:4] != SYNC_BYTES:
+        raise RemoteProtocolError(f"no sync word: {data[:4].hex(' ').upper() or 'no bytes'}")
+    result = examine(data, 0, max_frame)
+    if isinstance(result, int):
+        raise RemoteProtocolError(f"cut short: {len(data)} of {result} bytes")
+    if isinstance(result, str):
+        raise RemoteProtocolError(result.removeprefix("head: "))
+    if len(data) != result.size:
+        raise RemoteProtocolError(f"{len(data) - result.size} bytes after the frame")
+    return result

@@ -1,0 +1,57 @@
+"""Module ids and channel kinds of the chapter, with their strings.
+
+Owns the two enumerations. Knows nothing of configuration files or links; those look names up here.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from hexwire.errors import UsageError
+
+__all__ = ["IpcType", "ModuleType", "module_name", "parse_module"]
+
+
+class ModuleType(IntEnum):
+    """The chapter's ModuleType_e: who speaks and who is spoken to."""
+
+    INVALID_MODULE = -1
+    ROS1_HOST = 0
+    JOY_STICK = 1
+    PUMA260_HOST_IO_TRX = 2
+    PUMA260_RBT_IO_SVR = 3
+    PUMA260_HOST_JNT_CMD_TX = 4
+    PUMA260_HOST_JSTATE_RX = 5
+    PUMA260_HOST_JTRAJ_TX = 6
+    ARM_7BOT_SERIAL_TRX = 7
+    ARM_7BOT_ARDUINO_TRX = 8
+
+
+class IpcType(IntEnum):
+    """The chapter's Ipctype_e: what kind of channel."""
+
+    QUEUE = 0
+    TCP = 1
+    UDP = 2
+    SERIAL = 3
+
+
+_NAMES = {member.value: member.name for member in ModuleType}
+
+
+def module_name(module_id: int) -> str:
+    """Name of a module id; ids the chapter does not have come back as ``module 42``."""
+    return _NAMES.get(module_id) or f"module {module_id}"
+
+
+def parse_module(text: str) -> ModuleType:
+    """Look a module up by the chapter's string.
+
+    Raises:
+        UsageError: The name is none of the chapter's; the text lists them.
+    """
+    try:
+        return ModuleType[text.strip()]
+    except KeyError:
+        known = ", ".join(m.name for m in ModuleType if m >= 0)
+        raise UsageError(f"unknown module {text!r}; known are {known}") from None
