@@ -219,9 +219,7 @@ class PollLink(Link):
     def open(self) -> None:
         with self._changing:
             if self._state in (_State.OPEN, _State.OPENING):
-                raise LinkBusyError(
-                    f"{self.url} is open already: one link object has one owner", url=self.url
-                )
+                raise LinkBusyError(f"{self.url} is open already: one link object has one owner", url=self.url)
             if self._state is _State.LOST:
                 self._release()
             self._closing = False
@@ -305,10 +303,12 @@ class PollLink(Link):
                         woken = True
                 if data:
                     return data
-                if woken and not self._closing:
+                if self._closing or not self.is_open:
+                    continue  # woken to be told that the line is closed or lost
+                if woken:
                     self._read_waker.clear()
                     return b""
-                if deadline is not None and monotonic() >= deadline and not self._closing:
+                if deadline is not None and monotonic() >= deadline:
                     return b""
             raise self._refusal()
         finally:
@@ -348,8 +348,7 @@ class PollLink(Link):
         size = len(data)
         if self.max_message is not None and size > self.max_message:
             raise UsageError(
-                f"{self.url} carries messages of at most {self.max_message} bytes, not {size}: "
-                "send it in parts"
+                f"{self.url} carries messages of at most {self.max_message} bytes, not {size}: send it in parts"
             )
         if not self._writing.acquire(blocking=False) and not self._take_turn(self._writing, deadline):
             raise self._late(0, size)
@@ -433,6 +432,4 @@ class PollLink(Link):
 
     def _late(self, sent: int, size: int) -> LinkTimeoutError:
         took = f"{sent} of {size} bytes" if sent else f"none of {size} bytes"
-        return LinkTimeoutError(
-            f"{self.url} took {took} in time: the other side is not reading", url=self.url
-        )
+        return LinkTimeoutError(f"{self.url} took {took} in time: the other side is not reading", url=self.url)

@@ -45,9 +45,7 @@ _BOTHER = 0o010000
 _CBAUD = 0o010017
 _TCGETS2 = 0x802C542A
 _TCSETS2 = 0x402C542B
-_TERMIOS2 = struct.Struct(
-    "=4I20B2I"
-)  # iflag oflag cflag lflag, line and 19 control characters, ispeed ospeed
+_TERMIOS2 = struct.Struct("=4I20B2I")  # iflag oflag cflag lflag, line and 19 control characters, ispeed ospeed
 _ASYNC_LOW_LATENCY = 1 << 13
 _SERIAL_STRUCT_INTS = 32  # more than the kernel's serial_struct; flags is its fifth int
 
@@ -142,12 +140,14 @@ class SerialLink(PollLink):
             raise self._no_port("is not a serial port")
         self._claim()
         try:
-            self._configure()
+            taken = self._configure()
         except (OSError, termios.error) as error:
             raise LinkLostError(
                 f"{self.device} does not take its settings ({error.args[-1]}){self._lost_advice}",
                 url=self.url,
             ) from error
+        if not taken:
+            raise LinkError(f"{self.device} refuses raw mode with 8 data bits: use another port", url=self.url)
         if self._low_latency:
             self._ask_low_latency()
 
@@ -234,9 +234,7 @@ class SerialLink(PollLink):
         if error.errno == errno.EBUSY:
             return self._busy()
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.ELOOP):
-            return self._no_port(
-                "does not exist" if error.errno == errno.ENOENT else "has no device behind it"
-            )
+            return self._no_port("does not exist" if error.errno == errno.ENOENT else "has no device behind it")
         if error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
             return self._no_port("is not a serial port")
         return LinkError(f"{self.device} cannot be opened: {error.strerror}", url=self.url)
@@ -250,9 +248,7 @@ class SerialLink(PollLink):
         return LinkBusyError(f"{self.device} is in use {by}: close that first", url=self.url)
 
     def _bad_baud(self, why: str) -> UsageError:
-        return UsageError(
-            f"{self.device} cannot do {self.baud} baud ({why}): use 115200 or another usual rate"
-        )
+        return UsageError(f"{self.device} cannot do {self.baud} baud ({why}): use 115200 or another usual rate")
 
     def _permission_advice(self) -> str:
         try:
