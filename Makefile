@@ -3,7 +3,7 @@
 
 UV_VERSION := 0.13.8
 # The optional dependencies that the tests use, see pyproject.toml.
-EXTRAS := mq tls joystick
+EXTRAS := mq tls joystick numpy motion record plots sim
 # The Debian packages that the tests use.
 APT_TEST :=
 
