@@ -403,6 +403,7 @@ def test_addresses() -> None:
         ),
         ("serial:///dev/ttyUSB0?baud=fast", "baud must be a whole number from 50 to 12000000, not 'fast'"),
         ("/dev/ttyUSB0?baud=1", "baud must be a whole number"),
+        ("serial:///dev/tty%00", "has a zero character in it"),
         ("/dev/ttyUSB0?reset=maybe", "reset must be 1 or 0, not 'maybe'"),
     ],
 )

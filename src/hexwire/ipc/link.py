@@ -284,8 +284,12 @@ class PollLink(Link):
         if not self._reading.acquire(blocking=False) and not self._take_turn(self._reading, deadline):
             return b""
         self._reader = threading.get_ident()
+        woken = False
         try:
             while self._state is _State.OPEN and not self._closing:
+                if woken:
+                    self._read_waker.clear()
+                    return b""
                 if deadline is None:
                     events = self._wait_to_read()
                 else:
@@ -293,22 +297,16 @@ class PollLink(Link):
                     left = deadline - monotonic()
                     events = self._wait_to_read(min(left, _LONGEST_POLL) * 1000.0 if left > 0.0 else 0)
                 data = b""
-                woken = False
                 for fd, _ in events:
                     if fd == self._fd:
                         data = self._receive()
                     elif fd in self._watched:
                         self._watched[fd]()
                     else:
-                        woken = True
+                        woken = True  # by wake(), or because the link was closed or lost: look again
                 if data:
                     return data
-                if self._closing or not self.is_open:
-                    continue  # woken to be told that the line is closed or lost
-                if woken:
-                    self._read_waker.clear()
-                    return b""
-                if deadline is not None and monotonic() >= deadline:
+                if not woken and deadline is not None and monotonic() >= deadline:
                     return b""
             raise self._refusal()
         finally:

@@ -80,6 +80,8 @@ class SerialLink(PollLink):
     ) -> None:
         if not _BAUD_LOW <= baud <= _BAUD_HIGH:
             raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
+        if "\0" in device:
+            raise UsageError(f"{device!r} is not a path: it has a zero character in it")
         super().__init__(f"serial://{device}?baud={baud}")
         self.device = device
         self.baud = baud

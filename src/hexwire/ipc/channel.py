@@ -1,0 +1,235 @@
+"""One channel of `ipc_msg.conf`: what it says, whether that makes sense, and the link it needs.
+
+Owns the meaning that both forms of the file share, and the wording of its errors. Must not know how a file is
+written, nor open a link.
+"""
+
+from __future__ import annotations
+
+import enum
+import ipaddress
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from urllib.parse import quote
+
+from hexwire.errors import ConfigError
+from hexwire.wire.modules import IpcType, ModuleType
+
+__all__ = ["Cell", "ChannelConf", "Direction", "Record", "is_loopback", "link_url", "make_channels", "rows_of"]
+
+DEFAULT_BAUD = 115200
+COLUMNS = ("module_name", "direction", "destination_module", "interface", "address", "port", "peer")
+NEEDED = 5
+_HOST = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?:\.(?!-)[A-Za-z0-9_-]{1,63})*")
+_QUEUE = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
+MODULES = {module.name: module for module in ModuleType if module is not ModuleType.INVALID_MODULE}
+
+
+class Direction(enum.Enum):
+    """Who opens the channel and which way it carries data."""
+
+    CLIENT_TX = "CLIENT_TX"
+    CLIENT_RX = "CLIENT_RX"
+    CLIENT_TRX = "CLIENT_TRX"
+    SERVER_TX = "SERVER_TX"
+    SERVER_RX = "SERVER_RX"
+    SERVER_TRX = "SERVER_TRX"
+
+    @property
+    def is_server(self) -> bool:
+        """The module waits to be called."""
+        return self.value.startswith("SERVER")
+
+    @property
+    def sends(self) -> bool:
+        """The module sends on this channel."""
+        return self.value.endswith(("_TX", "_TRX"))
+
+    @property
+    def receives(self) -> bool:
+        """The module receives on this channel."""
+        return self.value.endswith(("_RX", "_TRX"))
+
+
+@dataclass(frozen=True)
+class ChannelConf:
+    """One channel of the file.
+
+    Attributes:
+        module: The module that owns the channel.
+        direction: Client or server; sends, receives or both.
+        destination: The module at the other end.
+        interface: Queue, TCP, UDP or serial.
+        address: Host, device path or queue name; for a server the address to bind.
+        port: TCP or UDP port; baud rate of a serial port; None for a queue.
+        peer: Host that a UDP server listens to; empty for all others and on loopback.
+        line: Line of the file it starts on; 0 if it came from elsewhere. Does not count when comparing.
+    """
+
+    module: ModuleType
+    direction: Direction
+    destination: ModuleType
+    interface: IpcType
+    address: str
+    port: int | None = None
+    peer: str = ""
+    line: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A word of the file and where it stands, both from 1."""
+
+    text: str
+    line: int
+    column: int
+
+
+class Record:
+    """The words of one channel by column name; every complaint about them comes from here."""
+
+    def __init__(self, cells: Mapping[str, Cell], start: Cell, file: str) -> None:
+        self.cells = cells
+        self.start = start
+        self.file = file
+
+    def error(self, column: str, message: str) -> ConfigError:
+        cell = self.cells.get(column, self.start)
+        return ConfigError(message, file=self.file, line=cell.line, column=cell.column)
+
+    def text(self, column: str) -> str:
+        return self.cells[column].text if column in self.cells else ""
+
+    def one_of(self, column: str, known: Iterable[str]) -> str:
+        text, names = self.text(column), list(known)
+        if text not in names:
+            raise self.error(column, f"unknown {column} {text!r}; known: {', '.join(names)}")
+        return text
+
+    def host(self, column: str) -> str:
+        text = self.text(column)
+        if _is_address(text):
+            return text
+        if not _HOST.fullmatch(text) or re.fullmatch(r"[0-9.]+", text):
+            raise self.error(column, f"bad {column} {text!r}: neither an IP address nor a host name")
+        return text
+
+    def number(self, column: str, what: str, low: int, high: int) -> int:
+        text = self.text(column)
+        if not re.fullmatch(r"[0-9]{1,9}", text) or not low <= int(text) <= high:
+            raise self.error(column, f"bad {what} {text!r}: a number from {low} to {high} is needed")
+        return int(text)
+
+    def channel(self) -> ChannelConf:
+        for column in COLUMNS[:NEEDED]:
+            if column not in self.cells:
+                raise self.error(
+                    "", f"the record ends before its {column}; columns: {' '.join(COLUMNS[:5])} [port]"
+                )
+        module = MODULES[self.one_of("module_name", MODULES)]
+        direction = Direction(self.one_of("direction", (member.value for member in Direction)))
+        destination = MODULES[self.one_of("destination_module", MODULES)]
+        interface = IpcType[self.one_of("interface", (member.name for member in IpcType))]
+        address, port, peer = self._way(interface, direction)
+        return ChannelConf(module, direction, destination, interface, address, port, peer, self.start.line)
+
+    def _way(self, interface: IpcType, direction: Direction) -> tuple[str, int | None, str]:
+        """Address, port and peer, by what the interface needs."""
+        listens = interface is IpcType.UDP and direction.is_server
+        if "peer" in self.cells and not listens:
+            raise self.error(
+                "peer", f"{self.text('peer')!r} is one word too many: only a UDP server names its peer"
+            )
+        if interface is IpcType.QUEUE:
+            name = self.text("address")
+            if not _QUEUE.fullmatch(name):
+                raise self.error("address", f"bad address {name!r}: a queue is named by letters, digits, . _ and -")
+            if "port" in self.cells:
+                raise self.error("port", f"a queue has no port; {self.text('port')!r} is one word too many")
+            return name, None, ""
+        if interface is IpcType.SERIAL:
+            device = self.text("address")
+            if not device.startswith("/") or device.endswith("/") or not device.isprintable():
+                raise self.error("address", f"bad address {device!r}: a device path such as /dev/ttyUSB0 is needed")
+            baud = self.number("port", "baud rate", 50, 12_000_000) if "port" in self.cells else DEFAULT_BAUD
+            return device, baud, ""
+        host = self.host("address")
+        if "port" not in self.cells:
+            raise self.error("", f"the record ends before its port; {interface.name} needs one")
+        port = self.number("port", "port", 1, 65535)
+        peer = self.host("peer") if "peer" in self.cells else ""
+        if listens and not peer and not is_loopback(host):
+            raise self.error(
+                "address",
+                f"a UDP server on {host} must name the host it listens to, in a column behind the port",
+            )
+        return host, port, peer
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return True
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is this machine talking to itself."""
+    return host == "localhost" or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
+
+
+def make_channels(records: list[Record]) -> list[ChannelConf]:
+    """Make the channels and check them against each other."""
+    channels: list[ChannelConf] = []
+    taken: dict[tuple[object, ...], ChannelConf] = {}
+    for record in records:
+        channel = record.channel()
+        claims: list[tuple[str, tuple[object, ...], str]] = [
+            ("module_name", ("module", channel.module), f"{channel.module.name} has a channel")
+        ]
+        if channel.interface is IpcType.SERIAL:
+            claims.append(("address", ("port", channel.address), f"{channel.address} is in use"))
+        elif channel.direction.is_server:
+            where = channel.address if channel.port is None else f"{channel.address} port {channel.port}"
+            claims.append(("address", (channel.interface, where), f"{where} has a server"))
+        for column, claim, what in claims:
+            if claim in taken:
+                raise record.error(column, f"duplicate: {what} already, in line {taken[claim].line}")
+            taken[claim] = channel
+        channels.append(channel)
+    return channels
+
+
+def link_url(channel: ChannelConf) -> str:
+    """The address of the link that a channel needs, for `make_link`."""
+    listen = channel.direction.is_server
+    if channel.interface is IpcType.SERIAL:
+        return f"serial://{quote(channel.address)}?baud={channel.port}"
+    if channel.interface is IpcType.QUEUE:
+        return f"mq:///{channel.address.removeprefix('/')}" + ("?role=server" if listen else "")
+    host = f"[{channel.address}]" if ":" in channel.address else channel.address
+    if channel.interface is IpcType.TCP:
+        return f"{'tcp-listen' if listen else 'tcp'}://{host}:{channel.port}"
+    peer = f"[{channel.peer}]" if ":" in channel.peer else channel.peer
+    return f"{'udp-listen' if listen else 'udp'}://{host}:{channel.port}" + (f"?peer={peer}" if peer else "")
+
+
+def rows_of(channels: Iterable[ChannelConf]) -> list[dict[str, str | int]]:
+    """What a writer of either form writes: for each channel its fields, in order, under their TOML keys."""
+    rows = []
+    for channel in channels:
+        row: dict[str, str | int] = {
+            "module": channel.module.name,
+            "direction": channel.direction.value,
+            "destination": channel.destination.name,
+            "interface": channel.interface.name,
+            "address": channel.address,
+        }
+        if channel.port is not None:
+            row["baud" if channel.interface is IpcType.SERIAL else "port"] = channel.port
+        if channel.peer:
+            row["peer"] = channel.peer
+        rows.append(row)
+    return rows

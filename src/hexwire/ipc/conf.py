@@ -1,0 +1,119 @@
+"""`ipc_msg.conf`: which module talks to which over what channel.
+
+Owns the chapter's columns and the choice between the two forms of the file. What a channel means is
+`hexwire.ipc.channel`'s; the TOML form is `hexwire.ipc.conf_toml`'s.
+
+The chapter's form (PROTOCOL.md, the section on `ipc_msg.conf`)::
+
+    # module_name   direction   destination_module  interface  address         [port]
+    ARM_7BOT_SERIAL_TRX  CLIENT_TRX  ARM_7BOT_ARDUINO_TRX  SERIAL  /dev/ttyUSB0  115200
+
+A record starts in the first column and goes on in indented lines; so does a comment. For SERIAL the port number
+is the baud rate. A UDP server that is not on loopback names the host it listens to in one more column.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from hexwire.errors import ConfigError
+from hexwire.ipc.channel import (
+    COLUMNS,
+    MODULES,
+    NEEDED,
+    Cell,
+    ChannelConf,
+    Direction,
+    Record,
+    link_url,
+    make_channels,
+    rows_of,
+)
+from hexwire.ipc.conf_toml import parse_toml, to_toml
+
+__all__ = ["ChannelConf", "Direction", "link_url", "load_conf", "parse_conf", "parse_toml", "to_conf", "to_toml"]
+
+
+def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
+    """Read the chapter's form.
+
+    Args:
+        text: Contents of the file.
+        file: Its name, for errors.
+
+    Raises:
+        ConfigError: With file, line and column: an unknown name, a bad address or port, a word too many, a record
+            that ends early, two channels that exclude each other.
+    """
+    records: list[list[Cell]] = []
+    open_record: list[Cell] | None = None
+    after_comment = False
+    for number, line in enumerate(text.split("\n"), 1):
+        cells = _cells(line, number)
+        if not line.strip():
+            open_record, after_comment = None, False
+        elif not cells:
+            # A comment of its own ends nothing: it may stand inside a record.
+            after_comment = True
+        elif not line[0].isspace():
+            open_record, after_comment = cells, False
+            records.append(cells)
+        elif open_record is not None and (not after_comment or len(open_record) < NEEDED):
+            open_record.extend(cells)
+        elif after_comment and cells[0].text not in MODULES:
+            pass  # the comment goes on, as in the chapter's own file
+        else:
+            raise ConfigError(
+                "an indented line continues a record, and there is none; start it in the first column",
+                file=file,
+                line=number,
+                column=cells[0].column,
+            )
+    return make_channels([_from_columns(cells, file) for cells in records])
+
+
+def _cells(line: str, number: int) -> list[Cell]:
+    code = re.split(r"(?:^|(?<=\s))#", line, maxsplit=1)[0]
+    return [Cell(found[0], number, found.start() + 1) for found in re.finditer(r"\S+", code)]
+
+
+def _from_columns(cells: list[Cell], file: str) -> Record:
+    record = Record(dict(zip(COLUMNS, cells, strict=False)), cells[0], file)
+    if len(cells) > len(COLUMNS):
+        extra = cells[len(COLUMNS)]
+        raise ConfigError(f"{extra.text!r} is one word too many", file=file, line=extra.line, column=extra.column)
+    return record
+
+
+def load_conf(path: str | Path) -> list[ChannelConf]:
+    """Read a configuration file of either form.
+
+    A name that ends in ``.toml`` is TOML, and so is a file whose first line of substance starts with ``[``.
+
+    Raises:
+        ConfigError: The file cannot be read or is wrong.
+    """
+    file = str(path)
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration: {error.strerror}", file=file) from error
+    try:
+        text = data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        column = error.start - data.rfind(b"\n", 0, error.start)
+        raise ConfigError("not UTF-8 text", file=file, line=line, column=column) from error
+    is_toml = Path(path).suffix == ".toml" or re.match(r"(?:[ \t]*(?:#[^\n]*)?\n)*[ \t]*\[", text)
+    return parse_toml(text, file) if is_toml else parse_conf(text, file)
+
+
+def to_conf(channels: Iterable[ChannelConf]) -> str:
+    """Write the chapter's form; `parse_conf` reads the same channels back."""
+    table = [["# module_name", *COLUMNS[1:5], "[port]"]]
+    table += [[str(value) for value in row.values()] for row in rows_of(channels)]
+    widths = [max(len(row[i]) for row in table if i < len(row)) for i in range(max(map(len, table)))]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)) for row in table)
+    return "".join(f"{line.rstrip()}\n" for line in lines)

@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import ConfigError
+from hexwire.ipc.conf import ChannelConf, Direction, link_url, load_conf, parse_conf, to_conf
+from hexwire.wire.modules import IpcType, ModuleType
+
+# As printed in the chapter, section 9.2, the comment that goes on in an indented line included.
+CHAPTER = """\
+# module_name | direction | destination module(enum) | interface type |
+    device handle (address) | port number
+
+PUMA260_HOST_IO_TRX      CLIENT_TRX
+    PUMA260_RBT_IO_SVR TCP 192.168.1.175 15030
+PUMA260_HOST_JNT_CMD_TX CLIENT_TRX
+    PUMA260_RBT_IO_SVR TCP 192.168.2.35 15030
+"""
+IO = ChannelConf(
+    ModuleType.PUMA260_HOST_IO_TRX,
+    Direction.CLIENT_TRX,
+    ModuleType.PUMA260_RBT_IO_SVR,
+    IpcType.TCP,
+    "192.168.1.175",
+    15030,
+)
+COMMANDS = ChannelConf(
+    ModuleType.PUMA260_HOST_JNT_CMD_TX,
+    Direction.CLIENT_TRX,
+    ModuleType.PUMA260_RBT_IO_SVR,
+    IpcType.TCP,
+    "192.168.2.35",
+    15030,
+)
+
+
+def test_the_chapters_own_file() -> None:
+    channels = parse_conf(CHAPTER, "ipc_msg.conf")
+    assert channels == [IO, COMMANDS]
+    assert [channel.line for channel in channels] == [4, 6]
+    assert [link_url(channel) for channel in channels] == ["tcp://192.168.1.175:15030", "tcp://192.168.2.35:15030"]
+
+
+def test_every_way_to_write_one_record() -> None:
+    one_line = "PUMA260_HOST_IO_TRX CLIENT_TRX PUMA260_RBT_IO_SVR TCP 192.168.1.175 15030"
+    for text in (
+        one_line,
+        one_line + "  # the arm in the lab",
+        "\n\n# note\n" + one_line + "\n\n",
+        one_line.replace(" ", "\t"),
+        one_line.replace(" ", "\n\t"),
+        one_line.replace(" ", "   # a note\n   "),
+        one_line.replace(" TCP", "\n# a note inside\n  TCP"),
+        one_line.replace(" TCP", "\n    # an indented note\n  TCP"),
+    ):
+        assert parse_conf(text) == [IO], text
+
+
+def test_an_empty_file_has_no_channels() -> None:
+    for text in ("", "\n", "# nothing\n   here\n", "   \n\t\n"):
+        assert parse_conf(text) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        ("PUMA CLIENT_TRX JOY_STICK TCP h 1", "1:1", "unknown module_name 'PUMA'"),
+        ("# x\nJOY_STICK CLIENT_TRX\n  ROS1_HOST  TCPP h 1", "3:14", "unknown interface 'TCPP'"),
+        ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2 3", "1:42", "'3' is one word too many"),
+        ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2", "1:40", "'2' is one word too many: only a UDP server"),
+        ("JOY_STICK CLIENT_TRX ROS1_HOST\n\n  TCP h 1", "3:3", "an indented line continues a record"),
+        (
+            "JOY_STICK CLIENT_TRX ROS1_HOST\nROS1_HOST CLIENT_TX JOY_STICK TCP h 1",
+            "1:1",
+            "ends before its interface",
+        ),
+        ("  JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1", "1:3", "start it in the first column"),
+        ("# note\n  JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1", "2:3", "start it in the first column"),
+        ("JOY_STICK CLIENT_TX ROS1_HOST TCP h 1\nJOY_STICK CLIENT_TX ROS1_HOST TCP h 1", "2:1", "in line 1"),
+    ],
+)
+def test_errors_have_file_line_and_column(text: str, place: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_conf(text, "lab/ipc_msg.conf")
+    assert str(caught.value).startswith(f"lab/ipc_msg.conf:{place}: ")
+    assert words in str(caught.value)
+
+
+TOML = '[[channel]]\nmodule = "JOY_STICK"\n'
+
+
+@pytest.mark.parametrize("name", ["ipc.toml", "ipc_msg.conf"])
+@pytest.mark.parametrize("before", ["", "# a note\n\n", "\n   \n"])
+def test_toml_is_told_by_its_name_or_its_first_line(tmp_path: Path, name: str, before: str) -> None:
+    path = tmp_path / name
+    path.write_text(before + TOML)
+    with pytest.raises(ConfigError, match="the record ends before its direction"):
+        load_conf(path)
+    path.write_text(
+        before + TOML + 'direction = "CLIENT_TX"\ndestination = "ROS1_HOST"\ninterface = "QUEUE"\naddress = "/q"\n'
+    )
+    assert [channel.address for channel in load_conf(str(path))] == ["/q"]
+
+
+def test_files_of_other_systems(tmp_path: Path) -> None:
+    path = tmp_path / "ipc_msg.conf"
+    path.write_bytes(b"\xef\xbb\xbf" + CHAPTER.replace("\n", "\r\n").encode())
+    assert load_conf(path) == [IO, COMMANDS]
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.conf: cannot read the configuration: No such file"):
+        load_conf(tmp_path / "none.conf")
+    with pytest.raises(ConfigError, match="cannot read the configuration: Is a directory"):
+        load_conf(tmp_path)
+    path = tmp_path / "latin1.conf"
+    path.write_bytes(b"# note\n# gr\xfc\xdfe\n")
+    with pytest.raises(ConfigError, match=r"latin1\.conf:2:5: not UTF-8 text"):
+        load_conf(path)
+
+
+HOSTS = st.from_regex(r"[a-z][a-z0-9-]{0,10}(\.[a-z]{2,5})?", fullmatch=True) | st.ip_addresses().map(str)
+MODULES = st.sampled_from([module for module in ModuleType if module >= 0])
+
+
+@st.composite
+def channels(draw: st.DrawFn) -> list[ChannelConf]:
+    made = []
+    for number, module in enumerate(draw(st.lists(MODULES, unique=True, max_size=9))):
+        interface = draw(st.sampled_from(IpcType))
+        direction = draw(st.sampled_from(Direction))
+        peer = ""
+        port: int | None = 1000 + number
+        if interface is IpcType.SERIAL:
+            address, port = f"/dev/tty{draw(st.sampled_from('SAé#%'))}{number}", draw(st.integers(50, 12_000_000))
+        elif interface is IpcType.QUEUE:
+            address, port = f"/queue{number}", None
+        else:
+            address = draw(HOSTS)
+            if interface is IpcType.UDP and direction.is_server:
+                peer = draw(HOSTS)
+        made.append(ChannelConf(module, direction, draw(MODULES), interface, address, port, peer))
+    return made
+
+
+@given(channels())
+def test_what_is_written_reads_back(made: list[ChannelConf]) -> None:
+    assert parse_conf(to_conf(made)) == made
+
+
+WORDS = st.sampled_from(
+    ["JOY_STICK", "ROS1_HOST", "CLIENT_TX", "SERVER_TRX", "TCP", "UDP", "SERIAL", "QUEUE", "::1", "/dev/ttyS0"]
+)
+
+
+@given(
+    st.lists(WORDS | st.sampled_from([" ", "\n", "\n  ", "#", "\t", "15030"]) | st.text(max_size=3), max_size=40)
+)
+def test_any_text_is_channels_or_a_placed_error(pieces: list[str]) -> None:
+    text = " ".join(pieces)
+    fault = None
+    try:
+        made = parse_conf(text, "f")
+    except ConfigError as error:
+        fault = error
+    if fault is None:
+        assert parse_conf(to_conf(made)) == made
+    else:
+        assert 1 <= fault.line <= text.count("\n") + 1
+        assert fault.column >= 1
