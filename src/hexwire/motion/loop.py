@@ -1,0 +1,111 @@
+"""A loop at a fixed rate, on absolute deadlines.
+
+Owns when the next cycle is due and how well that was kept. The one place of `motion` that knows a clock; must
+not know what a cycle does.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from hexwire.errors import UsageError
+
+__all__ = ["LoopCounters", "RateLoop"]
+
+
+@dataclass(slots=True)
+class LoopCounters:
+    """How a loop kept its time.
+
+    Attributes:
+        cycles: Cycles that were started.
+        late: Cycles that started after their deadline by more than `RateLoop.tolerance`.
+        skipped: Deadlines that were passed over because a cycle took longer than a period.
+        worst: Longest delay behind a deadline, seconds.
+    """
+
+    cycles: int = 0
+    late: int = 0
+    skipped: int = 0
+    worst: float = 0.0
+
+
+class RateLoop:
+    """Start cycles at multiples of a period after the first; errors do not add up.
+
+    A cycle that overruns its period is not made up for in a burst, which would send set-points faster than the
+    arm was promised: the deadlines it ran over are skipped and counted, and the loop stays on its raster.
+
+    Args:
+        rate: Cycles a second.
+        clock: Monotonic seconds.
+        sleep: Waits for so many seconds.
+        tolerance: Seconds behind its deadline from which a cycle counts as late; a tenth of the period if None.
+
+    Attributes:
+        period: Seconds.
+        counters: Kept up to date while it runs.
+    """
+
+    def __init__(
+        self,
+        rate: float,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+        tolerance: float | None = None,
+    ) -> None:
+        if not 0 < rate < math.inf:
+            raise UsageError(f"a rate of {rate:g} Hz makes no sense")
+        self.period = 1.0 / rate
+        self.tolerance = 0.1 * self.period if tolerance is None else tolerance
+        self.counters = LoopCounters()
+        self._clock = clock
+        self._sleep = sleep
+        self._started = math.nan
+        self._last = math.nan
+
+    def ticks(self, duration: float = math.inf) -> Iterator[float]:
+        """Yield at every deadline the seconds from the first cycle to that deadline.
+
+        What is yielded is the raster, not the clock: a trajectory sampled with it is as smooth as planned even if
+        a cycle starts a little late.
+
+        Args:
+            duration: No cycle is started from this time on; the last one still has its period to end.
+        """
+        counters = self.counters
+        # A hair less, so that 0.3 s of 0.1 s periods are three cycles and not four.
+        cycles = duration / self.period - 1e-6
+        self._started = start = self._clock()
+        tick = 0
+        while tick < cycles:
+            due = tick * self.period
+            delay = self._wait_until(start + due)
+            self._last = start + due + delay
+            counters.cycles += 1
+            counters.worst = max(counters.worst, delay)
+            counters.late += delay > self.tolerance
+            yield due
+            # The next deadline that is not over; a cycle that ends within the tolerance is only late.
+            behind = self._clock() - start - self.tolerance
+            following = max(tick + 1, math.ceil(behind / self.period))
+            counters.skipped += following - tick - 1
+            tick = following
+        if math.isfinite(duration):
+            self._wait_until(start + duration)
+
+    @property
+    def achieved(self) -> float:
+        """Cycles a second from the start of the first to the start of the last; 0 before there were two."""
+        elapsed = self._last - self._started
+        return (self.counters.cycles - 1) / elapsed if elapsed > 0 else 0.0
+
+    def _wait_until(self, deadline: float) -> float:
+        """Sleep until a deadline; returns how late it is then, seconds."""
+        while (left := deadline - self._clock()) > 0:
+            self._sleep(left)
+        return -left

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hexwire.errors import UsageError
+from hexwire.motion.loop import RateLoop
+
+
+class FakeTime:
+    """A clock that only sleep and work advance; `oversleep` seconds are added to each sleep."""
+
+    def __init__(self, oversleep: float = 0.0) -> None:
+        self.now = 1000.0
+        self.oversleep = oversleep
+        self.slept: list[float] = []
+
+    def clock(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds > 0
+        self.slept.append(seconds)
+        self.now += seconds + self.oversleep
+
+
+def make(rate: float, time: FakeTime, **options: float) -> RateLoop:
+    return RateLoop(rate, clock=time.clock, sleep=time.sleep, **options)
+
+
+def test_cycles_start_on_the_raster_whatever_a_cycle_takes() -> None:
+    time = FakeTime()
+    loop = make(10, time)
+    starts = []
+    for due in loop.ticks(0.5):
+        starts.append((due, time.now - 1000.0))
+        time.now += 0.03 * len(starts) % 0.09
+    assert [due for due, _ in starts] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert [now for _, now in starts] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert loop.counters.late == loop.counters.skipped == 0
+    assert loop.achieved == pytest.approx(10.0)
+    assert time.now - 1000.0 == pytest.approx(0.5), "the last cycle has its whole period"
+
+
+def test_oversleeping_does_not_add_up() -> None:
+    time = FakeTime(oversleep=0.004)
+    loop = make(100, time)
+    starts = [time.now - 1000.0 for _ in loop.ticks(1.0)]
+    assert len(starts) == 100
+    assert starts[-1] == pytest.approx(0.99 + 0.004)
+    assert loop.counters.worst == pytest.approx(0.004)
+    assert loop.counters.late == 99
+    assert loop.counters.skipped == 0
+
+
+def test_a_cycle_just_over_its_period_makes_the_next_late_but_skips_nothing() -> None:
+    time = FakeTime()
+    loop = make(10, time, tolerance=0.01)
+    starts = []
+    for due in loop.ticks(0.4):
+        starts.append(due)
+        time.now += 0.105 if len(starts) == 1 else 0.0
+    assert starts == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert loop.counters.skipped == 0
+    assert loop.counters.late == 0
+    assert loop.counters.worst == pytest.approx(0.005)
+
+
+def test_deadlines_that_were_run_over_are_skipped_not_made_up_for() -> None:
+    time = FakeTime()
+    loop = make(10, time)
+    starts = []
+    for due in loop.ticks(1.0):
+        starts.append((due, time.now - 1000.0))
+        time.now += 0.35 if len(starts) == 2 else 0.0
+    # The second cycle lasts from 0.1 to 0.45: those due at 0.2, 0.3 and 0.4 never start.
+    assert [due for due, _ in starts] == pytest.approx([0.0, 0.1, 0.5, 0.6, 0.7, 0.8, 0.9])
+    assert [now for _, now in starts] == pytest.approx([0.0, 0.1, 0.5, 0.6, 0.7, 0.8, 0.9])
+    assert loop.counters.skipped == 3
+    assert loop.counters.cycles == 7
+    assert loop.achieved == pytest.approx(6 / 0.9)
+
+
+@pytest.mark.parametrize(("duration", "cycles"), [(0.3, 3), (0.31, 4), (0.1, 1), (0.05, 1), (0.0, 0)])
+def test_how_many_cycles_a_duration_has(duration: float, cycles: int) -> None:
+    time = FakeTime()
+    loop = make(10, time)
+    assert len(list(loop.ticks(duration))) == loop.counters.cycles == cycles
+
+
+def test_it_goes_on_for_ever_if_not_told() -> None:
+    time = FakeTime()
+    loop = make(1000, time)
+    for due in loop.ticks():
+        if due > 5:
+            break
+    assert loop.counters.cycles == 5002
+    assert loop.achieved == pytest.approx(1000)
+
+
+def test_before_two_cycles_there_is_no_rate() -> None:
+    loop = make(10, FakeTime())
+    assert loop.achieved == 0.0
+    next(loop.ticks())
+    assert loop.achieved == 0.0
+
+
+@pytest.mark.parametrize("rate", [0, -1, math.nan, math.inf])
+def test_a_rate_that_is_none_is_refused(rate: float) -> None:
+    with pytest.raises(UsageError, match="makes no sense"):
+        RateLoop(rate)
