@@ -14,12 +14,13 @@ from enum import Enum
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.units import split_time
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status, command_name, max_body, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, Status, max_body, serialize_frame
 from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
+from .chapter_host import ChapterHost
 from .decoder import FrameDecoder
-from .dialect1 import UNKNOWN_COMMAND_PACKET, Pending1, clean_frame, match_reply
+from .dialect1 import UNKNOWN_COMMAND_PACKET, clean_frame
 from .events import BadFrame, Event, Garbage, Reply, Report, Request, Stale, TimedOut
 from .fragments import FragmentReceiver, FragmentSender, Message
 from .policy import RetryPolicy
@@ -113,9 +114,7 @@ class Connection:
         self._out: list[bytes] = []
         self._ticket = 0
         self._pending: dict[int, _Pending] = {}
-        self._queue1: deque[Pending1] = deque()
-        self._current1: Pending1 | None = None
-        self._quiet_until = 0.0
+        self._chapter = ChapterHost(self)
         self._stored: deque[tuple[float, int, int, int, bytes, list[bytes]]] = deque(maxlen=tables.STORED_REPLIES)
         self._message_count = 0
         self._fragments_in = FragmentReceiver()
@@ -143,8 +142,6 @@ class Connection:
                 self._note(bad)
             else:
                 break
-        if self._queue1:
-            self._pump1(now)
 
     def data_to_send(self) -> list[bytes]:
         """Frames to write now, in order; each is one message where the link keeps boundaries."""
@@ -165,11 +162,7 @@ class Connection:
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
         times = [p.deadline for p in self._pending.values()]
-        if self._current1 is not None:
-            times.append(self._current1.deadline)
-        elif self._queue1:
-            times.append(self._quiet_until)
-        for part in (self.decoder, self._fragments_in, self._fragments_out):
+        for part in (self._chapter, self.decoder, self._fragments_in, self._fragments_out):
             when = part.next_timeout()
             if when is not None:
                 times.append(when)
@@ -188,8 +181,8 @@ class Connection:
             else:
                 del self._pending[pending.seq]
                 self.counters.timeouts += 1
-                self._add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
-        self._timeout1(now)
+                self.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+        self._chapter.handle_timeout(now)
         for body in self._fragments_in.handle_timeout(now):
             self._send_frame(Command.FRAGMENT_MISSING, body, now)
         self._fragments_out.handle_timeout(now)
@@ -231,12 +224,7 @@ class Connection:
         self.counters.requests += 1
         attempts = attempts or self.policy.attempts
         if self.dialect == PROTO_CHAPTER:
-            pending1 = Pending1(self._ticket, cmd, body, window or self.policy.dialect1_window, attempts)
-            if urgent:
-                self._queue1.appendleft(pending1)
-            else:
-                self._queue1.append(pending1)
-            self._pump1(now)
+            self._chapter.request(self._ticket, cmd, body, now, window, attempts, urgent)
             return self._ticket
         seq = self.seq
         while True:
@@ -256,14 +244,11 @@ class Connection:
         for seq, pending in list(self._pending.items()):
             if pending.ticket == ticket:
                 del self._pending[seq]
-        if self._current1 is not None and self._current1.ticket == ticket:
-            self._quiet_until = self._current1.deadline
-            self._current1 = None
-        self._queue1 = deque(p for p in self._queue1 if p.ticket != ticket)
+        self._chapter.abandon(ticket)
 
     def stay_quiet(self, until: float) -> None:
         """Dialect 1: send nothing before this time, and take what arrives until then as stale."""
-        self._quiet_until = max(self._quiet_until, until)
+        self._chapter.stay_quiet(until)
 
     # -- board --------------------------------------------------------------------------------------
 
@@ -275,7 +260,7 @@ class Connection:
         if len(body) > max_body(self.max_frame):
             self._send_message(frame.cmd, ext, body, frame.seq, now)
         else:
-            self._out.append(self._build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
+            self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
         self._stored.append((now, frame.src, frame.seq, frame.cmd, frame.body, self._out[first:]))
 
     def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
@@ -303,13 +288,14 @@ class Connection:
     def report(self, cmd: int, body: bytes, now: float) -> None:
         """Send a frame nobody asked for."""
         self.seq = (self.seq + 1) & 0xFF
-        self._out.append(self._build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
+        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
 
     # -- sending ------------------------------------------------------------------------------------
 
-    def _build(
+    def build(
         self, proto: int, cmd: int, body: bytes, seq: int, now: float, ext: int = 0, dst: int | None = None
     ) -> bytes:
+        """Number, stamp and serialize a frame. For this machine and its dialect-1 half only."""
         self.sn = sn = (self.sn + 1) & 0xFFFFFFFF
         self.counters.frames_sent += 1
         sec, nsec = split_time(now + self.epoch)
@@ -334,7 +320,7 @@ class Connection:
         )
 
     def _send_frame(self, cmd: int, body: bytes, now: float) -> None:
-        self._out.append(self._build(PROTO_HEXWIRE, cmd, body, self.seq, now))
+        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now))
 
     def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float) -> None:
         # The low byte of a message id is the seq of its request, so that a reply in fragments finds it.
@@ -351,7 +337,7 @@ class Connection:
             if pending.sent == 1:
                 self._send_message(pending.cmd, 0, pending.body, pending.seq, now)
             return
-        data = self._build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
+        data = self.build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
         if urgent:
             self._out.insert(0, data)
         else:
@@ -362,9 +348,9 @@ class Connection:
     def _receive_frame(self, frame: Frame, now: float) -> None:
         if frame.proto == PROTO_CHAPTER:
             if self.role is Role.BOARD:
-                self._add(Request(frame))
+                self.add(Request(frame))
             else:
-                self._receive1(frame, now)
+                self._receive_chapter(frame, now)
             return
         ext = frame.cmd_ext
         if self.role is Role.HOST and ext & EXT_REPLY:
@@ -397,6 +383,17 @@ class Connection:
         else:
             self._receive_request(frame, now)
 
+    def _receive_chapter(self, frame: Frame, now: float) -> None:
+        if self._chapter.receive(frame, now):
+            return
+        identify = next((p for p in self._pending.values() if p.cmd == Command.IDENTIFY), None)
+        if identify is None or frame.body != UNKNOWN_COMMAND_PACKET:
+            self._stale(frame, "dialect 1, and it answers nothing that was asked")
+            return
+        del self._pending[identify.seq]
+        rtt = now - identify.sent_at
+        self.add(Reply(identify.ticket, identify.cmd, Status.UNKNOWN_COMMAND, b"", frame, rtt, identify.sent))
+
     def _receive_request(self, frame: Frame, now: float) -> None:
         for when, src, seq, cmd, body, reply in self._stored:
             if (
@@ -409,7 +406,7 @@ class Connection:
                 self.counters.repeats += 1
                 self._out.extend(reply)
                 return
-        self._add(Request(frame))
+        self.add(Request(frame))
 
     def _receive_report(self, frame: Frame) -> None:
         self.counters.reports += 1
@@ -434,7 +431,7 @@ class Connection:
                 return
             message, asks = self._fragments_in.receive(frame.body, now)
         except RemoteProtocolError as error:
-            self._add(BadFrame(str(error), frame.body[:64]))
+            self.add(BadFrame(str(error), frame.body[:64]))
             return
         for body in asks:
             self._send_frame(Command.FRAGMENT_MISSING, body, now)
@@ -453,88 +450,27 @@ class Connection:
         )
         self._receive_frame(whole, now)
 
+    def send_chapter(self, cmd: int, body: bytes, now: float) -> None:
+        """Queue a dialect-1 frame. For the dialect-1 half only."""
+        self.seq = (self.seq + 1) & 0xFF
+        self._out.append(self.build(PROTO_CHAPTER, cmd, body, self.seq, now))
+
     def _stale(self, frame: Frame, reason: str) -> None:
         self.counters.stale += 1
         for pending in self._pending.values():
             pending.instead = str(frame)
-        if self._current1 is not None:
-            self._current1.instead = str(frame)
-        self._add(Stale(frame, reason))
+        self._chapter.note(str(frame))
+        self.add(Stale(frame, reason))
 
     def _note(self, event: BadFrame | Garbage) -> None:
         for pending in self._pending.values():
             pending.instead = str(event)
-        if self._current1 is not None:
-            self._current1.instead = str(event)
-        self._add(event)
+        self._chapter.note(str(event))
+        self.add(event)
 
-    def _add(self, event: Event) -> None:
+    def add(self, event: Event) -> None:
+        """Queue an event for `next_event`. For this machine and its dialect-1 half only."""
         if len(self._events) >= _MAX_EVENTS:
             self._events.popleft()
             self.counters.events_dropped += 1
         self._events.append(event)
-
-    # -- dialect 1, host ----------------------------------------------------------------------------
-
-    def _pump1(self, now: float) -> None:
-        while self._current1 is None and self._queue1 and now >= self._quiet_until:
-            pending = self._queue1.popleft()
-            self._transmit1(pending, now)
-            if pending.answered:
-                self._current1 = pending
-            else:
-                self._quiet_until = now + self.policy.dialect1_holdoff
-                self._add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
-
-    def _transmit1(self, pending: Pending1, now: float) -> None:
-        self.seq = (self.seq + 1) & 0xFF
-        self._out.append(self._build(PROTO_CHAPTER, pending.cmd, pending.body, self.seq, now))
-        pending.sent += 1
-        pending.sent_at = now
-        pending.deadline = now + pending.window
-
-    def _receive1(self, frame: Frame, now: float) -> None:
-        pending = self._current1
-        if pending is None:
-            identify = next((p for p in self._pending.values() if p.cmd == Command.IDENTIFY), None)
-            if identify is not None and frame.body == UNKNOWN_COMMAND_PACKET:
-                del self._pending[identify.seq]
-                self._add(
-                    Reply(
-                        identify.ticket,
-                        identify.cmd,
-                        Status.UNKNOWN_COMMAND,
-                        b"",
-                        frame,
-                        now - identify.sent_at,
-                        identify.sent,
-                    )
-                )
-                return
-            self._stale(frame, "dialect 1, and nothing was asked in it")
-            return
-        packet = match_reply(frame.body, pending)
-        if packet is None:
-            self._stale(frame, f"not an answer to {command_name(pending.cmd)} of servo {pending.servo_id}")
-            return
-        self._current1 = None
-        self.counters.replies += 1
-        if pending.sent > 1:
-            # An answer to the earlier sending may still come, and could pass for the next request's.
-            self._quiet_until = now + pending.window
-        self._add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, now - pending.sent_at, pending.sent))
-        self._pump1(now)
-
-    def _timeout1(self, now: float) -> None:
-        pending = self._current1
-        if pending is not None and pending.deadline <= now:
-            self.decoder.reset()
-            if pending.sent < pending.attempts:
-                self.counters.retries += 1
-                self._transmit1(pending, now)
-            else:
-                self._current1 = None
-                self._quiet_until = now + pending.window
-                self.counters.timeouts += 1
-                self._add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
-        self._pump1(now)

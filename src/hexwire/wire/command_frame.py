@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from binascii import crc_hqx
+from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -222,7 +223,7 @@ def serialize_frame(
 
 
 _unpack_head = FRAME_HEAD.unpack_from
-_new_frame = tuple.__new__
+_new_frame: Callable[..., Frame] = tuple.__new__
 
 
 def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
@@ -236,6 +237,7 @@ def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
     available = len(data) - start
     if available < BODY_OFFSET:
         return BODY_OFFSET
+    size: int
     (_, sec, nsec, sn, src, dst, kind, size, flag, proto, seq, pad, length, cmd, ext) = _unpack_head(data, start)
     if size > max_frame or flag != FRAME_FLAG:
         return f"head: size {size} is over {max_frame}" if size > max_frame else f"head: flag 0x{flag:02X}"
@@ -254,7 +256,7 @@ def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
         expected = crc_hqx(data[start:body_end], 0xFFFF)
         if (check != expected and (expected != UNCHECKED or check != 0)) or check == UNCHECKED:
             return f"check is {check:04X}, not {0 if expected == UNCHECKED else expected:04X}"
-    frame: Frame = _new_frame(
+    return _new_frame(
         Frame,
         (
             sec,
@@ -272,7 +274,6 @@ def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
             check,
         ),
     )
-    return frame
 
 
 def parse_frame(data: bytes, max_frame: int = MAX_NETWORK_FRAME) -> Frame:

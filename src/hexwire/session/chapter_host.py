@@ -1,0 +1,119 @@
+"""The host's half of dialect 1: one request outstanding, pauses where an old board needs them.
+
+Owns the queue of dialect-1 requests, their deadlines and retries, and the quiet times in which what arrives is
+stale. Works for a `Connection`, which builds the frames and keeps the counters. Sans I/O; time comes as `now`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from hexwire.wire.command_frame import Frame, Status
+
+from .dialect1 import Pending1, match_reply
+from .events import Reply, TimedOut
+
+if TYPE_CHECKING:
+    from .connection import Connection
+
+__all__ = ["ChapterHost"]
+
+
+class ChapterHost:
+    """Dialect-1 requests of one host connection."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._queue: deque[Pending1] = deque()
+        self._current: Pending1 | None = None
+        self._quiet_until = 0.0
+
+    def request(
+        self,
+        ticket: int,
+        cmd: int,
+        body: bytes,
+        now: float,
+        window: float | None,
+        attempts: int,
+        urgent: bool,
+    ) -> None:
+        """Queue a request; see `Connection.request`."""
+        pending = Pending1(ticket, cmd, body, window or self._connection.policy.dialect1_window, attempts)
+        if urgent:
+            self._queue.appendleft(pending)
+        else:
+            self._queue.append(pending)
+        self._pump(now)
+
+    def receive(self, frame: Frame, now: float) -> bool:
+        """Take a dialect-1 frame; False if it answers nothing that is outstanding."""
+        pending = self._current
+        packet = match_reply(frame.body, pending) if pending is not None else None
+        if pending is None or packet is None:
+            return False
+        connection = self._connection
+        self._current = None
+        connection.counters.replies += 1
+        if pending.sent > 1:
+            # An answer to the earlier sending may still come, and could pass for the next request's.
+            self._quiet_until = now + pending.window
+        rtt = now - pending.sent_at
+        connection.add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, rtt, pending.sent))
+        self._pump(now)
+        return True
+
+    def abandon(self, ticket: int) -> None:
+        """Forget a request. If it is outstanding, its answer's window must pass first."""
+        if self._current is not None and self._current.ticket == ticket:
+            self._quiet_until = self._current.deadline
+            self._current = None
+        self._queue = deque(p for p in self._queue if p.ticket != ticket)
+
+    def stay_quiet(self, until: float) -> None:
+        """Send nothing before this time."""
+        self._quiet_until = max(self._quiet_until, until)
+
+    def note(self, instead: str) -> None:
+        """Remember what came in place of the answer."""
+        if self._current is not None:
+            self._current.instead = instead
+
+    def next_timeout(self) -> float | None:
+        """When `handle_timeout` wants to be called, or None."""
+        if self._current is not None:
+            return self._current.deadline
+        return self._quiet_until if self._queue else None
+
+    def handle_timeout(self, now: float) -> None:
+        """Ask again, give up, or send what had to wait."""
+        pending = self._current
+        connection = self._connection
+        if pending is not None and pending.deadline <= now:
+            connection.decoder.reset()
+            if pending.sent < pending.attempts:
+                connection.counters.retries += 1
+                self._transmit(pending, now)
+            else:
+                self._current = None
+                self._quiet_until = now + pending.window
+                connection.counters.timeouts += 1
+                connection.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+        self._pump(now)
+
+    def _pump(self, now: float) -> None:
+        while self._current is None and self._queue and now >= self._quiet_until:
+            pending = self._queue.popleft()
+            self._transmit(pending, now)
+            if pending.answered:
+                self._current = pending
+            else:
+                self._quiet_until = now + self._connection.policy.dialect1_holdoff
+                self._connection.add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
+
+    def _transmit(self, pending: Pending1, now: float) -> None:
+        self._connection.send_chapter(pending.cmd, pending.body, now)
+        pending.sent += 1
+        pending.sent_at = now
+        pending.deadline = now + pending.window
