@@ -15,11 +15,43 @@ from hexwire.errors import HexwireError
 
 if TYPE_CHECKING:
     # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
-    pass
+    from hexwire.drivers.base import RobotDriver, Signal, StopMode
+    from hexwire.drivers.hex7bot import Hex7BotDriver
+    from hexwire.drivers.registry import connect
+    from hexwire.ipc.handle import IpcHandle
+    from hexwire.ipc.session import Session
+    from hexwire.model.state import JointState, JointTarget, SentTarget
+    from hexwire.wire.modules import ModuleType
 
-__all__ = ["HexwireError", "__version__"]
+__all__ = [
+    "Hex7BotDriver",
+    "HexwireError",
+    "IpcHandle",
+    "JointState",
+    "JointTarget",
+    "ModuleType",
+    "RobotDriver",
+    "SentTarget",
+    "Session",
+    "Signal",
+    "StopMode",
+    "__version__",
+    "connect",
+]
 
-_LAZY: dict[str, str] = {}
+_LAZY: dict[str, str] = {
+    "Hex7BotDriver": "hexwire.drivers.hex7bot",
+    "IpcHandle": "hexwire.ipc.handle",
+    "JointState": "hexwire.model.state",
+    "JointTarget": "hexwire.model.state",
+    "ModuleType": "hexwire.wire.modules",
+    "RobotDriver": "hexwire.drivers.base",
+    "SentTarget": "hexwire.model.state",
+    "Session": "hexwire.ipc.session",
+    "Signal": "hexwire.drivers.base",
+    "StopMode": "hexwire.drivers.base",
+    "connect": "hexwire.drivers.registry",
+}
 """Public name -> module that defines it."""
 
 

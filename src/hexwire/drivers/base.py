@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
 from hexwire.wire.command_frame import Status, command_name, status_name
@@ -106,6 +106,19 @@ class RobotDriver(ABC):
     def __init__(self, session: Session) -> None:
         self.session = session
 
+    @classmethod
+    @abstractmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        """A driver over the link that `url` names; not attached yet.
+
+        Args:
+            url: As in ``serial:///dev/ttyUSB0?baud=115200``.
+            **options: The driver's own.
+
+        Raises:
+            UsageError: The URL makes no sense.
+        """
+
     @abstractmethod
     def attach(self) -> None:
         """Open the session and find out who is there. Nothing moves.
@@ -192,7 +205,8 @@ class RobotDriver(ABC):
             self.torque(signal is Signal.TORQUE_ON)
 
     def __enter__(self) -> Self:
-        self.attach()
+        if not self.session.is_open:
+            self.attach()
         return self
 
     def __exit__(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from typing import Any, Self
 
 from hexwire.errors import HexwireError, LinkError, NotSupportedError, UsageError
 from hexwire.ipc.handle import IpcHandle
@@ -65,9 +66,9 @@ class Hex7BotDriver(RobotDriver):
         self._board_clock = 0.0
 
     @classmethod
-    def from_url(cls, url: str, **options: object) -> Hex7BotDriver:
+    def from_url(cls, url: str, **options: Any) -> Self:
         """A driver over the link that `url` names; not attached yet. Options as in the constructor."""
-        return cls(Session(IpcHandle.from_url(url)), **options)  # type: ignore[arg-type]  # passed on as given
+        return cls(Session(IpcHandle.from_url(url)), **options)
 
     @property
     def dialect(self) -> int:

@@ -5,13 +5,18 @@ Owns the lookup. A package that adds a robot names its `RobotDriver` class there
 
 from __future__ import annotations
 
+import os
 from importlib.metadata import entry_points
+from typing import Any
 
 from hexwire.errors import UsageError
 
 from .base import RobotDriver
 
-__all__ = ["load_driver", "robot_names"]
+__all__ = ["PORT_VARIABLE", "connect", "load_driver", "robot_names"]
+
+PORT_VARIABLE = "HEXWIRE_PORT"
+"""Environment variable with the port to use where none is given."""
 
 _GROUP = "hexwire.robots"
 
@@ -34,3 +39,31 @@ def load_driver(name: str) -> type[RobotDriver]:
                 raise UsageError(f"entry point {point.value!r} of robot {name!r} is no RobotDriver class")
             return driver
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
+
+
+def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> RobotDriver:
+    """Open a robot: find its driver and its port, and attach. Nothing moves.
+
+    Args:
+        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``. If None, that of the environment
+            variable HEXWIRE_PORT, else the only likely board that is plugged in.
+        robot: Name of the robot.
+        **options: Passed to the driver's `from_url`.
+
+    Returns:
+        The attached driver; use it as a context manager, or call `detach`.
+
+    Raises:
+        UsageError: No such robot, or no single port to choose.
+        LinkError: The port cannot be opened.
+        ReplyTimeoutError: Nobody answers there.
+    """
+    if port is None:
+        port = os.environ.get(PORT_VARIABLE)
+    if port is None:
+        from hexwire.ipc.ports import find_only_board
+
+        port = find_only_board()
+    driver = load_driver(robot).from_url(port, **options)
+    driver.attach()
+    return driver
