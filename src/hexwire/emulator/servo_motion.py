@@ -1,0 +1,224 @@
+"""How an emulated servo's shaft moves: one millisecond at a time, from a command and the forces on it.
+
+Owns position, velocity and motor torque. Knows no registers and no series: `servo` translates. Torques are
+fractions of the stall torque, positions encoder counts of the shaft, positive toward higher counts.
+
+The model is a first guess at a geared hobby servo, not a measured one: a trapezoidal speed profile, an inertia,
+dry friction, gravity as a function of the angle, and a motor that cannot give more than its ceiling. What the
+ceiling does not allow does not happen: the joint lags, stalls or sags.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+__all__ = ["TICK", "Drive", "Mechanics", "Motion", "speed_for_duration"]
+
+TICK = 0.001
+"""Seconds a step of the model. Time is counted in whole ticks from 0, so results do not depend on the caller."""
+
+_CLOSE = 0.01  # counts: nearer than this, and slow, is there
+_STIFFNESS = 1 / 64  # torque a count of error against an obstacle, about what a position gain of 32 gives
+
+
+class Drive(Enum):
+    """What the motor is told to do."""
+
+    FREE = "free"
+    DAMPED = "damped"
+    POSITION = "position"
+    SPEED = "speed"
+    TORQUE = "torque"
+
+
+@dataclass(frozen=True, slots=True)
+class Mechanics:
+    """What a servo's motor and gears can do.
+
+    Attributes:
+        max_speed: No-load speed at nominal voltage, counts/s.
+        max_acceleration: Steepest ramp the servo's own profile uses, counts/s^2.
+        full_acceleration: Acceleration of the joint by the whole stall torque, counts/s^2.
+        friction: Dry friction while powered or moving.
+        holding_friction: Dry friction of the gears at rest without power; what is below it does not move them.
+        stall_current: Amperes at full torque.
+        nominal_voltage: Volts that max_speed belongs to.
+        stops: Mechanical end stops in counts, None for a shaft that turns on and on.
+    """
+
+    max_speed: float
+    max_acceleration: float = 40_000.0
+    full_acceleration: float = 60_000.0
+    friction: float = 0.02
+    holding_friction: float = 0.15
+    stall_current: float = 1.3
+    nominal_voltage: float = 6.0
+    stops: tuple[float, float] | None = None
+
+
+def speed_for_duration(distance: float, seconds: float, acceleration: float) -> float:
+    """Top speed of a trapezoidal profile that covers a distance in a time, inf if it cannot be that fast."""
+    root = acceleration * acceleration * seconds * seconds / 4 - acceleration * abs(distance)
+    if root < 0:
+        return math.inf
+    return acceleration * seconds / 2 - math.sqrt(root)
+
+
+class Motion:
+    """Shaft, gears and motor.
+
+    Set `drive`, `target`, `speed`, `acceleration` and `ceiling` through `command`; the hooks `gravity`,
+    `external_torque` and `obstacle` may be set at any time.
+    """
+
+    def __init__(self, mechanics: Mechanics, position: float) -> None:
+        self.mechanics = mechanics
+        self.position = float(position)
+        self.velocity = 0.0
+        self.torque = 0.0
+        self.blocked = False
+        self.settled = False
+        self._drive = Drive.FREE
+        self._target = self.position
+        self._speed = 0.0
+        self._acceleration = mechanics.max_acceleration
+        self._ceiling = 0.0
+        self._gravity: Callable[[float], float] | None = None
+        self._external = 0.0
+        self._obstacle: tuple[float | None, float | None] = (None, None)
+
+    def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
+        """Say what the motor should do from now on.
+
+        Args:
+            drive: Kind of control.
+            target: Shaft counts to go to (POSITION), or signed fraction of the stall torque (TORQUE).
+            speed: Speed limit (POSITION) or signed speed (SPEED), counts/s.
+            acceleration: Ramp limit, counts/s^2; 0 is the servo's own maximum.
+            ceiling: Most torque the motor may give, 0..1.
+        """
+        self._drive = drive
+        self._target = target
+        self._speed = speed
+        most = self.mechanics.max_acceleration
+        self._acceleration = min(acceleration, most) if acceleration > 0 else most
+        self._ceiling = ceiling
+        self.settled = False
+
+    @property
+    def target(self) -> float:
+        """Where the shaft is sent."""
+        return self._target
+
+    @property
+    def gravity(self) -> Callable[[float], float] | None:
+        """Torque of gravity at a shaft position, positive toward higher counts."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, function: Callable[[float], float] | None) -> None:
+        self._gravity = function
+        self.settled = False
+
+    @property
+    def external_torque(self) -> float:
+        """Torque from outside, positive toward higher counts."""
+        return self._external
+
+    @external_torque.setter
+    def external_torque(self, torque: float) -> None:
+        self._external = float(torque)
+        self.settled = False
+
+    @property
+    def obstacle(self) -> tuple[float | None, float | None]:
+        """Shaft positions that cannot be passed downward and upward; None is free."""
+        return self._obstacle
+
+    @obstacle.setter
+    def obstacle(self, bounds: tuple[float | None, float | None]) -> None:
+        self._obstacle = bounds
+        self.settled = False
+
+    def tick(self) -> None:
+        """Advance by one `TICK`."""
+        position, velocity, torque = self.position, self.velocity, self.torque
+        outside = self._external + (self._gravity(position) if self._gravity is not None else 0.0)
+        if self._drive is Drive.POSITION or self._drive is Drive.SPEED:
+            self._controlled(outside)
+        elif self._drive is Drive.TORQUE:
+            self.torque = max(-self._ceiling, min(self._ceiling, self._target))
+            self.velocity = self._pushed(self.torque + outside, self.mechanics.friction, 0.0)
+        else:
+            self.torque = 0.0
+            drag = 20.0 if self._drive is Drive.DAMPED else 2.0
+            self.velocity = self._pushed(outside, self.mechanics.holding_friction, drag)
+        self._move()
+        self.settled = self.velocity == velocity == 0.0 and self.position == position and self.torque == torque
+
+    def _controlled(self, outside: float) -> None:
+        step = self._acceleration * TICK
+        velocity = self.velocity
+        if self._drive is Drive.POSITION:
+            error = self._target - self.position
+            distance = abs(error)
+            if distance < _CLOSE and abs(velocity) <= 4 * step and self._speed > 0:
+                self.position, velocity, self.velocity, wanted = self._target, 0.0, 0.0, 0.0
+            else:
+                # The fastest from which the ramp still stops at the target, in whole ticks.
+                slowing = (math.sqrt(step * step + 8 * self._acceleration * distance) - step) / 2
+                wanted = math.copysign(min(self._speed, slowing, distance / TICK), error)
+        else:
+            wanted = self._speed
+        change = max(-step, min(step, wanted - velocity))
+        heading = velocity or change
+        friction = math.copysign(self.mechanics.friction, heading) if heading else 0.0
+        need = change / TICK / self.mechanics.full_acceleration + friction - outside
+        if abs(need) <= self._ceiling:
+            self.torque = need
+            self.velocity = velocity + change
+        else:
+            self.torque = math.copysign(self._ceiling, need)
+            powered = self._ceiling > 0
+            holding = self.mechanics.friction if powered else self.mechanics.holding_friction
+            self.velocity = self._pushed(self.torque + outside, holding, 0.0 if powered else 2.0)
+
+    def _pushed(self, push: float, friction: float, drag: float) -> float:
+        """Velocity after a tick of a net push against dry friction and a drag in 1/s."""
+        velocity = self.velocity
+        if velocity == 0.0 and abs(push) <= friction:
+            return 0.0
+        against = math.copysign(friction, velocity or push)
+        full = self.mechanics.full_acceleration
+        after = velocity + ((push - against) * full - drag * velocity) * TICK
+        if velocity and after * velocity <= 0 and abs(push) <= friction:
+            return 0.0
+        most = self.mechanics.max_speed
+        return max(-most, min(most, after))
+
+    def _move(self) -> None:
+        after = self.position + self.velocity * TICK
+        low, high = self._obstacle
+        stops = self.mechanics.stops
+        if stops is not None:
+            low = stops[0] if low is None else max(low, stops[0])
+            high = stops[1] if high is None else min(high, stops[1])
+        self.blocked = False
+        for bound, sign in ((low, -1.0), (high, 1.0)):
+            # At the bound already and pressing on it counts as blocked too.
+            if bound is not None and (after - bound) * sign >= 0 and self.velocity * sign > 0:
+                after = bound
+                self.blocked = True
+                self.velocity = 0.0
+                self._press()
+        self.position = after
+
+    def _press(self) -> None:
+        if self._drive is Drive.POSITION:
+            push = (self._target - self.position) * _STIFFNESS
+            self.torque = max(-self._ceiling, min(self._ceiling, push))
+        elif self._drive is Drive.SPEED:
+            self.torque = math.copysign(self._ceiling, self._speed)

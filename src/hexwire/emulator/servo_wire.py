@@ -1,0 +1,144 @@
+"""An emulated half-duplex servo bus: one request at a time, and whatever comes back.
+
+Owns what the line itself does: line rate, answer delays, echo, collisions, the order of sync-read answers. Knows
+servos only through `receive`, and no board.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from hexwire.errors import UsageError
+from hexwire.wire.servo_packet import Instruction, ServoPacket, iter_packets
+
+from .faults import FaultPlan
+from .servo import EmulatedServo
+
+__all__ = ["ServoWire"]
+
+_BITS = 10  # start, eight data, stop
+
+
+class ServoWire:
+    """Servos on one wire.
+
+    Args:
+        servos: Who hangs on it. Two with one id are possible; they collide.
+        baud: Line rate. A servo set to another does not hear. 0 costs no time and all hear.
+        echo: The sender hears itself, as with a plain one-wire adapter.
+        faults: Scripted faults of the bus.
+    """
+
+    def __init__(
+        self,
+        servos: Iterable[EmulatedServo],
+        *,
+        baud: int = 0,
+        echo: bool = False,
+        faults: FaultPlan | None = None,
+    ) -> None:
+        if baud < 0:
+            raise UsageError(f"a line rate of {baud} makes no sense; 0 is unlimited")
+        self.servos = list(servos)
+        self.baud = baud
+        self.faults = faults or FaultPlan()
+        self.echo = echo or self.faults.bus_echo
+        self._free_at = 0.0
+
+    def __getitem__(self, servo_id: int) -> EmulatedServo:
+        """The first servo that answers to an id now.
+
+        Raises:
+            KeyError: Nobody does.
+        """
+        for servo in self.servos:
+            if servo.servo_id == servo_id:
+                return servo
+        raise KeyError(servo_id)
+
+    def step(self, now: float) -> None:
+        """Let time pass for all servos."""
+        self._power(now)
+        for servo in self.servos:
+            servo.step(now)
+
+    def transact(self, packet: bytes, now: float) -> tuple[bytes, float]:
+        """Put bytes on the wire and listen until it is quiet again.
+
+        Args:
+            packet: Any bytes; servos pick sound packets out of them.
+            now: When the first bit goes out, or later if the wire is still busy.
+
+        Returns:
+            What the sender hears (its echo too, if there is one), and when the last bit of it is over.
+        """
+        start = max(now, self._free_at) if self.baud else now
+        end = start + self._time(len(packet))
+        self._power(end)
+        heard = bytearray(packet if self.echo else b"")
+        if not self.faults.bus_dead(end):
+            for request in iter_packets(self.faults.bus_request(packet)):
+                answer, end = self._answer(request, end)
+                heard += answer
+        self._free_at = end
+        return bytes(heard), end
+
+    def _time(self, count: int) -> float:
+        return count * _BITS / self.baud if self.baud else 0.0
+
+    def _power(self, now: float) -> None:
+        back = self.faults.power_returned(now)
+        for servo in self.servos:
+            if back is not None:
+                servo.power_cycle(back)
+            self.faults.afflict(servo)
+
+    def _listening(self) -> Iterator[EmulatedServo]:
+        return (servo for servo in self.servos if not self.baud or servo.baud == self.baud)
+
+    def _answer(self, request: ServoPacket, now: float) -> tuple[bytes, float]:
+        """All answers to one request that ended at `now`."""
+        replies: list[tuple[int, bytes, float]] = []
+        for servo in self._listening():
+            # The id that answers is the one before the request: a write may change it.
+            servo_id = servo.servo_id
+            delay = servo.answer_delay if self.baud else 0.0
+            reply = servo.receive(request, now)
+            reply, late = self.faults.bus_answer(servo_id, reply)
+            if reply:
+                replies.append((servo_id, reply, delay + late))
+        if request.instruction == Instruction.SYNC_READ:
+            return self._in_order(request.params, replies, now)
+        return self._at_once([(reply, delay) for _, reply, delay in replies], now)
+
+    def _in_order(self, params: bytes, replies: list[tuple[int, bytes, float]], now: float) -> tuple[bytes, float]:
+        """Sync read: each id in its turn; who is missing leaves a gap as long as its answer."""
+        heard = bytearray()
+        slot = 250e-6 + self._time(params[1] + 6) if self.baud else 0.0
+        for servo_id in params[2:]:
+            turn = [(reply, delay) for who, reply, delay in replies if who == servo_id]
+            if turn:
+                answer, now = self._at_once(turn, now)
+                heard += answer
+            else:
+                now += slot
+        # Babble of servos that were not asked comes last.
+        for who, reply, _ in replies:
+            if who not in params[2:]:
+                heard += reply
+                now += self._time(len(reply))
+        return bytes(heard), now
+
+    def _at_once(self, replies: list[tuple[bytes, float]], now: float) -> tuple[bytes, float]:
+        """Answers that do not wait for each other: where they overlap, a 0 of any pulls the line down."""
+        if not replies:
+            return b"", now
+        first = min(delay for _, delay in replies)
+        cells: dict[int, int] = {}
+        end = now
+        for reply, delay in replies:
+            offset = round((delay - first) / self._time(1)) if self.baud else 0
+            for index, byte in enumerate(reply, offset):
+                cells[index] = cells.get(index, 0xFF) & byte
+            end = max(end, now + delay + self._time(len(reply)))
+        return self.faults.bus_heard(bytes(cells[index] for index in sorted(cells))), end
