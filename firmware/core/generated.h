@@ -56,6 +56,7 @@ constexpr uint16_t DEFAULT_MAXIMUM = 4095;
 constexpr uint16_t DEFAULT_SPEED = 4096;
 constexpr uint16_t DEFAULT_NEUTRAL = 2047;
 constexpr uint8_t DEFAULT_SIGN = 1;
+constexpr uint8_t DEFAULT_CEILING = 154;
 
 constexpr uint8_t EXT_REPLY = 0x80;
 constexpr uint8_t EXT_UNSOLICITED = 0x40;

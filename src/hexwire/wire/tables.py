@@ -127,6 +127,7 @@ DEFAULT_MAXIMUM = 4095
 DEFAULT_SPEED = 4096
 DEFAULT_NEUTRAL = 2047
 DEFAULT_SIGN = 1
+DEFAULT_CEILING = 154
 
 # Module ids and channel kinds of the chapter.
 MODULES: dict[str, int] = {

@@ -1,0 +1,47 @@
+// The core on an ordinary computer: lines are memory, time is what the caller says, storage is an array.
+// One class for the shared library, the pseudo-terminal program and the fuzz target.
+#ifndef HEXWIRE_HOST_BOARD_H
+#define HEXWIRE_HOST_BOARD_H
+
+#include <stdint.h>
+
+#include <vector>
+
+#include "board.h"
+
+namespace hexwire {
+
+class HostBoard final : public Platform {
+ public:
+  static const uint16_t kStorageSize = 4096;
+  static const uint16_t kHostOut = 511;  // as on the Mega
+
+  HostBoard();
+
+  uint32_t micros() override { return static_cast<uint32_t>(now_us); }
+  uint16_t host_read(uint8_t* into, uint16_t room) override;
+  uint16_t host_write_room() override { return static_cast<uint16_t>(kHostOut - to_host.size()); }
+  uint16_t host_write_waiting() override { return static_cast<uint16_t>(to_host.size()); }
+  void host_write(const uint8_t* data, uint16_t size) override;
+  uint8_t bus_read(uint8_t* into, uint8_t room) override;
+  void bus_write(const uint8_t* data, uint8_t size) override;
+  bool bus_sending() override { return now_us < bus_free_us; }
+  uint8_t storage_read(uint16_t address) override { return storage[address % kStorageSize]; }
+  bool storage_ready() override { return now_us >= storage_free_us; }
+  void storage_write(uint16_t address, uint8_t value) override;
+  void set_outputs(uint8_t value) override { outputs = value; }
+
+  uint64_t now_us;
+  uint32_t bus_byte_us;      // 0 = the bus takes no time
+  uint64_t bus_free_us;
+  uint64_t storage_free_us;
+  bool storage_broken;       // writes are lost
+  uint8_t outputs;
+  std::vector<uint8_t> from_host, to_host, from_bus, to_bus;
+  std::vector<uint8_t> storage;
+  Board board;
+};
+
+}  // namespace hexwire
+
+#endif  // HEXWIRE_HOST_BOARD_H

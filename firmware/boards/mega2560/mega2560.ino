@@ -1,0 +1,98 @@
+// The Hex7Bot controller on an Arduino Mega 2560. Open this folder in the Arduino IDE, or run
+// `make -C firmware mega2560`. What the board does is in src/core; here is only what the chip needs.
+// Wiring and flashing: docs/firmware.md.
+
+#include <avr/eeprom.h>
+#include <avr/sleep.h>
+#include <avr/wdt.h>
+
+#include "src/core/board.h"
+#include "uart.h"
+
+#ifndef HEXWIRE_HOST_BAUD
+#define HEXWIRE_HOST_BAUD 115200
+#endif
+#ifndef HEXWIRE_BUS_BAUD
+#define HEXWIRE_BUS_BAUD 115200
+#endif
+
+namespace {
+
+constexpr uint8_t kPumpPin = 40;
+constexpr uint8_t kValvePin = 36;
+constexpr uint8_t kBuzzerPin = 37;
+
+class Mega : public hexwire::Platform {
+ public:
+  uint32_t micros() override { return ::micros(); }
+  uint16_t host_read(uint8_t* into, uint16_t room) override { return host_uart_read(into, room); }
+  uint16_t host_write_room() override { return host_uart_room(); }
+  uint16_t host_write_waiting() override { return host_uart_waiting(); }
+  void host_write(const uint8_t* data, uint16_t size) override { host_uart_write(data, size); }
+  uint8_t bus_read(uint8_t* into, uint8_t room) override { return bus_uart_read(into, room); }
+  void bus_write(const uint8_t* data, uint8_t size) override { bus_uart_write(data, size); }
+  bool bus_sending() override { return bus_uart_sending(); }
+  uint8_t storage_read(uint16_t address) override { return eeprom_read_byte(reinterpret_cast<const uint8_t*>(address)); }
+  bool storage_ready() override { return eeprom_is_ready(); }
+  void storage_write(uint16_t address, uint8_t value) override {
+    eeprom_write_byte(reinterpret_cast<uint8_t*>(address), value);
+  }
+  void set_outputs(uint8_t value) override {
+    digitalWrite(kPumpPin, value & 1);
+    digitalWrite(kValvePin, value & 2);
+    digitalWrite(kBuzzerPin, value & 4);
+  }
+};
+
+Mega platform;
+hexwire::Board board(platform);
+
+// The first four bytes of EEPROM count the resets. A new chip reads FFFFFFFF, so its first boot id is 0.
+uint32_t next_boot_id() {
+  uint32_t* const cell = reinterpret_cast<uint32_t*>(0);
+  const uint32_t id = eeprom_read_dword(cell) + 1;
+  eeprom_update_dword(cell, id);
+  return id;
+}
+
+uint8_t reset_cause __attribute__((section(".noinit")));
+
+}  // namespace
+
+// After a reset by the watchdog it is still running, with its shortest time: stop it before anything else.
+// A boot loader may have cleared MCUSR by then; the cause is then unknown.
+void note_reset() __attribute__((naked, used, section(".init3")));
+void note_reset() {
+  reset_cause = MCUSR;
+  MCUSR = 0;
+  wdt_disable();
+}
+
+void setup() {
+  pinMode(kPumpPin, OUTPUT);
+  pinMode(kValvePin, OUTPUT);
+  pinMode(kBuzzerPin, OUTPUT);
+  uint8_t flags = 0;
+  if (reset_cause & _BV(BORF)) flags |= hexwire::gen::BOARD_FLAG_UNDER_VOLTAGE_RESET;
+  if (reset_cause & _BV(WDRF)) flags |= hexwire::gen::BOARD_FLAG_WATCHDOG_RESET;
+  const uint32_t boot_id = next_boot_id();
+  uart_begin(HEXWIRE_HOST_BAUD, HEXWIRE_BUS_BAUD);
+  board.begin(boot_id, flags);
+  set_sleep_mode(SLEEP_MODE_IDLE);
+  wdt_enable(WDTO_250MS);
+}
+
+void loop() {
+  wdt_reset();
+  if (!board.poll()) return;
+  // Asleep until a byte comes or goes, or the millisecond tick. The instruction after sei() is always
+  // executed before an interrupt, so none can slip in between the look and the sleep.
+  cli();
+  if (!uart_input_waiting()) {
+    sleep_enable();
+    sei();
+    sleep_cpu();
+    sleep_disable();
+  }
+  sei();
+}

@@ -1,0 +1,198 @@
+#include "board.h"
+
+#include <string.h>
+
+#include "bytes.h"
+
+namespace hexwire {
+
+namespace {
+
+constexpr uint32_t kSecondUs = 1000000;
+constexpr uint16_t kChapterMs = 1000;
+// A report goes out when the one before it has all but left: it should not carry old news.
+constexpr uint8_t kReportBacklog = 24;
+
+}  // namespace
+
+Board::Board(Platform& platform)
+    : platform_(platform),
+      stats_(),
+      decoder_(stats_),
+      queue_(),
+      stored_(),
+      settings_(platform),
+      bus_(platform, stats_),
+      joints_(),
+      poller_(bus_, joints_),
+      sweep_(bus_, joints_),
+      job_(),
+      owner_(Owner::kNobody),
+      now_running_(),
+      boot_id_(0),
+      board_flags_(0),
+      outputs_(0),
+      last_us_(0),
+      us_(0),
+      sec_(0),
+      ms_(0),
+      ms_rest_(0),
+      sn_(0),
+      report_seq_(0),
+      report_fields_(0),
+      report_to_(0),
+      heard_ms_(0),
+      chapter_heard_(false),
+      chapter_heard_ms_(0),
+      fed_(false),
+      watchdog_mode_(0),
+      watchdog_ms_(0) {}
+
+void Board::begin(uint32_t boot_id, uint8_t reset_flags) {
+  boot_id_ = boot_id;
+  board_flags_ = reset_flags;
+  last_us_ = platform_.micros();
+  settings_.load();
+  platform_.set_outputs(0);
+  start_job(kBoot, kAllJoints);
+}
+
+void Board::tick() {
+  const uint32_t now = platform_.micros();
+  const uint32_t passed = now - last_us_;
+  last_us_ = now;
+  us_ += passed;
+  while (us_ >= kSecondUs) {
+    us_ -= kSecondUs;
+    ++sec_;
+  }
+  uint32_t rest = passed + ms_rest_;
+  while (rest >= 1000) {
+    // A pass is short; only a debugger or a test makes this loop long.
+    const uint32_t whole = rest >= kSecondUs ? rest / 1000 : 1;
+    ms_ += whole;
+    rest -= whole * 1000;
+  }
+  ms_rest_ = static_cast<uint16_t>(rest);
+  if (chapter_heard_ && ms_ - chapter_heard_ms_ > kChapterMs) chapter_heard_ = false;
+}
+
+bool Board::poll() {
+  tick();
+  const uint32_t begun = last_us_;
+  receive();
+  check_watchdog();
+  settings_.poll();
+  run_bus();
+  report();
+  const uint32_t took = platform_.micros() - begun;
+  if (took > stats_.loop_us_max) stats_.loop_us_max = took;
+  return queue_.count() == 0 || owner_ != Owner::kNobody;
+}
+
+void Board::receive() {
+  do {
+    const uint8_t room = decoder_.room();
+    if (room) decoder_.added(static_cast<uint8_t>(platform_.host_read(decoder_.space(), room)), last_us_);
+    Frame frame;
+    while (decoder_.next(frame)) accept(frame);
+  } while (decoder_.expire(last_us_));
+}
+
+void Board::accept(const Frame& frame) {
+  if (frame.proto == gen::PROTO_HEXWIRE) {
+    if (frame.dst != gen::MODULE_ARM_7BOT_ARDUINO_TRX) return;
+    if (frame.ext & (gen::EXT_REPLY | gen::EXT_UNSOLICITED)) return;
+  } else {
+    chapter_heard_ = true;
+    chapter_heard_ms_ = ms_;
+  }
+  heard_ms_ = ms_;
+  fed_ = true;
+  if (frame.proto == gen::PROTO_HEXWIRE) {
+    const ReplyStore::Entry* entry = stored_.find(frame, ms_);
+    if (entry != nullptr) {
+      ++stats_.repeats;
+      memcpy(body(), entry->reply, entry->reply_size);
+      send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | entry->status, entry->reply_size);
+      return;
+    }
+    if (queue_.holds(frame)) {
+      // Its answer is on the way.
+      ++stats_.repeats;
+      return;
+    }
+    if (frame.cmd == gen::CMD_STOP && frame.size == gen::STOP_REQUEST_SIZE && frame.body[0] <= 1) return stop(frame);
+  }
+  if (queue_.push(frame)) {
+    if (queue_.count() > stats_.queue_high_water) stats_.queue_high_water = queue_.count();
+  } else if (frame.proto == gen::PROTO_HEXWIRE) {
+    send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_BUSY, 0);
+  }
+}
+
+void Board::stop(const Frame& frame) {
+  if (!queue_.push_front(frame)) {
+    send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_BUSY, 0);
+    return;
+  }
+  board_flags_ |= gen::BOARD_FLAG_STOPPED;
+  if (frame.body[gen::STOP_REQUEST_MODE]) board_flags_ |= gen::BOARD_FLAG_TORQUE_OFF_STOP;
+  // What runs now runs again after the stop, and is refused then if it would move anything.
+  drop_job();
+  if (!bus_.idle()) bus_.hurry();
+}
+
+void Board::check_watchdog() {
+  if (watchdog_ms_ == 0 || !fed_ || ms_ - heard_ms_ < watchdog_ms_) return;
+  fed_ = false;
+  ++stats_.watchdog_trips;
+  board_flags_ |= gen::BOARD_FLAG_WATCHDOG_TRIPPED;
+  const Frame frame = {0, 0, kNoReply, 0, gen::CMD_STOP, 0, gen::STOP_REQUEST_SIZE, &watchdog_mode_};
+  stop(frame);
+}
+
+void Board::send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t ext, uint8_t size) {
+  FrameHead head;
+  head.time_sec = sec_;
+  head.time_nsec = us_ * 1000;
+  head.sn = sn_ + 1;
+  head.src = gen::MODULE_ARM_7BOT_ARDUINO_TRX;
+  head.dst = dst;
+  head.proto = proto;
+  head.seq = seq;
+  head.cmd = cmd;
+  head.ext = ext;
+  const uint8_t whole = finish_frame(tx_, head, size);
+  // Jobs begin only when there is room for their answer. What else finds none is asked for again by the host.
+  if (platform_.host_write_room() < whole) return;
+  platform_.host_write(tx_, whole);
+  ++sn_;
+  ++stats_.frames_sent;
+}
+
+void Board::reply(uint8_t status, uint8_t size) {
+  job_.active = false;
+  if (now_running_.proto == gen::PROTO_HEXWIRE) {
+    const Request& request = now_running_;
+    stored_.add(request, status, body(), size, ms_);
+    send(gen::PROTO_HEXWIRE, request.src, request.seq, request.cmd, gen::EXT_REPLY | status, size);
+  }
+  queue_.pop();
+}
+
+// The chapter's board counts its replies and always says command 02, to module 0.
+void Board::reply_chapter(uint8_t size) {
+  job_.active = false;
+  send(gen::PROTO_CHAPTER, gen::MODULE_ROS1_HOST, static_cast<uint8_t>(sn_ + 1), gen::CMD_READ, 0, size);
+  queue_.pop();
+}
+
+void Board::report() {
+  if (platform_.host_write_waiting() > kReportBacklog) return;
+  if (!poller_.take_report(last_us_)) return;
+  const uint8_t size = put_state(report_fields_);
+  send(gen::PROTO_HEXWIRE, report_to_, report_seq_++, gen::CMD_JOINT_STATE, gen::EXT_UNSOLICITED, size);
+}
+
+}  // namespace hexwire

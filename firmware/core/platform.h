@@ -1,0 +1,40 @@
+// What the core asks of a board. Every call returns at once; nothing here may wait.
+#ifndef HEXWIRE_PLATFORM_H
+#define HEXWIRE_PLATFORM_H
+
+#include <stdint.h>
+
+namespace hexwire {
+
+class Platform {
+ public:
+  // Free-running microseconds; wraps.
+  virtual uint32_t micros() = 0;
+
+  // The host line: bytes that came in, room for bytes to go out, bytes that have not left yet.
+  virtual uint16_t host_read(uint8_t* into, uint16_t room) = 0;
+  virtual uint16_t host_write_room() = 0;
+  virtual uint16_t host_write_waiting() = 0;
+  virtual void host_write(const uint8_t* data, uint16_t size) = 0;
+
+  // The servo line. `data` stays untouched until `bus_sending` is false, which means the stop bit has left.
+  virtual uint8_t bus_read(uint8_t* into, uint8_t room) = 0;
+  virtual void bus_write(const uint8_t* data, uint8_t size) = 0;
+  virtual bool bus_sending() = 0;
+
+  // Memory that survives a reset. A byte may be written while `storage_ready`.
+  virtual uint8_t storage_read(uint16_t address) = 0;
+  virtual bool storage_ready() = 0;
+  virtual void storage_write(uint16_t address, uint8_t value) = 0;
+
+  // The digital outputs of the IO command: bit 0 pump, bit 1 valve, bit 2 buzzer.
+  virtual void set_outputs(uint8_t value) = 0;
+
+ protected:
+  // Never deleted through this type: a virtual destructor would pull in the heap.
+  ~Platform() {}
+};
+
+}  // namespace hexwire
+
+#endif  // HEXWIRE_PLATFORM_H

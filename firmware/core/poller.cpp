@@ -1,0 +1,138 @@
+#include "poller.h"
+
+namespace hexwire {
+
+namespace {
+
+constexpr uint16_t kAwakeMs = 2000;
+constexpr uint16_t kIdleCycleMs = 100;
+constexpr uint16_t kSilentRetryMs = 500;  // a servo that is not there is not asked in every cycle
+// One slow item every so many cycles: more would cost the positions their rate (docs/firmware.md has the sums).
+constexpr uint8_t kCyclesPerExtra = 3;
+constexpr uint8_t kExtrasPerRest = 3;      // when there is time to spare before a report
+constexpr int32_t kExtraUs = 2500;         // the longest of them, with room
+
+// The items that take turns. Torque is among them since a servo may drop it by itself.
+const Item kExtras[] = {Item::kMotion, Item::kSupply, Item::kCurrent, Item::kTorque};
+constexpr uint8_t kExtraCount = sizeof(kExtras) / sizeof(kExtras[0]);
+
+}  // namespace
+
+Poller::Poller(ServoBus& bus, Joints& joints)
+    : bus_(bus),
+      joints_(joints),
+      sweep_(bus, joints),
+      phase_(Phase::kRest),
+      awake_(false),
+      report_ready_(false),
+      cycles_(0),
+      until_extra_(kCyclesPerExtra),
+      turn_(0),
+      extras_left_(0),
+      period_ms_(0),
+      awake_until_ms_(0),
+      report_at_us_(0),
+      cycle_begun_us_(0),
+      cycle_us_(0),
+      cycle_at_ms_(0),
+      sampled_us_(0) {}
+
+void Poller::wake(uint32_t now_ms) {
+  awake_ = true;
+  awake_until_ms_ = now_ms + kAwakeMs;
+}
+
+void Poller::set_report(uint16_t period_ms, uint32_t now_us) {
+  period_ms_ = period_ms;
+  report_ready_ = false;
+  report_at_us_ = now_us + static_cast<uint32_t>(period_ms) * 1000;
+}
+
+bool Poller::take_report(uint32_t now_us) {
+  if (!report_ready_ || static_cast<int32_t>(report_at_us_ - now_us) > 0) return false;
+  report_ready_ = false;
+  report_at_us_ += static_cast<uint32_t>(period_ms_) * 1000;
+  // Reports that could not be sent in time are left out, not made up for.
+  if (static_cast<int32_t>(report_at_us_ - now_us) < 0) report_at_us_ = now_us;
+  return true;
+}
+
+Mask Poller::worth_asking(uint32_t now_ms) const {
+  Mask mask = 0;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    const Joint& joint = joints_[i];
+    if (joint.present || now_ms - joint.asked_ms >= kSilentRetryMs) mask |= only(i);
+  }
+  return mask;
+}
+
+bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
+  phase_ = Phase::kCycle;
+  cycle_begun_us_ = now_us;
+  // A lone reader of the chapter's dialect should not find the line taken by a long sync read.
+  sweep_.begin(worth_asking(now_ms), Item::kPosition, busy(now_ms));
+  if (sweep_.start_next(now_ms)) return true;
+  end_cycle(now_us, now_ms);
+  return false;
+}
+
+bool Poller::start_extra(uint32_t now_ms) {
+  for (uint8_t tried = 0; tried < kJoints * kExtraCount; ++tried) {
+    const uint8_t joint = static_cast<uint8_t>(turn_ % kJoints);
+    const Item item = kExtras[turn_ / kJoints];
+    if (++turn_ == kJoints * kExtraCount) turn_ = 0;
+    uint8_t address;
+    uint8_t size;
+    if (!joints_[joint].present || !joints_.locate(joint, item, &address, &size)) continue;
+    sweep_.begin(only(joint), item, false);
+    phase_ = Phase::kExtra;
+    if (extras_left_) --extras_left_;
+    return sweep_.start_next(now_ms);
+  }
+  return false;
+}
+
+bool Poller::start(uint32_t now_us, uint32_t now_ms) {
+  if (phase_ != Phase::kRest) {
+    if (sweep_.start_next(now_ms)) return true;
+    if (phase_ == Phase::kCycle) end_cycle(now_us, now_ms);
+    phase_ = Phase::kRest;
+    return false;
+  }
+  if (awake_ && !awake(now_ms)) awake_ = false;
+  if (until_extra_ == 0) {
+    until_extra_ = kCyclesPerExtra;
+    if (start_extra(now_ms)) return true;
+  }
+  const bool rested = now_ms - cycle_at_ms_ >= kIdleCycleMs;
+  if (period_ms_ == 0) {
+    if (!awake_ && !rested) return false;
+  } else {
+    if (report_ready_) return false;
+    // The cycle should end when the report is due; what is left before it belongs to the slow items.
+    const int32_t spare = static_cast<int32_t>(report_at_us_ - cycle_us_ - now_us);
+    if (spare > 0) {
+      if (spare < static_cast<int32_t>(cycle_us_)) return spare > kExtraUs && extras_left_ && start_extra(now_ms);
+      if (!awake_ && !rested) return extras_left_ && start_extra(now_ms);
+    }
+  }
+  return start_cycle(now_us, now_ms);
+}
+
+void Poller::take_result(uint32_t now_us, uint32_t now_ms) {
+  sweep_.take_result(now_us, now_ms);
+  if (phase_ == Phase::kCycle && sweep_.answered()) sampled_us_ = now_us;
+}
+
+void Poller::end_cycle(uint32_t now_us, uint32_t now_ms) {
+  phase_ = Phase::kRest;
+  cycle_us_ = now_us - cycle_begun_us_;
+  cycle_at_ms_ = now_ms;
+  ++cycles_;
+  if (until_extra_) --until_extra_;
+  extras_left_ = kExtrasPerRest;
+  const int32_t early = static_cast<int32_t>(report_at_us_ - now_us);
+  if (period_ms_ != 0 && early < static_cast<int32_t>(cycle_us_ / 2)) report_ready_ = true;
+}
+
+}  // namespace hexwire

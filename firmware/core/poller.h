@@ -1,0 +1,68 @@
+// When the servos are asked by the board itself, and when a report is due.
+// Positions come every cycle; the slower items take turns in between. Owns no bytes: it starts transactions
+// through a sweep, and only while the bus has nothing better to do.
+#ifndef HEXWIRE_POLLER_H
+#define HEXWIRE_POLLER_H
+
+#include <stdint.h>
+
+#include "joints.h"
+#include "servo_bus.h"
+
+namespace hexwire {
+
+class Poller {
+ public:
+  Poller(ServoBus& bus, Joints& joints);
+
+  // Somebody wants fresh joint states: poll without a pause for the next seconds.
+  void wake(uint32_t now_ms);
+  bool awake(uint32_t now_ms) const { return awake_ && static_cast<int32_t>(awake_until_ms_ - now_ms) > 0; }
+
+  // Reports are on, or somebody asks: positions have precedence over a quiet line.
+  bool busy(uint32_t now_ms) const { return period_ms_ != 0 || awake(now_ms); }
+
+  // 0 stops the reports.
+  void set_report(uint16_t period_ms, uint32_t now_us);
+  // True once when a report is due and its samples are there.
+  bool take_report(uint32_t now_us);
+
+  // Starts a transaction if one is due; true if it did.
+  bool start(uint32_t now_us, uint32_t now_ms);
+  void take_result(uint32_t now_us, uint32_t now_ms);
+
+  // Counts finished cycles; wraps.
+  uint8_t cycles() const { return cycles_; }
+  uint32_t cycle_at_ms() const { return cycle_at_ms_; }
+  uint32_t sampled_us() const { return sampled_us_; }
+
+ private:
+  enum class Phase : uint8_t { kRest, kCycle, kExtra };
+
+  Mask worth_asking(uint32_t now_ms) const;
+  bool start_cycle(uint32_t now_us, uint32_t now_ms);
+  bool start_extra(uint32_t now_ms);
+  void end_cycle(uint32_t now_us, uint32_t now_ms);
+
+  ServoBus& bus_;
+  Joints& joints_;
+  Sweep sweep_;
+  Phase phase_;
+  bool awake_;
+  bool report_ready_;
+  uint8_t cycles_;
+  uint8_t until_extra_;
+  uint8_t turn_;  // joint * kItems + item of the next extra
+  uint8_t extras_left_;
+  uint16_t period_ms_;
+  uint32_t awake_until_ms_;
+  uint32_t report_at_us_;
+  uint32_t cycle_begun_us_;
+  uint32_t cycle_us_;
+  uint32_t cycle_at_ms_;
+  uint32_t sampled_us_;
+};
+
+}  // namespace hexwire
+
+#endif  // HEXWIRE_POLLER_H

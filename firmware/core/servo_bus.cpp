@@ -1,0 +1,305 @@
+#include "servo_bus.h"
+
+#include <string.h>
+
+#include "bytes.h"
+
+namespace hexwire {
+
+namespace {
+
+constexpr uint8_t kStatusOverhead = 6;      // FF FF id len error ... chk
+constexpr uint16_t kByteUs = 87;            // at 115200
+constexpr uint16_t kQuietUs = 250;          // a line counts as quiet after this
+constexpr uint16_t kMaxQuietWaitUs = 3000;  // a servo that babbles does not hold up the others for longer
+constexpr uint16_t kGapUs = 1500;           // silence inside an answer, or between two of them
+constexpr uint16_t kHurryUs = 1000;
+constexpr uint16_t kMaxHurryUs = 4000;
+constexpr uint16_t kMarginUs = 3000;
+
+}  // namespace
+
+ServoBus::ServoBus(Platform& platform, Stats& stats)
+    : platform_(platform),
+      stats_(stats),
+      state_(State::kIdle),
+      kind_(Kind::kSilent),
+      result_(BusResult::kSilent),
+      expect_(),
+      line_dirty_(true),
+      echo_seen_(false),
+      hurried_(false),
+      whole_(false),
+      size_(0),
+      tries_left_(0),
+      raw_length_(0),
+      echo_matched_(0),
+      echo_over_(true),
+      received_(0),
+      searched_(0),
+      wanted_(0),
+      got_(0),
+      timeout_us_(0),
+      since_(0),
+      last_rx_(0),
+      hurried_at_(0) {}
+
+void ServoBus::begin(uint8_t id, uint8_t instruction) {
+  packet_[0] = 0xFF;
+  packet_[1] = 0xFF;
+  packet_[2] = id;
+  packet_[4] = instruction;
+  size_ = 5;
+  whole_ = false;
+}
+
+void ServoBus::add16(uint16_t value, bool big_endian) {
+  if (big_endian) {
+    put16_big(packet_ + size_, value);
+  } else {
+    put16(packet_ + size_, value);
+  }
+  size_ = static_cast<uint8_t>(size_ + 2);
+}
+
+void ServoBus::take(const uint8_t* packet, uint8_t size) {
+  memcpy(packet_, packet, size);
+  size_ = size;
+  whole_ = true;
+}
+
+void ServoBus::close_packet() {
+  packet_[3] = static_cast<uint8_t>(size_ - 3);
+  packet_[size_] = servo_checksum(packet_ + 2, static_cast<uint8_t>(size_ - 2));
+  ++size_;
+}
+
+void ServoBus::start_silent() {
+  expect_.tries = 1;
+  start(Kind::kSilent);
+}
+
+void ServoBus::start_single(const Expect& expect) { start_many(packet_ + 2, 1, expect); }
+
+void ServoBus::start_many(const uint8_t* ids, uint8_t count, const Expect& expect) {
+  expect_ = expect;
+  timeout_us_ = expect.timeout_us;
+  wanted_ = count;
+  memcpy(ids_, ids, count);
+  start(Kind::kPackets);
+}
+
+void ServoBus::start_raw(uint8_t reply_length, uint32_t timeout_us) {
+  expect_.tries = 1;
+  raw_length_ = reply_length;
+  timeout_us_ = timeout_us;
+  start(reply_length ? Kind::kRaw : Kind::kSilent);
+}
+
+void ServoBus::start(Kind kind) {
+  if (!whole_) close_packet();
+  whole_ = true;
+  kind_ = kind;
+  tries_left_ = expect_.tries;
+  hurried_ = false;
+  wait_for_quiet();
+}
+
+// Whatever is on the line now belongs to nobody: a late answer must not be taken for the next one.
+void ServoBus::wait_for_quiet() {
+  state_ = State::kQuiet;
+  since_ = last_rx_ = platform_.micros();
+  uint8_t scrap[16];
+  uint8_t count;
+  while ((count = platform_.bus_read(scrap, sizeof(scrap))) != 0) {
+    stats_.bytes_dropped += count;
+    line_dirty_ = true;
+  }
+  if (!line_dirty_) send();
+}
+
+void ServoBus::send() {
+  --tries_left_;
+  ++stats_.bus_transactions;
+  received_ = searched_ = got_ = 0;
+  memset(at_, kNoAnswer, sizeof(at_));
+  echo_matched_ = 0;
+  echo_over_ = false;
+  line_dirty_ = false;
+  platform_.bus_write(packet_, size_);
+  state_ = State::kSending;
+}
+
+void ServoBus::poll() {
+  switch (state_) {
+    case State::kIdle:
+    case State::kFinished:
+      return;
+    case State::kQuiet: {
+      const uint32_t now = platform_.micros();
+      uint8_t scrap[16];
+      uint8_t count;
+      while ((count = platform_.bus_read(scrap, sizeof(scrap))) != 0) {
+        stats_.bytes_dropped += count;
+        last_rx_ = now;
+      }
+      if (now - last_rx_ >= kQuietUs || now - since_ >= kMaxQuietWaitUs) send();
+      return;
+    }
+    case State::kSending:
+    case State::kWaiting:
+      receive();
+      return;
+  }
+}
+
+void ServoBus::receive() {
+  const bool sending = platform_.bus_sending();
+  const uint32_t now = platform_.micros();
+  if (state_ == State::kSending && !sending) {
+    state_ = State::kWaiting;
+    since_ = last_rx_ = now;
+  }
+  uint8_t chunk[16];
+  uint8_t count;
+  while ((count = platform_.bus_read(chunk, sizeof(chunk))) != 0) {
+    last_rx_ = now;
+    for (uint8_t i = 0; i < count; ++i) take_byte(chunk[i], sending);
+    if (state_ != State::kWaiting) continue;
+    search();
+    if (complete()) return finish(BusResult::kOk);
+  }
+  if (state_ != State::kWaiting) return;
+  if (kind_ == Kind::kSilent) {
+    // The echo, if there is one, ends with the stop bit; one byte later the line is free.
+    if (now - since_ >= kByteUs || !echo_seen_) finish(BusResult::kOk);
+    return;
+  }
+  const uint32_t waited = now - since_;
+  const uint32_t quiet = now - last_rx_;
+  if (hurried_ && (quiet >= kHurryUs || now - hurried_at_ >= kMaxHurryUs)) return fail();
+  const uint32_t answer_us = static_cast<uint32_t>(kMaxAnswer) * kByteUs;
+  if ((waited >= timeout_us_ && quiet >= kGapUs) || waited >= timeout_us_ + answer_us + kMarginUs) fail();
+}
+
+void ServoBus::take_byte(uint8_t byte, bool during_send) {
+  if (!echo_over_) {
+    if (byte == packet_[echo_matched_]) {
+      if (++echo_matched_ == size_) echo_over_ = true;
+      return;
+    }
+    echo_over_ = true;
+    if (!during_send) {
+      // No echo after all: what looked like its beginning belongs to the answer.
+      received_ = echo_matched_ < sizeof(answer_) ? echo_matched_ : sizeof(answer_);
+      memcpy(answer_, packet_, received_);
+      echo_matched_ = 0;
+    }
+  }
+  // While we talk nobody can answer: such bytes are noise.
+  if (during_send) {
+    ++stats_.bytes_dropped;
+    return;
+  }
+  if (kind_ == Kind::kSilent) return;
+  if (received_ < sizeof(answer_)) {
+    answer_[received_++] = byte;
+  } else {
+    ++stats_.bytes_dropped;
+  }
+}
+
+bool ServoBus::complete() const {
+  if (kind_ == Kind::kRaw) return received_ >= raw_length_;
+  return kind_ == Kind::kPackets && got_ == wanted_;
+}
+
+void ServoBus::search() {
+  if (kind_ != Kind::kPackets) return;
+  while (searched_ + 4 <= received_) {
+    if (!match_at(searched_)) return;
+  }
+}
+
+// Looks at the packet that begins at `at`; false if more bytes are needed to tell.
+bool ServoBus::match_at(uint8_t at) {
+  const uint8_t* p = answer_ + at;
+  const uint8_t available = static_cast<uint8_t>(received_ - at);
+  bool fits = p[0] == 0xFF && (expect_.header == kAnyHeader ? p[1] == 0xFF || p[1] == 0xF5 : p[1] == expect_.header);
+  uint8_t index = 0;
+  if (fits) {
+    while (index < wanted_ && (at_[index] != kNoAnswer || (ids_[index] != p[2] && ids_[index] != gen::BROADCAST_ID))) {
+      ++index;
+    }
+    fits = index < wanted_;
+  }
+  if (fits && !expect_.ping) {
+    fits = expect_.parameters == kAnyLength ? p[3] >= 2 && p[3] <= sizeof(answer_) - 4 : p[3] == expect_.parameters + 2;
+  }
+  if (fits) {
+    const uint8_t size = expect_.ping ? kStatusOverhead : static_cast<uint8_t>(p[3] + 4);
+    if (available < size) return false;
+    if (p[size - 1] == servo_checksum(p + 2, static_cast<uint8_t>(size - 3))) {
+      at_[index] = at;
+      ++got_;
+      searched_ = static_cast<uint8_t>(at + size);
+      return true;
+    }
+  }
+  searched_ = static_cast<uint8_t>(at + 1);
+  return true;
+}
+
+void ServoBus::fail() {
+  // An answer may equal its request byte for byte (a ping answered with error bit 0, say). On a line that is
+  // known not to echo, what was taken for the echo is then the answer.
+  if (echo_over_ && echo_matched_ == size_ && received_ == 0 && !echo_seen_ && kind_ != Kind::kSilent) {
+    received_ = size_ < sizeof(answer_) ? size_ : sizeof(answer_);
+    memcpy(answer_, packet_, received_);
+    echo_matched_ = 0;
+    search();
+    if (complete()) return finish(BusResult::kOk);
+  }
+  line_dirty_ = true;
+  const bool nothing = received_ == 0;
+  if (nothing) {
+    ++stats_.bus_timeouts;
+  } else {
+    ++stats_.bus_bad;
+  }
+  if (tries_left_ && got_ == 0 && !hurried_) {
+    ++stats_.bus_retries;
+    return wait_for_quiet();
+  }
+  finish(nothing ? BusResult::kSilent : BusResult::kDamaged);
+}
+
+void ServoBus::finish(BusResult result) {
+  if (result == BusResult::kOk && kind_ != Kind::kSilent) echo_seen_ = echo_over_ && echo_matched_ == size_;
+  result_ = result;
+  state_ = State::kFinished;
+}
+
+bool ServoBus::finished() {
+  if (state_ != State::kFinished) return false;
+  state_ = State::kIdle;
+  return true;
+}
+
+void ServoBus::hurry() {
+  hurried_ = true;
+  hurried_at_ = platform_.micros();
+  if (state_ == State::kQuiet) finish(BusResult::kSilent);
+}
+
+const uint8_t* ServoBus::answer(uint8_t index) const {
+  if (kind_ == Kind::kRaw) return answer_;
+  return at_[index] == kNoAnswer ? nullptr : answer_ + at_[index];
+}
+
+uint8_t ServoBus::answer_size(uint8_t index) const {
+  if (kind_ == Kind::kRaw) return received_;
+  return expect_.ping ? kStatusOverhead : static_cast<uint8_t>(answer_[at_[index] + 3] + 4);
+}
+
+}  // namespace hexwire
