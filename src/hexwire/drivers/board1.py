@@ -233,12 +233,13 @@ class Board1:
         if on:
             self._refuse_if_stopped("torque on")
         wanted = [self._model.index(n) for n in (self._model.names if joints is None else joints)]
+        if on:
+            wanted = self._hold(wanted)
+        for i in wanted:
+            self._write(make_write(self._model.joints[i].servo_id, _TORQUE, bytes((int(on),))))
         confirmed = []
         for i in wanted:
             joint = self._model.joints[i]
-            if on and not self._hold(i):
-                continue
-            self._write(make_write(joint.servo_id, _TORQUE, bytes((int(on),))))
             state = self._read_torque(joint)
             if state is not None:
                 self._torque[i] = state
@@ -251,25 +252,35 @@ class Board1:
         self._stopped = True
         if mode == StopMode.TORQUE_OFF:
             return self.torque(False, None)
-        return tuple(joint.name for i, joint in enumerate(self._model.joints) if self._hold(i))
+        # A joint without torque stays without: writing it a target could switch it on.
+        limp = [i for i, on in enumerate(self._torque) if on is False]
+        held = self._hold([i for i in range(len(self._model.joints)) if i not in limp])
+        return tuple(self._model.joints[i].name for i in sorted([*held, *limp]))
 
     def resume(self) -> None:
         """End the stop."""
         self._stopped = False
 
-    def _hold(self, i: int) -> bool:
-        """Make the present position of a joint its target."""
-        joint = self._model.joints[i]
-        self._sample(i, joint)
-        if self._flags[i] & JointFlag.SILENT:
-            return False
-        counts = joint.angle_to_counts(self._positions[i])
-        if joint.series == "hls":
-            packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint))
-            return self._write(packet)
-        packet, _, _ = make_legacy_move({joint.servo_id: counts}, _MIN_RUN_TIME)
-        self._session.request(Command.SYNC_WRITE, packet)
-        return True
+    def _hold(self, wanted: Sequence[int]) -> list[int]:
+        """Make the present positions of joints their targets; returns those that took it."""
+        held, legacy = [], {}
+        for i in wanted:
+            joint = self._model.joints[i]
+            self._sample(i, joint)
+            if self._flags[i] & JointFlag.SILENT:
+                continue
+            counts = joint.angle_to_counts(self._positions[i])
+            if joint.series == "hls":
+                packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint))
+                if self._write(packet):
+                    held.append(i)
+            else:
+                legacy[joint.servo_id] = counts
+                held.append(i)
+        if legacy:
+            packet, _, _ = make_legacy_move(legacy, _MIN_RUN_TIME)
+            self._session.request(Command.SYNC_WRITE, packet)
+        return held
 
     def _ceiling(self, joint: JointModel) -> int:
         """Current ceiling for an HLS servo: its own protection current."""

@@ -70,7 +70,11 @@ class Board2:
         self._names = model.names
         self._angle = tuple((j.neutral, j.sign * j.scale, j.offset) for j in model.joints)
         self._factor = tuple(j.sign * j.scale for j in model.joints)
-        self._signs = tuple(j.sign * 0.001 for j in model.joints)
+        # A legacy servo's load, current, voltage and temperature read 0 whatever they are: NaN, not a false 0.
+        told = [math.nan if j.series == "seven_bot" else 1.0 for j in model.joints]
+        self._milli = tuple(j.sign * 0.001 * k for j, k in zip(model.joints, told, strict=True))
+        self._deci = tuple(0.1 * k for k in told)
+        self._told = tuple(told)
         self._nan = (math.nan,) * len(model.joints)
         self._zero_age = (0.0,) * len(model.joints)
 
@@ -110,10 +114,10 @@ class Board2:
             self._names,
             tuple([k * (c - n) + o for c, (n, k, o) in zip(position, self._angle, strict=True)]),  # type: ignore[arg-type]  # always there
             nan if speed is None else tuple([k * v for v, k in zip(speed, self._factor, strict=True)]),
-            nan if load is None else tuple([k * v for v, k in zip(load, self._signs, strict=True)]),
-            nan if current is None else tuple([k * v for v, k in zip(current, self._signs, strict=True)]),
-            nan if voltage is None else tuple([0.1 * v for v in voltage]),
-            nan if temperature is None else tuple([float(v) for v in temperature]),
+            nan if load is None else tuple([k * v for v, k in zip(load, self._milli, strict=True)]),
+            nan if current is None else tuple([k * v for v, k in zip(current, self._milli, strict=True)]),
+            nan if voltage is None else tuple([k * v for v, k in zip(voltage, self._deci, strict=True)]),
+            nan if temperature is None else tuple([k * v for v, k in zip(temperature, self._told, strict=True)]),
             self._ordered(report.status),  # type: ignore[arg-type]  # always there
             self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else math.inf for v in age]),
             now - since_sample,

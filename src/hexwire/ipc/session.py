@@ -264,7 +264,7 @@ class Session:
         self._awaited.add(ticket)
         try:
             while True:
-                self._step(None)
+                self._write()
                 while (event := connection.next_event()) is not None:
                     if event.__class__ is Reply and event.ticket == ticket:
                         self.rtts.append(event.rtt)
@@ -279,6 +279,7 @@ class Session:
                     raise self._timed_out(stashed)
                 if self._urgent_waiting and not urgent:
                     raise PreemptedError("a stop took the line; whether the request was done is unknown")
+                self._step(None)
         except BaseException:
             connection.abandon(ticket)
             raise

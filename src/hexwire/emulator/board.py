@@ -1,0 +1,276 @@
+"""An emulated controller board: frames in, frames out, servos on a half-duplex bus behind it.
+
+Owns the board's scheduler (one bus transaction at a time, stop first), its start, reset, watchdog and reports,
+and both dialects' dispatch. Time comes in as `now`; nothing here waits. Must not know links or ptys: bytes go
+through `receive` and `data_to_send`.
+
+With `dialect=1` it is the chapter's board, which knows nothing else: same bytes, same order, the delays of its
+sketch when the bus is paced. With `dialect=2` it is hexwire's firmware, which answers dialect 1 as well, without
+the chapter's hazards.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hexwire.session.connection import Connection, Role
+from hexwire.session.events import Request
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command
+from hexwire.wire.modules import ModuleType
+from hexwire.wire.tables import PROTO_CHAPTER
+
+from .arms import make_hex7bot_servos
+from .board_bus import BoardBus, Job, Transaction
+from .board_dialect1 import Dialect1
+from .board_dialect2 import Dialect2
+from .board_state import BoardState, Settings
+from .faults import FaultPlan
+from .servo_wire import ServoWire
+from .sketch import SketchReceiver
+
+__all__ = ["EmulatedBoard", "make_hex7bot_board"]
+
+_POLL_PAUSE = 0.0005
+"""Seconds between two background polls of a paced bus: what the firmware's own loop costs."""
+
+
+@dataclass(slots=True)
+class _Task:
+    """A job with what it is for: the request it answers, and whether a stop makes it void."""
+
+    job: Job
+    request: Request | None = None
+    motion: bool = False
+    urgent: bool = False
+
+
+class EmulatedBoard:
+    """One board.
+
+    Args:
+        wire: The servo bus with its servos.
+        dialect: 1 for the chapter's board, 2 for hexwire's.
+        faults: Scripted faults; none if None.
+        max_frame: Longest frame it takes, in bytes.
+        start: The time of its start.
+    """
+
+    def __init__(
+        self,
+        wire: ServoWire,
+        *,
+        dialect: int = 2,
+        faults: FaultPlan | None = None,
+        max_frame: int = tables.MAX_SERIAL_FRAME,
+        start: float = 0.0,
+    ) -> None:
+        self.wire = wire
+        self.dialect = dialect
+        self.faults = faults or FaultPlan()
+        self.paced = wire.baud > 0
+        self.max_frame = max_frame
+        self.resets = 0
+        self.settings = Settings()
+        self.time = start
+        self._out: list[bytes] = []
+        self.reset(start)
+
+    # -- bytes and time -----------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes from the host line."""
+        self.step(now)
+        if now < self._deaf_until:
+            return
+        data = self.faults.host_in(data, now)
+        if self._sketch is not None:
+            for frame in self._sketch.receive(data):
+                self._tasks.append(_Task(self.dialect1.sketch_job(frame)))
+        else:
+            self.connection.receive(data, now)
+            self._take_requests(now)
+        self.step(now)
+
+    def step(self, now: float) -> None:
+        """Do everything that is due by `now`."""
+        cause = self.faults.reset_due(now)
+        if cause is not None:
+            self.reset(now)
+            self.state.under_voltage_reset = cause == "brownout"
+        self.time = max(self.time, now) if not self._busy else self.time
+        self._timers(now)
+        while True:
+            if self._busy:
+                if self._busy_until > now:
+                    return
+                self.time = max(self.time, self._busy_until)
+                self._finish_wait()
+            elif not self._start_next(now):
+                break
+        self.time = max(self.time, now)
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the host line since the last call."""
+        frames = [*self._out, *self.connection.data_to_send()]
+        self._out = []
+        return self.faults.host_out(b"".join(frames), self.time)
+
+    def next_event_time(self) -> float | None:
+        """When `step` has something to do without bytes arriving; None if never."""
+        times = [t for t in (self.state.report_due, self.state.watchdog_due) if t is not None]
+        if self._busy:
+            times.append(self._busy_until)
+        elif self._tasks or self._urgent or self._suspended:
+            times.append(self.time)
+        elif self.paced and self.dialect == 2:
+            times.append(self._next_poll)
+        decoder = self.connection.next_timeout()
+        if decoder is not None:
+            times.append(decoder)
+        reset = self.faults.next_time(self.time)
+        if reset is not None:
+            times.append(reset)
+        return min(times, default=None)
+
+    def reset(self, now: float) -> None:
+        """Start again, as after power-up or the reset button. No servo moves."""
+        self.resets += 1
+        self.time = now
+        self.state = BoardState(self.resets, now, self.settings)
+        self.connection = Connection(
+            Role.BOARD,
+            local=ModuleType.ARM_7BOT_ARDUINO_TRX,
+            remote=ModuleType.ARM_7BOT_SERIAL_TRX,
+            type=ModuleType.ARM_7BOT_ARDUINO_TRX,
+            max_frame=self.max_frame,
+            epoch=-now,
+        )
+        self.bus = BoardBus(self)
+        self.dialect1 = Dialect1(self)
+        self.dialect2 = Dialect2(self)
+        self._sketch = SketchReceiver() if self.dialect == 1 and self.faults.sketch else None
+        self._deaf_until = now + self.faults.boot_time
+        self._out = []
+        self._urgent: deque[_Task] = deque()
+        self._tasks: deque[_Task] = deque()
+        self._task: _Task | None = None
+        self._suspended: tuple[_Task, bytes] | None = None
+        self._busy: bool = False
+        self._busy_until: float = now
+        self._answer = b""
+        self._next_poll = now
+        if self.dialect == 2:
+            self._tasks.append(_Task(self.bus.discover()))
+
+    # -- jobs ---------------------------------------------------------------------------------------
+
+    def _take_requests(self, now: float) -> None:
+        while (event := self.connection.next_event()) is not None:
+            if not isinstance(event, Request):
+                continue
+            frame = event.frame
+            self.state.feed_watchdog(now)
+            if frame.proto == PROTO_CHAPTER or self.dialect == 1:
+                task = _Task(self.dialect1.job(frame), motion=frame.cmd == Command.SYNC_WRITE)
+            else:
+                task = _Task(self.dialect2.job(event), event, self.dialect2.is_motion(frame))
+                task.urgent = self.dialect2.is_urgent(frame)
+            (self._urgent if task.urgent else self._tasks).append(task)
+            self.state.queue_high_water = max(self.state.queue_high_water, len(self._tasks))
+
+    def drop_motion(self) -> None:
+        """A stop makes void what would still move something, begun or queued."""
+        waiting = [*self._tasks, *([self._suspended[0]] if self._suspended else [])]
+        for task in waiting:
+            if task.motion:
+                task.job.close()
+                if task.request is not None:
+                    self.dialect2.refuse(task.request)
+        self._tasks = deque(t for t in self._tasks if not t.motion)
+        if self._suspended and self._suspended[0].motion:
+            self._suspended = None
+
+    def _start_next(self, now: float) -> bool:
+        answer: bytes | None = None
+        if self._urgent:
+            self._task = self._urgent.popleft()
+        elif self._suspended:
+            self._task, answer = self._suspended
+            self._suspended = None
+        elif self._tasks:
+            self._task = self._tasks.popleft()
+        elif self.paced and self.dialect == 2 and self._next_poll <= now:
+            self._next_poll = max(self.time, self._next_poll) + _POLL_PAUSE
+            self._task = _Task(self.bus.poll_next())
+        else:
+            return False
+        self._run(answer)
+        return True
+
+    def _finish_wait(self) -> None:
+        """The current job's wait is over; a stop that came meanwhile goes first."""
+        self._busy = False
+        task = self._task
+        if task is not None and self._urgent and not task.urgent:
+            self._suspended = (task, self._answer)
+            self._task = None
+        else:
+            self._run(self._answer)
+
+    def _run(self, answer: bytes | None) -> None:
+        """Run the current job to its next wait."""
+        task = self._task
+        if task is None:
+            return
+        try:
+            wait = task.job.send(answer)
+        except StopIteration:
+            self._task = None
+            self._next_poll = max(self._next_poll, self.time)
+            return
+        self._busy = True
+        if isinstance(wait, Transaction):
+            self.state.bus_transactions += 1
+            self._answer, finish = self.wire.transact(wait.packet, self.time)
+            if len(self._answer) < wait.reply_length and self.paced:
+                finish = max(finish, self.time + wait.timeout)
+            self._busy_until = finish
+        else:
+            self._answer = b""
+            self._busy_until = self.time + (wait.seconds if self.paced else 0.0)
+
+    def _timers(self, now: float) -> None:
+        timeout = self.connection.next_timeout()
+        if timeout is not None and timeout <= now:
+            self.connection.handle_timeout(now)
+            self._take_requests(now)
+        state = self.state
+        if state.watchdog_due is not None and state.watchdog_due <= now:
+            self._urgent.append(_Task(self.dialect2.watchdog_job(), urgent=True))
+            state.watchdog_due = None
+        if state.report_due is not None and state.report_due <= now:
+            state.report_due += state.report_period
+            if state.report_due <= now:
+                # Never a burst of reports after a pause: the line may be slower than the period.
+                state.report_due = now + state.report_period
+            self._tasks.append(_Task(self.dialect2.report_job()))
+
+
+def make_hex7bot_board(
+    *, dialect: int = 2, baud: int = 0, faults: Sequence[str] = (), seed: int = 0, start: float = 0.0
+) -> EmulatedBoard:
+    """The board of a Hex7Bot with its seven servos.
+
+    Args:
+        dialect: 1 for the chapter's board, 2 for hexwire's.
+        baud: Rate of the servo bus; 0 costs no time.
+        faults: Fault specifications, see `faults`.
+        seed: For everything random.
+        start: The time of its start.
+    """
+    plan = FaultPlan.parse(faults, seed=seed, start=start)
+    wire = ServoWire(make_hex7bot_servos(seed=seed, start=start), baud=baud, faults=plan)
+    return EmulatedBoard(wire, dialect=dialect, faults=plan, start=start)

@@ -1,0 +1,269 @@
+"""The emulated board's side of the servo bus: ask, verify, ask again; keep the joints up to date.
+
+Owns the jobs that talk to servos. A job is a generator: it yields a `Transaction` or a `Delay` and is resumed
+with the answer when that has taken its time. Knows nothing of frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+from hexwire.errors import UsageError
+from hexwire.session.servo_bus import expected_answer, match_answer
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import (
+    StatusPacket,
+    find_status,
+    make_ping,
+    make_read,
+    make_sync_read,
+    make_sync_write,
+    make_write,
+    parse_packet,
+    strip_echo,
+)
+
+from .board_state import JointSlot
+
+if TYPE_CHECKING:
+    from .board import EmulatedBoard
+
+__all__ = ["BoardBus", "Delay", "Job", "Transaction"]
+
+_TRIES = 2
+_TIMEOUT = 0.005
+_TORQUE = Series.HLS.register("torque_enable").address
+_LEGACY_TARGET = Series.SEVEN_BOT.register("target_position").address
+_HLS_BLOCK = Series.HLS.register("acceleration").address
+_PRESENT = Series.HLS.register("present_position").address
+_PRESENT_BYTES = 15
+"""From present_position (56) to present_current (69, 2 bytes)."""
+_SPEED_UNIT = 50
+_DEFAULT_CEILING = 154
+
+
+class Transaction(NamedTuple):
+    """Put a packet on the bus; resumed with the bytes that came back."""
+
+    packet: bytes
+    reply_length: int
+    timeout: float = _TIMEOUT
+
+
+class Delay(NamedTuple):
+    """Wait; resumed with nothing."""
+
+    seconds: float
+
+
+Job = Generator[Transaction | Delay, bytes | None, None]
+Sub = Generator[Transaction | Delay, bytes | None, StatusPacket | None]
+Raw = Generator[Transaction | Delay, bytes | None, bytes]
+Many = Generator[Transaction | Delay, bytes | None, int]
+
+
+class BoardBus:
+    """Bus jobs of one board."""
+
+    def __init__(self, board: EmulatedBoard) -> None:
+        self._board = board
+        self._poll_at = 0
+
+    @property
+    def _joints(self) -> list[JointSlot]:
+        return self._board.state.joints
+
+    # -- asking -------------------------------------------------------------------------------------
+
+    def ask(self, packet: bytes, *, tries: int = _TRIES, acknowledged: bool = True) -> Sub:
+        """One packet, its answer verified; asked again if it is missing or bad."""
+        state = self._board.state
+        expected = expected_answer(parse_packet(packet), acknowledges_writes=acknowledged)
+        for attempt in range(tries):
+            answer = yield Transaction(packet, expected.length)
+            if not expected.servo_ids:
+                return None
+            found = match_answer(answer or b"", packet, expected)
+            if found is not None:
+                return found
+            if strip_echo(answer or b"", packet):
+                state.bus_bad += 1
+            else:
+                state.bus_timeouts += 1
+            if attempt + 1 < tries:
+                state.bus_retries += 1
+        return None
+
+    def discover(self) -> Job:
+        """At start: who is there, where are they, have they torque. Nothing moves."""
+        for joint in self._joints:
+            status = yield from self.ask(make_ping(joint.servo_id))
+            if status is None:
+                continue
+            joint.series = Series.SEVEN_BOT if status.legacy else Series.HLS
+            joint.present = True
+            yield from self.read_torque(joint)
+            if joint.series is Series.HLS:
+                register = Series.HLS.register("goal_torque")
+                found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
+                joint.ceiling = abs(register.decode(found.params)) if found else 0
+                joint.ceiling = joint.ceiling or _DEFAULT_CEILING
+        yield from self.poll_all()
+
+    def read_torque(self, joint: JointSlot) -> Many:
+        """Read a joint's torque switch back; returns 1 if it answered."""
+        status = yield from self.ask(make_read(joint.servo_id, _TORQUE, 1))
+        joint.torque_unsure = False
+        if status is None:
+            return 0
+        joint.torque_on = status.params[0] == 1
+        return 1
+
+    # -- state --------------------------------------------------------------------------------------
+
+    def poll_all(self) -> Job:
+        """Sample every joint once."""
+        for joint in self._joints:
+            if joint.series is Series.SEVEN_BOT:
+                yield from self._poll_legacy(joint)
+        yield from self._poll_hls()
+
+    def poll_next(self) -> Job:
+        """Sample the next legacy joint, or all HLS joints, in turn."""
+        legacy = [j for j in self._joints if j.series is Series.SEVEN_BOT]
+        self._poll_at = (self._poll_at + 1) % (len(legacy) + 1)
+        if self._poll_at < len(legacy):
+            yield from self._poll_legacy(legacy[self._poll_at])
+        else:
+            yield from self._poll_hls()
+
+    def _poll_legacy(self, joint: JointSlot) -> Job:
+        if joint.torque_unsure:
+            yield from self.read_torque(joint)
+        status = yield from self.ask(make_read(joint.servo_id, _PRESENT, 2), tries=_TRIES if joint.present else 1)
+        joint.present = status is not None
+        if status is None:
+            return
+        position = Series.SEVEN_BOT.register("present_position").decode(status.params)
+        now = self._board.time
+        # These servos report no speed: it is the difference to the sample before.
+        elapsed = now - joint.sampled_at if joint.sampled_at is not None else 0.0
+        if elapsed > 0:
+            joint.speed = max(-32768, min(32767, round((position - joint.position) / elapsed)))
+        joint.position, joint.error, joint.sampled_at = position, status.error & 0x2F, now
+
+    def _poll_hls(self) -> Job:
+        joints = [j for j in self._joints if j.series is not Series.SEVEN_BOT]
+        for joint in joints:
+            if joint.torque_unsure:
+                yield from self.read_torque(joint)
+        wanted = joints
+        for _ in range(_TRIES):
+            if not wanted:
+                return
+            packet = make_sync_read(_PRESENT, _PRESENT_BYTES, [j.servo_id for j in wanted])
+            answer = yield Transaction(packet, len(wanted) * (6 + _PRESENT_BYTES))
+            data = strip_echo(answer or b"", packet)
+            missing = []
+            for joint in wanted:
+                found = find_status(data, joint.servo_id, _PRESENT_BYTES)
+                if found is None:
+                    missing.append(joint)
+                else:
+                    self._sample_hls(joint, found[0])
+            self._board.state.bus_timeouts += len(missing)
+            # Only who was there before is asked again: an absent servo must not slow the others down.
+            wanted = [j for j in missing if j.present]
+        for joint in wanted:
+            joint.present = False
+
+    def _sample_hls(self, joint: JointSlot, status: StatusPacket) -> None:
+        data, hls = status.params, Series.HLS
+
+        def value(name: str) -> int:
+            register = hls.register(name)
+            start = register.address - _PRESENT
+            return register.decode(data[start : start + register.size])
+
+        joint.position = value("present_position")
+        joint.speed = max(-32768, min(32767, value("present_speed") * _SPEED_UNIT))
+        joint.load = value("present_load")
+        joint.voltage = value("present_voltage")
+        joint.temperature = value("present_temperature")
+        joint.current = value("present_current") * 13 // 2
+        joint.error = status.error & 0x2F
+        joint.present = True
+        joint.sampled_at = self._board.time
+
+    # -- motion -------------------------------------------------------------------------------------
+
+    def move(self, targets: Iterable[tuple[JointSlot, int]], duration_ms: int) -> Job:
+        """Write positions, each series its own block."""
+        legacy, hls = {}, {}
+        for joint, position in targets:
+            if joint.series is Series.SEVEN_BOT:
+                block = position.to_bytes(2, "big") + duration_ms.to_bytes(2, "big")
+                legacy[joint.servo_id] = block
+            else:
+                hls[joint.servo_id] = self._hls_block(joint, position, duration_ms)
+        if legacy:
+            yield Transaction(make_sync_write(_LEGACY_TARGET, legacy), 0)
+        if hls:
+            yield Transaction(make_sync_write(_HLS_BLOCK, hls), 0)
+
+    @staticmethod
+    def _hls_block(joint: JointSlot, position: int, duration_ms: int) -> bytes:
+        series = Series.HLS
+        distance = abs(position - joint.position)
+        speed = -(-distance * 1000 // (max(duration_ms, 1) * _SPEED_UNIT))
+        return (
+            b"\0"
+            + series.register("goal_position").encode(position)
+            + series.register("goal_torque").encode(joint.ceiling or _DEFAULT_CEILING)
+            + series.register("goal_speed").encode(min(max(speed, 1), 32767))
+        )
+
+    def hold(self, joints: list[JointSlot]) -> Job:
+        """Make the present positions the targets."""
+        yield from self.move([(j, j.position) for j in joints if j.sampled_at is not None], 20)
+
+    def torque(self, joints: list[JointSlot], on: bool) -> Many:
+        """Switch torque and read it back; returns the mask of joints (by place) that confirmed."""
+        if on:
+            yield from self.poll_all()
+            yield from self.hold([j for j in joints if j.present])
+        for joint in joints:
+            if on and not joint.present:
+                continue
+            feetech = joint.series is not Series.SEVEN_BOT
+            yield from self.ask(make_write(joint.servo_id, _TORQUE, bytes((int(on),))), acknowledged=feetech)
+        return (yield from self.confirm(joints, on))
+
+    def free_all(self) -> Job:
+        """Take the torque of all joints away in one packet."""
+        packet = make_sync_write(_TORQUE, {j.servo_id: b"\0" for j in self._joints})
+        yield Transaction(packet, 0)
+
+    def confirm(self, joints: list[JointSlot], on: bool) -> Many:
+        """Read torque switches back; returns the mask of joints (by place) that are as wanted."""
+        mask = 0
+        for joint in joints:
+            if (yield from self.read_torque(joint)) and joint.torque_on == on:
+                mask |= 1 << self._joints.index(joint)
+        return mask
+
+    def raw(self, packet: bytes, reply_length: int, timeout: float) -> Raw:
+        """Any packet; the bytes that came back, echo removed."""
+        answer = yield Transaction(packet, reply_length, timeout)
+        return strip_echo(answer or b"", packet)
+
+    def mark_written(self, packet: bytes) -> None:
+        """A packet went through that may have changed torque switches: read them again when polling."""
+        for joint in self._joints:
+            try:
+                servo_id = parse_packet(packet).servo_id
+            except UsageError:
+                return
+            if servo_id in (joint.servo_id, 0xFE):
+                joint.torque_unsure = True

@@ -1,0 +1,192 @@
+"""Dialect 1 on an emulated board: the chapter's `decode()` and what it calls.
+
+Owns the replies of the chapter's board, byte for byte, and its delays when the bus is paced. The board that
+also knows dialect 2 answers the same to a correct client, but verifies answers, removes echoes and keeps to its
+limits. Knows nothing of time but what a `Delay` says.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexwire.errors import RemoteProtocolError
+from hexwire.session.dialect1 import SHORT_FRAME_PACKET, UNKNOWN_COMMAND_PACKET
+from hexwire.wire.command_frame import Command, Frame
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import (
+    Instruction,
+    ServoPacket,
+    StatusPacket,
+    make_status,
+    make_write,
+    parse_packet,
+)
+
+from .board_bus import Delay, Job, Transaction
+
+if TYPE_CHECKING:
+    from .board import EmulatedBoard
+    from .sketch import SketchFrame
+
+__all__ = ["Dialect1"]
+
+_TARGET = Series.SEVEN_BOT.register("target_position").address
+# The sketch's waits: see the listing of servo_read and servo_ping.
+_READ_WAIT = 0.010
+_READ_POLL = 0.020
+_PING_POLL = 0.010
+_BYTE_WAIT = 0.002
+_POLLS = 4
+_TRIES = 2
+_ROW = 5
+
+
+class Dialect1:
+    """Dialect-1 dispatch of one board."""
+
+    def __init__(self, board: EmulatedBoard) -> None:
+        self._board = board
+        self._chapter = board.dialect == 1
+
+    def job(self, frame: Frame) -> Job:
+        """Act on a frame."""
+        return self._decode(frame.cmd, frame.body)
+
+    def sketch_job(self, frame: SketchFrame) -> Job:
+        """Act on what the sketch took for a frame."""
+        if frame.short:
+            return self._answer(SHORT_FRAME_PACKET)
+        return self._decode(frame.cmd, frame.body)
+
+    def _decode(self, cmd: int, body: bytes) -> Job:
+        if cmd == Command.SYNC_WRITE:
+            return self._sync_write(body)
+        if cmd in (Command.READ, Command.PING):
+            if self._chapter:
+                return self._chapter_read(body) if cmd == Command.READ else self._chapter_ping(body)
+            return self._read(body, ping=cmd == Command.PING)
+        return self._answer(UNKNOWN_COMMAND_PACKET)
+
+    def _answer(self, packet: bytes) -> Job:
+        self._send(packet)
+        yield from ()
+
+    def _send(self, packet: bytes) -> None:
+        board = self._board
+        board.connection.reply_dialect1(packet, board.time)
+
+    def _is_legacy(self, servo_id: int) -> bool:
+        joint = self._board.state.joint(servo_id)
+        return joint is not None and joint.series is Series.SEVEN_BOT
+
+    # -- the chapter's board ------------------------------------------------------------------------
+
+    def _chapter_read(self, body: bytes) -> Job:
+        servo_id = body[2] if len(body) > 2 else 0
+        buffer = bytearray([0xFF, 0xF5, servo_id, 4, 1, 0, 0, ~(servo_id + 5) & 0xFF])
+        count = polls = 0
+        for _ in range(_TRIES):
+            answer = (yield Transaction(body, 0)) or b""
+            yield Delay(_READ_WAIT)
+            while len(answer) < 8 and polls < _POLLS:
+                polls += 1
+                yield Delay(_READ_POLL)
+            yield Delay(_BYTE_WAIT * len(answer))
+            # The sketch's buffer has 8 bytes; what is longer runs over its stack. Here it is cut.
+            count = min(len(answer), 8)
+            buffer[:count] = answer[:count]
+            if count:
+                break
+        if self._is_legacy(servo_id):
+            buffer[5], buffer[6] = buffer[6], buffer[5]
+        self._send(bytes(buffer[: count or 8]))
+
+    def _chapter_ping(self, body: bytes) -> Job:
+        servo_id = body[2] if len(body) > 2 else 0
+        polls = 0
+        for _ in range(_TRIES):
+            answer = (yield Transaction(body, 0)) or b""
+            while len(answer) < 6 and polls < _POLLS:
+                polls += 1
+                yield Delay(_PING_POLL)
+            if answer:
+                yield Delay(_BYTE_WAIT * len(answer))
+                self._send(answer[:6])
+                return
+        self._send(bytes([0xFF, 0xF5, servo_id, 6, 5, ~(5 + 6 + servo_id) & 0xFF]))
+
+    # -- hexwire's board ----------------------------------------------------------------------------
+
+    def _read(self, body: bytes, *, ping: bool) -> Job:
+        try:
+            packet = parse_packet(body)
+        except RemoteProtocolError:
+            self._send(UNKNOWN_COMMAND_PACKET)
+            return
+        status = yield from self._board.bus.ask(body)
+        self._board.bus.mark_written(body)
+        self._send(self.status_bytes(packet, status, ping=ping))
+
+    def status_bytes(self, packet: ServoPacket, status: StatusPacket | None, *, ping: bool) -> bytes:
+        """What the chapter's board would send for this answer, or for none."""
+        servo_id = packet.servo_id
+        if status is None:
+            if ping:
+                return bytes([0xFF, 0xF5, servo_id, 6, 5, ~(5 + 6 + servo_id) & 0xFF])
+            return make_status(servo_id, 1, b"\0\0", legacy=True)
+        params = status.params
+        if status.legacy and not params and packet.instruction == Instruction.PING:
+            return bytes([0xFF, 0xF5, servo_id, 6, status.error, ~(servo_id + 6 + status.error) & 0xFF])
+        if len(params) == 2 and self._is_legacy(servo_id):
+            params = params[::-1]
+        return make_status(servo_id, status.error, params, legacy=status.legacy)
+
+    # -- both ---------------------------------------------------------------------------------------
+
+    def _sync_write(self, body: bytes) -> Job:
+        rows = self.sync_write_rows(body)
+        if self._chapter:
+            yield from self._chapter_move(rows)
+            return
+        state = self._board.state
+        if state.stopped:
+            return
+        targets: dict[int, list[tuple[int, int]]] = {}
+        for servo_id, position, run_time in rows:
+            targets.setdefault(run_time, []).append((servo_id, position))
+        for run_time, group in targets.items():
+            named = [(state.joint(i), p) for i, p in group]
+            clamped = [(j, self._board.dialect2.clamp(j, p)) for j, p in named if j is not None]
+            yield from self._board.bus.move(clamped, run_time)
+
+    def _chapter_move(self, rows: list[tuple[int, int, int]]) -> Job:
+        for servo_id, position, run_time in rows:
+            order = "big" if self._is_legacy(servo_id) else "little"
+            data = position.to_bytes(2, order) + run_time.to_bytes(2, order)  # type: ignore[arg-type]  # one of two literals
+            yield Transaction(make_write(servo_id, _TARGET, data), 0)
+
+    def sync_write_rows(self, body: bytes) -> list[tuple[int, int, int]]:
+        """Rows of a sync write as `arm_sync_write` takes them: id, position, run time.
+
+        The chapter's board looks at neither the register nor the checksum; hexwire's at both.
+        """
+        if len(body) < 11 or body[4] != Instruction.SYNC_WRITE or body[3] < 9 or body[6] != 4:
+            return []
+        if not self._chapter and (body[5] != _TARGET or not _is_packet(body)):
+            return []
+        rows = []
+        steer_num = len(self._board.state.joints)
+        offset, total = 7, body[3]
+        while offset < total and offset + _ROW <= len(body) and body[offset] < steer_num:
+            row = body[offset : offset + _ROW]
+            rows.append((row[0], row[1] | row[2] << 8, row[3] | row[4] << 8))
+            offset += _ROW
+        return rows
+
+
+def _is_packet(body: bytes) -> bool:
+    try:
+        parse_packet(body)
+    except RemoteProtocolError:
+        return False
+    return True

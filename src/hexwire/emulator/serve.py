@@ -1,0 +1,387 @@
+"""An emulated board behind a pseudo-terminal, or behind a link in simulated time.
+
+Owns the two ways to reach an emulator from outside: `serve_board` for other programs, `BoardLink` for tests and
+examples that must not sleep. The only module of this room that may do I/O.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import termios
+import time
+import tty
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageError
+from hexwire.ipc.link import Link, LinkKind
+
+__all__ = ["BoardLink", "FakeClock", "PacedLine", "PtyServer", "ServedDevice", "serve_board"]
+
+_IDLE = 0.25
+_SLICE = 0.001
+_BITS = 10
+_READ = 4096
+_BAUD_RATES = {
+    getattr(termios, name): int(name[1:]) for name in dir(termios) if name[:1] == "B" and name[1:].isdigit()
+}
+
+
+class ServedDevice(Protocol):
+    """What can be put behind a line: a board, or a bus of servos."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes from the line."""
+
+    def step(self, now: float) -> None:
+        """Do everything that is due."""
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the line since the last call."""
+
+    def next_event_time(self) -> float | None:
+        """When `step` has something to do by itself."""
+
+    def reset(self, now: float) -> None:
+        """Start again."""
+
+
+class FakeClock:
+    """A clock that only moves when told: `clock()` is its time in seconds."""
+
+    def __init__(self, start: float = 1000.0) -> None:
+        self.time = start
+
+    def __call__(self) -> float:
+        return self.time
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass."""
+        self.time += seconds
+
+
+class BoardLink(Link):
+    """A link to a device in this process, in simulated time: a read moves the clock, nothing sleeps.
+
+    Args:
+        device: The emulated board.
+        clock: Shared with the session; `Session` finds it as `link.clock`.
+        baud: Line rate between host and board; 0 costs no time.
+        url: What the link calls itself.
+    """
+
+    kind = LinkKind.STREAM
+    max_message = None
+
+    def __init__(
+        self,
+        device: ServedDevice,
+        clock: FakeClock | None = None,
+        *,
+        baud: int = 0,
+        url: str = "serial:///emulated",
+    ) -> None:
+        self.device = device
+        self.clock = clock or FakeClock()
+        self.url = url
+        self.lost = False
+        self.written: list[bytes] = []
+        self._to_board = PacedLine(baud)
+        self._to_host = PacedLine(baud)
+        self._open = False
+        self._woken = False
+
+    @property
+    def is_open(self) -> bool:
+        return self._open
+
+    def open(self) -> None:
+        if self._open:
+            raise LinkBusyError(f"{self.url} is open already", url=self.url)
+        if self.lost:
+            raise LinkLostError(f"{self.url} is unplugged", url=self.url)
+        self._open = True
+
+    def close(self) -> None:
+        self._open = False
+
+    def wake(self) -> None:
+        self._woken = True
+
+    def flush_input(self) -> int:
+        return len(self._to_host.take(self.clock.time, everything=True))
+
+    def write(self, data: bytes, deadline: float | None = None) -> None:
+        self._check()
+        self.written.append(data)
+        self._to_board.put(data, self.clock.time)
+        self._run()
+
+    def read(self, deadline: float | None) -> bytes:
+        while True:
+            self._check()
+            self._run()
+            data = self._to_host.take(self.clock.time)
+            if data:
+                return data
+            if self._woken:
+                self._woken = False
+                return b""
+            times = [self._to_host.next_time(), self._to_board.next_time(), self.device.next_event_time()]
+            known = [t for t in times if t is not None]
+            if deadline is not None:
+                known.append(deadline)
+            if not known:
+                raise UsageError("a read without deadline, and the emulated board will never answer")
+            target = min(known)
+            if deadline is not None and target >= deadline:
+                self.clock.time = max(self.clock.time, deadline)
+                self._run()
+                return self._to_host.take(self.clock.time)
+            # A device whose event is due now must still make progress in time.
+            self.clock.time = target if target > self.clock.time else self.clock.time + 1e-6
+
+    def _run(self) -> None:
+        now = self.clock.time
+        data = self._to_board.take(now)
+        if data:
+            self.device.receive(data, now)
+        self.device.step(now)
+        out = self.device.data_to_send()
+        if out:
+            self._to_host.put(out, now)
+
+    def _check(self) -> None:
+        if not self._open:
+            raise LinkClosedError(f"{self.url} is closed", url=self.url)
+        if self.lost:
+            self._open = False
+            raise LinkLostError(f"{self.url} was unplugged", url=self.url)
+
+
+class PacedLine:
+    """One direction of a serial line: bytes put in come out at the line rate, 10 bits each.
+
+    Args:
+        baud: Bits per second; 0 is at once.
+    """
+
+    def __init__(self, baud: int) -> None:
+        self._per_byte = _BITS / baud if baud else 0.0
+        self._queue: deque[tuple[float, bytes]] = deque()
+        self._free_at = 0.0
+
+    def put(self, data: bytes, now: float) -> None:
+        """Bytes enter the line at `now`, or when it is free."""
+        start = max(now, self._free_at)
+        self._free_at = start + len(data) * self._per_byte
+        self._queue.append((start, data))
+
+    def take(self, now: float, *, everything: bool = False) -> bytes:
+        """The bytes that have arrived by `now`."""
+        arrived = []
+        while self._queue:
+            start, data = self._queue[0]
+            if everything or not self._per_byte:
+                count = len(data)
+            else:
+                count = min(len(data), int((now - start) / self._per_byte + 1e-6))
+            if count <= 0:
+                break
+            arrived.append(data[:count])
+            if count < len(data):
+                self._queue[0] = (start + count * self._per_byte, data[count:])
+                break
+            self._queue.popleft()
+        return b"".join(arrived)
+
+    def next_time(self) -> float | None:
+        """When the piece that is on the line now has arrived; None if the line is empty."""
+        if not self._queue:
+            return None
+        start, data = self._queue[0]
+        return start + len(data) * self._per_byte
+
+
+class PtyServer:
+    """A pseudo-terminal with a device behind it.
+
+    Args:
+        device: The board.
+        link: Path of a symbolic link to make to the terminal; none if None.
+        baud: Line rate; 0 is unpaced. Paced, a host that opens the port at another rate gets garbage.
+        reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino.
+        clock: Monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        device: ServedDevice,
+        *,
+        link: str | Path | None = None,
+        baud: int = 0,
+        reset_on_open: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.device = device
+        self.path = ""
+        self._link = Path(link) if link else None
+        self._baud = baud
+        self._reset_on_open = reset_on_open
+        self._clock = clock
+        self._master = -1
+        self._slave = -1
+        self._to_board = PacedLine(baud)
+        self._to_host = PacedLine(baud)
+        self._unsent = b""
+        self._hung_up = True
+
+    def open(self) -> str:
+        """Make the terminal; returns the path to give to a host.
+
+        Raises:
+            UsageError: Something that is no symbolic link is in the way of `link`.
+        """
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        if self._reset_on_open:
+            # Without a descriptor of our own the master says when a host comes and goes.
+            os.close(self._slave)
+            self._slave = -1
+        if self._link is not None:
+            if self._link.exists() and not self._link.is_symlink():
+                self.close()
+                raise UsageError(f"{self._link} exists and is no symbolic link; choose another --link")
+            temporary = self._link.with_name(f".{self._link.name}.{os.getpid()}")
+            temporary.symlink_to(self.path)
+            temporary.replace(self._link)
+            return str(self._link)
+        return self.path
+
+    def close(self) -> None:
+        """Take the terminal and the symbolic link away."""
+        for fd in (self._master, self._slave):
+            if fd >= 0:
+                os.close(fd)
+        self._master = self._slave = -1
+        link = self._link
+        if link is not None and link.is_symlink() and str(link.readlink()) == self.path:
+            link.unlink()
+
+    def fileno(self) -> int:
+        """Descriptor that turns readable when a host writes."""
+        return self._master
+
+    def run_once(self, timeout: float = _IDLE) -> None:
+        """Wait for bytes or the next event, at most `timeout` seconds, and act on them."""
+        now = self._clock()
+        due = [t for t in (self.device.next_event_time(), self._to_host.next_time()) if t is not None]
+        arriving = self._to_board.next_time()
+        if arriving is not None:
+            due.append(arriving)
+        wait = min([timeout, *(max(t - now, 0.0) for t in due)])
+        if self._baud and (self._to_host.next_time() is not None or arriving is not None):
+            wait = min(wait, _SLICE)
+        mask = select.POLLIN | (select.POLLOUT if self._unsent else 0)
+        poll = select.poll()
+        poll.register(self._master, mask)
+        events = poll.poll(wait * 1000)
+        now = self._clock()
+        for _, flags in events:
+            if flags & select.POLLIN:
+                self._read(now)
+            if flags & select.POLLHUP and not flags & select.POLLIN:
+                # Nobody has the port open: do not spin on a condition that stays.
+                self._hung_up = True
+                time.sleep(min(0.02, max(timeout, 0.0)))
+        if not events or not any(flags & select.POLLHUP for _, flags in events):
+            self._seen_open(now)
+        data = self._to_board.take(now)
+        if data:
+            self.device.receive(data, now)
+        self.device.step(now)
+        out = self.device.data_to_send()
+        if out:
+            self._to_host.put(out, now)
+        self._write(now)
+
+    def _seen_open(self, now: float) -> None:
+        if self._hung_up:
+            self._hung_up = False
+            if self._reset_on_open:
+                self.device.reset(now)
+
+    def _read(self, now: float) -> None:
+        try:
+            data = os.read(self._master, _READ)
+        except OSError as error:
+            if error.errno not in (errno.EIO, errno.EAGAIN):
+                raise
+            return
+        self._seen_open(now)
+        self._to_board.put(self._garbled(data), now)
+
+    def _write(self, now: float) -> None:
+        self._unsent += self._garbled(self._to_host.take(now))
+        if not self._unsent:
+            return
+        try:
+            written = os.write(self._master, self._unsent)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            written = len(self._unsent)
+        self._unsent = self._unsent[written:]
+
+    def _garbled(self, data: bytes) -> bytes:
+        """What the other side hears if the host's rate is not ours: wrong bytes, as many as the rates say."""
+        if not self._baud or not data:
+            return data
+        rate = _BAUD_RATES.get(termios.tcgetattr(self._master)[4], self._baud)
+        if rate == self._baud or rate == 0:
+            return data
+        return bytes((b * 3 + 0x41) & 0xFF | 0x80 for b in data[:: max(1, round(self._baud / rate))])
+
+    def __enter__(self) -> PtyServer:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def serve_board(
+    device: ServedDevice,
+    *,
+    link: str | Path | None = None,
+    baud: int = 0,
+    reset_on_open: bool = False,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+) -> None:
+    """Serve a device on a pseudo-terminal until told to stop.
+
+    Args:
+        device: The board.
+        link: Path of a symbolic link to make to the terminal.
+        baud: Line rate; 0 is unpaced.
+        reset_on_open: Reset the board when the port is opened.
+        stop: Asked at least every quarter of a second.
+        announce: Told the path when the terminal is there.
+    """
+    server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open)
+    path = server.open()
+    try:
+        announce(path)
+        while not stop():
+            server.run_once()
+    finally:
+        server.close()
