@@ -1,0 +1,234 @@
+"""Link sets of the 7Bot family: three that were published, and those that people write.
+
+Owns the constants, where each comes from, and the gates that keep forearm and upper arm apart. Lengths are
+metres, angles radians; the public tables and the files have millimetres and degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+
+from hexwire.errors import ConfigError, UsageError
+
+from .kinematics import JointRange
+
+__all__ = ["LINK_SETS", "ElevationGate", "LinkSet", "link_set", "parse_link_set"]
+
+JOINT_NAMES = ("t0", "t1", "t2", "t3", "t4", "t5")
+_LENGTHS = "abcdefgh"
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationGate:
+    """Set B's upper bound for the line from shoulder to wrist.
+
+    Attributes:
+        side: The source's first side of its triangle, metres.
+        forearm: The second, metres: c + d there.
+        maximum: Largest elevation above the horizontal, radians.
+    """
+
+    side: float
+    forearm: float
+    maximum: float
+
+    def elevation(self, t1: float, elbow: float) -> float:
+        """Elevation of the line as the source computes it, radians."""
+        line = math.sqrt(self.side**2 + self.forearm**2 - 2 * self.side * self.forearm * math.cos(elbow))
+        return t1 - math.asin(max(-1.0, min(1.0, self.forearm * math.sin(elbow) / line)))
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSet:
+    """Lengths and limits of one arm.
+
+    Attributes:
+        name: As in ``A``.
+        a: Upper arm.
+        b: Crank that drives the forearm; its length enters neither wrist nor tip.
+        c: Forearm.
+        d: Shoulder axis before the base axis.
+        e: Shoulder axis above the table.
+        f: Wrist centre to tool tip.
+        g: Tip to the side point of the tool.
+        h: Forearm axis above the elbow, square to the forearm.
+        offset: Servo angle t2 at which the forearm is level, radians.
+        ranges: Limits of t0..t5, radians.
+        elbow: Least and largest interior angle between upper arm and forearm: the coupling gate, radians.
+        elevation: A further gate, or None.
+        source: Where the numbers come from.
+    """
+
+    name: str
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+    g: float
+    h: float
+    offset: float
+    ranges: tuple[JointRange, ...]
+    elbow: tuple[float, float]
+    elevation: ElevationGate | None = None
+    source: str = ""
+
+    @property
+    def forearm(self) -> float:
+        """Elbow to wrist centre, metres."""
+        return math.hypot(self.h, self.c)
+
+    @property
+    def forearm_angle(self) -> float:
+        """Angle of the elbow-to-wrist line above the forearm, radians."""
+        return math.atan2(self.h, self.c)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Least and largest distance of the wrist centre from the shoulder, metres."""
+        return abs(self.forearm - self.a), self.forearm + self.a
+
+    def elbow_angle(self, t1: float, t2: float) -> float:
+        """Interior angle between upper arm and forearm, radians: what the coupling gate bounds."""
+        return math.pi + self.offset - t1 - t2
+
+
+def _make(
+    name: str,
+    lengths: tuple[float, ...],
+    offset_deg: float,
+    limits_deg: tuple[tuple[float, float], ...],
+    elbow_deg: tuple[float, float],
+    *,
+    elevation: ElevationGate | None = None,
+    source: str = "",
+) -> LinkSet:
+    a, b, c, d, e, f, g, h = (length / 1000 for length in lengths)
+    ranges = tuple(
+        JointRange(joint, math.radians(low), math.radians(high))
+        for joint, (low, high) in zip(JOINT_NAMES, limits_deg, strict=True)
+    )
+    elbow = (math.radians(elbow_deg[0]), math.radians(elbow_deg[1]))
+    return LinkSet(name, a, b, c, d, e, f, g, h, math.radians(offset_deg), ranges, elbow, elevation, source)
+
+
+_BUS_LIMITS = ((10.0, 170.0), (10.0, 180.0), (10.0, 170.0), (0.0, 180.0), (0.0, 180.0), (0.0, 360.0))
+_RAD = 180 / math.pi
+
+LINK_SETS = {
+    "A": _make(
+        "A",
+        (120.0, 40.0, 188.0, 24.28, 79.0, 21.6, 12.0, 34.8),
+        90.0,
+        _BUS_LIMITS,
+        # t1 + t2 < 260 deg is an interior elbow angle above 10 deg. The other end is not published for this
+        # set: set B's, which all versions of the elbow come near.
+        (10.0, 165.0),
+        source="public 7Bot bus-servo library, the version with MyArm and Steer_Num that the chapter includes",
+    ),
+    "B": _make(
+        "B",
+        (120.0, 40.0, 159.30, 16.92, 51.75, 51.50, 8.0, 28.80),
+        90.0,
+        # -1..3.14, -0.8..2.79 and -1..3.14 rad; the wrist's as in the other version of the same library.
+        (
+            (-1.0 * _RAD, 3.14 * _RAD),
+            (-0.8 * _RAD, 2.79 * _RAD),
+            (-1.0 * _RAD, 3.14 * _RAD),
+            *_BUS_LIMITS[3:],
+        ),
+        (0.48 * _RAD, 2.88 * _RAD),
+        elevation=ElevationGate(0.19055, 0.17622, math.radians(78.0)),
+        source="public 7Bot bus-servo library, the other published set",
+    ),
+    "V1": _make(
+        "V1",
+        (120.0, 40.0, 198.50, 30.05, 77.80, 22.10, 12.0, 29.42),
+        65.0,
+        ((0.0, 180.0), (0.0, 180.0), (0.0, 180.0), (10.0, 170.0), (0.0, 180.0), (0.0, 180.0)),
+        # 83 <= t1 + t2 <= 227 deg with t2 level at 65 deg.
+        (18.0, 162.0),
+        source="7Bot-Arduino-lib, the first 7Bot",
+    ),
+}
+"""The published link sets by name."""
+
+
+def link_set(name: str) -> LinkSet:
+    """A published link set by name; upper and lower case are alike.
+
+    Raises:
+        UsageError: There is none of this name.
+    """
+    found = LINK_SETS.get(name.upper())
+    if found is None:
+        raise UsageError(f"no link set {name!r}; there are {', '.join(LINK_SETS)}, or name a TOML file")
+    return found
+
+
+def parse_link_set(text: str, *, file: str = "") -> LinkSet:
+    """A link set from a TOML file's text.
+
+    Needs the lengths ``a`` to ``h`` in millimetres and ``offset`` in degrees. May have ``name``, ``limits`` (six
+    pairs of degrees) and ``elbow`` (a pair of degrees); those of set A if not.
+
+    Raises:
+        ConfigError: No TOML, a key that is unknown or missing, or a value that makes no sense; with its line.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not TOML: {error}", file=file) from None
+
+    def bad(key: str, why: str) -> ConfigError:
+        lines = text.splitlines()
+        line = next((i for i, row in enumerate(lines, 1) if row.split("=")[0].strip().strip("\"'") == key), 0)
+        return ConfigError(f"{key} {why}", file=file, line=line)
+
+    for key in data:
+        if key not in {*_LENGTHS, "offset", "name", "limits", "elbow"}:
+            raise bad(key, "is no key of a link set; there are a to h, offset, name, limits, elbow")
+    lengths = []
+    for key in _LENGTHS:
+        value = _number(data.get(key))
+        if value is None:
+            raise bad(key, "must be a length in mm" if key in data else "is missing")
+        if value < 0 or (key in "ac" and value == 0):
+            raise bad(key, f"= {value:g} mm is no length")
+        lengths.append(value)
+    offset = _number(data.get("offset"))
+    if offset is None:
+        raise bad("offset", "must be an angle in degrees" if "offset" in data else "is missing")
+    limits = _pairs(data.get("limits", [list(pair) for pair in _BUS_LIMITS]))
+    if limits is None or len(limits) != len(JOINT_NAMES):
+        raise bad("limits", "must be six pairs of degrees, the lower first")
+    elbow = _pairs([data.get("elbow", [10.0, 165.0])])
+    if elbow is None or not 0 <= elbow[0][0] < elbow[0][1] <= 180:
+        raise bad("elbow", "must be a pair of degrees within 0 to 180, the lower first")
+    name = data.get("name", "own")
+    if not isinstance(name, str) or not name:
+        raise bad("name", "must be a text")
+    return _make(name, tuple(lengths), offset, limits, elbow[0], source=file)
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+def _pairs(value: object) -> tuple[tuple[float, float], ...] | None:
+    if not isinstance(value, list):
+        return None
+    pairs = []
+    for row in value:
+        if not isinstance(row, list) or len(row) != 2:
+            return None
+        low, high = _number(row[0]), _number(row[1])
+        if low is None or high is None or low >= high:
+            return None
+        pairs.append((low, high))
+    return tuple(pairs)

@@ -1,0 +1,259 @@
+"""`PUMA260` and `Puma260Model`: the arm's joints, encoders and limits, and its kinematics in closed form.
+
+Owns the constants and where each comes from. Angles are radians about the zero pose in which the forearm hangs
+down: axes z, y, y, z, y, x, and with inches 13 z up to the shoulder, then 7.8 x - 4.9 y - 0.75 z to the elbow,
+-8 z to the wrist, 2.2 x to the flange (GeneralRoboticsToolbox's model with its first axis put right). Another
+laboratory's model has its zero with the forearm up. Knows no wire.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from hexwire.errors import UsageError
+
+from .arm import ArmModel, JointModel
+from .batch import puma260_forward_many, puma260_inverse_many
+from .kinematics import NEAR_SINGULAR, SINGULAR, JointRange, KinematicModel, Reach, Singularity, Solution
+from .pose import (
+    Matrix,
+    Pose,
+    Vector,
+    column,
+    cross,
+    multiply,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+    transpose,
+)
+
+__all__ = ["PUMA260", "Puma260Model", "angles_to_counts", "counts_to_angles"]
+
+INCH = 0.0254
+SHOULDER = 13.0 * INCH
+"""Shoulder axis above the base."""
+UPPER = 7.8 * INCH
+SIDE = -4.9 * INCH
+DROP = -0.75 * INCH
+FOREARM = 8.0 * INCH
+FLANGE = 2.2 * INCH
+
+# Degrees; the same source as the model.
+_LIMITS = ((-5, 313), (-256, 76), (-214, 34), (-384, 194), (-32, 212), (-267, 267))
+
+# Encoder counts a turn of the motor, and gear ratio with its sign: constants of a YARP robot whose measured
+# ranges fit this arm. They need a check on the bench.
+_ENCODERS = ((1000, -46.72), (1000, 69.9733), (1000, -42.9867), (800, 43.5111), (800, 39.3846), (800, 31.7692))
+# Turns of motor 5 a turn of joint 4, and of motor 6 a turn of joints 4 and 5, same source: the wrist's shafts
+# run through one another.
+_WRIST_5_4 = -9.8462 * 800 / math.tau
+_WRIST_6_4 = 800 / math.tau
+_WRIST_6_5 = -5.59999 * 800 / math.tau
+
+# The laboratory that commands this arm keeps to 5 degrees every 100 ms.
+_MAX_SPEED = math.radians(50.0)
+
+
+def _joint(i: int) -> JointModel:
+    turn, gear = _ENCODERS[i]
+    low, high = _LIMITS[i]
+    return JointModel(
+        name=f"J{i + 1}",
+        servo_id=i,
+        series="encoder",
+        neutral=0,
+        sign=1 if gear > 0 else -1,
+        offset=0.0,
+        scale=math.tau / (turn * abs(gear)),
+        minimum=math.radians(low),
+        maximum=math.radians(high),
+        max_speed=_MAX_SPEED,
+    )
+
+
+PUMA260 = ArmModel("puma260", tuple(_joint(i) for i in range(6)))
+"""The PUMA 260. Encoders 5 and 6 also turn with joints 4 and 5: use `counts_to_angles`, not single joints."""
+
+
+def counts_to_angles(counts: Sequence[float]) -> tuple[float, ...]:
+    """Joint angles in radians of six encoder counts, wrist coupling taken out.
+
+    Raises:
+        UsageError: Not six counts.
+    """
+    if len(counts) != len(PUMA260.joints):
+        raise UsageError(f"puma260 has {len(PUMA260.joints)} encoders, got {len(counts)} counts")
+    first = [joint.counts_to_angle(n) for joint, n in zip(PUMA260.joints[:4], counts, strict=False)]
+    j4 = first[3]
+    j5 = PUMA260.joints[4].counts_to_angle(counts[4] - j4 * _WRIST_5_4)
+    j6 = PUMA260.joints[5].counts_to_angle(counts[5] - j4 * _WRIST_6_4 - j5 * _WRIST_6_5)
+    return (*first, j5, j6)
+
+
+def angles_to_counts(angles: Sequence[float]) -> tuple[int, ...]:
+    """Nearest encoder counts of six joint angles in radians, wrist coupling put in.
+
+    Raises:
+        UsageError: Not six angles.
+    """
+    if len(angles) != len(PUMA260.joints):
+        raise UsageError(f"puma260 has {len(PUMA260.joints)} joints, got {len(angles)} angles")
+    own = [joint.sign * angle / joint.scale for joint, angle in zip(PUMA260.joints, angles, strict=True)]
+    own[4] += angles[3] * _WRIST_5_4
+    own[5] += angles[3] * _WRIST_6_4 + angles[4] * _WRIST_6_5
+    return tuple(round(n) for n in own)
+
+
+class Puma260Model(KinematicModel):
+    """Kinematics of the PUMA 260. `forward` gives the flange."""
+
+    name = "puma260"
+
+    def __init__(self) -> None:
+        self.ranges = tuple(JointRange(j.name, j.minimum, j.maximum) for j in PUMA260.joints)
+
+    def wrist(self, angles: Sequence[float]) -> Vector:
+        """Wrist centre of at least three joint angles, metres."""
+        q1, q2, q3 = angles[:3]
+        ahead = UPPER * math.cos(q2) + DROP * math.sin(q2) - FOREARM * math.sin(q2 + q3)
+        up = SHOULDER - UPPER * math.sin(q2) + DROP * math.cos(q2) - FOREARM * math.cos(q2 + q3)
+        c, s = math.cos(q1), math.sin(q1)
+        return (c * ahead - s * SIDE, s * ahead + c * SIDE, up)
+
+    def forward(self, angles: Sequence[float]) -> Pose:
+        self._six(angles)
+        q1, q2, q3, q4, q5, q6 = angles
+        rotation = multiply(rotation_z(q1), rotation_y(q2 + q3), rotation_z(q4), rotation_y(q5), rotation_x(q6))
+        return Pose(_plus(self.wrist(angles), column(rotation, 0), FLANGE), rotation)
+
+    def forward_many(self, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
+        return puma260_forward_many(self, angles)
+
+    def inverse(self, pose: Pose) -> tuple[Solution, ...]:
+        solutions = []
+        for arm_angles, branch in self._arm_branches(self._wrist_of(pose)):
+            for wrist_angles, wrist, singular in self._wrist_branches(arm_angles, pose.rotation):
+                angles = (*arm_angles, *wrist_angles)
+                turned = tuple(r.nearest_turn(q) for r, q in zip(self.ranges, angles, strict=True))
+                solutions.append(Solution(turned, f"{branch}, {wrist}", self.violations(turned), singular))
+        return self._sorted(solutions)
+
+    def inverse_many(self, positions: Any, rotations: Any) -> Any:
+        return puma260_inverse_many(self, positions, rotations)
+
+    def _wrist_of(self, pose: Pose) -> Vector:
+        return _plus(pose.position, column(pose.rotation, 0), -FLANGE)
+
+    def _arm_branches(self, wrist: Vector) -> list[tuple[tuple[float, float, float], str]]:
+        x, y, z = wrist
+        square = x * x + y * y - SIDE * SIDE
+        if square < -1e-15:
+            return []
+        up = z - SHOULDER
+        upper, lean = math.hypot(UPPER, DROP), math.atan2(DROP, UPPER)
+        found = []
+        for side, way in ((1.0, "right"), (-1.0, "left")):
+            ahead = side * math.sqrt(max(0.0, square))
+            q1 = math.atan2(y, x) - math.atan2(SIDE, ahead)
+            line2 = ahead * ahead + up * up
+            # Turning about y takes x towards -z: angles below are elevations, and q2 = lean - elevation.
+            cos_elbow = (upper**2 + FOREARM**2 - line2) / (2 * upper * FOREARM)
+            if abs(cos_elbow) > 1.0 + 1e-12 or line2 < 1e-24:
+                continue
+            elbow = math.acos(max(-1.0, min(1.0, cos_elbow)))
+            for bent, bend in ((1.0, "elbow up"), (-1.0, "elbow down")):
+                # Elevation of the upper arm, then of the forearm; interior angle between them is `elbow`.
+                inner = math.atan2(FOREARM * math.sin(elbow), upper - FOREARM * math.cos(elbow))
+                raised = math.atan2(up, ahead) + bent * inner
+                forearm = raised - bent * (math.pi - elbow)
+                q2 = lean - raised
+                # At q2 + q3 = 0 the forearm points to -z, an elevation of -90 deg.
+                q3 = -math.pi / 2 - forearm - q2
+                found.append(((q1, q2, q3), f"{way}, {bend}"))
+        return found
+
+    def _wrist_branches(
+        self, arm_angles: Sequence[float], rotation: Matrix
+    ) -> list[tuple[tuple[float, float, float], str, bool]]:
+        q1, q2, q3 = arm_angles
+        m = multiply(transpose(multiply(rotation_z(q1), rotation_y(q2 + q3))), rotation)
+        # m = Rz(q4) Ry(q5) Rx(q6)
+        level = math.hypot(m[0][0], m[1][0])
+        if level < SINGULAR:
+            q5 = math.copysign(math.pi / 2, -m[2][0])
+            # q4 and q6 turn about one line: q4 is left at zero.
+            return [((0.0, q5, math.atan2(-m[1][2], m[1][1])), "wrist singular", True)]
+        found = []
+        for sign, wrist in ((1.0, "wrist 1"), (-1.0, "wrist 2")):
+            q5 = math.atan2(-m[2][0], sign * level)
+            q4 = math.atan2(sign * m[1][0], sign * m[0][0])
+            q6 = math.atan2(sign * m[2][1], sign * m[2][2])
+            found.append(((q4, q5, q6), wrist, level < NEAR_SINGULAR))
+        return found
+
+    def reach(self, pose: Pose) -> Reach:
+        x, y, z = self._wrist_of(pose)
+        from_axis = math.hypot(x, y)
+        if from_axis < abs(SIDE) - 1e-15:
+            short = abs(SIDE) - from_axis
+            cause = (
+                f"the wrist would be {1e3 * from_axis:.1f} mm from the base axis, {1e3 * short:.1f} mm inside the "
+                f"{1e3 * abs(SIDE):.1f} mm that the shoulder is set aside"
+            )
+            return Reach(False, short, cause)
+        line = math.hypot(math.sqrt(max(0.0, from_axis**2 - SIDE**2)), z - SHOULDER)
+        upper = math.hypot(UPPER, DROP)
+        low, high = abs(upper - FOREARM), upper + FOREARM
+        text = f"the wrist would be {1e3 * line:.1f} mm from the shoulder, "
+        if line > high + 1e-12:
+            text += f"{1e3 * (line - high):.1f} mm beyond the {1e3 * high:.1f} mm that upper arm and forearm reach"
+            return Reach(False, line - high, text)
+        if line < low - 1e-12:
+            text += f"{1e3 * (low - line):.1f} mm inside the {1e3 * low:.1f} mm to which they fold"
+            return Reach(False, low - line, text)
+        return Reach(True, 0.0, "")
+
+    def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+        pose = self.forward(angles)
+        q1, q2, q3, q4, q5, _ = angles
+        base = rotation_z(q1)
+        pitched = multiply(base, rotation_y(q2 + q3))
+        turned = multiply(pitched, rotation_z(q4))
+        sideways = column(base, 1)
+        axes = [
+            (0.0, 0.0, 1.0),
+            sideways,
+            sideways,
+            column(pitched, 2),
+            column(turned, 1),
+            column(multiply(turned, rotation_y(q5)), 0),
+        ]
+        wrist = self.wrist(angles)
+        elbow = _plus(wrist, column(pitched, 2), FOREARM)
+        pivots: list[Vector] = [(0.0, 0.0, 0.0), (0.0, 0.0, SHOULDER), elbow, wrist, wrist, wrist]
+        moves = [cross(axis, _plus(pose.position, pivot, -1.0)) for axis, pivot in zip(axes, pivots, strict=True)]
+        return tuple(tuple(v[i] for v in part) for part in (moves, axes) for i in range(3))
+
+    def singularity(self, angles: Sequence[float]) -> Singularity:
+        self._six(angles)
+        _, q2, q3, _, q5, _ = angles
+        upper = math.hypot(UPPER, DROP)
+        ahead = UPPER * math.cos(q2) + DROP * math.sin(q2) - FOREARM * math.sin(q2 + q3)
+        lean = math.atan2(DROP, UPPER)
+        bend = abs(math.cos(q3 + lean))
+        wrist_bend = abs(math.cos(q5))
+        return Singularity(
+            {"shoulder": min(1.0, abs(ahead) / (upper + FOREARM)), "elbow": bend, "wrist": wrist_bend},
+            abs(ahead) * upper * FOREARM * bend * wrist_bend,
+        )
+
+
+def _plus(place: Sequence[float], direction: Sequence[float], length: float) -> Vector:
+    return (
+        place[0] + length * direction[0],
+        place[1] + length * direction[1],
+        place[2] + length * direction[2],
+    )
