@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from math import inf
+from operator import add, mul, sub
 
 from hexwire.errors import ServoError
 from hexwire.ipc.session import Session
@@ -68,7 +70,8 @@ class Board2:
         self._places = tuple(self._order.index(joint) for joint in model.joints)
         self._in_order = self._places == tuple(range(len(identity.joints)))
         self._names = model.names
-        self._angle = tuple((j.neutral, j.sign * j.scale, j.offset) for j in model.joints)
+        self._neutral = tuple(j.neutral for j in model.joints)
+        self._offset = tuple(j.offset for j in model.joints)
         self._factor = tuple(j.sign * j.scale for j in model.joints)
         # A legacy servo's load, current, voltage and temperature read 0 whatever they are: NaN, not a false 0.
         told = [math.nan if j.series == "seven_bot" else 1.0 for j in model.joints]
@@ -112,14 +115,14 @@ class Board2:
         nan = self._nan
         return JointState(
             self._names,
-            tuple([k * (c - n) + o for c, (n, k, o) in zip(position, self._angle, strict=True)]),  # type: ignore[arg-type]  # always there
-            nan if speed is None else tuple([k * v for v, k in zip(speed, self._factor, strict=True)]),
-            nan if load is None else tuple([k * v for v, k in zip(load, self._milli, strict=True)]),
-            nan if current is None else tuple([k * v for v, k in zip(current, self._milli, strict=True)]),
-            nan if voltage is None else tuple([k * v for v, k in zip(voltage, self._deci, strict=True)]),
-            nan if temperature is None else tuple([k * v for v, k in zip(temperature, self._told, strict=True)]),
+            tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),  # type: ignore[arg-type]  # always there
+            nan if speed is None else tuple(map(mul, speed, self._factor)),
+            nan if load is None else tuple(map(mul, load, self._milli)),
+            nan if current is None else tuple(map(mul, current, self._milli)),
+            nan if voltage is None else tuple(map(mul, voltage, self._deci)),
+            nan if temperature is None else tuple(map(mul, temperature, self._told)),
             self._ordered(report.status),  # type: ignore[arg-type]  # always there
-            self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else math.inf for v in age]),
+            self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else inf for v in age]),
             now - since_sample,
             frame.time_sec + frame.time_nsec * 1e-9 - since_sample,
             bool(report.board_flags & BOARD_FLAGS_STOPPED),

@@ -62,7 +62,8 @@ class Hex7BotDriver(RobotDriver):
         self._generation = 0
         self._watchdog: tuple[float, StopMode] | None = None
         self._report: tuple[float, int] | None = None
-        self._present: dict[str, float] = {}
+        self._last: JointState | None = None
+        self._aimed: dict[str, float] = {}
         self._board_clock = 0.0
 
     @classmethod
@@ -146,12 +147,12 @@ class Hex7BotDriver(RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         board = self._attached()
-        if not self._present or any(name not in self._present for name, _ in target.positions):
+        if self._last is None:
             self.read()
-        checked = check_target(self.model, target, self._present)
-        sent = board.move(checked, self._present)
-        # The next target is judged from where this one ends, unless a state is read in between.
-        self._present.update(sent.positions)
+        # A target is judged from where the one before ends, unless a state was read in between.
+        present = ({} if self._last is None else self._last.positions) | self._aimed
+        sent = board.move(check_target(self.model, target, present), present)
+        self._aimed.update(sent.positions)
         self._rearm()
         return sent
 
@@ -269,7 +270,8 @@ class Hex7BotDriver(RobotDriver):
     def _after_reconnect(self) -> None:
         """The port was away: another board may be there, and this one may have been reset."""
         self._generation = self.session.generation
-        self._present.clear()
+        self._last = None
+        self._aimed.clear()
         negotiated = self.session.negotiated
         if negotiated is not None and negotiated.identity is not None:
             self._board = Board2(self.session, self.model, negotiated.identity)
@@ -278,7 +280,9 @@ class Hex7BotDriver(RobotDriver):
         self._arm_again()
 
     def _remember(self, state: JointState) -> None:
-        self._present = dict(zip(state.names, state.position, strict=True))
+        self._last = state
+        if self._aimed:
+            self._aimed.clear()
         if state.board_time < self._board_clock - 1.0:
             _log.warning("%s: the board was reset", self.session.ipc.link.url)
             self._arm_again()

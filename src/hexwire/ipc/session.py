@@ -95,6 +95,7 @@ class Session:
         self._type = type
         self._clock = clock
         self._wall = wall
+        self._now = clock or time.monotonic
         self._sn = 0
         self._datagrams = False
         self.connection = self._make_connection(time.monotonic)
@@ -126,7 +127,7 @@ class Session:
         """
         self.ipc.open()
         clock = self._clock or getattr(self.ipc.link, "clock", None) or time.monotonic
-        self._clock = clock
+        self._now = clock
         self._sn = self.connection.sn
         self.connection = self._make_connection(clock)
         self._datagrams = self.ipc.keeps_messages
@@ -149,7 +150,7 @@ class Session:
 
     def now(self) -> float:
         """This session's clock, seconds."""
-        return (self._clock or time.monotonic)()
+        return self._now()
 
     def negotiate(
         self,
@@ -168,7 +169,7 @@ class Session:
         Raises:
             ReplyTimeoutError: Nobody answers; the text says what that may mean.
         """
-        with self._my_turn(urgent=False):
+        with self._my_turn():
             self._negotiation = (boot_window, ping_ids, dialect)
             negotiator = Negotiator(
                 self.connection, self.now(), boot_window=boot_window, ping_ids=ping_ids, dialect=dialect
@@ -213,7 +214,8 @@ class Session:
             PreemptedError: A stop took the line; whether this was done is unknown.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
-        with self._my_turn(urgent):
+        self._take_turn(urgent)
+        try:
             while True:
                 try:
                     ticket = self.connection.request(
@@ -227,6 +229,8 @@ class Session:
                             f"{self.ipc.link.url} was lost and is open again; {command_name(cmd)} was not repeated",
                             url=self.ipc.link.url,
                         ) from lost
+        finally:
+            self._turn.release()
 
     def send(self, cmd: int, body: bytes = b"") -> None:
         """Send a frame and do not wait for an answer; one that comes is thrown away.
@@ -234,7 +238,7 @@ class Session:
         Raises:
             LinkError: The line takes nothing.
         """
-        with self._my_turn(urgent=False):
+        with self._my_turn():
             ticket = self.connection.request(cmd, body, self.now(), attempts=1)
             self._write()
             self.connection.abandon(ticket)
@@ -250,7 +254,7 @@ class Session:
 
     def poll_reports(self) -> Frame | None:
         """Take what has arrived without waiting; the newest unsolicited frame, or None."""
-        with self._my_turn(urgent=False):
+        with self._my_turn():
             self._step(self.now())
             self._sort_events()
             newest = self._reports[-1] if self._reports else None
@@ -264,9 +268,10 @@ class Session:
         self._awaited.add(ticket)
         try:
             while True:
-                self._write()
                 while (event := connection.next_event()) is not None:
                     if event.__class__ is Reply and event.ticket == ticket:
+                        # What is never answered counts as done when it is sent; and a confirmation may be due.
+                        self._write()
                         self.rtts.append(event.rtt)
                         return event
                     if isinstance(event, TimedOut) and event.ticket == ticket:
@@ -289,12 +294,19 @@ class Session:
     def _step(self, deadline: float | None) -> None:
         """Write what is due, read once, until `deadline` or the connection's own next one."""
         connection = self.connection
-        self._write()
+        out = connection.data_to_send()
         due = connection.next_timeout()
         if due is None or (deadline is not None and deadline < due):
             due = deadline
-        data = self.ipc.link.read(due)
-        now = self.now()
+        link = self.ipc.link
+        if len(out) == 1 and due is not None:
+            # The hot path, one request and its answer: the link does both in one go.
+            data = link.exchange(out[0], max(0.0, due - self._now()))
+        else:
+            for frame in out:
+                link.write(frame, self._now() + _WRITE_TIMEOUT)
+            data = link.read(due)
+        now = self._now()
         if data:
             connection.receive(data, now, end_of_message=self._datagrams)
         if due is not None and now >= due:
@@ -305,7 +317,7 @@ class Session:
             self.ipc.link.write(data, self.now() + _WRITE_TIMEOUT)
 
     def _receive(self, queue: deque[Frame], timeout: float | None) -> Frame | None:
-        with self._my_turn(urgent=False):
+        with self._my_turn():
             deadline = None if timeout is None else self.now() + timeout
             while True:
                 self._sort_events()
@@ -337,23 +349,26 @@ class Session:
             _log.debug("%s: %s", self.ipc.link.url, event)
 
     @contextmanager
-    def _my_turn(self, urgent: bool) -> Iterator[None]:
+    def _my_turn(self) -> Iterator[None]:
+        self._take_turn(urgent=False)
+        try:
+            yield
+        finally:
+            self._turn.release()
+
+    def _take_turn(self, urgent: bool) -> None:
         if urgent:
             self._urgent_waiting += 1
             self.ipc.link.wake()
             self._turn.acquire()
             self._urgent_waiting -= 1
-        else:
-            self._turn.acquire()
-            while self._urgent_waiting:
-                # Let the stop through: it counts itself before it waits for the lock.
-                self._turn.release()
-                time.sleep(0.001)
-                self._turn.acquire()
-        try:
-            yield
-        finally:
+            return
+        self._turn.acquire()
+        while self._urgent_waiting:
+            # Let the stop through: it counts itself before it waits for the lock.
             self._turn.release()
+            time.sleep(0.001)
+            self._turn.acquire()
 
     # -- when it does not work ----------------------------------------------------------------------
 

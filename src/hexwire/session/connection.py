@@ -161,12 +161,15 @@ class Connection:
 
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
-        times = [p.deadline for p in self._pending.values()]
-        for part in (self._chapter, self.decoder, self._fragments_in, self._fragments_out):
+        first = None
+        for pending in self._pending.values():
+            if first is None or pending.deadline < first:
+                first = pending.deadline
+        for part in self._timed_parts:
             when = part.next_timeout()
-            if when is not None:
-                times.append(when)
-        return min(times, default=None)
+            if when is not None and (first is None or when < first):
+                first = when
+        return first
 
     def handle_timeout(self, now: float) -> None:
         """Act on every deadline that has passed: ask again, give up, resynchronise."""
@@ -186,6 +189,10 @@ class Connection:
         for body in self._fragments_in.handle_timeout(now):
             self._send_frame(Command.FRAGMENT_MISSING, body, now)
         self._fragments_out.handle_timeout(now)
+
+    @property
+    def _timed_parts(self) -> tuple[ChapterHost | FrameDecoder | FragmentReceiver | FragmentSender, ...]:
+        return self._chapter, self.decoder, self._fragments_in, self._fragments_out
 
     def limit_frame(self, max_frame: int) -> None:
         """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""

@@ -6,6 +6,7 @@ Owns the event types and their log lines. Knows nothing of how they come about.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hexwire.wire.command_frame import Frame, command_name, status_name
 
@@ -54,8 +55,7 @@ class Request:
         return f"request {self.frame}"
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(NamedTuple):
     """Host side: the answer to the request with this ticket.
 
     Attributes:

@@ -107,7 +107,9 @@ class FragmentSender:
 
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
-        return min((m.deadline for m in self._out.values()), default=None)
+        if not self._out:
+            return None
+        return min(m.deadline for m in self._out.values())
 
     def handle_timeout(self, now: float) -> None:
         """Forget messages that the peer no longer asks about."""
@@ -181,8 +183,11 @@ class FragmentReceiver:
 
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
-        times = [min(max(m.last_rx, m.asked_at) + ASK_AGAIN, m.last_rx + self._lifetime) for m in self._in.values()]
-        return min(times, default=None)
+        if not self._in:
+            return None
+        return min(
+            min(max(m.last_rx, m.asked_at) + ASK_AGAIN, m.last_rx + self._lifetime) for m in self._in.values()
+        )
 
     def handle_timeout(self, now: float) -> list[bytes]:
         """Ask again for what is missing, give up what has been silent too long; returns bodies to send."""
