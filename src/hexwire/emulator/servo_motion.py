@@ -21,6 +21,8 @@ TICK = 0.001
 """Seconds a step of the model. Time is counted in whole ticks from 0, so results do not depend on the caller."""
 
 _CLOSE = 0.01  # counts: nearer than this, and slow, is there
+_COASTING = 15.0  # drag of motor and gears without power, 1/s
+_DAMPING = 60.0  # the same with the winding shorted
 _STIFFNESS = 1 / 64  # torque a count of error against an obstacle, about what a position gain of 32 gives
 
 
@@ -154,7 +156,7 @@ class Motion:
             self.velocity = self._pushed(self.torque + outside, self.mechanics.friction, 0.0)
         else:
             self.torque = 0.0
-            drag = 20.0 if self._drive is Drive.DAMPED else 2.0
+            drag = _DAMPING if self._drive is Drive.DAMPED else _COASTING
             self.velocity = self._pushed(outside, self.mechanics.holding_friction, drag)
         self._move()
         self.settled = self.velocity == velocity == 0.0 and self.position == position and self.torque == torque
@@ -165,7 +167,8 @@ class Motion:
         if self._drive is Drive.POSITION:
             error = self._target - self.position
             distance = abs(error)
-            if distance < _CLOSE and abs(velocity) <= 4 * step and self._speed > 0:
+            near = distance < _CLOSE and abs(velocity) <= 4 * step
+            if near and self._speed > 0 and abs(outside) <= self._ceiling:
                 self.position, velocity, self.velocity, wanted = self._target, 0.0, 0.0, 0.0
             else:
                 # The fastest from which the ramp still stops at the target, in whole ticks.
@@ -184,7 +187,7 @@ class Motion:
             self.torque = math.copysign(self._ceiling, need)
             powered = self._ceiling > 0
             holding = self.mechanics.friction if powered else self.mechanics.holding_friction
-            self.velocity = self._pushed(self.torque + outside, holding, 0.0 if powered else 2.0)
+            self.velocity = self._pushed(self.torque + outside, holding, 0.0 if powered else _COASTING)
 
     def _pushed(self, push: float, friction: float, drag: float) -> float:
         """Velocity after a tick of a net push against dry friction and a drag in 1/s."""
