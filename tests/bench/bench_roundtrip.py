@@ -87,9 +87,9 @@ def _measure(path: str) -> list[str]:
     wall_bare, wall_full = (statistics.median(w for _, w in rows) for rows in (bare, full))
     ratio = statistics.median(f / b for (f, _), (b, _) in zip(full, bare, strict=True))
     return [
-        f"JOINT_STATE round trip over an unpaced pty, {len(request)} bytes out, {reply} in, seven joints decoded:",
-        f"  CPU   bare write+poll+read {cpu_bare:6.1f} us, hexwire {cpu_full:6.1f} us: ratio {ratio:.2f} (aim <= 4)",
-        f"  wall  bare                 {wall_bare:6.1f} us, hexwire {wall_full:6.1f} us",
+        f"JOINT_STATE round trip over an unpaced pty, {len(request)} bytes out, {reply} in, seven joints:",
+        f"  CPU bare write, poll, read {cpu_bare:.1f} us, hexwire {cpu_full:.1f} us: ratio {ratio:.2f}, aim 4",
+        f"  wall bare {wall_bare:.1f} us, hexwire {wall_full:.1f} us",
     ]
 
 
