@@ -1,0 +1,317 @@
+"""`model`: the arm's geometry on its own, no robot needed.
+
+Owns how angles, poses and reports are typed and shown: degrees, and millimetres for the 7Bot, metres for the
+PUMA 260. Must not know the geometry.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hexwire.errors import LimitError, UsageError
+
+from .common import FiniteFloat, format_table, json_option, print_json
+
+if TYPE_CHECKING:
+    from hexwire.model.kinematics import KinematicModel, Solution
+    from hexwire.model.pose import Vector
+
+__all__ = ["links_option", "make_kinematics", "model"]
+
+ROBOTS = ("hex7bot", "puma260")
+DEGREES = FiniteFloat("degrees")
+# So that -30 is a number and not an option.
+NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
+
+
+def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--links``: which 7Bot."""
+    return click.option(
+        "--links",
+        default="A",
+        show_default=True,
+        metavar="A|B|V1|FILE",
+        help="Link set of the 7Bot: a published one, or a TOML file with one's own.",
+    )(command)
+
+
+def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option(
+        "--robot", type=click.Choice(ROBOTS), default="hex7bot", show_default=True, help="Which arm."
+    )(command)
+
+
+def make_kinematics(robot: str, links: str) -> KinematicModel:
+    """Kinematics of a robot by name.
+
+    Raises:
+        UsageError: No such robot or link set, or a mistake in the link set's file.
+    """
+    if robot == "puma260":
+        from hexwire.model.puma260 import Puma260Model
+
+        return Puma260Model()
+    if robot != "hex7bot":
+        raise UsageError(f"no geometry of robot {robot!r}; there is one of {', '.join(ROBOTS)}")
+    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.hex7bot_links import link_set, parse_link_set
+
+    if links.lower().endswith(".toml") or "/" in links:
+        return Hex7BotModel(parse_link_set(Path(links).read_text(encoding="utf-8"), file=links))
+    return Hex7BotModel(link_set(links))
+
+
+@click.group()
+def model() -> None:
+    """Compute with the arm's geometry; no robot is needed.
+
+    Angles are degrees. The 7Bot's are its servo angles, 90 is neutral; its lengths are millimetres. The PUMA 260's
+    lengths are metres.
+    """
+
+
+@model.command(context_settings=NEGATIVE_NUMBERS)
+@click.argument("angles", nargs=6, type=DEGREES, metavar="T0 T1 T2 T3 T4 T5")
+@links_option
+@_robot_option
+@json_option
+def fk(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
+    """Where the tool is at six joint angles."""
+    arm = make_kinematics(robot, links)
+    report = _pose_report(arm, angles)
+    if as_json:
+        print_json(report)
+        return
+    for key, value in report.items():
+        if key == "rotation":
+            for name, row in zip(("rotation", "", ""), value, strict=True):
+                print(f"{name:12} " + "  ".join(f"{_clean(v, 6):9.6f}" for v in row))
+        elif key in {"violations", "near_singularity"}:
+            for text in value:
+                print(f"{'warning':12} {'near a singularity: ' if key == 'near_singularity' else ''}{text}")
+        elif isinstance(value, tuple):
+            digits = 5 if key.endswith("_m") else 3
+            print(
+                f"{key.replace('_', ' '):12} "
+                + "  ".join(f"{_clean(v, digits):{digits + 6}.{digits}f}" for v in value)
+            )
+        elif isinstance(value, float):
+            print(f"{key.replace('_', ' '):12} {value:.3f}")
+        elif isinstance(value, str):
+            print(f"{key:12} {value}")
+
+
+def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any]:
+    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.puma260 import Puma260Model
+
+    angles = [math.radians(d) for d in degrees]
+    pose = arm.forward(angles)
+    report: dict[str, Any] = {"robot": arm.name}
+    if isinstance(arm, Hex7BotModel):
+        k = arm.links
+        elbow = k.elbow_angle(angles[1], angles[2])
+        report |= {
+            "links": k.name,
+            "angles_deg": tuple(degrees),
+            "wrist_mm": _mm(arm.wrist(angles)),
+            "tip_mm": _mm(pose.position),
+            "side_mm": _mm(arm.side(pose)),
+            "rotation": pose.rotation,
+            "elbow_deg": math.degrees(elbow + k.forearm_angle),
+            "gate_deg": math.degrees(elbow),
+        }
+    elif isinstance(arm, Puma260Model):
+        report |= {
+            "angles_deg": tuple(degrees),
+            "wrist_m": arm.wrist(angles),
+            "position_m": pose.position,
+            "rotation": pose.rotation,
+        }
+    report["allowed"] = not arm.violations(angles)
+    report["violations"] = list(arm.violations(angles))
+    report["near_singularity"] = list(arm.singularity(angles).near)
+    return report
+
+
+@model.command(context_settings=NEGATIVE_NUMBERS)
+@click.argument("place", nargs=-1, metavar="X Y Z | FILE | -")
+@click.option(
+    "--rotation", nargs=9, type=FiniteFloat("number"), metavar="R11 .. R33", help="Of the tool, row by row."
+)
+@click.option("--rpy", nargs=3, type=DEGREES, metavar="R P Y", help="The rotation as roll, pitch, yaw in degrees.")
+@click.option("--wrist", is_flag=True, help="7Bot: X Y Z is the wrist centre; without a rotation T0 T1 T2 only.")
+@links_option
+@_robot_option
+@json_option
+def ik(
+    place: tuple[str, ...],
+    rotation: tuple[float, ...] | None,
+    rpy: tuple[float, ...] | None,
+    wrist: bool,
+    links: str,
+    robot: str,
+    as_json: bool,
+) -> None:
+    """Every set of joint angles that takes the tool to a pose.
+
+    The pose is X Y Z with --rotation or --rpy, or what `hexwire model fk --json` printed, in a file or from
+    standard input (-). Those that limits allow come first. Exit status 2 if there is none at all.
+    """
+    pose_file = None
+    if len(place) == 1:
+        pose_file = _read_pose(place[0])
+        robot, links = pose_file.get("robot", robot), pose_file.get("links", links)
+    arm = make_kinematics(robot, links)
+    solutions = _solve(arm, place, rotation, rpy, wrist, pose_file)
+    if as_json:
+        rows = [
+            {
+                "angles_deg": [math.degrees(a) for a in s.angles],
+                "branch": s.branch,
+                "allowed": s.allowed,
+                "violations": list(s.violations),
+                "singular": s.singular,
+            }
+            for s in solutions
+        ]
+        print_json({"robot": arm.name, "solutions": rows})
+        return
+    names = [r.name for r in arm.ranges][: len(solutions[0].angles)]
+    cells = [
+        (*(f"{_clean(math.degrees(a), 4):.4f}" for a in s.angles), s.branch, _short(s.violations))
+        for s in solutions
+    ]
+    print(format_table((*names, "branch", ""), cells))
+
+
+def _solve(
+    arm: KinematicModel,
+    place: Sequence[str],
+    rotation: Sequence[float] | None,
+    rpy: Sequence[float] | None,
+    wrist: bool,
+    pose_file: dict[str, Any] | None,
+) -> tuple[Solution, ...]:
+    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.pose import Pose, column, rotation_from_numbers, rotation_from_rpy
+
+    seven = isinstance(arm, Hex7BotModel)
+    unit = 1e-3 if seven else 1.0
+    if pose_file is not None:
+        key = "tip_mm" if seven else "position_m"
+        numbers: Any = pose_file.get(key)
+        rows = pose_file.get("rotation")
+        if not _are_numbers(numbers, 3) or not isinstance(rows, list) or not all(_are_numbers(r, 3) for r in rows):
+            raise UsageError(f"the pose needs {key} with three numbers and rotation with three rows of three")
+        rotation = [v for row in rows for v in row]
+    else:
+        if len(place) != 3:
+            raise UsageError(f"a place has three coordinates X Y Z, got {len(place)}")
+        numbers = [FiniteFloat("coordinate").convert(text, None, None) for text in place]
+    where: Vector = (numbers[0] * unit, numbers[1] * unit, numbers[2] * unit)
+    if rotation is not None:
+        turn = rotation_from_numbers(rotation)
+    elif rpy is not None:
+        turn = rotation_from_rpy(*(math.radians(d) for d in rpy))
+    elif wrist and isinstance(arm, Hex7BotModel):
+        if not arm.reach_wrist(where).reachable:
+            raise LimitError(f"out of reach: {arm.reach_wrist(where).cause}")
+        return arm.inverse_wrist(where)
+    else:
+        raise UsageError("a pose needs --rotation or --rpy" + ("; or --wrist for the arm alone" if seven else ""))
+    if wrist:
+        if not isinstance(arm, Hex7BotModel):
+            raise UsageError("--wrist is for the 7Bot only")
+        f, z = arm.links.f, column(turn, 2)
+        where = (where[0] + f * z[0], where[1] + f * z[1], where[2] + f * z[2])
+    pose = Pose(where, turn)
+    solutions = arm.inverse(pose)
+    if not solutions:
+        raise LimitError(f"out of reach: {arm.reach(pose).cause}")
+    return solutions
+
+
+def _read_pose(name: str) -> dict[str, Any]:
+    text = sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8")
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise UsageError(f"{name} is no JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise UsageError(f"{name} is no pose: it must be a JSON object as 'hexwire model fk --json' prints it")
+    return data
+
+
+def _are_numbers(value: object, n: int) -> bool:
+    return isinstance(value, list) and len(value) == n and all(isinstance(v, int | float) for v in value)
+
+
+@model.command(context_settings=NEGATIVE_NUMBERS)
+@click.argument("angles", nargs=6, type=DEGREES, metavar="T0 T1 T2 T3 T4 T5")
+@links_option
+@_robot_option
+@json_option
+def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
+    """Whether limits and gates allow six joint angles, and how far they are from a singularity.
+
+    Exit status 2 if they are not allowed.
+    """
+    arm = make_kinematics(robot, links)
+    radians = [math.radians(d) for d in angles]
+    found = arm.violations(radians)
+    singular = arm.singularity(radians)
+    if as_json:
+        print_json(
+            {
+                "allowed": not found,
+                "violations": list(found),
+                "singularity": dict(singular.measures),
+                "near_singularity": list(singular.near),
+                "manipulability_m3": singular.manipulability,
+            }
+        )
+    else:
+        for name, value in singular.measures.items():
+            print(f"{name:10} {value:.3f}{'  near a singularity' if name in singular.near else ''}")
+    if found:
+        raise LimitError("; ".join(found))
+    if not as_json:
+        print("allowed")
+
+
+@model.command()
+@links_option
+@_robot_option
+@click.option("-o", "--output", metavar="FILE", help="Write here rather than to standard output.")
+def urdf(links: str, robot: str, output: str | None) -> None:
+    """Write the arm as URDF, from the same constants; its joints are those of the driver."""
+    from hexwire.model.urdf import make_urdf
+
+    text = make_urdf(make_kinematics(robot, links))
+    if output is None:
+        print(text, end="")
+    else:
+        Path(output).write_text(text, encoding="utf-8")
+
+
+def _short(violations: Sequence[str]) -> str:
+    if not violations:
+        return "allowed"
+    return violations[0] + (f" (and {len(violations) - 1} more)" if len(violations) > 1 else "")
+
+
+def _mm(v: Sequence[float]) -> tuple[float, ...]:
+    return tuple(1e3 * x for x in v)
+
+
+def _clean(value: float, digits: int) -> float:
+    # "-0.000" would have a reader look for a meaning.
+    return round(value, digits) + 0.0

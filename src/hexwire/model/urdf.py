@@ -1,0 +1,202 @@
+"""URDF files of the arms, from the same constants as their kinematics.
+
+Owns the file's form. The joints of a file are those of the driver: joint states go in as they come. The 7Bot's
+parallelogram is a joint that mimics J2 with the multiplier -1. Lengths are published; masses are not, and are
+estimates that suit a simulation. Knows no files: it gives text.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from hexwire.errors import UsageError
+
+from . import puma260
+from .hex7bot_kinematics import Hex7BotModel
+from .kinematics import KinematicModel
+from .pose import Vector
+
+__all__ = ["LEVEL_JOINT", "TIP_LINK", "make_urdf"]
+
+LEVEL_JOINT = "J2_level"
+"""The mimic joint of the 7Bot: it keeps the elbow's frame level while J2 moves."""
+TIP_LINK = "tool"
+"""The link whose frame is the pose that the kinematics give."""
+
+_HALF = math.pi / 2
+# Nobody publishes torques; a stall of 6 kg.cm is known of the small servos only.
+_EFFORT = 3.0
+
+
+@dataclass
+class _Writer:
+    rows: list[str] = field(default_factory=list)
+
+    def link(self, name: str, mass: float, start: Vector, end: Vector, radius: float) -> None:
+        """A link whose matter is a rod from `start` to `end`, metres and kilograms."""
+        length = max(math.dist(start, end), 1e-3)
+        middle = tuple((a + b) / 2 for a, b in zip(start, end, strict=True))
+        along = tuple((b - a) / length for a, b in zip(start, end, strict=True))
+        # Rotation that takes z to the rod: yaw and pitch do.
+        pitch = math.atan2(math.hypot(along[0], along[1]), along[2]) if any(along) else 0.0
+        yaw = math.atan2(along[1], along[0]) if any(along[:2]) else 0.0
+        origin = f'<origin xyz="{_three(middle)}" rpy="{_three((0.0, pitch, yaw))}"/>'
+        across = mass * (3 * radius**2 + length**2) / 12
+        diagonal = f'ixx="{_n(across)}" iyy="{_n(across)}" izz="{_n(mass * radius**2 / 2)}"'
+        inertia = f'<inertia {diagonal} ixy="0" ixz="0" iyz="0"/>'
+        shape = f'<geometry><cylinder radius="{_n(radius)}" length="{_n(length)}"/></geometry>'
+        self.rows += [
+            f'  <link name="{name}">',
+            f'    <inertial>{origin}<mass value="{_n(mass)}"/>{inertia}</inertial>',
+            f"    <visual>{origin}{shape}</visual>",
+            f"    <collision>{origin}{shape}</collision>",
+            "  </link>",
+        ]
+
+    def frame(self, name: str) -> None:
+        """A link without matter."""
+        self.rows.append(f'  <link name="{name}"/>')
+
+    def joint(
+        self,
+        name: str,
+        parent: str,
+        child: str,
+        xyz: Vector,
+        rpy: Vector = (0.0, 0.0, 0.0),
+        axis: Vector | None = None,
+        limits: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        mimic: str = "",
+    ) -> None:
+        kind = "fixed" if axis is None else "revolute"
+        self.rows += [
+            f'  <joint name="{name}" type="{kind}">',
+            f'    <parent link="{parent}"/><child link="{child}"/>',
+            f'    <origin xyz="{_three(xyz)}" rpy="{_three(rpy)}"/>',
+        ]
+        if axis is not None:
+            low, high, speed = limits
+            self.rows += [
+                f'    <axis xyz="{_three(axis)}"/>',
+                f'    <limit lower="{_n(low)}" upper="{_n(high)}" velocity="{_n(speed)}" effort="{_n(_EFFORT)}"/>',
+                '    <dynamics damping="0.05" friction="0.02"/>',
+            ]
+        self.rows += [mimic] if mimic else []
+        self.rows.append("  </joint>")
+
+
+def make_urdf(model: KinematicModel) -> str:
+    """The URDF text of an arm.
+
+    Raises:
+        UsageError: There is none of this model.
+    """
+    writer = _Writer()
+    if isinstance(model, Hex7BotModel):
+        _hex7bot(writer, model)
+        remark = f"link set {model.links.name}: {model.links.source or 'own'}"
+    elif isinstance(model, puma260.Puma260Model):
+        _puma260(writer)
+        remark = "model: see hexwire.model.puma260"
+    else:
+        raise UsageError(f"no URDF of {model.name}")
+    head = [
+        '<?xml version="1.0"?>',
+        f"<!-- Made by 'hexwire model urdf'; {remark.replace('--', '-')}.",
+        "     Lengths are published, masses estimated. -->",
+        f'<robot name="{model.name}">',
+    ]
+    return "\n".join([*head, *writer.rows, "</robot>", ""])
+
+
+def _hex7bot(out: _Writer, model: Hex7BotModel) -> None:
+    k = model.links
+    joints = model.arm.joints
+
+    def limits(i: int) -> tuple[float, float, float]:
+        return joints[i].minimum, joints[i].maximum, joints[i].max_speed
+
+    def zero(i: int, neutral: float = 0.0) -> float:
+        """Servo angle from `neutral` at which the driver's joint angle is zero."""
+        return neutral - joints[i].sign * joints[i].offset
+
+    out.link("base", 0.6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.6 * k.e), 0.055)
+    # Signs: every joint turns as its servo angle does, so J2 and J3 turn about -y and y, J4 about -x, J6 about -z.
+    out.joint(
+        "J1", "base", "turret", (0.0, 0.0, 0.0), (0.0, 0.0, zero(0, _HALF)), _axis(2, joints[0].sign), limits(0)
+    )
+    out.link("turret", 0.25, (0.0, 0.0, 0.7 * k.e), (k.d, 0.0, k.e), 0.03)
+    out.joint(
+        "J2", "turret", "upper_arm", (k.d, 0.0, k.e), (0.0, -zero(1), 0.0), _axis(1, -joints[1].sign), limits(1)
+    )
+    out.link("upper_arm", 0.20, (0.0, 0.0, 0.0), (0.0, 0.0, k.a), 0.015)
+    low, high, speed = limits(1)
+    level = (-high, -low, speed)
+    mimic = '    <mimic joint="J2" multiplier="-1" offset="0"/>'
+    pitch = (0.0, zero(1), 0.0)
+    out.joint(LEVEL_JOINT, "upper_arm", "elbow", (0.0, 0.0, k.a), pitch, _axis(1, -joints[1].sign), level, mimic)
+    out.link("elbow", 0.02, (0.0, -0.005, 0.0), (0.0, 0.005, 0.0), 0.012)
+    pitch = (0.0, zero(2, _HALF - k.offset), 0.0)
+    out.joint("J3", "elbow", "forearm", (0.0, 0.0, 0.0), pitch, _axis(1, joints[2].sign), limits(2))
+    out.link("forearm", 0.18, (0.0, 0.0, k.h), (0.8 * k.c, 0.0, k.h), 0.015)
+    out.joint("J4", "forearm", "roll", (k.c, 0.0, k.h), (-zero(3), 0.0, 0.0), _axis(0, -joints[3].sign), limits(3))
+    out.link("roll", 0.04, (-0.01, 0.0, 0.0), (0.0, 0.0, 0.0), 0.012)
+    out.joint(
+        "J5", "roll", "hand", (0.0, 0.0, 0.0), (0.0, zero(4, _HALF), 0.0), _axis(1, joints[4].sign), limits(4)
+    )
+    out.link("hand", 0.04, (0.0, 0.0, 0.0), (0.0, 0.0, 0.4 * k.f), 0.012)
+    out.joint(
+        "J6", "hand", "flange", (0.0, 0.0, 0.0), (0.0, 0.0, -zero(5, _HALF)), _axis(2, -joints[5].sign), limits(5)
+    )
+    out.link("flange", 0.03, (0.0, 0.0, 0.4 * k.f), (0.0, 0.0, k.f), 0.008)
+    out.joint("tool_mount", "flange", TIP_LINK, (0.0, 0.0, k.f))
+    out.frame(TIP_LINK)
+    # The jaw that the gripper's servo moves; its place is not published.
+    out.joint("J7", "flange", "jaw", (0.0, 0.01, 0.5 * k.f), (zero(6), 0.0, 0.0), (1.0, 0.0, 0.0), limits(6))
+    out.link("jaw", 0.01, (0.0, 0.0, 0.0), (0.0, 0.0, 0.5 * k.f), 0.003)
+
+
+def _puma260(out: _Writer) -> None:
+    axes: tuple[Vector, ...] = tuple(_axis(i, 1) for i in (2, 1, 1, 2, 1, 0))
+    names = ("trunk", "upper_arm", "forearm", "roll", "hand", "flange")
+    places: tuple[Vector, ...] = (
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, puma260.SHOULDER),
+        (puma260.UPPER, puma260.SIDE, puma260.DROP),
+        (0.0, 0.0, -puma260.FOREARM),
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+    )
+    rods: tuple[tuple[float, Vector, Vector, float], ...] = (
+        (2.0, (0.0, 0.0, 0.05), (0.0, 0.0, puma260.SHOULDER), 0.05),
+        (1.5, (0.0, puma260.SIDE, 0.0), (puma260.UPPER, puma260.SIDE, puma260.DROP), 0.03),
+        (0.8, (0.0, 0.0, 0.0), (0.0, 0.0, -0.8 * puma260.FOREARM), 0.025),
+        (0.1, (0.0, 0.0, 0.01), (0.0, 0.0, 0.0), 0.02),
+        (0.1, (0.0, 0.0, 0.0), (0.01, 0.0, 0.0), 0.018),
+        (0.1, (0.02, 0.0, 0.0), (puma260.FLANGE, 0.0, 0.0), 0.015),
+    )
+    out.link("base", 4.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05), 0.08)
+    parent = "base"
+    for joint, axis, name, place, rod in zip(puma260.PUMA260.joints, axes, names, places, rods, strict=True):
+        limits = (joint.minimum, joint.maximum, joint.max_speed)
+        out.joint(joint.name, parent, name, place, (0.0, 0.0, 0.0), axis, limits)
+        out.link(name, *rod)
+        parent = name
+    out.joint("tool_mount", parent, TIP_LINK, (puma260.FLANGE, 0.0, 0.0))
+    out.frame(TIP_LINK)
+
+
+def _axis(i: int, sign: int) -> Vector:
+    x, y, z = (float(sign) * (i == n) + 0.0 for n in range(3))
+    return (x, y, z)
+
+
+def _three(v: Iterable[float]) -> str:
+    return " ".join(_n(x) for x in v)
+
+
+def _n(value: float) -> str:
+    """Every digit that counts: the poses must agree to rounding."""
+    return repr(value + 0.0)

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from tests.model.poses import VECTORS
+
+from hexwire.cli.main import cli
+
+
+def run(*args: object, stdin: str = "") -> Result:
+    return CliRunner().invoke(cli, ["model", *map(str, args)], input=stdin)
+
+
+def answer(*args: object, stdin: str = "") -> dict[str, Any]:
+    result = run(*args, "--json", stdin=stdin)
+    assert result.exit_code == 0, result.output
+    data: dict[str, Any] = json.loads(result.stdout)
+    return data
+
+
+def flat(rows: list[list[float]]) -> list[float]:
+    return [value for row in rows for value in row]
+
+
+@pytest.mark.parametrize("row", VECTORS["hex7bot_A"], ids=lambda row: "/".join(map(str, row["q"])))
+def test_fk_answers_the_published_poses(row: dict[str, Any]) -> None:
+    got = answer("fk", "--links", "A", *row["q"])
+    assert got["wrist_mm"] == pytest.approx(row["wrist"], abs=6e-7)
+    assert got["tip_mm"] == pytest.approx(row["tip"], abs=6e-7)
+    assert got["side_mm"] == pytest.approx(row["side"], abs=6e-7)
+    assert flat(got["rotation"]) == pytest.approx(flat(row["R"]), abs=6e-10)
+    assert got["elbow_deg"] == pytest.approx(row["elbow_deg"], abs=6e-7)
+
+
+@pytest.mark.parametrize("row", VECTORS["puma260"], ids=lambda row: "/".join(map(str, row["q"])))
+def test_fk_of_the_puma(row: dict[str, Any]) -> None:
+    got = answer("fk", "--robot", "puma260", *row["q"])
+    assert got["position_m"] == pytest.approx(row["p_m"], abs=1e-12)
+    assert flat(got["rotation"]) == pytest.approx(flat(row["R"]), abs=1e-12)
+
+
+def test_negative_numbers_are_no_options() -> None:
+    got = answer("fk", "--links", "B", -30, 100, 80, "-12.5", 0, "-1e-1")
+    assert got["angles_deg"] == [-30, 100, 80, -12.5, 0, -0.1]
+    assert any("t3=-12.5 deg" in text for text in got["violations"])
+    assert answer("fk", -170, -90, -90, -90, -90, -90, "--robot", "puma260")["angles_deg"][0] == -170
+
+
+def test_ik_reads_what_fk_wrote() -> None:
+    pose = run("fk", "--links", "V1", 120, 100, 60, 60, 30, 45, "--json").stdout
+    got = answer("ik", "-", stdin=pose)
+    assert len(got["solutions"]) == 8
+    assert got["solutions"][0]["allowed"]
+    assert got["solutions"][0]["angles_deg"] == pytest.approx([120, 100, 60, 60, 30, 45], abs=1e-7)
+
+
+def test_ik_of_typed_numbers() -> None:
+    pose = answer("fk", 60, 80, 100, 70, 40, 80)
+    numbers = [f"{v:.6f}" for v in flat(pose["rotation"])]
+    got = answer("ik", *(f"{v:.4f}" for v in pose["tip_mm"]), "--rotation", *numbers)
+    assert got["solutions"][0]["angles_deg"] == pytest.approx([60, 80, 100, 70, 40, 80], abs=1e-3)
+    by_wrist = answer("ik", "--wrist", *pose["wrist_mm"], "--rotation", *numbers)
+    assert by_wrist["solutions"][0]["angles_deg"] == pytest.approx([60, 80, 100, 70, 40, 80], abs=1e-3)
+
+
+def test_ik_of_the_wrist_alone_is_the_librarys_documented_point() -> None:
+    got = answer("ik", "--wrist", 0, 188, 188)
+    assert got["solutions"][0]["angles_deg"] == pytest.approx([90, 103.156, 102.840], abs=6e-4)
+
+
+def test_ik_with_rpy_for_the_puma() -> None:
+    got = answer("ik", 0.254, -0.12446, 0.10795, "--rpy", 0, 0, 0, "--robot", "puma260")
+    assert any(s["angles_deg"] == pytest.approx([0] * 6, abs=1e-6) for s in got["solutions"])
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (
+            ("ik", 0, 500, 100, "--rpy", 0, 0, 0),
+            "out of reach: the wrist would be 475.7 mm from the shoulder, 164.5 mm",
+        ),
+        (("ik", "--wrist", 0, 900, 0), "out of reach: the wrist would be"),
+        (("ik", 0, 200), "a place has three coordinates X Y Z, got 2"),
+        (("ik", 0, 200, 100), "a pose needs --rotation or --rpy; or --wrist"),
+        (("ik", 0, 200, "up", "--rpy", 0, 0, 0), "'up' is not a number"),
+        (("ik", 0, 0.2, 0.1, "--rpy", 0, 0, 0, "--robot", "puma260", "--wrist"), "--wrist is for the 7Bot only"),
+        (("ik", "-"), "- is no JSON"),
+        (("fk", 1, 2, 3, 4, 5), "takes 6 values"),
+        (("fk", 1, 2, 3, 4, 5, "nan"), "'nan' is not a number"),
+        (("fk", "--links", "C", 1, 2, 3, 4, 5, 6), "no link set 'C'"),
+        (("check", 90, 40, 40, 90, 90, 90), "elbow open 25 deg too far"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line_and_status_2(args: tuple[object, ...], words: str) -> None:
+    result = run(*args)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_check_and_its_json() -> None:
+    assert run("check", 90, 100, 80, 90, 45, 90).stdout.endswith("allowed\n")
+    assert answer("check", 90, 90, 90, 90, 90, 90)["near_singularity"] == ["wrist"]
+
+
+def test_own_link_set_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text("a=120\nb=40\nc=188\nd=24.28\ne=79\nf=121.6\ng=12\nh=34.8\noffset=90\n", encoding="utf-8")
+    assert answer("fk", "--links", file, 90, 90, 90, 90, 90, 90)["tip_mm"][1] == pytest.approx(333.88)
+    file.write_text("a=120\nz=1\n", encoding="utf-8")
+    result = run("fk", "--links", file, 90, 90, 90, 90, 90, 90)
+    assert result.exit_code == 2
+    assert "own.toml:2: z is no key of a link set" in result.stderr
+    assert run("fk", "--links", tmp_path / "none.toml", 90, 90, 90, 90, 90, 90).exit_code == 1
+
+
+def test_text_for_people() -> None:
+    text = run("fk", 90, 90, 90, 90, 90, 270).stdout
+    assert "tip mm           0.000    233.880    233.800" in text
+    assert "warning      near a singularity: wrist" in text
+    table = run("ik", "--wrist", 0, 188, 188).stdout.splitlines()
+    assert table[0].split() == ["t0", "t1", "t2", "branch"]
+    assert table[1].endswith("allowed")
+
+
+def test_urdf_to_a_file(tmp_path: Path) -> None:
+    assert run("urdf", "--robot", "puma260", "-o", tmp_path / "arm.urdf").exit_code == 0
+    assert (tmp_path / "arm.urdf").read_text(encoding="utf-8") == run("urdf", "--robot", "puma260").stdout

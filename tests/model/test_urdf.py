@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import pinocchio
+import pytest
+from tests.model.poses import pose_error, random_angles
+
+from hexwire.errors import UsageError
+from hexwire.model.arm import ArmModel
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.hex7bot_links import LINK_SETS
+from hexwire.model.kinematics import KinematicModel
+from hexwire.model.pose import Pose
+from hexwire.model.puma260 import PUMA260, Puma260Model
+from hexwire.model.urdf import LEVEL_JOINT, TIP_LINK, make_urdf
+
+# An arm whose signs are not all alike: a wrong sign must not hide behind a one.
+MIXED = ArmModel(
+    "mixed", tuple(replace(j, sign=(-1) ** i, offset=0.1 * i - 0.2) for i, j in enumerate(HEX7BOT.joints))
+)
+SEVEN = [Hex7BotModel(links, arm) for links in LINK_SETS.values() for arm in (HEX7BOT, MIXED)]
+
+
+def pinocchio_pose(text: str, joints: dict[str, float]) -> Pose:
+    """Pose of the tool as Pinocchio computes it from the file."""
+    model = pinocchio.buildModelFromXML(text)
+    data = model.createData()
+    q = pinocchio.neutral(model)
+    for name, angle in joints.items():
+        q[model.joints[model.getJointId(name)].idx_q] = angle
+    pinocchio.framesForwardKinematics(model, data, q)
+    frame = data.oMf[model.getFrameId(TIP_LINK)]
+    x, y, z = (float(v) for v in frame.translation)
+    a, b, c = (tuple(float(v) for v in row) for row in frame.rotation)
+    return Pose((x, y, z), (a, b, c))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("model", SEVEN, ids=lambda m: f"{m.links.name}-{m.arm.name}")
+def test_pinocchio_agrees_on_the_7bot(model: Hex7BotModel) -> None:
+    text = make_urdf(model)
+    for angles in random_angles(11, 25):
+        joints = model.joint_angles(angles)
+        # Without its support for mimic joints Pinocchio takes the level joint as one of its own.
+        joints[LEVEL_JOINT] = -joints["J2"]
+        assert pose_error(pinocchio_pose(text, joints), model.forward(angles)) < 1e-9
+
+
+def test_pinocchio_agrees_on_the_puma() -> None:
+    model = Puma260Model()
+    text = make_urdf(model)
+    for angles in random_angles(12, 25):
+        joints = dict(zip(PUMA260.names, angles, strict=True))
+        assert pose_error(pinocchio_pose(text, joints), model.forward(angles)) < 1e-9
+
+
+@pytest.mark.parametrize("model", [*SEVEN[:1], Puma260Model()], ids=lambda m: m.name)
+def test_joints_limits_and_inertias_make_sense(model: KinematicModel) -> None:
+    root = ElementTree.fromstring(make_urdf(model))
+    names = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
+    arm = HEX7BOT if model.name == "hex7bot" else PUMA260
+    assert [n for n in names if n != LEVEL_JOINT] == list(arm.names)
+    for joint in arm.joints:
+        limit = root.find(f"joint[@name='{joint.name}']/limit")
+        assert limit is not None
+        assert float(limit.get("lower", "")) == pytest.approx(joint.minimum)
+        assert float(limit.get("upper", "")) == pytest.approx(joint.maximum)
+    for inertia in root.iter("inertia"):
+        moments = sorted(float(inertia.get(k, "")) for k in ("ixx", "iyy", "izz"))
+        assert moments[0] > 0
+        # A body's two smaller moments are together at least the largest.
+        assert moments[0] + moments[1] >= moments[2]
+
+
+def test_level_joint_mimics_the_upper_arm() -> None:
+    root = ElementTree.fromstring(make_urdf(SEVEN[0]))
+    mimic = root.find(f"joint[@name='{LEVEL_JOINT}']/mimic")
+    assert mimic is not None
+    assert (mimic.get("joint"), float(mimic.get("multiplier", ""))) == ("J2", -1.0)
+    lower = root.find(f"joint[@name='{LEVEL_JOINT}']/limit")
+    assert lower is not None
+    assert float(lower.get("lower", "")) == pytest.approx(-HEX7BOT.joint("J2").maximum)
+
+
+def test_no_urdf_of_an_unknown_model() -> None:
+    class Other(Puma260Model):
+        pass
+
+    assert "puma260" in make_urdf(Other())
+    with pytest.raises(UsageError, match="no URDF of None"):
+        make_urdf(type("Nothing", (), {"name": None})())
+
+
+def test_every_digit_is_written() -> None:
+    assert repr(math.pi / 2 + 0.087265) in make_urdf(SEVEN[0])
