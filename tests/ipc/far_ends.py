@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import tty
 from pathlib import Path
 
@@ -45,3 +46,10 @@ class PtyEnd(PollLink):
 
     def _write_ready(self, data: memoryview | bytes) -> int:
         return os.write(self._master, data)
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A port of the loopback interface that nobody uses at the moment."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,16 +1,12 @@
 from __future__ import annotations
 
-import fcntl
-import os
-import tty
-from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
 from serial.tools import list_ports as pyserial_ports
 
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.ipc.ports import PortInfo, find_only_board, list_ports, owner_of, ports_in_words
+from hexwire.ipc.ports import PortInfo, find_only_board, list_ports, ports_in_words
 
 
 def usb(device: str, vid: int, pid: int, description: str = "USB Serial", number: str | None = "A1") -> object:
@@ -91,23 +87,3 @@ def test_a_long_list_is_cut(plug) -> None:  # type: ignore[no-untyped-def]  # a 
     plug(*(usb(f"/dev/ttyUSB{n}", 1, 2) for n in range(10)))
     assert ports_in_words().endswith("and 2 more")
     assert ports_in_words().count("/dev/") == 8
-
-
-@pytest.fixture
-def terminal() -> Iterator[tuple[int, str]]:
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    yield slave, os.ttyname(slave)
-    os.close(master)
-    os.close(slave)
-
-
-def test_the_owner_of_a_port_is_named(terminal: tuple[int, str]) -> None:
-    slave, device = terminal
-    assert owner_of(device) == "this program", "it is held open here"
-    fcntl.flock(slave, fcntl.LOCK_EX)
-    assert owner_of(device) == "this program", "and locked here"
-
-
-def test_the_owner_of_nothing() -> None:
-    assert owner_of("/dev/does-not-exist") == ""

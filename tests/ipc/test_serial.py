@@ -166,7 +166,7 @@ def test_a_port_that_another_program_took_for_itself(
         raise OSError(errno.EBUSY, "Device or resource busy")
 
     monkeypatch.setattr(serial_module.os, "open", refuse)
-    monkeypatch.setattr(serial_module.ports, "owner_of", lambda device: "")
+    monkeypatch.setattr(serial_module.owner, "device_owner", lambda device: "")
     with pytest.raises(LinkBusyError, match="in use by another program: close that first"):
         SerialLink(device).open()
 

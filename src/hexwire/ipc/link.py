@@ -14,7 +14,7 @@ import enum
 import select
 import threading
 from abc import ABC, abstractmethod
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from hexwire.errors import (
@@ -37,6 +37,8 @@ __all__ = ["Link", "LinkKind", "PollLink"]
 _LONGEST_POLL = 1_000_000.0
 # What flush_input throws away at most, so that a peer that never stops talking cannot hold it for ever.
 _FLUSH_LIMIT = 1 << 20
+# A request of `exchange` that the line does not take within this many seconds is given up.
+_WRITE_TIME = 1.0
 
 
 class LinkKind(enum.Enum):
@@ -116,6 +118,25 @@ class Link(ABC):
             LinkClosedError: It is not open, or was closed during the wait.
         """
 
+    def exchange(self, data: bytes, window: float, nap: float = 0.0) -> bytes:
+        """Write a request and read the first bytes that come back: what a request-and-answer bus does all day.
+
+        Args:
+            data: The request.
+            window: Seconds to wait for the first bytes.
+            nap: Seconds to sleep before looking, where the caller knows that nothing can be there yet.
+
+        Returns:
+            As `read`.
+
+        Raises:
+            LinkError: As `write` and `read`.
+        """
+        # A link in simulated time has a clock of its own.
+        clock = getattr(self, "clock", monotonic)
+        self.write(data, clock() + _WRITE_TIME)
+        return self.read(clock() + window)
+
     @abstractmethod
     def flush_input(self) -> int:
         """Throw away what has arrived and was not read.
@@ -174,7 +195,7 @@ class PollLink(Link):
         self._writer = 0
         self._read_waker = Waker()
         self._write_waker = Waker()
-        self._fd = -1
+        self._fd = self._write_fd = -1
         self._watched: dict[int, Callable[[], None]] = {}
         self._wait_to_read = select.poll().poll
         self._write_poll = select.poll()
@@ -192,6 +213,10 @@ class PollLink(Link):
     @abstractmethod
     def _fileno(self) -> int:
         """Descriptor to wait on."""
+
+    def _write_fileno(self) -> int:
+        """Descriptor to wait on before writing, where it is another one."""
+        return self._fileno()
 
     @abstractmethod
     def _read_ready(self) -> bytes:
@@ -236,7 +261,8 @@ class PollLink(Link):
                     read_poll.register(fd, select.POLLIN)
                 self._wait_to_read = read_poll.poll
                 self._write_poll = select.poll()
-                self._write_poll.register(self._fd, select.POLLOUT)
+                self._write_fd = self._write_fileno()
+                self._write_poll.register(self._write_fd, select.POLLOUT)
                 self._write_poll.register(self._write_waker.fileno(), select.POLLIN)
                 if self._closing:
                     raise self._closed()
@@ -315,6 +341,28 @@ class PollLink(Link):
             if self._close_pending:
                 self.close()
 
+    def exchange(self, data: bytes, window: float, nap: float = 0.0) -> bytes:
+        # One write, one poll, one read. Measured on a pseudo-terminal, 56-byte answers: poll costs 0.7 us over a
+        # bare blocking read, select 1.2 us, epoll 1.4 us; trying the read before the poll costs an exception
+        # (1.5 us) whenever the answer is not there yet, which is nearly always. A read that VMIN makes wait has
+        # VTIME as its only time-out, a tenth of a second, and setting them anew reprograms some USB adapters.
+        if not self._reading.acquire(blocking=False):
+            return super().exchange(data, window, nap)
+        self._reader = threading.get_ident()
+        try:
+            self.write(data, monotonic() + _WRITE_TIME)
+            if nap > 0.0:
+                sleep(nap)
+            events = self._wait_to_read(window * 1000.0)
+            if len(events) == 1 and events[0][0] == self._fd and not self._closing:
+                return self._receive()
+        finally:
+            self._reader = 0
+            self._reading.release()
+            if self._close_pending:
+                self.close()
+        return self.read(0.0)
+
     def flush_input(self) -> int:
         if not self._reading.acquire(timeout=1.0):
             raise LinkBusyError(f"{self.url}: cannot flush, another thread is reading", url=self.url)
@@ -366,7 +414,7 @@ class PollLink(Link):
         size = len(data)
         while sent < size:
             wait = None if deadline is None else max(0.0, min(deadline - monotonic(), _LONGEST_POLL)) * 1000.0
-            writable = any(fd == self._fd for fd, _ in self._write_poll.poll(wait))
+            writable = any(fd == self._write_fd for fd, _ in self._write_poll.poll(wait))
             # Closing and losing are told by the reading side's state as well as by an event of our own.
             if self._closing or self._state is not _State.OPEN:
                 raise self._refusal()

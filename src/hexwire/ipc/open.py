@@ -22,7 +22,14 @@ ENTRY_POINT_GROUP = "hexwire.links"
 
 # scheme -> module, class with a `from_url`
 _BUILT_IN: dict[str, tuple[str, str]] = {
+    "mq": ("hexwire.ipc.mqueue", "QueueLink"),
     "serial": ("hexwire.ipc.serial", "SerialLink"),
+    "tcp": ("hexwire.ipc.tcp", "TcpLink"),
+    "tcp-listen": ("hexwire.ipc.listen", "TcpListenLink"),
+    "tcps": ("hexwire.ipc.tcp", "TcpsLink"),
+    "tcps-listen": ("hexwire.ipc.listen", "TcpsListenLink"),
+    "udp": ("hexwire.ipc.udp", "UdpLink"),
+    "udp-listen": ("hexwire.ipc.udp", "UdpListenLink"),
 }
 
 

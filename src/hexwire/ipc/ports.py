@@ -5,9 +5,7 @@ Owns the table of USB identities. Opens no port. Must not know what is spoken on
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 from hexwire.errors import LinkNotFoundError, UsageError
 
@@ -106,8 +104,7 @@ def find_only_board() -> str:
         raise UsageError(f"several likely boards: {_in_words(boards)}; name one with --port")
     if ports:
         raise LinkNotFoundError(
-            f"no likely board among the serial ports: {_in_words(ports)}; "
-            "plug it in, or name a port with --port"
+            f"no likely board among the serial ports: {_in_words(ports)}; plug it in, or name a port with --port"
         )
     raise LinkNotFoundError(
         "no serial port on this machine; plug the board in, or name a link with --port (a simulated board: "
@@ -124,36 +121,3 @@ def ports_in_words() -> str:
 def _in_words(ports: list[PortInfo]) -> str:
     names = ", ".join(str(port) for port in ports[:8])
     return f"{names} and {len(ports) - 8} more" if len(ports) > 8 else names
-
-
-def owner_of(device: str) -> str:
-    """Name the program that has a port open: ``hexwire (pid 4711)``; empty if it cannot be told.
-
-    The file lock comes first, since a pseudo-terminal is also held open by whoever stands behind it.
-    """
-    try:
-        status = Path(device).stat()
-        locks = Path("/proc/locks").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return ""
-    major, minor = status.st_dev >> 8 & 0xFFF, status.st_dev & 0xFF
-    wanted = f"{major:02x}:{minor:02x}:{status.st_ino}"
-    for line in locks.splitlines():
-        fields = line.split()
-        if "FLOCK" in fields and wanted in fields:
-            return _program(fields[fields.index(wanted) - 1])
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if any(fd.stat().st_rdev == status.st_rdev != 0 for fd in (process / "fd").iterdir()):
-                return _program(process.name)
-        except OSError:
-            continue  # gone meanwhile, or not ours to look at
-    return ""
-
-
-def _program(pid: str) -> str:
-    try:
-        name = Path(f"/proc/{pid}/comm").read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
-    return "this program" if int(pid) == os.getpid() else f"{name} (pid {pid})"

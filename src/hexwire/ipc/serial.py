@@ -28,7 +28,7 @@ from hexwire.errors import (
     LinkPermissionError,
     UsageError,
 )
-from hexwire.ipc import ports
+from hexwire.ipc import owner, ports
 from hexwire.ipc.link import LinkKind, PollLink
 from hexwire.ipc.url import LinkUrl
 
@@ -119,6 +119,19 @@ class SerialLink(PollLink):
             time.sleep(_DTR_PULSE)
             fcntl.ioctl(fd, termios.TIOCMBIS, dtr)
         self.flush_input()
+
+    def set_baud(self, baud: int) -> None:
+        """Change the rate, of the open port too; nothing else about it changes and no board is reset.
+
+        Raises:
+            UsageError: The port's driver cannot do that rate.
+        """
+        if not _BAUD_LOW <= baud <= _BAUD_HIGH:
+            raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
+        self.baud = baud
+        self.url = f"serial://{self.device}?baud={baud}"
+        if self.is_open:
+            self._configure()
 
     def flush_input(self) -> int:
         count = super().flush_input()
@@ -245,9 +258,8 @@ class SerialLink(PollLink):
         return LinkNotFoundError(f"{self.device} {what}; {ports.ports_in_words()}", url=self.url)
 
     def _busy(self) -> LinkBusyError:
-        owner = ports.owner_of(self.device)
-        by = f"by {owner}" if owner else "by another program"
-        return LinkBusyError(f"{self.device} is in use {by}: close that first", url=self.url)
+        who = owner.device_owner(self.device) or "another program"
+        return LinkBusyError(f"{self.device} is in use by {who}: close that first", url=self.url)
 
     def _bad_baud(self, why: str) -> UsageError:
         return UsageError(f"{self.device} cannot do {self.baud} baud ({why}): use 115200 or another usual rate")
@@ -261,8 +273,8 @@ class SerialLink(PollLink):
         except (OSError, KeyError):
             return "ask the owner of this machine for access to it"
         if group == "root" or not status.st_mode & stat.S_IRGRP:
-            owner = _user_name(status.st_uid)
-            return f"it belongs to {owner} alone; add a udev rule that gives it to group dialout"
+            user = _user_name(status.st_uid)
+            return f"it belongs to {user} alone; add a udev rule that gives it to group dialout"
         return f"it belongs to group {group}; run 'sudo usermod -aG {group} $USER', then log out and in again"
 
 

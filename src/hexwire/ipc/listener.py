@@ -1,0 +1,333 @@
+"""The waiting side of TCP, for servers with many clients.
+
+Owns the listening socket, the TLS handshakes that are under way, and who is let in. Must not know what the
+bytes mean. Binds to loopback unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import threading
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import (
+    LinkBusyError,
+    LinkClosedError,
+    LinkError,
+    LinkNotFoundError,
+    LinkPermissionError,
+)
+from hexwire.ipc.tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
+from hexwire.ipc.url import LinkUrl
+from hexwire.ipc.waker import Waker
+
+if TYPE_CHECKING:
+    import ssl
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from hexwire.ipc.tls import TlsFiles, TlsStream
+
+__all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
+
+LOOPBACK = "127.0.0.1"
+_BACKLOG = 16
+_LONGEST_POLL = 1_000_000.0
+
+
+@dataclass
+class _Handshake:
+    """A caller who has not shown a good certificate yet."""
+
+    stream: TlsStream
+    peer: str
+    deadline: float
+
+
+class Listener:
+    """Accepts callers, each as a link of its own.
+
+    Under TLS a caller becomes a link only after its certificate was found good; those who take their time, or
+    never come to an end, hold nobody up.
+
+    Args:
+        host: Address to bind; loopback unless told otherwise.
+        port: Port; 0 lets the system choose, see `port` after `open`.
+        tls: Certificates; None for connections in the clear.
+        handshake_timeout: Seconds that a caller has for the TLS handshake.
+        max_handshakes: Handshakes under way at once; one more ends the oldest.
+
+    Attributes:
+        refused: Callers who were not let in.
+        last_refusal: Why the last of them was not; for a log.
+    """
+
+    def __init__(
+        self,
+        host: str = LOOPBACK,
+        port: int = 0,
+        *,
+        tls: TlsFiles | None = None,
+        handshake_timeout: float = 5.0,
+        max_handshakes: int = 16,
+    ) -> None:
+        self.host = host
+        self.port = port
+        self.refused = 0
+        self.last_refusal = ""
+        self._scheme = "tcp-listen" if tls is None else "tcps-listen"
+        self._wanted_port = port
+        self._tls = tls
+        self._handshake_timeout = handshake_timeout
+        self._max_handshakes = max_handshakes
+        self._handshakes: dict[int, _Handshake] = {}
+        self._socket: socket.socket | None = None
+        self._waker = Waker()
+        self._closing = False
+        self._close_pending = False
+        self._context: ssl.SSLContext | None = None
+        self._accepting = threading.Lock()
+        self._accepter = 0
+
+    @property
+    def url(self) -> str:
+        """Address of the listener, with the port that it has."""
+        return f"{self._scheme}://{host_and_port(self.host, self.port)}"
+
+    def open(self) -> None:
+        """Bind and listen.
+
+        Raises:
+            LinkBusyError: The port has a listener already.
+            LinkNotFoundError: This machine has no such address.
+            LinkPermissionError: The port is reserved.
+            UsageError: The certificates cannot be used.
+        """
+        if self._socket is not None:
+            raise LinkBusyError(f"{self.url} listens already", url=self.url)
+        context = self._tls.server_context() if self._tls else None
+        family, address = find_addresses(self.host, self._wanted_port, self.url, passive=True)[0]
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.setblocking(False)
+            listening.bind(address)
+            listening.listen(_BACKLOG)
+            self._waker.open()
+        except OSError as error:
+            listening.close()
+            raise explain_bind(error, self.url) from error
+        self._context = context
+        self.port = listening.getsockname()[1]
+        self._closing = False
+        self._socket = listening
+
+    def close(self) -> None:
+        """Stop listening; links that were accepted live on. Harmless if closed; allowed from any thread."""
+        self._closing = True
+        self._waker.set()
+        if self._accepter == threading.get_ident():
+            self._close_pending = True  # a signal handler inside accept(), which does it on leaving
+            return
+        self._close_pending = False
+        with self._accepting:
+            for handshake in self._handshakes.values():
+                handshake.stream.close()
+            self._handshakes.clear()
+            if self._socket is not None:
+                self._socket.close()
+                self._socket = None
+            self._waker.close()
+
+    def fileno(self) -> int:
+        """Descriptor that turns readable when somebody calls."""
+        if self._socket is None:
+            raise self._closed()
+        return self._socket.fileno()
+
+    def wake(self) -> None:
+        """Make the `accept` that waits now, or else the next one, return None. Allowed from any thread."""
+        self._waker.set()
+
+    def accept(
+        self, deadline: float | None, *, watched: Callable[[], dict[int, Callable[[], None]]] = dict
+    ) -> PeerLink | None:
+        """Wait for a caller.
+
+        Args:
+            deadline: Value of `time.monotonic` at which to give up; None waits without end.
+            watched: Further descriptors that the new link's reader serves.
+
+        Returns:
+            The open link to it, or None at the deadline or after `wake`.
+
+        Raises:
+            LinkClosedError: The listener is not open, or was closed during the wait.
+        """
+        wait = -1.0 if deadline is None else max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX))
+        if not self._accepting.acquire(timeout=wait):
+            return None
+        self._accepter = threading.get_ident()
+        woken = False
+        try:
+            while self._socket is not None and not self._closing:
+                if woken:
+                    self._waker.clear()
+                    return None
+                peer, woken = self._step(self._socket, deadline, watched)
+                if peer is not None:
+                    return peer
+                # Woken by wake(), or because the listener was closed: look again.
+                if not woken and deadline is not None and monotonic() >= deadline:
+                    return None
+            raise self._closed()
+        finally:
+            self._accepter = 0
+            self._accepting.release()
+            if self._close_pending:
+                self.close()
+
+    def turn_away(self) -> None:
+        """Hang up on everybody who calls at this moment."""
+        listening = self._socket
+        while listening is not None:
+            try:
+                caller, _ = listening.accept()
+            except OSError:
+                return
+            caller.close()
+            self._refuse("busy with another client")
+
+    def _step(
+        self,
+        listening: socket.socket,
+        deadline: float | None,
+        watched: Callable[[], dict[int, Callable[[], None]]],
+    ) -> tuple[PeerLink | None, bool]:
+        """Wait once for a caller, a handshake or the deadline, and serve what came; True if woken."""
+        poll = select.poll()
+        poll.register(listening, select.POLLIN)
+        poll.register(self._waker.fileno(), select.POLLIN)
+        until = [self._handshakes[fd].deadline for fd in self._handshakes]
+        if deadline is not None:
+            until.append(deadline)
+        for fd, handshake in self._handshakes.items():
+            poll.register(fd, handshake.stream.wants)
+        wait = max(0.0, min(min(until) - monotonic(), _LONGEST_POLL)) * 1000.0 if until else None
+        ready = [fd for fd, _ in poll.poll(wait)]
+        woken = self._waker.fileno() in ready
+        if self._closing:
+            return None, woken
+        for fd in ready:
+            if fd in self._handshakes:
+                peer = self._shake(fd, watched)
+                if peer is not None:
+                    return peer, woken
+        for fd in [fd for fd, shake in self._handshakes.items() if shake.deadline <= monotonic()]:
+            self._drop(fd, "no TLS handshake in time")
+        peer = self._greet(listening, watched) if listening.fileno() in ready else None
+        return peer, woken
+
+    def _greet(
+        self, listening: socket.socket, watched: Callable[[], dict[int, Callable[[], None]]]
+    ) -> PeerLink | None:
+        """Take a new caller in: as a link, or under TLS into the handshake."""
+        try:
+            caller, address = listening.accept()
+        except OSError as error:
+            # It hung up again, or this process has no descriptor left: neither ends the listener.
+            if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                self._refuse(f"no room: {error.strerror}")
+                self._make_room()
+            return None
+        peer = host_and_port(address[0], address[1])
+        try:
+            prepare(caller)
+        except OSError:
+            caller.close()
+            return None
+        if self._context is None:
+            return self._admit(PlainStream(caller), peer, watched)
+        from hexwire.ipc.tls import TlsStream
+
+        if len(self._handshakes) >= self._max_handshakes:
+            self._drop(next(iter(self._handshakes)), "too many TLS handshakes at once")
+        stream = TlsStream(caller, self._context)
+        self._handshakes[caller.fileno()] = _Handshake(stream, peer, monotonic() + self._handshake_timeout)
+        return self._shake(caller.fileno(), watched)
+
+    def _shake(self, fd: int, watched: Callable[[], dict[int, Callable[[], None]]]) -> PeerLink | None:
+        """Take a handshake one step on."""
+        handshake = self._handshakes[fd]
+        try:
+            if not handshake.stream.handshake():
+                return None
+        except OSError as error:
+            self._drop(fd, str(error))
+            return None
+        del self._handshakes[fd]
+        return self._admit(handshake.stream, handshake.peer, watched)
+
+    def _admit(
+        self, stream: Stream, peer: str, watched: Callable[[], dict[int, Callable[[], None]]]
+    ) -> PeerLink | None:
+        try:
+            return PeerLink(self.url, stream, peer, watched())
+        except LinkError as error:  # no descriptor left for its wakers
+            stream.close()
+            self._refuse(str(error))
+            return None
+
+    def forget_wake(self) -> None:
+        """Forget a `wake` that no `accept` has seen."""
+        self._waker.clear()
+
+    def _drop(self, fd: int, why: str) -> None:
+        handshake = self._handshakes.pop(fd)
+        handshake.stream.close()
+        self._refuse(f"{handshake.peer}: {why}")
+
+    def _make_room(self) -> None:
+        """Without a free descriptor a caller cannot be taken in nor turned away: wait a moment, do not spin."""
+        if self._handshakes:
+            self._drop(next(iter(self._handshakes)), "no room")
+        else:
+            select.poll().poll(10)
+
+    def _refuse(self, why: str) -> None:
+        self.refused += 1
+        self.last_refusal = why
+
+    def _closed(self) -> LinkClosedError:
+        return LinkClosedError(f"{self.url} is closed", url=self.url)
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def listen_address(url: LinkUrl) -> tuple[str, int]:
+    """Host and port to bind; ``:15030`` means loopback."""
+    if url.netloc.startswith(":") and not url.netloc.startswith("::"):
+        url = replace(url, netloc=LOOPBACK + url.netloc)
+    return url.host_port()
+
+
+def explain_bind(error: OSError, url: str) -> LinkError:
+    """Turn a failed bind into what a person can do about it."""
+    if error.errno == errno.EADDRINUSE:
+        return LinkBusyError(f"{url}: that port is in use; stop the other program, or take another port", url=url)
+    if error.errno == errno.EADDRNOTAVAIL:
+        return LinkNotFoundError(f"{url}: this machine has no such address; see 'ip address'", url=url)
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return LinkPermissionError(f"{url}: this user may not use that port; take one above 1023", url=url)
+    return LinkError(f"{url} cannot be opened: {error.strerror or error}", url=url)

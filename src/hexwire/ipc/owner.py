@@ -1,0 +1,56 @@
+"""Which program has a port or queue, for the text of an error.
+
+Owns the reading of ``/proc``. Everything here is a best guess: what may not be looked at comes out as empty text.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+__all__ = ["device_owner", "lock_owner"]
+
+
+def lock_owner(status: os.stat_result) -> str:
+    """Name the program that holds the lock on a file: ``hexwire (pid 4711)``; empty if it cannot be told."""
+    try:
+        locks = Path("/proc/locks").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+    wanted = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    for line in locks.splitlines():
+        fields = line.split()
+        if "FLOCK" in fields and wanted in fields:
+            return _program(fields[fields.index(wanted) - 1])
+    return ""
+
+
+def device_owner(device: str) -> str:
+    """Name the program that has a device open; empty if it cannot be told.
+
+    The file lock comes first, since a pseudo-terminal is also held open by whoever stands behind it.
+    """
+    try:
+        status = Path(device).stat()
+    except OSError:
+        return ""
+    owner = lock_owner(status)
+    if owner or not status.st_rdev:
+        return owner
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if any(fd.stat().st_rdev == status.st_rdev for fd in (process / "fd").iterdir()):
+                return _program(process.name)
+        except OSError:
+            continue  # gone meanwhile, or not ours to look at
+    return ""
+
+
+def _program(pid: str) -> str:
+    if pid == str(os.getpid()):
+        return "this program"
+    try:
+        name = Path(f"/proc/{pid}/comm").read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+    return f"{name} (pid {pid})"

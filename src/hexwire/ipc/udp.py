@@ -1,0 +1,208 @@
+"""UDP links: whole messages, each of which may be lost, doubled or late, and nobody but the peer is heard.
+
+Owns the sockets and the rule about who is heard. Must not know what the bytes mean. What is lost is for the
+session to find out.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+
+from hexwire.errors import LinkNotFoundError, LinkTimeoutError, UsageError
+from hexwire.ipc.channel import is_loopback
+from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.listener import LOOPBACK, explain_bind, listen_address
+from hexwire.ipc.tcp import find_addresses, host_and_port
+from hexwire.ipc.url import LinkUrl, split_host_port
+
+__all__ = ["MAX_DATAGRAM", "UdpLink", "UdpListenLink"]
+
+# The longest frame on a network link (PROTOCOL.md, command frame).
+MAX_DATAGRAM = 8192
+# What the network says of an earlier datagram when the peer is away for the moment.
+_AWAY = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ETIMEDOUT)
+
+
+class _UdpBase(PollLink):
+    kind = LinkKind.DATAGRAM
+    max_message = MAX_DATAGRAM
+
+    def __init__(self, url: str) -> None:
+        super().__init__(url)
+        self.dropped = 0
+        """Datagrams that came from elsewhere or were too long."""
+        self._socket: socket.socket | None = None
+
+    def _bound(self, host: str, port: int, family: int | None = None) -> socket.socket:
+        found = find_addresses(host, port, self.url, kind=socket.SOCK_DGRAM, passive=True)
+        matching = [pair for pair in found if family in (None, pair[0])]
+        if not matching:
+            raise UsageError(f"{self.url}: {host} and the peer are of different kinds, one IPv4 and one IPv6")
+        made = socket.socket(matching[0][0], socket.SOCK_DGRAM)
+        try:
+            made.setblocking(False)
+            if made.family == socket.AF_INET6:
+                made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            made.bind(matching[0][1])
+        except OSError as error:
+            made.close()
+            raise explain_bind(error, self.url) from error
+        return made
+
+    def _close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _fileno(self) -> int:
+        return -1 if self._socket is None else self._socket.fileno()
+
+    def _whole(self, data: bytes) -> bytes:
+        if len(data) > MAX_DATAGRAM:
+            self.dropped += 1
+            return b""
+        return data
+
+
+class UdpLink(_UdpBase):
+    """A line to one peer, whose address and port are known. The system drops what others send.
+
+    Args:
+        host: The peer's name or address.
+        port: The peer's port.
+        bind: Own address. Without it: loopback for a peer on loopback, otherwise the interface that leads to
+            the peer.
+        bind_port: Own port; 0 lets the system choose.
+    """
+
+    def __init__(self, host: str, port: int, *, bind: str = "", bind_port: int = 0) -> None:
+        super().__init__(f"udp://{host_and_port(host, port)}")
+        if not port:
+            raise UsageError(f"{self.url}: the peer's port must be from 1 to 65535")
+        self._host = host
+        self._port = port
+        self._bind = bind
+        self._bind_port = bind_port
+
+    @classmethod
+    def from_url(cls, url: LinkUrl) -> UdpLink:
+        """Build from ``udp://host:port?bind=address`` or ``?bind=address:port``."""
+        url.check_keys(("bind",))
+        url.check_no_path()
+        bind, bind_port = "", 0
+        if "bind" in url.query:
+            bind, bind_port = split_host_port(url.query["bind"], url.text, port_needed=False)
+        host, port = url.host_port()
+        return cls(host, port, bind=bind, bind_port=bind_port)
+
+    def _open(self) -> None:
+        family, address = find_addresses(self._host, self._port, self.url, kind=socket.SOCK_DGRAM)[0]
+        any_address = "::" if family == socket.AF_INET6 else "0.0.0.0"
+        loopback = "::1" if family == socket.AF_INET6 else LOOPBACK
+        default = loopback if is_loopback(str(address[0])) else any_address
+        self._socket = self._bound(self._bind or default, self._bind_port, family)
+        try:
+            self._socket.connect(address)
+        except OSError as error:
+            raise LinkNotFoundError(
+                f"{self.url}: no way to that host ({error.strerror}); check the address and bind=", url=self.url
+            ) from error
+
+    def _read_ready(self) -> bytes:
+        assert self._socket is not None
+        try:
+            return self._whole(self._socket.recv(MAX_DATAGRAM + 1))
+        except OSError as error:
+            if error.errno in _AWAY:
+                return b""
+            raise
+
+    def _write_ready(self, data: memoryview | bytes) -> int:
+        assert self._socket is not None
+        try:
+            return self._socket.send(data)
+        except OSError as error:
+            if error.errno not in _AWAY:
+                raise
+        # That was about an earlier datagram, so this one has not gone yet. If it meets the same, it is lost,
+        # as datagrams are.
+        try:
+            return self._socket.send(data)
+        except OSError as error:
+            if error.errno not in _AWAY:
+                raise
+            return len(data)
+
+
+class UdpListenLink(_UdpBase):
+    """The waiting side of a line to one host, whose port is not known before it speaks.
+
+    Datagrams from other hosts are dropped and counted. Answers go to the port that the host last spoke from, so
+    that it may come back from another one.
+
+    Args:
+        host: Own address; loopback unless told otherwise.
+        port: Own port; 0 lets the system choose, see `port` after `open`.
+        peer: The host that is heard; loopback if the own address is.
+    """
+
+    def __init__(self, host: str = LOOPBACK, port: int = 0, *, peer: str = "") -> None:
+        if not peer:
+            if not is_loopback(host):
+                raise UsageError(
+                    f"udp-listen://{host_and_port(host, port)}: name the host that is heard, as in "
+                    "?peer=192.168.1.20"
+                )
+            peer = host
+        super().__init__(f"udp-listen://{host_and_port(host, port)}?peer={peer}")
+        self.port = port
+        self._host = host
+        self._wanted_port = port
+        self._peer = peer
+        self._heard: set[str] = set()
+        self._caller: tuple[object, ...] | None = None
+
+    @classmethod
+    def from_url(cls, url: LinkUrl) -> UdpListenLink:
+        """Build from ``udp-listen://host:port?peer=host``; without a host it binds to loopback."""
+        url.check_keys(("peer",))
+        url.check_no_path()
+        peer = url.query.get("peer", "")
+        if peer:
+            peer, peer_port = split_host_port(peer, url.text, port_needed=False)
+            if peer_port:
+                raise UsageError(
+                    f"{url.text}: a peer with a known port is called by udp://{url.query['peer']}?bind=..."
+                )
+        host, port = listen_address(url)
+        return cls(host, port, peer=peer)
+
+    def _open(self) -> None:
+        self._caller = None
+        peers = find_addresses(self._peer, 0, self.url, kind=socket.SOCK_DGRAM)
+        self._heard = {str(address[0]) for _, address in peers}
+        self._socket = self._bound(self._host, self._wanted_port)
+        self.port = self._socket.getsockname()[1]
+        self.url = f"udp-listen://{host_and_port(self._host, self.port)}?peer={self._peer}"
+
+    def _read_ready(self) -> bytes:
+        assert self._socket is not None
+        data, sender = self._socket.recvfrom(MAX_DATAGRAM + 1)
+        if sender[0] not in self._heard:
+            self.dropped += 1
+            return b""
+        self._caller = sender
+        return self._whole(data)
+
+    def write(self, data: bytes, deadline: float | None = None) -> None:
+        if data and self.is_open and self._caller is None:
+            raise LinkTimeoutError(
+                f"{self.url}: {self._peer} has not spoken yet, so its port is not known", url=self.url
+            )
+        super().write(data, deadline)
+
+    def _write_ready(self, data: memoryview | bytes) -> int:
+        assert self._socket is not None
+        assert self._caller is not None
+        return self._socket.sendto(data, self._caller)
