@@ -73,13 +73,9 @@ def _board(session: dict[str, Any], commands: dict[str, Any]) -> list[str]:
 
 def _commands(commands: dict[str, Any]) -> list[str]:
     out = ["\n"]
-    out += [
-        constant("uint8_t", f"EXT_{name.upper()}", value, digits=2) for name, value in commands["ext"].items()
-    ]
+    out += [constant("uint8_t", f"EXT_{name.upper()}", value, digits=2) for name, value in commands["ext"].items()]
     for table, prefix in (("status", "STATUS"), ("series", "SERIES")):
-        out += [
-            constant("uint8_t", f"{prefix}_{name.upper()}", value) for name, value in commands[table].items()
-        ]
+        out += [constant("uint8_t", f"{prefix}_{name.upper()}", value) for name, value in commands[table].items()]
     masks = (
         ("servo_flags", "SERVO_FLAG"),
         ("board_flags", "BOARD_FLAG"),

@@ -50,9 +50,7 @@ def _field(field: list[str]) -> str:
 def _size(entry: dict[str, Any], part: str) -> str:
     rows, _ = body_rows(entry, part)
     fixed = sum(INTEGER_SIZES.get(field[1], 0) for field in entry[part])
-    each = [
-        sum(INTEGER_SIZES[field[1]] for field in rows if len(field) == 2 or full) for full in (False, True)
-    ]
+    each = [sum(INTEGER_SIZES[field[1]] for field in rows if len(field) == 2 or full) for full in (False, True)]
     text = str(fixed)
     if rows:
         text += f" + {each[0]}n" if each[0] == each[1] else f" + {each[0]}..{each[1]} n"
@@ -91,11 +89,7 @@ def codes(schema: Schema) -> str:
 
 def _range(row: dict[str, Any]) -> str:
     low, high = row.get("min"), row.get("max")
-    return (
-        ""
-        if low is None and high is None
-        else f"{'?' if low is None else low}..{'?' if high is None else high}"
-    )
+    return "" if low is None and high is None else f"{'?' if low is None else low}..{'?' if high is None else high}"
 
 
 def registers(schema: Schema) -> str:
@@ -115,9 +109,7 @@ def registers(schema: Schema) -> str:
             default = row.get("default")
             cells = (row["at"], f"`{row['name']}`", row["size"], row["area"], row["access"])
             rows.append((*cells, default, _range(row), unit, row.get("sign"), notes))
-        order = (
-            f"{series['byte_order']}-endian, {series['counts']} counts over {series['range_deg']:g} degrees"
-        )
+        order = f"{series['byte_order']}-endian, {series['counts']} counts over {series['range_deg']:g} degrees"
         parts.append(
             f"**`{name}`**: {series['title']}; {order}, neutral {series['neutral']}.\n\n" + table(head, rows)
         )

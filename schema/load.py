@@ -97,9 +97,7 @@ def check_session(session: dict[str, Any]) -> None:
         if kind not in INTEGER_SIZES:
             raise SchemaError(f"session.toml: header field {name}: unknown type {kind}")
         if offset != end:
-            raise SchemaError(
-                f"session.toml: header field {name}: at {offset}, but the field before ends at {end}"
-            )
+            raise SchemaError(f"session.toml: header field {name}: at {offset}, but the field before ends at {end}")
         end += INTEGER_SIZES[kind]
     if end != session["header"]["size"]:
         raise SchemaError(f"session.toml: header fields end at {end}, size says {session['header']['size']}")

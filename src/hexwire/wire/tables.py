@@ -112,15 +112,7 @@ FRAGMENT_MAX_BYTES = 1048576
 
 # The Hex7Bot controller as it leaves the compiler, and its settings while none are stored.
 BOARD_JOINT_IDS: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)
-BOARD_JOINT_SERIES: tuple[str, ...] = (
-    "seven_bot",
-    "seven_bot",
-    "seven_bot",
-    "seven_bot",
-    "hls",
-    "hls",
-    "hls",
-)
+BOARD_JOINT_SERIES: tuple[str, ...] = ("seven_bot", "seven_bot", "seven_bot", "seven_bot", "hls", "hls", "hls")
 SETTINGS_VERSION = 1
 DEFAULT_MINIMUM = 0
 DEFAULT_MAXIMUM = 4095
@@ -259,6 +251,13 @@ COMMANDS: dict[str, int] = {
     "FRAGMENT": 0x1C,
     "FRAGMENT_MISSING": 0x1D,
     "IO": 0x1E,
+    "ROBOT_PROBE": 0x30,
+    "ROBOT_SIGNAL": 0x31,
+    "ROBOT_MODE": 0x32,
+    "JOINT_COMMANDS": 0x33,
+    "JOINT_STATES": 0x34,
+    "JOINT_TRAJECTORY": 0x35,
+    "JOYSTICK": 0x38,
 }
 COMMAND_ROWS: dict[str, CommandRow] = {
     "PING": CommandRow(
@@ -386,11 +385,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         0x19,
         "Per-joint neutral count and sign. An empty body reads; a body with one row a joint writes them all.",
         Body((("joints", "u8", ""),), (("neutral", "i16", ""), ("sign", "i8", "")), "joints"),
-        Body(
-            (("version", "u8", ""), ("joints", "u8", "")),
-            (("neutral", "i16", ""), ("sign", "i8", "")),
-            "joints",
-        ),
+        Body((("version", "u8", ""), ("joints", "u8", "")), (("neutral", "i16", ""), ("sign", "i8", "")), "joints"),
     ),
     "TRANSACT": CommandRow(
         0x1A,
@@ -453,6 +448,62 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         Body((("mask", "u8", ""), ("value", "u8", "")), (), ""),
         Body((("mask", "u8", ""), ("value", "u8", "")), (), ""),
     ),
+    "ROBOT_PROBE": CommandRow(
+        0x30,
+        "A robot controller says who it is.",
+        Body((), (), ""),
+        Body(
+            (
+                ("boot_id", "u32", ""),
+                ("mode", "u8", ""),
+                ("robot_flags", "u8", ""),
+                ("joints", "u8", ""),
+                ("spare", "u8", ""),
+            ),
+            (),
+            "",
+        ),
+    ),
+    "ROBOT_SIGNAL": CommandRow(
+        0x31,
+        "A signal by number: 1 stop and hold, 2 stop without torque, 3 resume, 4 torque on, 5 torque off.",
+        Body((("signal", "u8", ""),), (), ""),
+        Body((("mode", "u8", ""), ("robot_flags", "u8", "")), (), ""),
+    ),
+    "ROBOT_MODE": CommandRow(
+        0x32,
+        "Sets the mode of a robot controller.",
+        Body((("mode", "u8", ""),), (), ""),
+        Body((("mode", "u8", ""), ("robot_flags", "u8", "")), (), ""),
+    ),
+    "JOINT_COMMANDS": CommandRow(
+        0x33,
+        "The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is there. Then the names (length byte and text each), then the arrays as float64.",
+        Body((("joints", "u8", ""), ("arrays", "u16", ""), ("data", "bytes", "")), (), ""),
+        Body((), (), ""),
+    ),
+    "JOINT_STATES": CommandRow(
+        0x34,
+        "Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints. Asked for, or unsolicited by REPORT.",
+        Body((), (), ""),
+        Body(
+            (("time_us", "u32", ""), ("robot_flags", "u8", ""), ("joints", "u8", "")),
+            (("counts", "i32", ""), ("speed", "i32", ""), ("effort", "i16", "")),
+            "joints",
+        ),
+    ),
+    "JOINT_TRAJECTORY": CommandRow(
+        0x35,
+        "Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces what is being followed. Long ones come in fragments.",
+        Body((("joints", "u8", ""), ("flags", "u8", ""), ("points", "u16", ""), ("data", "bytes", "")), (), ""),
+        Body((("points", "u16", ""),), (), ""),
+    ),
+    "JOYSTICK": CommandRow(
+        0x38,
+        "Axes (-32767..32767) and a mask of buttons, from the JOY_STICK module; never answered.",
+        Body((("axes", "u8", ""), ("buttons", "u32", "")), (("axis", "i16", ""),), "axes"),
+        Body((), (), ""),
+    ),
 }
 
 # Servo packets.
@@ -502,23 +553,8 @@ BOARD_ERRORS: dict[str, int] = {
     "ping_silent": 0x05,
     "command_unknown": 0x07,
 }
-BAUD_CODES: dict[int, int] = {
-    0: 1000000,
-    1: 500000,
-    2: 250000,
-    3: 128000,
-    4: 115200,
-    5: 76800,
-    6: 57600,
-    7: 38400,
-}
-MODEL_WORDS: dict[str, int] = {
-    "hls3606": 2570,
-    "sts3215": 777,
-    "sts3250": 2825,
-    "scs009": 1284,
-    "sm8512bl": 11272,
-}
+BAUD_CODES: dict[int, int] = {0: 1000000, 1: 500000, 2: 250000, 3: 128000, 4: 115200, 5: 76800, 6: 57600, 7: 38400}
+MODEL_WORDS: dict[str, int] = {"hls3606": 2570, "sts3215": 777, "sts3250": 2825, "scs009": 1284, "sm8512bl": 11272}
 FIRMWARE: tuple[FirmwareRow, ...] = (
     FirmwareRow(0, 0, 39, "big", "scs"),
     FirmwareRow(1, 0, 255, "little", "smcl"),
