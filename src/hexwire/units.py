@@ -27,5 +27,6 @@ def split_time(seconds: float) -> tuple[int, int]:
     """
     if seconds <= 0:
         return 0, 0
-    whole = int(seconds)
-    return whole & 0xFFFFFFFF, int((seconds - whole) * NSEC)
+    # Rounded, so that 14.356 s is 356 ms and not a nanosecond less, which would cut to 355.
+    whole, nsec = divmod(round(seconds * NSEC), NSEC)
+    return whole & 0xFFFFFFFF, nsec

@@ -7,9 +7,11 @@ again with limits of its own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointTarget
 
@@ -19,13 +21,13 @@ __all__ = ["check_target", "needed_duration"]
 def needed_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[str, float]) -> float:
     """Shortest time in seconds in which no joint exceeds its speed limit at constant speed.
 
-    Joints without a known start position do not count.
+    Joints whose start position is not there or not a number do not count.
     """
     return max(
         (
             abs(angle - start[name]) / model.joint(name).max_speed
             for name, angle in goal.items()
-            if start.get(name) is not None
+            if math.isfinite(start.get(name, math.nan))
         ),
         default=0.0,
     )
@@ -44,12 +46,14 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
 
     Raises:
         LimitError: A position is outside its limits; nothing may be sent.
-        UsageError: A joint does not exist.
+        UsageError: A joint does not exist, or is named twice.
     """
-    positions = []
+    positions: dict[str, float] = {}
     for name, angle in target.positions:
         joint = model.joint(name)
         joint.check(angle)
-        positions.append((joint.name, angle))
-    duration = max(target.duration, needed_duration(model, start, dict(positions)))
-    return replace(target, positions=tuple(positions), duration=duration)
+        if joint.name in positions:
+            raise UsageError(f"a target names {joint.name} twice")
+        positions[joint.name] = angle
+    duration = max(target.duration, needed_duration(model, start, positions))
+    return replace(target, positions=tuple(positions.items()), duration=duration)

@@ -15,7 +15,7 @@ from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.units import split_time
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status, max_body, serialize_frame
-from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead
+from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .chapter_host import ChapterHost
@@ -24,11 +24,14 @@ from .dialect1 import UNKNOWN_COMMAND_PACKET, clean_frame
 from .events import BadFrame, Event, Garbage, Reply, Report, Request, Stale, TimedOut
 from .fragments import FragmentReceiver, FragmentSender, Message
 from .policy import RetryPolicy
+from .reply_store import ReplyStore
 
 __all__ = ["Connection", "ConnectionCounters", "Role"]
 
 _MAX_REPORTS = 64
 _MAX_EVENTS = 4096
+_SMALLEST_FRAME = 128
+"""No peer is believed that takes less: the answer of a 16-joint board to IDENTIFY needs this much."""
 
 
 class Role(Enum):
@@ -66,6 +69,7 @@ class _Pending:
     sent_at: float = 0.0
     deadline: float = 0.0
     instead: str = ""
+    message_id: int | None = None
 
 
 class Connection:
@@ -115,7 +119,7 @@ class Connection:
         self._ticket = 0
         self._pending: dict[int, _Pending] = {}
         self._chapter = ChapterHost(self)
-        self._stored: deque[tuple[float, int, int, int, bytes, list[bytes]]] = deque(maxlen=tables.STORED_REPLIES)
+        self._replies = ReplyStore()
         self._message_count = 0
         self._fragments_in = FragmentReceiver()
         self._fragments_out = FragmentSender(max_body(max_frame) - FRAGMENT_HEAD_SIZE)
@@ -130,8 +134,11 @@ class Connection:
             now: Seconds, monotonic.
             end_of_message: The link keeps message boundaries, and this is one: nothing of a frame follows.
         """
+        self.decoder.receive(data, now)
+        self._drain(now, end_of_message)
+
+    def _drain(self, now: float, end_of_message: bool = False) -> None:
         decoder = self.decoder
-        decoder.receive(data, now)
         while True:
             event = decoder.next_event()
             if event.__class__ is Frame:
@@ -173,16 +180,15 @@ class Connection:
 
     def handle_timeout(self, now: float) -> None:
         """Act on every deadline that has passed: ask again, give up, resynchronise."""
-        bad = self.decoder.handle_timeout(now)
-        if bad is not None:
+        while (bad := self.decoder.handle_timeout(now)) is not None:
             self._note(bad)
-            self.receive(b"", now)
+            self._drain(now)
         for pending in [p for p in self._pending.values() if p.deadline <= now]:
             if pending.sent < pending.attempts:
                 self.counters.retries += 1
                 self._transmit(pending, now)
             else:
-                del self._pending[pending.seq]
+                self._settle(pending)
                 self.counters.timeouts += 1
                 self.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
         self._chapter.handle_timeout(now)
@@ -196,7 +202,7 @@ class Connection:
 
     def limit_frame(self, max_frame: int) -> None:
         """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""
-        self.max_frame = min(self.max_frame, max_frame)
+        self.max_frame = min(self.max_frame, max(max_frame, _SMALLEST_FRAME))
         self._fragments_out = FragmentSender(max_body(self.max_frame) - FRAGMENT_HEAD_SIZE)
 
     # -- host ---------------------------------------------------------------------------------------
@@ -242,15 +248,15 @@ class Connection:
                 raise LocalProtocolError("256 requests are outstanding; the board answers none of them")
         self.seq = seq
         pending = _Pending(self._ticket, cmd, body, seq, window or self.policy.window, attempts)
-        self._pending[seq] = pending
         self._transmit(pending, now, urgent=urgent)
+        self._pending[seq] = pending
         return self._ticket
 
     def abandon(self, ticket: int) -> None:
         """Forget a request; an answer that still comes is stale."""
-        for seq, pending in list(self._pending.items()):
+        for pending in list(self._pending.values()):
             if pending.ticket == ticket:
-                del self._pending[seq]
+                self._settle(pending)
         self._chapter.abandon(ticket)
 
     def stay_quiet(self, until: float) -> None:
@@ -265,10 +271,10 @@ class Connection:
         ext = EXT_REPLY | status & EXT_STATUS_MASK
         first = len(self._out)
         if len(body) > max_body(self.max_frame):
-            self._send_message(frame.cmd, ext, body, frame.seq, now)
+            self._send_message(frame.cmd, ext, body, frame.seq, now, frame.src)
         else:
             self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
-        self._stored.append((now, frame.src, frame.seq, frame.cmd, frame.body, self._out[first:]))
+        self._replies.answered(frame, self._out[first:], now)
 
     def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
         """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""
@@ -293,7 +299,11 @@ class Connection:
         )
 
     def report(self, cmd: int, body: bytes, now: float) -> None:
-        """Send a frame nobody asked for."""
+        """Send a frame nobody asked for.
+
+        Raises:
+            LocalProtocolError: The body does not fit one frame.
+        """
         self.seq = (self.seq + 1) & 0xFF
         self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
 
@@ -306,9 +316,12 @@ class Connection:
         self.sn = sn = (self.sn + 1) & 0xFFFFFFFF
         self.counters.frames_sent += 1
         sec, nsec = split_time(now + self.epoch)
+        to = self.remote if dst is None else dst
         if self.cautious or (proto == PROTO_CHAPTER and self.role is Role.HOST):
+            # Whatever the link takes, an old board behind it has a buffer of 254 bytes.
+            longest = min(self.max_frame, tables.MAX_SERIAL_FRAME)
             data, self.sn = clean_frame(
-                proto, cmd, body, seq, sn, self.local, self.remote, self.type, sec, nsec, ext, self.max_frame
+                proto, cmd, body, seq, sn, self.local, to, self.type, sec, nsec, ext, longest
             )
             return data
         return serialize_frame(
@@ -318,7 +331,7 @@ class Connection:
             seq=seq,
             sn=sn,
             src=self.local,
-            dst=self.remote if dst is None else dst,
+            dst=to,
             type=self.type,
             time_sec=sec,
             time_nsec=nsec,
@@ -326,29 +339,38 @@ class Connection:
             max_frame=self.max_frame,
         )
 
-    def _send_frame(self, cmd: int, body: bytes, now: float) -> None:
-        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now))
+    def _send_frame(self, cmd: int, body: bytes, now: float, dst: int | None = None) -> None:
+        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, dst=dst))
 
-    def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float) -> None:
+    def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float, dst: int | None = None) -> int:
         # The low byte of a message id is the seq of its request, so that a reply in fragments finds it.
         self._message_count = (self._message_count + 1) & 0xFF
         message_id = self._message_count << 8 | seq
         for chunk in self._fragments_out.send(message_id, cmd, ext, body, now):
-            self._send_frame(Command.FRAGMENT, chunk, now)
+            self._send_frame(Command.FRAGMENT, chunk, now, dst)
+        return message_id
 
     def _transmit(self, pending: _Pending, now: float, *, urgent: bool = False) -> None:
         pending.sent += 1
         pending.sent_at = now
         pending.deadline = now + pending.window
         if len(pending.body) > max_body(self.max_frame):
-            if pending.sent == 1:
-                self._send_message(pending.cmd, 0, pending.body, pending.seq, now)
+            if pending.message_id is None:
+                pending.message_id = self._send_message(pending.cmd, 0, pending.body, pending.seq, now)
+                return
+            for chunk in self._fragments_out.remind(pending.message_id, pending.cmd, 0, pending.body, now):
+                self._send_frame(Command.FRAGMENT, chunk, now)
             return
         data = self.build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
         if urgent:
             self._out.insert(0, data)
         else:
             self._out.append(data)
+
+    def _settle(self, pending: _Pending) -> None:
+        del self._pending[pending.seq]
+        if pending.message_id is not None:
+            self._fragments_out.forget(pending.message_id)
 
     # -- receiving ----------------------------------------------------------------------------------
 
@@ -360,12 +382,14 @@ class Connection:
                 self._receive_chapter(frame, now)
             return
         ext = frame.cmd_ext
-        if self.role is Role.HOST and ext & EXT_REPLY:
+        if self.role is Role.BOARD and (frame.dst != self.local or ext):
+            self._stale(frame, "not for this board")
+        elif self.role is Role.HOST and ext & EXT_REPLY:
             pending = self._pending.get(frame.seq)
-            if pending is None or pending.cmd != frame.cmd or frame.src != self.remote:
+            if pending is None or pending.cmd != frame.cmd or (frame.src, frame.dst) != (self.remote, self.local):
                 self._stale(frame, "answers nothing that was asked")
                 return
-            del self._pending[frame.seq]
+            self._settle(pending)
             self.counters.replies += 1
             self._events.append(
                 Reply(
@@ -385,8 +409,6 @@ class Connection:
                 self._receive_report(frame)
             else:
                 self._stale(frame, "a request, and this is a host")
-        elif frame.dst != self.local or ext:
-            self._stale(frame, "not for this board")
         else:
             self._receive_request(frame, now)
 
@@ -397,22 +419,21 @@ class Connection:
         if identify is None or frame.body != UNKNOWN_COMMAND_PACKET:
             self._stale(frame, "dialect 1, and it answers nothing that was asked")
             return
-        del self._pending[identify.seq]
+        self._settle(identify)
         rtt = now - identify.sent_at
         self.add(Reply(identify.ticket, identify.cmd, Status.UNKNOWN_COMMAND, b"", frame, rtt, identify.sent))
 
     def _receive_request(self, frame: Frame, now: float) -> None:
-        for when, src, seq, cmd, body, reply in self._stored:
-            if (
-                seq == frame.seq
-                and cmd == frame.cmd
-                and src == frame.src
-                and body == frame.body
-                and now - when < tables.REPEAT_WINDOW
-            ):
-                self.counters.repeats += 1
-                self._out.extend(reply)
-                return
+        if frame.cmd == Command.IDENTIFY:
+            # A host that starts anew counts from the beginning.
+            self._replies.forget(frame.src)
+            self._fragments_in.forget()
+        reply = self._replies.find(frame, now)
+        if reply is not None:
+            self.counters.repeats += 1
+            self._out.extend(reply)
+            return
+        self._replies.asked(frame, now)
         self.add(Request(frame))
 
     def _receive_report(self, frame: Frame) -> None:
@@ -427,26 +448,41 @@ class Connection:
         self._reports += 1
 
     def _receive_fragment(self, frame: Frame, now: float) -> None:
+        if self.role is Role.HOST and frame.src != self.remote:
+            self._stale(frame, "from another module")
+            return
         try:
             if frame.cmd == Command.FRAGMENT_MISSING:
-                for chunk in self._fragments_out.receive_missing(frame.body, now):
-                    self._send_frame(Command.FRAGMENT, chunk, now)
-                for pending in self._pending.values():
-                    # The peer is taking our message: its answer's window starts when it has it all.
-                    if len(pending.body) > max_body(self.max_frame):
-                        pending.deadline = now + pending.window
+                self._receive_missing(frame, now)
                 return
+            head = FragmentHead.parse(frame.body)
+            done = self._fragments_in.is_done(head.message_id, now)
             message, asks = self._fragments_in.receive(frame.body, now)
         except RemoteProtocolError as error:
             self.add(BadFrame(str(error), frame.body[:64]))
             return
         for body in asks:
-            self._send_frame(Command.FRAGMENT_MISSING, body, now)
-        pending_reply = self._pending.get(FragmentHead.parse(frame.body).message_id & 0xFF)
-        if pending_reply is not None:
-            pending_reply.deadline = now + pending_reply.window
+            self._send_frame(Command.FRAGMENT_MISSING, body, now, frame.src)
+        seq = head.message_id & 0xFF
         if message is not None:
             self._receive_message(frame, message, now)
+        elif done and head.number == 0:
+            # The host asks once more for the answer to a request that came in fragments.
+            reply = self._replies.find_by_number(frame.src, seq, head.cmd, now)
+            self.counters.repeats += bool(reply)
+            self._out.extend(reply)
+        pending = self._pending.get(seq)
+        if pending is not None and pending.cmd == head.cmd and head.cmd_ext & EXT_REPLY:
+            pending.deadline = now + pending.window
+
+    def _receive_missing(self, frame: Frame, now: float) -> None:
+        message_id = parse_missing(frame.body)[0]
+        for chunk in self._fragments_out.receive_missing(frame.body, now):
+            self._send_frame(Command.FRAGMENT, chunk, now, frame.src)
+        pending = self._pending.get(message_id & 0xFF)
+        if pending is not None and pending.message_id == message_id:
+            # The peer is taking our message: its answer's window starts when it has it all.
+            pending.deadline = now + pending.window
 
     def _receive_message(self, frame: Frame, message: Message, now: float) -> None:
         if message.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
@@ -478,6 +514,14 @@ class Connection:
     def add(self, event: Event) -> None:
         """Queue an event for `next_event`. For this machine and its dialect-1 half only."""
         if len(self._events) >= _MAX_EVENTS:
-            self._events.popleft()
-            self.counters.events_dropped += 1
+            self._drop_oldest()
         self._events.append(event)
+
+    def _drop_oldest(self) -> None:
+        """Make room in the queue of events, but never at the cost of an outcome that somebody waits for."""
+        for i, event in enumerate(self._events):
+            if not isinstance(event, Reply | TimedOut):
+                del self._events[i]
+                self._reports -= event.__class__ is Report
+                self.counters.events_dropped += 1
+                return

@@ -39,8 +39,8 @@ class FrameDecoder:
 
     Args:
         max_frame: Longest frame believed, in bytes.
-        max_buffer: Most bytes kept between calls; what is over is dropped from the front and counted. Only
-            a caller that does not take its events ever gets there.
+        max_buffer: Most bytes kept from one `receive` to the next; what is over is dropped from the front and
+            counted. Only a caller that does not take its events ever gets there.
         interbyte_timeout: Seconds of silence after which an unfinished frame is given up.
     """
 
@@ -64,15 +64,19 @@ class FrameDecoder:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the line; events come from `next_event`."""
+        if not data:
+            # A read that found nothing must not put off the end of an unfinished frame.
+            return
         self.counters.bytes_received += len(data)
         self._last_rx = now
-        pos = self._pos
-        held = self._data
-        self._data = data if pos == len(held) else held[pos:] + data
-        self._pos = 0
         self._waiting = False
-        if len(self._data) > self._max_buffer:
-            self._skip_to(len(self._data) - self._max_buffer)
+        held = self._data
+        if self._pos == len(held):
+            self._data = bytes(data)
+        else:
+            self._skip_to(len(held) - self._max_buffer)
+            self._data = held[self._pos :] + data
+        self._pos = 0
 
     def next_event(self) -> Frame | BadFrame | Garbage | None:
         """The next thing in the stream, or None if more bytes are needed."""
@@ -87,19 +91,20 @@ class FrameDecoder:
                     break
                 self._skip_to(found)
                 start = found
+            result = examine(data, start, self.max_frame)
+            if result.__class__ is str and result.startswith("head:"):
+                self._skip_to(start + 1)
+                continue
             if self._skipped:
                 return self._garbage()
-            result = examine(data, start, self.max_frame)
-            if result.__class__ is Frame:
+            if isinstance(result, Frame):
                 self._pos = start + result.size
                 self.counters.frames += 1
                 return result
             if isinstance(result, int):
                 self._waiting = True
                 return None
-            self._skip_to(start + 1)
-            if not str(result).startswith("head:"):
-                return self._bad(str(result), start)
+            return self._bad(result, start)
         if self._skipped:
             return self._garbage()
         self._waiting = self._pos < end
@@ -109,39 +114,43 @@ class FrameDecoder:
         """When `handle_timeout` wants to be called, or None."""
         return self._last_rx + self._interbyte if self._waiting else None
 
-    def handle_timeout(self, now: float) -> BadFrame | None:
+    def handle_timeout(self, now: float) -> BadFrame | Garbage | None:
         """Give up an unfinished frame if the line has been silent long enough.
 
-        What it held is searched again from its second byte: call `next_event` afterwards.
+        What it held is searched again from its second byte: call `next_event` afterwards, and then this again,
+        until it gives None.
         """
         if not self._waiting or now < self._last_rx + self._interbyte:
             return None
         return self.end_of_message("unfinished")
 
-    def end_of_message(self, reason: str = "cut short") -> BadFrame | None:
-        """Nothing follows: what is held unfinished is bad. For links that keep message boundaries."""
+    def end_of_message(self, reason: str = "cut short") -> BadFrame | Garbage | None:
+        """Nothing follows: what is held unfinished is bad. For links that keep message boundaries.
+
+        As with `handle_timeout`, there may be more behind it.
+        """
         start = self._pos
         if start >= len(self._data):
             return None
         self._waiting = False
         if not self._data.startswith(SYNC_BYTES, start):
             self._skip_to(len(self._data))
-            return None
-        self._skip_to(start + 1)
+            return self._garbage()
         return self._bad(reason, start)
 
     def reset(self) -> int:
         """Forget what is held; returns how many bytes that were."""
         held = len(self._data) - self._pos
         self.counters.bytes_dropped += held
-        self._data = b""
+        self._data = self._sample = b""
         self._pos = self._skipped = 0
         self._waiting = False
         return held
 
     def _bad(self, reason: str, start: int) -> BadFrame:
-        # The byte that was just passed over is reported with this event, not as garbage of its own.
-        self._skipped = 0
+        # The search goes on at its second byte; the first is reported with this event, not as garbage.
+        self._pos = start + 1
+        self.counters.bytes_dropped += 1
         self.counters.bad_frames += 1
         if reason.startswith("check"):
             self.counters.bad_checks += 1
@@ -151,8 +160,8 @@ class FrameDecoder:
         skipped = position - self._pos
         if skipped <= 0:
             return
-        if not self._skipped:
-            self._sample = self._data[self._pos : min(position, self._pos + _SAMPLE)]
+        if self._skipped < _SAMPLE:
+            self._sample += self._data[self._pos : min(position, self._pos + _SAMPLE - self._skipped)]
         self._skipped += skipped
         self.counters.bytes_dropped += skipped
         self._pos = position
@@ -160,6 +169,7 @@ class FrameDecoder:
     def _garbage(self) -> Garbage:
         event = Garbage(self._skipped, self._sample)
         self._skipped = 0
+        self._sample = b""
         self.counters.resyncs += 1
         return event
 

@@ -1,6 +1,6 @@
-"""What dialect 1 needs of a host: frames without 0D 0A, and answers known by servo id and length.
+"""What dialect 1 needs of a host: frames an old board survives, and answers known by servo id and length.
 
-Owns the two rules of PROTOCOL.md section 5 that make an old board safe to talk to. Sans I/O and sans time.
+Owns the rules of PROTOCOL.md section 5 that make an old board safe to talk to. Sans I/O and sans time.
 """
 
 from __future__ import annotations
@@ -8,16 +8,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
-from hexwire.wire.command_frame import Command, command_name, serialize_frame
+from hexwire.wire.command_frame import BODY_OFFSET, Command, command_name, max_body, serialize_frame
+from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
+    BROADCAST_ID,
     Instruction,
     ServoPacket,
     StatusPacket,
     find_status,
     parse_packet,
+    parse_sync_write,
     strip_echo,
 )
-from hexwire.wire.tables import PROTO_CHAPTER, TAIL
+from hexwire.wire.tables import HEADER_FIELDS, MAX_SERIAL_FRAME, PROTO_CHAPTER, TAIL
 
 from .servo_bus import Expected, expected_answer
 
@@ -35,7 +38,12 @@ MAX_PACKET = 63
 
 SHORT_FRAME_PACKET = bytes.fromhex("FFF5FF0604F6")
 UNKNOWN_COMMAND_PACKET = bytes.fromhex("FFF5FF0607F3")
-_STEPS = 32
+_TARGET = Series.SEVEN_BOT.register("target_position").address
+_SYNC_WRITE_DATA = 4
+_OFFSETS = {name: offset for name, _, offset in HEADER_FIELDS}
+_SEC, _NSEC, _SN, _SRC = (_OFFSETS[name] for name in ("time_sec", "time_nsec", "sn", "src"))
+_ATTEMPTS = 256
+"""Builds of a frame before giving up. The nanoseconds need at most 66 steps, every other field one."""
 
 
 @dataclass(slots=True)
@@ -63,12 +71,9 @@ class Pending1:
             self.packet = parse_packet(self.body)
         except RemoteProtocolError as error:
             raise LocalProtocolError(f"dialect 1 carries servo packets only: {error}") from None
-        if self.cmd not in (Command.PING, Command.READ, Command.SYNC_WRITE):
-            raise LocalProtocolError(f"{command_name(self.cmd)} does not exist in dialect 1")
-        if self.answered and len(self.body) > MAX_PACKET:
-            raise LocalProtocolError(
-                f"a packet of {len(self.body)} bytes would hang a dialect-1 board; {MAX_PACKET} is the most"
-            )
+        problem = _problem(self.cmd, self.packet, len(self.body))
+        if problem:
+            raise LocalProtocolError(problem)
         if TAIL in self.body:
             raise LocalProtocolError(
                 f"the packet {self.body.hex(' ').upper()} has 0D 0A inside, where a dialect-1 board would cut it"
@@ -84,6 +89,33 @@ class Pending1:
     def servo_id(self) -> int:
         """The servo that is asked."""
         return self.packet.servo_id
+
+
+def _problem(cmd: int, packet: ServoPacket, size: int) -> str:
+    """Why the chapter's board would not survive a request, or would do something else with it; empty if not."""
+    instruction, params = packet.instruction, packet.params
+    if cmd == Command.SYNC_WRITE:
+        longest = max_body(MAX_SERIAL_FRAME)
+        if size > longest:
+            return f"a sync write of {size} bytes would hang a dialect-1 board; {longest} is the most"
+        try:
+            address, rows = parse_sync_write(packet)
+        except RemoteProtocolError as error:
+            return f"SYNC_WRITE carries a sync write only: {error}"
+        if not rows or address != _TARGET or len(rows[0][1]) != _SYNC_WRITE_DATA:
+            return f"a dialect-1 board takes any sync write for {_SYNC_WRITE_DATA} bytes at 0x{_TARGET:02X} a servo"
+        return ""
+    if cmd not in (Command.PING, Command.READ):
+        return f"{command_name(cmd)} does not exist in dialect 1"
+    if size > MAX_PACKET:
+        return f"a packet of {size} bytes would hang a dialect-1 board; {MAX_PACKET} is the most"
+    if packet.servo_id == BROADCAST_ID:
+        return "a packet to all servos would overrun a dialect-1 board; only a sync write may go to all"
+    if cmd == Command.PING and instruction != Instruction.PING:
+        return "PING carries a ping only: any longer answer would overrun a dialect-1 board"
+    if instruction == Instruction.READ and params[1:] != b"\x02":
+        return "a read of other than 2 bytes would overrun a dialect-1 board"
+    return ""
 
 
 def match_reply(body: bytes, pending: Pending1) -> bytes | None:
@@ -127,38 +159,48 @@ def clean_frame(
     cmd_ext: int,
     max_frame: int,
 ) -> tuple[bytes, int]:
-    """Build a frame without 0D 0A in bytes 4..len-3, changing what is free: nanoseconds, sn, then seconds.
+    """Build a frame without 0D 0A in bytes 4..len-3, changing what is free where it stands.
+
+    Free are the nanoseconds (1 us more at a time), sn (the next without), and the seconds: those stand still at
+    the last one without the marker, for 256 s at most on a clock of this century.
 
     Returns:
         The frame and the sn it used.
 
     Raises:
-        LocalProtocolError: 0D 0A stands in what is not free: the body.
+        LocalProtocolError: 0D 0A stands in what is not free: the body, or a module id.
     """
-    if TAIL in body:
-        raise LocalProtocolError(
-            f"the body of {command_name(cmd)} has 0D 0A inside, where a dialect-{PROTO_CHAPTER} board would cut it"
+    body_end = BODY_OFFSET + len(body)
+    step = 1000 if time_nsec < 999_000_000 else -1000
+    for _ in range(_ATTEMPTS):
+        data = serialize_frame(
+            proto=proto,
+            cmd=cmd,
+            body=body,
+            seq=seq,
+            sn=sn,
+            src=src,
+            dst=dst,
+            type=type,
+            time_sec=time_sec,
+            time_nsec=time_nsec,
+            cmd_ext=cmd_ext,
+            max_frame=max_frame,
         )
-    for sec_step in range(_STEPS):
-        # A second that holds the marker keeps it for 256 s or more: step back in the same stride.
-        sec = max(0, time_sec - (sec_step * 0x0100 if sec_step else 0))
-        for sn_step in range(_STEPS):
-            number = (sn + sn_step) & 0xFFFFFFFF
-            for nsec_step in range(4):
-                data = serialize_frame(
-                    proto=proto,
-                    cmd=cmd,
-                    body=body,
-                    seq=seq,
-                    sn=number,
-                    src=src,
-                    dst=dst,
-                    type=type,
-                    time_sec=sec,
-                    time_nsec=(time_nsec + nsec_step * 1000) % 1_000_000_000,
-                    cmd_ext=cmd_ext,
-                    max_frame=max_frame,
-                )
-                if TAIL not in data[4:-2]:
-                    return data, number
-    raise LocalProtocolError(f"no frame without 0D 0A could be built for {command_name(cmd)}")
+        at = data.find(TAIL, 4, -2)
+        if at < 0:
+            return data, sn
+        if at < _NSEC - 1:
+            low = 8 * (at - _SEC)
+            time_sec = (time_sec >> low << low) - 1
+        elif at < _SN - 1 or body_end - 1 <= at <= body_end:
+            # In the check of dialect 2 too: any other time gives another.
+            time_nsec += step
+        elif at < _SRC:
+            low = 8 * max(at - _SN, 0)
+            sn = ((sn >> low) + 1 << low) & 0xFFFFFFFF
+        else:
+            break
+    raise LocalProtocolError(
+        f"{command_name(cmd)} has 0D 0A inside, where a dialect-{PROTO_CHAPTER} board would cut it"
+    )

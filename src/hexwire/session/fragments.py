@@ -7,8 +7,9 @@ itself. Sans I/O; time comes in as `now`. Knows nothing of frames or links.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
@@ -49,6 +50,7 @@ class _Incoming:
     last_rx: float
     asked_at: float
     window_end: int
+    first_missing: int = 0
     chunk_size: int = 0
     size: int = 0
     chunks: dict[int, bytes] = field(default_factory=dict)
@@ -88,6 +90,19 @@ class FragmentSender:
         self._out[message_id] = _Outgoing(cmd, cmd_ext, chunks, now + self._lifetime)
         return self._bodies(message_id, range(min(WINDOW, len(chunks))))
 
+    def remind(self, message_id: int, cmd: int, cmd_ext: int, body: bytes, now: float) -> Iterator[bytes]:
+        """Send the first chunk again.
+
+        A receiver that missed the whole window then asks for the rest; one that has it all says so once more.
+        """
+        if message_id not in self._out and len(self._out) < tables.FRAGMENT_MESSAGES:
+            self.send(message_id, cmd, cmd_ext, body, now)
+        return self._bodies(message_id, (0,) if message_id in self._out else ())
+
+    def forget(self, message_id: int) -> None:
+        """Drop a message; what the peer still asks of it is not answered."""
+        self._out.pop(message_id, None)
+
     def receive_missing(self, body: bytes, now: float) -> Iterator[bytes]:
         """Act on a FRAGMENT_MISSING body; yields the FRAGMENT bodies asked for.
 
@@ -117,10 +132,10 @@ class FragmentSender:
             del self._out[message_id]
             self.expired += 1
 
-    def _bodies(self, message_id: int, indexes: range | list[int]) -> Iterator[bytes]:
-        message = self._out[message_id]
-        count = len(message.chunks)
+    def _bodies(self, message_id: int, indexes: Iterable[int]) -> Iterator[bytes]:
         for index in indexes:
+            message = self._out[message_id]
+            count = len(message.chunks)
             head = FragmentHead(message_id, index, count, message.cmd, message.cmd_ext)
             yield head.serialize() + message.chunks[index]
 
@@ -153,7 +168,7 @@ class FragmentReceiver:
         """
         head = FragmentHead.parse(body)
         chunk = body[FRAGMENT_HEAD_SIZE:]
-        if self._done.get(head.message_id, -1.0) + self._lifetime > now:
+        if self.is_done(head.message_id, now):
             # Our confirmation was lost: the sender is still asking what we got.
             self.duplicates += 1
             return None, [serialize_missing(head.message_id, ())]
@@ -174,12 +189,23 @@ class FragmentReceiver:
         if len(message.chunks) == message.count:
             del self._in[head.message_id]
             self._forget_done(now)
+            self._done.pop(head.message_id, None)
             self._done[head.message_id] = now
             whole = b"".join(message.chunks[i] for i in range(message.count))
             return Message(head.message_id, head.cmd, head.cmd_ext, whole), [serialize_missing(head.message_id, ())]
         if head.number == message.window_end - 1:
             return None, [self._ask(head.message_id, message, now)]
         return None, []
+
+    def is_done(self, message_id: int, now: float) -> bool:
+        """Whether a message was put together within its lifetime."""
+        done = self._done.get(message_id)
+        return done is not None and done + self._lifetime > now
+
+    def forget(self) -> None:
+        """Drop all messages, whole or not: the peer starts anew, and may use their numbers again."""
+        self._in.clear()
+        self._done.clear()
 
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
@@ -202,7 +228,11 @@ class FragmentReceiver:
         return asks
 
     def _forget_done(self, now: float) -> None:
-        for message_id in [i for i, t in self._done.items() if t + self._lifetime <= now]:
+        # In the order they were done: the cost is that of what is dropped.
+        while self._done:
+            message_id, done = next(iter(self._done.items()))
+            if done + self._lifetime > now:
+                break
             del self._done[message_id]
 
     def _start(self, head: FragmentHead, now: float) -> _Incoming:
@@ -216,7 +246,8 @@ class FragmentReceiver:
     def _check_size(self, message: _Incoming, head: FragmentHead, chunk: bytes) -> None:
         if head.number < head.chunks - 1:
             message.chunk_size = message.chunk_size or len(chunk)
-            fits = len(chunk) == message.chunk_size and len(chunk) > 0
+            last = message.chunks.get(head.chunks - 1, b"")
+            fits = len(chunk) == message.chunk_size and len(chunk) >= max(len(last), 1)
         else:
             fits = not message.chunk_size or len(chunk) <= message.chunk_size
         whole = message.chunk_size * (head.chunks - 1)
@@ -228,7 +259,10 @@ class FragmentReceiver:
             )
 
     def _ask(self, message_id: int, message: _Incoming, now: float) -> bytes:
-        missing = tuple(i for i in range(message.count) if i not in message.chunks)[:WINDOW]
+        while message.first_missing in message.chunks:
+            message.first_missing += 1
+        candidates = (i for i in range(message.first_missing, message.count) if i not in message.chunks)
+        missing = tuple(islice(candidates, WINDOW))
         message.window_end = missing[-1] + 1
         message.asked_at = now
         return serialize_missing(message_id, missing)

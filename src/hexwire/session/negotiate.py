@@ -23,6 +23,9 @@ from .events import Event, Reply, TimedOut
 __all__ = ["Negotiated", "NegotiationFailed", "Negotiator"]
 
 _ASK_WINDOW = 0.25
+_ASK_ON = 2
+"""IDENTIFYs after a ping that was answered: every board answers it, and one that has just booted may have
+missed the questions before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +83,12 @@ class Negotiator:
         self._only = dialect
         self._asked = 0
         self._pings = 0
+        self._left_to_ask: int | None = None
         self._bytes_before = connection.decoder.counters.bytes_received
         self._frames_before = connection.decoder.counters.frames
         self._ticket = 0
         connection.cautious = True
-        self._ask(now)
+        self._next(now)
 
     def handle(self, event: Event, now: float) -> None:
         """Take an event of the connection; `outcome` is set when it settles the matter."""
@@ -93,16 +97,20 @@ class Negotiator:
         if isinstance(event, TimedOut):
             self._next(now)
         elif event.cmd != Command.IDENTIFY:
+            if self._only is None:
+                self._left_to_ask = _ASK_ON
+                self._next(now)
+            else:
+                self._settle(Negotiated(PROTO_CHAPTER, None), now)
+        elif event.frame is not None and event.frame.proto == PROTO_CHAPTER and self._only is None:
             self._settle(Negotiated(PROTO_CHAPTER, None), now)
-        elif event.status == Status.OK and self._only != PROTO_CHAPTER:
+        elif event.status == Status.OK:
             try:
                 identity = Identity.parse(event.body)
             except RemoteProtocolError:
                 self._next(now)
             else:
                 self._settle(Negotiated(PROTO_HEXWIRE, identity), now)
-        elif self._only is None:
-            self._settle(Negotiated(PROTO_CHAPTER, None), now)
         else:
             self._next(now)
 
@@ -115,18 +123,24 @@ class Negotiator:
             self._connection.stay_quiet(now + tables.DIALECT1_REPLY_WINDOW)
 
     def _next(self, now: float) -> None:
-        if now < self._deadline:
-            self._ask(now)
+        if self._left_to_ask == 0:
+            self._settle(Negotiated(PROTO_CHAPTER, None), now)
+            return
+        if self._left_to_ask is not None:
+            self._left_to_ask -= 1
+            self._ask(now, ping=False)
+            return
+        if self._asked == 0 or now < self._deadline:
+            # IDENTIFY twice, then a dialect-1 ping, and so on: a board that answers neither of the first two
+            # may still know the ping.
+            self._ask(now, ping=self._only == PROTO_CHAPTER or (self._only is None and self._asked % 3 == 2))
             return
         counters = self._connection.decoder.counters
         self.outcome = NegotiationFailed(
             self._asked, counters.bytes_received - self._bytes_before, counters.frames - self._frames_before
         )
 
-    def _ask(self, now: float) -> None:
-        # IDENTIFY twice, then a dialect-1 ping, and so on: a board that answers neither of the first two
-        # may still know the ping.
-        ping = self._only == PROTO_CHAPTER or (self._only is None and self._asked % 3 == 2)
+    def _ask(self, now: float, *, ping: bool) -> None:
         self._asked += 1
         connection = self._connection
         if ping:

@@ -42,6 +42,7 @@ __all__ = ["describe", "describe_frame", "describe_servo", "describe_status"]
 
 _ERROR_BITS = ((0x01, "voltage"), (0x02, "encoder"), (0x04, "temperature"), (0x08, "current"), (0x20, "overload"))
 _SAMPLE = 24
+_INSTRUCTIONS = {member.value: member for member in Instruction}
 
 
 def describe(data: bytes) -> str:
@@ -70,16 +71,18 @@ def describe_servo(data: bytes, series: Series | None = None, *, reply: bool | N
         data: The whole packet.
         series: Series of the servo, if known: register names are then its own.
         reply: Whether it is a status packet; guessed if None. An answer and a request can be the same bytes.
+
+    Returns:
+        What it says, or what is wrong with it. Never raises.
     """
     problems = []
     if not reply and data[:2] == tables.SERVO_HEADER:
         try:
             packet = parse_packet(data)
+            if reply is False or packet.instruction in _INSTRUCTIONS:
+                return _describe_request(packet, series)
         except HexwireError as error:
             problems.append(str(error))
-        else:
-            if reply is False or packet.instruction in tuple(Instruction):
-                return _describe_request(packet, series)
     if reply is not False:
         try:
             return describe_status(parse_status(data), series)
@@ -201,7 +204,8 @@ def _known_body(frame: Frame, body: bytes) -> str:
 
 def _describe_request(packet: ServoPacket, series: Series | None) -> str:
     who = "all servos" if packet.servo_id == BROADCAST_ID else f"servo {packet.servo_id}"
-    name = Instruction(packet.instruction).name.lower().replace("_", " ")
+    known = _INSTRUCTIONS.get(packet.instruction)
+    name = known.name.lower().replace("_", " ") if known else f"instruction 0x{packet.instruction:02X} to"
     params = packet.params
     if packet.instruction in (Instruction.READ, Instruction.SYNC_READ) and len(params) >= 2:
         what = f"{params[1]} bytes at {_register(params[0], series)}"

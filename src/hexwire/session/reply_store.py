@@ -1,0 +1,67 @@
+"""The board's memory of what it was asked: a request that comes again is not executed again.
+
+Owns PROTOCOL.md's rule of repeats: same src, seq, cmd and body, within 2 s, among the last 4 answered. Sans I/O;
+time comes in as `now`. Knows nothing of what a command does.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Frame
+
+__all__ = ["ReplyStore"]
+
+_MAX_OPEN = 16
+
+
+class ReplyStore:
+    """Requests of late, with their answers once they have one."""
+
+    def __init__(self) -> None:
+        self._answered: deque[tuple[float, Frame, list[bytes]]] = deque(maxlen=tables.STORED_REPLIES)
+        self._open: deque[tuple[float, Frame]] = deque(maxlen=_MAX_OPEN)
+
+    def find(self, frame: Frame, now: float) -> list[bytes] | None:
+        """Frames to send for a repeat; none of them if its answer is on the way; None if it is no repeat."""
+        for when, request, reply in self._answered:
+            if _repeats(frame, request) and now - when < tables.REPEAT_WINDOW:
+                return reply
+        for when, request in self._open:
+            if _repeats(frame, request) and now - when < tables.REPEAT_WINDOW:
+                return []
+        return None
+
+    def find_by_number(self, src: int, seq: int, cmd: int, now: float) -> list[bytes]:
+        """The answer to a request whose body is not at hand, as that of one in fragments."""
+        for when, request, reply in self._answered:
+            if (src, seq, cmd) == (request.src, request.seq, request.cmd) and now - when < tables.REPEAT_WINDOW:
+                return reply
+        return []
+
+    def asked(self, frame: Frame, now: float) -> None:
+        """Remember a request that has no answer yet."""
+        self._open.append((now, frame))
+
+    def answered(self, frame: Frame, reply: list[bytes], now: float) -> None:
+        """Remember the frames that answered a request."""
+        for entry in self._open:
+            if _repeats(frame, entry[1]):
+                self._open.remove(entry)
+                break
+        self._answered.append((now, frame, reply))
+
+    def forget(self, src: int) -> None:
+        """Drop what a module asked: it starts anew, and nothing it asks may pass for a repeat."""
+        self._answered = deque((e for e in self._answered if e[1].src != src), tables.STORED_REPLIES)
+        self._open = deque((e for e in self._open if e[1].src != src), _MAX_OPEN)
+
+
+def _repeats(frame: Frame, request: Frame) -> bool:
+    return (
+        frame.seq == request.seq
+        and frame.cmd == request.cmd
+        and frame.src == request.src
+        and frame.body == request.body
+    )
