@@ -205,6 +205,7 @@ def _session(session: dict[str, Any]) -> list[str]:
 MASKS = {
     "servo_flags": ("SERVO_FLAGS", 2),
     "board_flags": ("BOARD_FLAGS", 2),
+    "robot_flags": ("ROBOT_FLAGS", 2),
     "capabilities": ("CAPABILITY", 4),
     "state_fields": ("STATE_FIELD", 2),
 }
@@ -213,9 +214,12 @@ MASKS = {
 def _commands(commands: dict[str, Any]) -> list[str]:
     out = ["\n# cmd_ext of dialect 2.\n"]
     out += [assign(f"EXT_{name.upper()}", Raw(f"0x{value:02X}")) for name, value in commands["ext"].items()]
-    out.append("\n# Status codes of dialect 2, and the codes of servo series in IDENTIFY.\n")
+    out.append(
+        "\n# Status codes of dialect 2, codes of servo series in IDENTIFY, modes of other robot controllers.\n"
+    )
     out.append(assign("STATUS", commands["status"], "dict[str, int]"))
     out.append(assign("SERIES_CODES", commands["series"], "dict[str, int]"))
+    out.append(assign("ROBOT_MODES", commands["robot_modes"], "dict[str, int]"))
     for table, (prefix, digits) in MASKS.items():
         out.append(f"\n# [{table}]\n")
         for name, value in commands[table].items():

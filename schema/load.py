@@ -45,6 +45,18 @@ UNITS = {
 }
 
 
+CODE_TABLES = (
+    "status",
+    "series",
+    "servo_flags",
+    "board_flags",
+    "capabilities",
+    "state_fields",
+    "robot_flags",
+    "robot_modes",
+)
+
+
 class SchemaError(Exception):
     """The schema contradicts itself; the text is one line that names file and row."""
 
@@ -107,7 +119,7 @@ def check_session(session: dict[str, Any]) -> None:
 
 def check_commands(commands: dict[str, Any]) -> None:
     """Check codes, masks and body layouts."""
-    for table in ("status", "series", "servo_flags", "board_flags", "capabilities", "state_fields"):
+    for table in CODE_TABLES:
         _unique(f"commands.toml: [{table}]", commands[table])
     _unique("commands.toml", {name: entry["code"] for name, entry in commands["commands"].items()})
     for name, entry in commands["commands"].items():

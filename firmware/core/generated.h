@@ -304,6 +304,71 @@ constexpr uint8_t IO_REPLY_MASK = 0;
 constexpr uint8_t IO_REPLY_VALUE = 1;
 constexpr uint8_t IO_REPLY_SIZE = 2;
 
+// ROBOT_PROBE: A robot controller says who it is.
+constexpr uint8_t CMD_ROBOT_PROBE = 0x30;
+constexpr uint8_t ROBOT_PROBE_REQUEST_SIZE = 0;
+constexpr uint8_t ROBOT_PROBE_REPLY_BOOT_ID = 0;
+constexpr uint8_t ROBOT_PROBE_REPLY_MODE = 4;
+constexpr uint8_t ROBOT_PROBE_REPLY_ROBOT_FLAGS = 5;
+constexpr uint8_t ROBOT_PROBE_REPLY_JOINTS = 6;
+constexpr uint8_t ROBOT_PROBE_REPLY_SPARE = 7;
+constexpr uint8_t ROBOT_PROBE_REPLY_SIZE = 8;
+
+// ROBOT_SIGNAL: A signal by number: 1 stop and hold, 2 stop without torque, 3 resume, 4 torque on, 5 torque off.
+constexpr uint8_t CMD_ROBOT_SIGNAL = 0x31;
+constexpr uint8_t ROBOT_SIGNAL_REQUEST_SIGNAL = 0;
+constexpr uint8_t ROBOT_SIGNAL_REQUEST_SIZE = 1;
+constexpr uint8_t ROBOT_SIGNAL_REPLY_MODE = 0;
+constexpr uint8_t ROBOT_SIGNAL_REPLY_ROBOT_FLAGS = 1;
+constexpr uint8_t ROBOT_SIGNAL_REPLY_SIZE = 2;
+
+// ROBOT_MODE: Sets the mode of a robot controller.
+constexpr uint8_t CMD_ROBOT_MODE = 0x32;
+constexpr uint8_t ROBOT_MODE_REQUEST_MODE = 0;
+constexpr uint8_t ROBOT_MODE_REQUEST_SIZE = 1;
+constexpr uint8_t ROBOT_MODE_REPLY_MODE = 0;
+constexpr uint8_t ROBOT_MODE_REPLY_ROBOT_FLAGS = 1;
+constexpr uint8_t ROBOT_MODE_REPLY_SIZE = 2;
+
+// JOINT_COMMANDS: The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is there. Then the names (length byte and text each), then the arrays as float64.
+constexpr uint8_t CMD_JOINT_COMMANDS = 0x33;
+constexpr uint8_t JOINT_COMMANDS_REQUEST_JOINTS = 0;
+constexpr uint8_t JOINT_COMMANDS_REQUEST_ARRAYS = 1;
+constexpr uint8_t JOINT_COMMANDS_REQUEST_DATA = 3;
+constexpr uint8_t JOINT_COMMANDS_REQUEST_SIZE = 3;
+constexpr uint8_t JOINT_COMMANDS_REPLY_SIZE = 0;
+
+// JOINT_STATES: Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints. Asked for, or unsolicited by REPORT.
+constexpr uint8_t CMD_JOINT_STATES = 0x34;
+constexpr uint8_t JOINT_STATES_REQUEST_SIZE = 0;
+constexpr uint8_t JOINT_STATES_REPLY_TIME_US = 0;
+constexpr uint8_t JOINT_STATES_REPLY_ROBOT_FLAGS = 4;
+constexpr uint8_t JOINT_STATES_REPLY_JOINTS = 5;
+constexpr uint8_t JOINT_STATES_REPLY_SIZE = 6;
+constexpr uint8_t JOINT_STATES_REPLY_ROW_COUNTS = 0;
+constexpr uint8_t JOINT_STATES_REPLY_ROW_SPEED = 4;
+constexpr uint8_t JOINT_STATES_REPLY_ROW_EFFORT = 8;
+constexpr uint8_t JOINT_STATES_REPLY_ROW_SIZE = 10;
+
+// JOINT_TRAJECTORY: Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces what is being followed. Long ones come in fragments.
+constexpr uint8_t CMD_JOINT_TRAJECTORY = 0x35;
+constexpr uint8_t JOINT_TRAJECTORY_REQUEST_JOINTS = 0;
+constexpr uint8_t JOINT_TRAJECTORY_REQUEST_FLAGS = 1;
+constexpr uint8_t JOINT_TRAJECTORY_REQUEST_POINTS = 2;
+constexpr uint8_t JOINT_TRAJECTORY_REQUEST_DATA = 4;
+constexpr uint8_t JOINT_TRAJECTORY_REQUEST_SIZE = 4;
+constexpr uint8_t JOINT_TRAJECTORY_REPLY_POINTS = 0;
+constexpr uint8_t JOINT_TRAJECTORY_REPLY_SIZE = 2;
+
+// JOYSTICK: Axes (-32767..32767) and a mask of buttons, from the JOY_STICK module; never answered.
+constexpr uint8_t CMD_JOYSTICK = 0x38;
+constexpr uint8_t JOYSTICK_REQUEST_AXES = 0;
+constexpr uint8_t JOYSTICK_REQUEST_BUTTONS = 1;
+constexpr uint8_t JOYSTICK_REQUEST_SIZE = 5;
+constexpr uint8_t JOYSTICK_REQUEST_ROW_AXIS = 0;
+constexpr uint8_t JOYSTICK_REQUEST_ROW_SIZE = 2;
+constexpr uint8_t JOYSTICK_REPLY_SIZE = 0;
+
 constexpr uint8_t BROADCAST_ID = 0xFE;
 constexpr uint8_t MAX_SERVO_ID = 0xFD;
 constexpr uint8_t MAX_SERVO_PACKET = 250;

@@ -141,7 +141,7 @@ EXT_REPLY = 0x80
 EXT_UNSOLICITED = 0x40
 EXT_STATUS_MASK = 0x3F
 
-# Status codes of dialect 2, and the codes of servo series in IDENTIFY.
+# Status codes of dialect 2, codes of servo series in IDENTIFY, modes of other robot controllers.
 STATUS: dict[str, int] = {
     "ok": 0,
     "bad_length": 1,
@@ -156,6 +156,7 @@ STATUS: dict[str, int] = {
     "not_supported": 10,
 }
 SERIES_CODES: dict[str, int] = {"unknown": 0, "seven_bot": 1, "scs": 2, "sts_sms": 3, "hls": 4}
+ROBOT_MODES: dict[str, int] = {"position": 0, "teach": 1}
 
 # [servo_flags]
 SERVO_FLAGS_VOLTAGE = 0x01
@@ -192,6 +193,13 @@ BOARD_FLAGS: dict[str, int] = {
     "under_voltage_reset": 0x10,
     "watchdog_reset": 0x20,
 }
+
+# [robot_flags]
+ROBOT_FLAGS_STOPPED = 0x01
+ROBOT_FLAGS_POWER_ON = 0x02
+ROBOT_FLAGS_MOVING = 0x04
+ROBOT_FLAGS_CALIBRATED = 0x08
+ROBOT_FLAGS: dict[str, int] = {"stopped": 0x01, "power_on": 0x02, "moving": 0x04, "calibrated": 0x08}
 
 # [capabilities]
 CAPABILITY_REPORT = 0x0001
