@@ -346,18 +346,35 @@ class PollLink(Link):
         # bare blocking read, select 1.2 us, epoll 1.4 us; trying the read before the poll costs an exception
         # (1.5 us) whenever the answer is not there yet, which is nearly always. A read that VMIN makes wait has
         # VTIME as its only time-out, a tenth of a second, and setting them anew reprograms some USB adapters.
-        if not self._reading.acquire(blocking=False):
+        if self.max_message is not None or not self._reading.acquire(blocking=False):
             return super().exchange(data, window, nap)
-        self._reader = threading.get_ident()
+        if not self._writing.acquire(blocking=False):
+            self._reading.release()
+            return super().exchange(data, window, nap)
+        self._reader = self._writer = threading.get_ident()
         try:
-            self.write(data, monotonic() + _WRITE_TIME)
+            if self._state is not _State.OPEN or self._closing:
+                raise self._refusal()
+            try:
+                sent = self._write_ready(data)
+            except BlockingIOError:
+                sent = 0
+            if sent < len(data):
+                self._write_rest(memoryview(data), sent, monotonic() + _WRITE_TIME)
             if nap > 0.0:
                 sleep(nap)
             events = self._wait_to_read(window * 1000.0)
             if len(events) == 1 and events[0][0] == self._fd and not self._closing:
-                return self._receive()
+                return self._read_ready()
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            if isinstance(error, LinkError) and not isinstance(error, LinkLostError):
+                raise
+            raise self._lose(error) from error
         finally:
-            self._reader = 0
+            self._reader = self._writer = 0
+            self._writing.release()
             self._reading.release()
             if self._close_pending:
                 self.close()

@@ -1,0 +1,673 @@
+"""`ServoBus`: bus servos on any byte link, without a board in between.
+
+Owns registers by name in SI units or raw counts, the series of each servo, and the fast path of reads and writes.
+What is slow or strange is `bus_line`'s; setting servos up is `servo_setup`'s. Must not know arms or joints.
+
+A missing or troubled servo is data, not an exception: results carry status, age and error, and their `check()`
+raises for those who want that. Only the link raises by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import NotSupportedError, UsageError
+from hexwire.session.servo_plan import ReadPlan, SyncReadPlan, SyncWritePlan, WritePlan
+from hexwire.session.servo_timing import LineTiming
+from hexwire.session.servo_values import SILENT, Answer, Reading, Readings, ServoBlock
+from hexwire.wire import servo_packet as packets
+from hexwire.wire.registers import Register, Series
+from hexwire.wire.servo_packet import BROADCAST_ID, iter_status
+
+from .bus_line import BusLine
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from hexwire.ipc.link import Link
+
+__all__ = ["ServoBus"]
+
+_new = tuple.__new__
+_LEGACY_READ = 2
+_BROADCAST_PING_BYTES = 6
+_WRITE_TIME = 1.0
+
+
+class ServoBus(BusLine):
+    """Servos on one half-duplex wire behind a link. Constructing one does no I/O; `open` or ``with`` does.
+
+    One bus object owns its link; several threads may use the object, one transaction at a time.
+
+    Args:
+        link: The line to the adapter.
+        series: What a servo is unless `servos` says otherwise.
+        servos: Series of single servos by id, on a wire with mixed series.
+        baud: Bits a second on the wire; None takes the link's own rate, 0 if it has none.
+        retries: How often a servo that did not answer is asked again within one call.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        *,
+        series: Series | str = Series.STS_SMS,
+        servos: Mapping[int, Series | str] | None = None,
+        baud: int | None = None,
+        retries: int = 2,
+    ) -> None:
+        super().__init__(link, baud=baud, retries=retries)
+        self.series = _series(series)
+        self._servos = {servo_id: _series(kind) for servo_id, kind in (servos or {}).items()}
+        self._reads: dict[tuple[int, str], tuple[ReadPlan, Register]] = {}
+        self._syncs: dict[tuple[str, tuple[int, ...]], SyncReadPlan | None] = {}
+        self._blocks: dict[tuple[int, int, tuple[int, ...]], SyncReadPlan] = {}
+        self._sync_writes: dict[tuple[str, tuple[int, ...]], SyncWritePlan] = {}
+        self._recent: dict[tuple[str, int], tuple[int, float]] = {}
+        self._newest: dict[str, Readings] = {}
+        self._unacknowledged: set[int] = set()
+        self._known_level: set[int] = set()
+
+    # --- opening -----------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the link and drop what had arrived before."""
+        self.link.open()
+        self._own_baud_again()
+        self.link.flush_input()
+
+    def close(self) -> None:
+        """Close the link. Harmless if it is closed."""
+        self.link.close()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<ServoBus {self.link.url} {self.series.value}>"
+
+    # --- series ------------------------------------------------------------------------------------------------
+
+    def series_of(self, servo_id: int) -> Series:
+        """Series of a servo."""
+        return self._servos.get(servo_id, self.series)
+
+    _series_of = series_of
+
+    def set_series(self, servo_id: int, series: Series | str) -> None:
+        """Say what a servo is."""
+        with self._lock:
+            self._servos[servo_id] = _series(series)
+            self._forget_plans()
+
+    def set_return_delay(self, servo_id: int, seconds: float) -> None:
+        """Say how long a servo takes to begin its answer; `servo_setup.identify` reads it."""
+        with self._lock:
+            self._return_delays[servo_id] = seconds
+            self._forget_plans()
+
+    def set_acknowledges(self, servo_id: int, acknowledges: bool) -> None:
+        """Say whether a servo answers writes (status_return_level 1). Learned by itself from a silent one."""
+        with self._lock:
+            (self._unacknowledged.discard if acknowledges else self._unacknowledged.add)(servo_id)
+
+    def acknowledges(self, servo_id: int) -> bool:
+        """Whether a servo answers writes, as far as is known."""
+        return servo_id not in self._unacknowledged and self.series_of(servo_id) is not Series.SEVEN_BOT
+
+    def _forget_plans(self) -> None:
+        for cache in (self._reads, self._syncs, self._blocks, self._sync_writes):
+            cache.clear()
+
+    # --- reading -----------------------------------------------------------------------------------------------
+
+    def read(self, servo_id: int, name: str) -> Reading:
+        """Read a register.
+
+        Args:
+            servo_id: Bus id.
+            name: Register name, as in ``present_position``.
+
+        Returns:
+            Raw value, SI value, status, age and error of it.
+
+        Raises:
+            UsageError: The servo's series has no such register.
+            LinkError: The line is at fault.
+        """
+        entry = self._reads.get((servo_id, name))
+        if entry is None:
+            entry = self._plan_read(servo_id, name)
+        plan, register = entry
+        with self._lock:
+            if self._doubts and self._doubted(servo_id, plan.count):
+                return self._read_carefully(plan, register, None)
+            clock = self._clock
+            start = clock()
+            data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            self.counters.requests += 1
+            block = plan.glance(data)
+            if block is None:
+                return self._read_carefully(plan, register, data)
+            self.counters.answers += 1
+            now = clock()
+            self._measure(plan, now - start)
+            raw = register.decode(block)
+            plan.latest = (raw, now)
+            return _new(Reading, (servo_id, register, raw, 0, 0.0, "", raw))
+
+    def read_block(self, servo_id: int, address: int, count: int) -> ServoBlock:
+        """Read neighbouring registers. A legacy servo is asked for them two bytes at a time."""
+        if self.series_of(servo_id) is Series.SEVEN_BOT:
+            return self._read_by_pairs(servo_id, address, count)
+        plan = self._new_read(servo_id, address, count)
+        with self._lock:
+            status, _ = self._ask_one(servo_id, plan.request, count, base=plan.base)
+        if status is None:
+            return ServoBlock(servo_id, address, b"", 0, SILENT)
+        return ServoBlock(servo_id, address, status.params, status.error)
+
+    def sync_read(self, name: str, servo_ids: Iterable[int]) -> Readings:
+        """Read the same register of several servos: one request where they can, single reads where not.
+
+        Args:
+            name: Register name; on a wire with mixed series each servo's own.
+            servo_ids: Whom to ask, in this order. A tuple is quickest.
+
+        Returns:
+            One reading each. Servos that did not answer, and only those, were asked again.
+
+        Raises:
+            UsageError: A servo's series has no such register, or no servo is named.
+            LinkError: The line is at fault.
+        """
+        ids = servo_ids if type(servo_ids) is tuple else tuple(servo_ids)
+        plan = self._syncs.get((name, ids))
+        if plan is None:
+            plan = self._plan_sync(name, ids)
+            if plan is None:
+                return self._read_mixed(name, ids)
+        register = plan.register
+        assert register is not None
+        with self._lock:
+            if self._mute or (self._doubts and self._suspect(ids, plan.count)):
+                return self._sync_carefully(plan, register, None)
+            clock = self._clock
+            start = clock()
+            data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            self.counters.requests += 1
+            if len(data) < plan.length:
+                data = self._rest(plan, data)
+            raw = plan.glance(data)
+            if raw is None:
+                return self._sync_carefully(plan, register, data)
+            now = clock()
+            self.counters.answers += len(ids)
+            self._measure(plan, now - start)
+            readings = Readings(register, ids, raw, now)
+            self._newest[name] = readings
+            return readings
+
+    def sync_read_blocks(self, address: int, count: int, servo_ids: Iterable[int]) -> list[ServoBlock]:
+        """Read neighbouring registers of several servos at once; single reads where they cannot sync read."""
+        ids = tuple(servo_ids)
+        able = tuple(i for i in ids if self.series_of(i).sync_read)
+        found: dict[int, ServoBlock] = {}
+        if able:
+            plan = self._block_plan(address, count, able)
+            with self._lock:
+                data = None
+                if not (self._mute or (self._doubts and self._suspect(able, count))):
+                    start = self._clock()
+                    data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+                    self.counters.requests += 1
+                    if len(data) < plan.length:
+                        data = self._rest(plan, data)
+                    rows = plan.blocks(data)
+                    if rows is not None:
+                        self.counters.answers += len(able)
+                        self._measure(plan, self._clock() - start)
+                        found = {i: ServoBlock(i, address, row) for i, row in zip(able, rows, strict=True)}
+                if not found:
+                    for i, status in self._ask_many(plan, data).items():
+                        found[i] = ServoBlock(i, address, status.params, status.error)
+        for servo_id in ids:
+            if servo_id not in found:
+                if servo_id in able:
+                    found[servo_id] = ServoBlock(servo_id, address, b"", 0, SILENT)
+                else:
+                    found[servo_id] = self.read_block(servo_id, address, count)
+        return [found[servo_id] for servo_id in ids]
+
+    # --- writing -----------------------------------------------------------------------------------------------
+
+    def write(self, servo_id: int, name: str, value: float) -> Answer:
+        """Write a register in its SI unit. A goal position switches the torque on and moves the servo.
+
+        Raises:
+            UsageError: No such register, a read-only one, or a value that it cannot hold; nothing was sent.
+        """
+        register = self._writable(servo_id, name)
+        return self._write(servo_id, register, register.from_si(value))
+
+    def write_raw(self, servo_id: int, name: str, raw: int) -> Answer:
+        """Write a register as the servo counts it. See `write`."""
+        return self._write(servo_id, self._writable(servo_id, name), raw)
+
+    def write_bytes(self, servo_id: int, address: int, data: bytes) -> Answer:
+        """Write neighbouring registers. Nothing is checked but that it fits a packet."""
+        return self._acknowledged(
+            WritePlan(servo_id, self.series_of(servo_id), address, data), f"a write at {address}"
+        )
+
+    def reg_write(self, servo_id: int, name: str, value: float) -> Answer:
+        """Write a register in its SI unit, to take effect at `action`."""
+        register = self._writable(servo_id, name)
+        raw = self._in_range(servo_id, register, register.from_si(value))
+        request = packets.make_reg_write(servo_id, register.address, register.encode(raw))
+        return self._acknowledged(self._order(servo_id, request), f"a delayed write of {name}")
+
+    def action(self, servo_id: int = BROADCAST_ID) -> Answer | None:
+        """Let `reg_write` take effect, in one servo or, unanswered, in all."""
+        if servo_id == BROADCAST_ID:
+            self._send(packets.make_action())
+            return None
+        return self._acknowledged(self._order(servo_id, packets.make_action(servo_id)), "action", repeat=False)
+
+    def sync_write(self, name: str, values: Mapping[int, float]) -> None:
+        """Write a register of several servos in its SI unit: one packet a series, which nobody answers."""
+        self.sync_write_raw(name, {i: self._writable(i, name).from_si(value) for i, value in values.items()})
+
+    def sync_write_raw(self, name: str, values: Mapping[int, int]) -> None:
+        """Write a register of several servos as they count it: one packet a series, which nobody answers.
+
+        Raises:
+            UsageError: A value outside a register's range; nothing was sent.
+        """
+        key = (name, tuple(values))
+        plan = self._sync_writes.get(key)
+        if plan is None:
+            plan = self._plan_sync_write(name, key[1])
+            if plan is None:
+                return self._sync_write_mixed(name, values)
+        packet = plan.serialize(tuple(values.values()))
+        with self._lock:
+            self.link.write(packet, self._clock() + _WRITE_TIME)
+        return None
+
+    def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:
+        """Write neighbouring registers of several servos in one packet. Nothing is checked but that it fits."""
+        self._send(packets.make_sync_write(address, data))
+
+    # --- the other instructions -----------------------------------------------------------------------------
+
+    def ping(self, servo_id: int) -> Answer:
+        """Ask a servo whether it is there."""
+        with self._lock:
+            request = packets.make_ping(servo_id)
+            base = self._base(12, (servo_id,))
+            status, collector = self._ask_one(servo_id, request, 0, base=base)
+            if status is None and collector.only_echo and self.series_of(servo_id) is not Series.SEVEN_BOT:
+                # The answer of a servo with a low supply equals its ping.
+                request = packets.make_read(servo_id, self.series_of(servo_id).register("id").address, 1)
+                status, collector = self._ask_one(servo_id, request, 1, base=self._base(15, (servo_id,)))
+            if status is None:
+                return Answer(servo_id, "ping", 0, _why(collector.in_words()), False)
+            return Answer(servo_id, "ping", status.error)
+
+    def broadcast_ping(self, most: int = 254) -> tuple[tuple[int, ...], int]:
+        """Ping all servos at once. Only a lone servo is sure to be understood: several answer together.
+
+        Args:
+            most: How many answers to wait for.
+
+        Returns:
+            Ids heard, and the number of bytes that made no sense (a collision, for one).
+        """
+        with self._lock:
+            request = packets.make_ping(BROADCAST_ID)
+            base = self._base(6 + _BROADCAST_PING_BYTES * most, range(min(most, 8)))
+            self.link.flush_input()
+            data = self._exchange(request, base + self.timing.allowance)
+            deadline = self._clock() + base
+            while more := self.link.read(deadline):
+                data += more
+            data = packets.strip_echo(data, request)
+        found = [status.servo_id for status in iter_status(data) if not status.params]
+        return tuple(dict.fromkeys(found)), max(0, len(data) - _BROADCAST_PING_BYTES * len(found))
+
+    def restore(self, servo_id: int) -> Answer:
+        """Factory settings, id kept on Feetech servos.
+
+        Raises:
+            NotSupportedError: A legacy servo would lose its id; see `servo_setup.factory_reset`.
+        """
+        self._must_know(servo_id, "RESTORE")
+        if self.series_of(servo_id) is Series.SEVEN_BOT:
+            raise NotSupportedError(f"servo {servo_id} is a legacy one: a factory reset would make it servo 1")
+        return self._acknowledged(
+            self._order(servo_id, packets.make_restore(servo_id)), "factory reset", repeat=False
+        )
+
+    def reboot(self, servo_id: int) -> None:
+        """Restart a servo; unanswered. It is silent for 0.8 s, and its torque is off."""
+        self._must_know(servo_id, "REBOOT")
+        self._send(packets.make_reboot(servo_id))
+
+    def backup(self, servo_id: int) -> Answer:
+        """Have a servo store its present settings as those of `restore`."""
+        self._must_know(servo_id, "BACKUP")
+        return self._acknowledged(self._order(servo_id, packets.make_backup(servo_id)), "backup")
+
+    def reset_turns(self, servo_id: int) -> Answer:
+        """Clear a servo's turn counter."""
+        self._must_know(servo_id, "RESET_STATE")
+        return self._acknowledged(self._order(servo_id, packets.make_reset_state(servo_id)), "reset of turns")
+
+    def calibrate(self, servo_id: int, position: int | None = None) -> Answer:
+        """Make the present position 2048, or the given count where the firmware takes one. Nothing moves."""
+        self._must_know(servo_id, "CALIBRATE")
+        register = self.series_of(servo_id).register("goal_position")
+        data = None if position is None else register.encode(position)
+        return self._acknowledged(
+            self._order(servo_id, packets.make_calibrate(servo_id, data)), "calibration", repeat=False
+        )
+
+    def raw(self, request: bytes, servo_ids: Sequence[int] = (), params: int = 0) -> dict[int, bytes]:
+        """Send any packet and return the parameters of the answers by servo id."""
+        if not servo_ids:
+            self._send(request)
+            return {}
+        with self._lock:
+            total = len(request) + len(servo_ids) * (6 + params)
+            collector = self._collect(request, servo_ids, params, self._base(total, servo_ids))
+        return {servo_id: status.params for servo_id, status in collector.answers.items()}
+
+    def set_baud(self, baud: int) -> None:
+        """Follow the servos to another rate. The servos are not told.
+
+        Raises:
+            NotSupportedError: This link has no rate.
+        """
+        with self._lock:
+            change = getattr(self.link, "set_baud", None)
+            if change is None:
+                raise NotSupportedError(f"{self.link.url} has no line rate to change")
+            change(baud)
+            if self.link.is_open:
+                self.link.flush_input()
+            self._own_baud = None
+            self._own_baud_again()
+
+    # --- inside ------------------------------------------------------------------------------------------------
+
+    def _own_baud_again(self) -> None:
+        """The link may have been opened at another rate than before."""
+        baud = getattr(self.link, "baud", 0) if self._own_baud is None else self._own_baud
+        if baud != self.timing.baud:
+            self.timing = LineTiming(baud)
+            self._measured = 0
+        self._doubts.clear()
+        self._mute.clear()
+        self._forget_plans()
+
+    def _new_read(self, servo_id: int, address: int, count: int, take: int | None = None) -> ReadPlan:
+        plan = ReadPlan(servo_id, self.series_of(servo_id), address, count, take)
+        plan.base = self._base(plan.total, (servo_id,))
+        return plan
+
+    def _plan_read(self, servo_id: int, name: str) -> tuple[ReadPlan, Register]:
+        series = self.series_of(servo_id)
+        register = series.register(name)
+        count = _LEGACY_READ if series is Series.SEVEN_BOT else register.size
+        entry = (self._new_read(servo_id, register.address, count, register.size), register)
+        self._reads[servo_id, name] = entry
+        return entry
+
+    def _read_carefully(self, plan: ReadPlan, register: Register, data: bytes | None) -> Reading:
+        servo_id, count = plan.servo_id, plan.count
+        status, collector = self._ask_one(servo_id, plan.request, count, base=plan.base, data=data)
+        block = None if status is None else status.params
+        if status is None and collector.only_echo and count == 2 and plan.series is not Series.SEVEN_BOT:
+            # An answer may equal its request (error 2, value 0x0238 at register 56): ask for one byte more, and
+            # the lengths tell them apart.
+            longer = self._new_read(servo_id, plan.address, count + 1)
+            status, collector = self._ask_one(servo_id, longer.request, count + 1, base=longer.base)
+            block = None if status is None else status.params[:count]
+        now = self._clock()
+        if status is None or block is None:
+            last = self._last(register.name, servo_id)
+            age = float("inf") if last is None else now - last[1]
+            error = _why(collector.in_words())
+            return Reading(servo_id, register, None, 0, age, error, None if last is None else last[0])
+        raw = register.decode(block[: register.size])
+        self._recent[register.name, servo_id] = (raw, now)
+        return Reading(servo_id, register, raw, status.error, 0.0, "", raw)
+
+    def _last(self, name: str, servo_id: int) -> tuple[int, float] | None:
+        """Newest value of a register that was read, and when."""
+        last = self._recent.get((name, servo_id))
+        entry = self._reads.get((servo_id, name))
+        if entry is not None and entry[0].latest is not None and (last is None or entry[0].latest[1] > last[1]):
+            last = entry[0].latest
+        newest = self._newest.get(name)
+        if newest is not None and servo_id in newest.ids:
+            raw = newest.raw[newest.ids.index(servo_id)]
+            if raw is not None and (last is None or newest.stamp > last[1]):
+                return raw, newest.stamp
+        return last
+
+    def _read_by_pairs(self, servo_id: int, address: int, count: int) -> ServoBlock:
+        data, error = b"", 0
+        for at in range(address, address + count, _LEGACY_READ):
+            plan = self._new_read(servo_id, at, _LEGACY_READ)
+            with self._lock:
+                status, _ = self._ask_one(servo_id, plan.request, _LEGACY_READ, base=plan.base)
+            if status is None:
+                return ServoBlock(servo_id, address, b"", 0, SILENT)
+            data += status.params
+            error |= status.error
+        return ServoBlock(servo_id, address, data[:count], error)
+
+    def _rest(self, plan: SyncReadPlan, data: bytes) -> bytes:
+        """Wait for the rest of the answers to a sync read, as long as it looks as if they were coming."""
+        share = plan.base / plan.length
+        while data and len(data) < plan.length and not plan.ended(data):
+            left = (plan.length - len(data)) * share + self.timing.allowance
+            more = self.link.read(self._clock() + left)
+            if not more:
+                break
+            data += more
+        return data
+
+    def _plan_sync(self, name: str, ids: tuple[int, ...]) -> SyncReadPlan | None:
+        """Plan of a sync read that all of them understand alike; None if there is none."""
+        if not ids:
+            raise UsageError("a sync read needs at least one servo id")
+        key = (name, ids)
+        if key in self._syncs:
+            return self._syncs[key]
+        kinds = {self.series_of(servo_id) for servo_id in ids}
+        registers = [self.series_of(servo_id).register(name) for servo_id in ids]
+        alike = len(kinds) == 1 and all(kind.sync_read for kind in kinds)
+        plan = None
+        if alike:
+            plan = SyncReadPlan(kinds.pop(), ids, registers[0].address, registers[0].size, registers[0])
+            plan.base = self._base(plan.total, ids)
+        self._syncs[key] = plan
+        return plan
+
+    def _sync_plan(self, plan: SyncReadPlan, servo_ids: tuple[int, ...]) -> SyncReadPlan:
+        if plan.register is not None:
+            again = self._plan_sync(plan.register.name, servo_ids)
+            if again is not None:
+                return again
+        return self._block_plan(plan.address, plan.count, servo_ids)
+
+    def _block_plan(self, address: int, count: int, ids: tuple[int, ...]) -> SyncReadPlan:
+        key = (address, count, ids)
+        plan = self._blocks.get(key)
+        if plan is None:
+            plan = SyncReadPlan(self.series_of(ids[0]), ids, address, count)
+            plan.base = self._base(plan.total, ids)
+            self._blocks[key] = plan
+        return plan
+
+    def _sync_carefully(self, plan: SyncReadPlan, register: Register, data: bytes | None) -> Readings:
+        rows = None if data is None else plan.blocks(data)
+        name, ids = register.name, plan.ids
+        if rows is not None:
+            self.counters.answers += len(ids)
+            raws: tuple[int | None, ...] = tuple(register.decode(row) for row in rows)
+            readings = Readings(register, ids, raws, self._clock())
+        else:
+            found = self._ask_many(plan, data)
+            now = self._clock()
+            raws = tuple(register.decode(found[i].params) if i in found else None for i in ids)
+            statuses = {i: status.error for i, status in found.items() if status.error}
+            last = {i: value for i in ids if i not in found and (value := self._last(name, i)) is not None}
+            readings = Readings(register, ids, raws, now, statuses, last)
+            # A silent servo's newest value must outlive the readings that lack it.
+            self._recent.update({(name, i): value for i, value in last.items()})
+        self._newest[name] = readings
+        return readings
+
+    def _read_mixed(self, name: str, ids: tuple[int, ...]) -> Readings:
+        """Sync reads for those that can, by series; single reads for the others."""
+        groups: dict[Series, list[int]] = {}
+        for servo_id in ids:
+            groups.setdefault(self.series_of(servo_id), []).append(servo_id)
+        found: dict[int, Reading] = {}
+        for series, members in groups.items():
+            if series.sync_read and len(members) > 1:
+                found.update((reading.servo_id, reading) for reading in self.sync_read(name, tuple(members)))
+            else:
+                found.update((servo_id, self.read(servo_id, name)) for servo_id in members)
+        now = self._clock()
+        rows = [found[servo_id] for servo_id in ids]
+        return Readings(
+            [row.register for row in rows],
+            ids,
+            tuple(row.raw for row in rows),
+            now,
+            {row.servo_id: row.status for row in rows if row.status},
+            {row.servo_id: (row.last, now - row.age) for row in rows if row.raw is None and row.last is not None},
+            {row.servo_id: row.error for row in rows if row.error},
+        )
+
+    # --- inside: writing ---------------------------------------------------------------------------------------
+
+    def _send(self, packet: bytes) -> None:
+        with self._lock:
+            self.link.write(packet, self._clock() + _WRITE_TIME)
+
+    def _writable(self, servo_id: int, name: str) -> Register:
+        register = self.series_of(servo_id).register(name)
+        if register.access != "rw":
+            raise UsageError(f"register {name} of servo {servo_id} can only be read")
+        return register
+
+    def _in_range(self, servo_id: int, register: Register, raw: int) -> int:
+        low, high = register.minimum, register.maximum
+        if (low is not None and raw < low) or (high is not None and raw > high):
+            raise UsageError(
+                f"{register.name} of servo {servo_id} takes {low}..{high}, not {raw}; nothing was sent"
+            )
+        return raw
+
+    def _write(self, servo_id: int, register: Register, raw: int) -> Answer:
+        data = register.encode(self._in_range(servo_id, register, raw))
+        plan = WritePlan(servo_id, self.series_of(servo_id), register.address, data)
+        return self._acknowledged(plan, f"a write of {register.name}")
+
+    def _order(self, servo_id: int, request: bytes) -> WritePlan:
+        return WritePlan(servo_id, self.series_of(servo_id), 0, b"", request)
+
+    def _must_know(self, servo_id: int, instruction: str) -> None:
+        series = self.series_of(servo_id)
+        if instruction not in series.instructions:
+            raise NotSupportedError(f"servo {servo_id} is a {series.value} one and knows no {instruction.lower()}")
+
+    def _acknowledged(self, plan: WritePlan, what: str, *, repeat: bool = True) -> Answer:
+        """Send a write and take its acknowledgement, if the servo gives any."""
+        servo_id = plan.servo_id
+        if servo_id == BROADCAST_ID:
+            self._send(plan.request)
+            return Answer(servo_id, what, confirmed=False)
+        with self._lock:
+            plan.base = self._base(plan.total, (servo_id,))
+            if not self.acknowledges(servo_id):
+                self.link.write(plan.request, self._clock() + _WRITE_TIME)
+                # If it does answer after all, that must not pass for the answer to the next ping or write.
+                self._doubt(servo_id, 0)
+                return Answer(servo_id, what, confirmed=False)
+            if self._doubts and self._doubted(servo_id, 0) and not self._settle(servo_id):
+                return Answer(servo_id, what, 0, SILENT, False)
+            start = self._clock()
+            data = self._exchange(plan.request, plan.base + self.timing.allowance)
+            self.counters.requests += 1
+            if data == plan.acknowledgement:
+                self.counters.answers += 1
+                self._known_level.add(servo_id)
+                self._measure(plan, self._clock() - start)
+                return _new(Answer, (servo_id, what, 0, "", True))
+            retries = self.retries
+            try:
+                self.retries = retries if repeat else 0
+                status, collector = self._ask_one(servo_id, plan.request, 0, base=plan.base, data=data)
+            finally:
+                self.retries = retries
+            if status is not None:
+                self._known_level.add(servo_id)
+                return Answer(servo_id, what, status.error)
+            if servo_id in self._known_level:
+                return Answer(servo_id, what, 0, _why(collector.in_words()), False)
+            return self._unconfirmed(servo_id, what, collector.in_words())
+
+    def _unconfirmed(self, servo_id: int, what: str, instead: str) -> Answer:
+        """A write was not acknowledged: is the servo silent, or set not to acknowledge?"""
+        series = self.series_of(servo_id)
+        level = self.read(servo_id, "status_return_level") if "status_return_level" in series.registers else None
+        if level is not None and level.raw == 0:
+            self._unacknowledged.add(servo_id)
+            return Answer(servo_id, what, level.status, confirmed=False)
+        return Answer(servo_id, what, 0, _why(instead), False)
+
+    def _plan_sync_write(self, name: str, ids: tuple[int, ...]) -> SyncWritePlan | None:
+        if not ids:
+            raise UsageError("a sync write needs at least one servo id")
+        registers = [self._writable(servo_id, name) for servo_id in ids]
+        if registers[0].size != 2 or any(register != registers[0] for register in registers):
+            return None
+        plan = SyncWritePlan(registers[0], ids)
+        self._sync_writes[name, ids] = plan
+        return plan
+
+    def _sync_write_mixed(self, name: str, values: Mapping[int, int]) -> None:
+        # By place and width: the byte order within is each servo's own.
+        rows: dict[tuple[int, int], dict[int, bytes]] = {}
+        for servo_id, value in values.items():
+            register = self._writable(servo_id, name)
+            data = register.encode(self._in_range(servo_id, register, value))
+            rows.setdefault((register.address, register.size), {})[servo_id] = data
+        for (address, _), data_of in rows.items():
+            self._send(packets.make_sync_write(address, data_of))
+
+
+def _series(series: Series | str) -> Series:
+    try:
+        return Series(series)
+    except ValueError:
+        known = ", ".join(kind.value for kind in Series)
+        raise UsageError(f"no servo series {series!r}; there are {known}") from None
+
+
+def _why(instead: str) -> str:
+    return f"{SILENT}, but {instead}" if instead else SILENT
