@@ -61,7 +61,7 @@ types: setup
 	$(BIN)/mypy --strict src
 
 imports: setup
-	$(BIN)/lint-imports
+	$(BIN)/lint-imports --no-cache
 
 schema: setup
 	$(BIN)/python schema/generate.py --check

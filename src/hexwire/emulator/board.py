@@ -85,6 +85,8 @@ class EmulatedBoard:
         self.step(now)
         if now < self._deaf_until:
             return
+        if self.faults.host_echo:
+            self._out.append(data)
         data = self.faults.host_in(data, now)
         if self._sketch is not None:
             for frame in self._sketch.receive(data):

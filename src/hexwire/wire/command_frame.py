@@ -73,6 +73,13 @@ class Command(IntEnum):
     FRAGMENT = 0x1C
     FRAGMENT_MISSING = 0x1D
     IO = 0x1E
+    ROBOT_PROBE = 0x30
+    ROBOT_SIGNAL = 0x31
+    ROBOT_MODE = 0x32
+    JOINT_COMMANDS = 0x33
+    JOINT_STATES = 0x34
+    JOINT_TRAJECTORY = 0x35
+    JOYSTICK = 0x38
 
 
 class Status(IntEnum):

@@ -1,0 +1,289 @@
+"""`Puma260Driver`: a six-joint robot with a controller of its own, over TCP or UDP.
+
+Owns the translation between joints in SI units and encoder counts with their wrist coupling, and which of the
+chapter's channels carries what. Must not know sockets or who asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, Self
+
+from hexwire.errors import ConfigError, UsageError
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
+from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
+from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.motion.limits import check_target, needed_duration
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command
+from hexwire.wire.modules import ModuleType
+from hexwire.wire.robot_bodies import EncoderStates, JointCommands, RobotStatus, TrajectoryPoints
+
+from .base import JointProbe, ProbeReport, RobotDriver, Signal, StopMode, check_reply
+
+__all__ = ["Puma260Driver", "Puma260Mode"]
+
+_MINIMUM_DURATION = 0.02
+
+
+class Puma260Mode(IntEnum):
+    """Modes of the controller, for `ioctl(Command.ROBOT_MODE, bytes([mode]))` and `set_mode`."""
+
+    POSITION = 0
+    """Follows joint commands and trajectories."""
+    TEACH = 1
+    """Limp: the arm is moved by hand; commands are refused."""
+
+
+class Puma260Driver(RobotDriver):
+    """The PUMA 260 behind its controller.
+
+    One channel is enough. With a configuration file, or over TCP, each of the chapter's modules has its own:
+    PUMA260_HOST_IO_TRX for signals and modes, HOST_JNT_CMD_TX for joint commands, HOST_JSTATE_RX for joint states,
+    HOST_JTRAJ_TX for trajectories; so that a long trajectory does not hold a stop up.
+
+    `ioctl` takes ROBOT_MODE, ROBOT_PROBE, ROBOT_SIGNAL and JOINT_STATES with the bodies of PROTOCOL.md section 6.
+    `signal` takes the numbers of `hexwire.drivers.base.Signal`.
+
+    Args:
+        session: The I/O channel.
+        commands: Channel of joint commands; the I/O channel if None.
+        states: Channel of joint states; the I/O channel if None.
+        trajectories: Channel of trajectories; the I/O channel if None.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        commands: Session | None = None,
+        states: Session | None = None,
+        trajectories: Session | None = None,
+    ) -> None:
+        super().__init__(session)
+        self.model = PUMA260
+        self.commands = commands or session
+        self.states = states or session
+        self.trajectories = trajectories or session
+        self._last: JointState | None = None
+
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        """A driver over the controller that `url` names: four TCP connections, or one UDP channel.
+
+        Raises:
+            UsageError: The URL makes no sense, or there are options, of which this driver has none.
+        """
+        # The command line passes what boards need; a controller has neither boot time nor dialect.
+        unknown = set(options) - {"boot_window", "dialect"}
+        if unknown:
+            raise UsageError(f"puma260 has no option {', '.join(sorted(unknown))}")
+
+        def channel(module: ModuleType) -> Session:
+            return Session(IpcHandle.from_url(url, module, ModuleType.PUMA260_RBT_IO_SVR))
+
+        if not url.startswith("tcp"):
+            return cls(channel(ModuleType.PUMA260_HOST_IO_TRX))
+        return cls(
+            channel(ModuleType.PUMA260_HOST_IO_TRX),
+            commands=channel(ModuleType.PUMA260_HOST_JNT_CMD_TX),
+            states=channel(ModuleType.PUMA260_HOST_JSTATE_RX),
+            trajectories=channel(ModuleType.PUMA260_HOST_JTRAJ_TX),
+        )
+
+    @classmethod
+    def from_conf(cls, file: str | Path) -> Self:
+        """A driver over the channels that an `ipc_msg.conf` names; those it does not name share the I/O channel.
+
+        Raises:
+            ConfigError: The file is wrong, or has no channel of PUMA260_HOST_IO_TRX.
+        """
+        from hexwire.ipc.conf import load_conf
+
+        named = {channel.module for channel in load_conf(file)}
+        if ModuleType.PUMA260_HOST_IO_TRX not in named:
+            raise ConfigError("no channel of PUMA260_HOST_IO_TRX", file=str(file))
+
+        def channel(module: ModuleType) -> Session | None:
+            return Session.from_conf(file, module) if module in named else None
+
+        return cls(
+            Session.from_conf(file, ModuleType.PUMA260_HOST_IO_TRX),
+            commands=channel(ModuleType.PUMA260_HOST_JNT_CMD_TX),
+            states=channel(ModuleType.PUMA260_HOST_JSTATE_RX),
+            trajectories=channel(ModuleType.PUMA260_HOST_JTRAJ_TX),
+        )
+
+    # -- coming and going ---------------------------------------------------------------------------
+
+    def attach(self) -> None:
+        try:
+            for session in self._sessions():
+                session.open()
+            self._status()
+        except BaseException:
+            self.detach()
+            raise
+
+    def detach(self, *, torque_off: bool = False) -> None:
+        try:
+            if torque_off and self.session.is_open:
+                self.torque(False)
+        finally:
+            for session in self._sessions():
+                session.close()
+
+    def probe(self) -> ProbeReport:
+        status = self._status()
+        counters = self.session.connection.counters
+        return ProbeReport(
+            robot=self.model.name,
+            link=self.session.ipc.link.url,
+            dialect=tables.PROTO_HEXWIRE,
+            firmware="",
+            boot_id=status.boot_id,
+            capabilities=(Puma260Mode(status.mode).name.lower(),) if status.mode in (0, 1) else (),
+            stopped=bool(status.robot_flags & tables.ROBOT_FLAGS_STOPPED),
+            joints=tuple(
+                JointProbe(j.name, j.servo_id, j.series, j.servo_id < status.joints) for j in self.model.joints
+            ),
+            counters={"requests": counters.requests, "replies": counters.replies, "retries": counters.retries},
+        )
+
+    # -- reading ------------------------------------------------------------------------------------
+
+    def read(self) -> JointState:
+        reply = check_reply(self.states.request(Command.JOINT_STATES, repeatable=True))
+        return self._decode(EncoderStates.parse(reply.body))
+
+    def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
+        """Yield the states that the controller reports by itself every `period` seconds."""
+        body = round(period * 1000).to_bytes(2, "little") + b"\0"
+        check_reply(self.states.request(Command.REPORT, body))
+        try:
+            for frame in self.states.stream(timeout):
+                if frame.cmd == Command.JOINT_STATES:
+                    yield self._decode(EncoderStates.parse(frame.body))
+        finally:
+            if self.states.is_open:
+                check_reply(self.states.request(Command.REPORT, b"\0\0\0"))
+
+    def _decode(self, states: EncoderStates) -> JointState:
+        counts = [row.counts for row in states.rows]
+        position = counts_to_angles(counts)
+        # Velocities come through the same coupling: the angles of the counts a second later, less those of now.
+        later = counts_to_angles([row.counts + row.speed for row in states.rows])
+        n = len(self.model.joints)
+        power = states.robot_flags & tables.ROBOT_FLAGS_POWER_ON
+        nan = (math.nan,) * n
+        self._last = JointState(
+            self.model.names,
+            position,
+            tuple(b - a for a, b in zip(position, later, strict=True)),
+            tuple(row.effort / 1000 for row in states.rows),
+            nan,
+            nan,
+            nan,
+            (int(JointFlag.TORQUE_ON) if power else 0,) * n,
+            (0.0,) * n,
+            self.states.now(),
+            states.time_us * 1e-6,
+            bool(states.robot_flags & tables.ROBOT_FLAGS_STOPPED),
+        )
+        return self._last
+
+    # -- motion -------------------------------------------------------------------------------------
+
+    def write(self, target: JointTarget) -> SentTarget:
+        """Send joints to a target as a trajectory of one waypoint; joints that are not named hold."""
+        present = (self._last or self.read()).positions
+        checked = check_target(self.model, target, present)
+        goal = present | dict(checked.positions)
+        # Encoders count whole steps: what is sent is what they can hold.
+        angles = counts_to_angles(angles_to_counts([goal[name] for name in self.model.names]))
+        duration = max(checked.duration, _MINIMUM_DURATION)
+        self.follow(TrajectoryPoints((duration,), (angles,)))
+        named = dict(zip(self.model.names, angles, strict=True))
+        return SentTarget(tuple((name, named[name]) for name, _ in checked.positions), duration)
+
+    def follow(self, trajectory: TrajectoryPoints) -> None:
+        """Follow waypoints of all joints; replaces what is being followed. Long ones go in fragments.
+
+        Raises:
+            LimitError: A waypoint is outside the limits; nothing was sent.
+            UsageError: A joint would have to be faster than its limit between two waypoints.
+        """
+        names = self.model.names
+        if len(trajectory.positions[0]) != len(names):
+            raise UsageError(f"a trajectory of {len(trajectory.positions[0])} joints; puma260 has {len(names)}")
+        before, when = (self._last or self.read()).positions, 0.0
+        for time, row in zip(trajectory.times, trajectory.positions, strict=True):
+            goal = dict(zip(names, row, strict=True))
+            for joint, angle in zip(self.model.joints, row, strict=True):
+                joint.check(angle)
+            needed = needed_duration(self.model, before, goal)
+            # A millisecond of grace: what one call has slowed, the next must not find too fast.
+            if needed > time - when + 0.001:
+                raise UsageError(
+                    f"the waypoint at {time:g} s is {needed - (time - when):.3g} s too early for the speed limits"
+                )
+            before, when = goal, time
+        check_reply(self.trajectories.request(Command.JOINT_TRAJECTORY, trajectory.serialize()))
+        self._last = None
+
+    def command(self, commands: JointCommands) -> None:
+        """Send set-points with the fields of osrf_msgs/JointCommands.
+
+        Raises:
+            LimitError: A position is outside the limits; nothing was sent.
+            UsageError: A joint does not exist.
+        """
+        for name, angle in zip(commands.name, commands.position, strict=False):
+            self.model.joint(name).check(angle)
+        check_reply(self.commands.request(Command.JOINT_COMMANDS, commands.serialize()))
+
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        """Power on or off; the controller has one switch for all joints.
+
+        Raises:
+            UsageError: Single joints are named.
+        """
+        if joints is not None and set(joints) != set(self.model.names):
+            raise UsageError("puma260 has one power switch for all joints; name none")
+        self._signal(Signal.TORQUE_ON if on else Signal.TORQUE_OFF)
+        return self.model.names
+
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        number = Signal.STOP if mode == StopMode.HOLD else Signal.STOP_TORQUE_OFF
+        check_reply(
+            self.session.request(Command.ROBOT_SIGNAL, bytes((number,)), urgent=True, repeatable=True, attempts=5)
+        )
+        return self.model.names
+
+    def resume(self) -> None:
+        self._signal(Signal.RESUME)
+
+    def set_mode(self, mode: Puma260Mode) -> None:
+        """Switch between position and teach mode. Nothing moves by it."""
+        check_reply(self.session.request(Command.ROBOT_MODE, bytes((mode,))))
+
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        allowed = (Command.ROBOT_MODE, Command.ROBOT_PROBE, Command.ROBOT_SIGNAL, Command.JOINT_STATES)
+        if sub_cmd not in allowed:
+            known = ", ".join(f"0x{c:02X} {c.name}" for c in allowed)
+            raise UsageError(f"puma260 has no ioctl 0x{sub_cmd:02X}; it has {known}")
+        return check_reply(self.session.request(sub_cmd, data)).body
+
+    def _signal(self, signal: Signal) -> None:
+        check_reply(self.session.request(Command.ROBOT_SIGNAL, bytes((signal,))))
+
+    def _status(self) -> RobotStatus:
+        reply = self.session.request(Command.ROBOT_PROBE, repeatable=True)
+        return RobotStatus.parse(check_reply(reply).body)
+
+    def _sessions(self) -> list[Session]:
+        return list(dict.fromkeys((self.session, self.commands, self.states, self.trajectories)))

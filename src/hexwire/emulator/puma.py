@@ -1,0 +1,322 @@
+"""An emulated PUMA 260 controller: a robot that is nothing like the Hex7Bot.
+
+Owns the motion of six joints with encoders and what the controller answers. Any number of hosts may be connected,
+each a `PumaPeer` with a session of its own; all see one robot. Time comes in as `now`. Knows no sockets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from hexwire.errors import RemoteProtocolError
+from hexwire.model.puma260 import PUMA260, angles_to_counts
+from hexwire.session.connection import Connection, Role
+from hexwire.session.events import Request
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.modules import ModuleType
+from hexwire.wire.robot_bodies import EncoderRow, EncoderStates, JointCommands, RobotStatus, TrajectoryPoints
+
+__all__ = ["EmulatedPuma", "PumaPeer"]
+
+TICK = 0.001
+_GAIN = 12.0
+"""1/s: how hard a set-point pulls; the joints are limited in speed all the same."""
+_ACCELERATION = math.radians(400.0)
+_REST_EFFORT = 0.02
+_MODE_POSITION, _MODE_TEACH = 0, 1
+_STOP, _STOP_TORQUE_OFF, _RESUME, _TORQUE_ON, _TORQUE_OFF = 1, 2, 3, 4, 5
+_SCALE = tuple(joint.scale for joint in PUMA260.joints)
+
+
+class EmulatedPuma:
+    """The robot and its controller.
+
+    Args:
+        start: The time of its start.
+
+    Attributes:
+        position: Radians.
+        velocity: Radians per second.
+        executed: JOINT_COMMANDS and JOINT_TRAJECTORY that were taken, for tests.
+    """
+
+    def __init__(self, *, start: float = 0.0) -> None:
+        self.start = start
+        self.boot_id = 1
+        self.mode = _MODE_POSITION
+        self.stopped = False
+        self.power = False
+        self.position = [0.0] * len(PUMA260.joints)
+        self.velocity = [0.0] * len(PUMA260.joints)
+        self.executed: list[JointCommands | TrajectoryPoints] = []
+        self._setpoint = list(self.position)
+        self._trajectory: TrajectoryPoints | None = None
+        self._began = 0.0
+        self._ticks = 0
+
+    def connect(self, max_frame: int = tables.MAX_NETWORK_FRAME) -> PumaPeer:
+        """A new host's end."""
+        return PumaPeer(self, max_frame)
+
+    # -- motion -------------------------------------------------------------------------------------
+
+    @property
+    def moving(self) -> bool:
+        """Whether a joint moves or is about to."""
+        if any(abs(v) > 1e-6 for v in self.velocity) or self._trajectory is not None:
+            return True
+        return self.power and any(
+            abs(goal - at) > scale for goal, at, scale in zip(self._setpoint, self.position, _SCALE, strict=True)
+        )
+
+    @property
+    def flags(self) -> int:
+        """The robot flags."""
+        return (
+            (tables.ROBOT_FLAGS_STOPPED if self.stopped else 0)
+            | (tables.ROBOT_FLAGS_POWER_ON if self.power else 0)
+            | (tables.ROBOT_FLAGS_MOVING if self.moving else 0)
+            | tables.ROBOT_FLAGS_CALIBRATED
+        )
+
+    def step(self, now: float) -> None:
+        """Let time pass, in whole ticks."""
+        target = int((now - self.start) / TICK + 1e-9)
+        if not self.moving:
+            self._ticks = target
+        while self._ticks < target:
+            self._ticks += 1
+            self._tick(self.start + self._ticks * TICK)
+
+    def hold(self) -> None:
+        """Make the present position the target."""
+        self._trajectory = None
+        self._setpoint = list(self.position)
+        self.velocity = [0.0] * len(self.velocity)
+
+    def _tick(self, now: float) -> None:
+        if not self.power:
+            self.hold()
+            return
+        if self._trajectory is not None:
+            self._setpoint = list(_sample(self._trajectory, self._origin, now - self._began))
+            if now - self._began >= self._trajectory.times[-1]:
+                self._trajectory = None
+        for i, joint in enumerate(PUMA260.joints):
+            error = self._setpoint[i] - self.position[i]
+            # Twice the speed limit: following a trajectory at its limit needs something in reserve.
+            wanted = max(-2 * joint.max_speed, min(2 * joint.max_speed, _GAIN * error))
+            change = max(-_ACCELERATION * TICK, min(_ACCELERATION * TICK, wanted - self.velocity[i]))
+            self.velocity[i] += change
+            if abs(error) < 0.25 * joint.scale and abs(self.velocity[i]) < joint.scale / TICK / 50:
+                self.velocity[i] = 0.0
+                self.position[i] = self._setpoint[i]
+            else:
+                self.position[i] += self.velocity[i] * TICK
+
+    # -- what hosts ask -----------------------------------------------------------------------------
+
+    def states(self, now: float) -> EncoderStates:
+        """JOINT_STATES at this moment."""
+        counts = angles_to_counts(self.position)
+        # Speeds through the same coupling: counts of the angles a second later, less those of now.
+        later = angles_to_counts([p + v for p, v in zip(self.position, self.velocity, strict=True)])
+        rows = []
+        for i, joint in enumerate(PUMA260.joints):
+            effort = _REST_EFFORT if self.power else 0.0
+            effort += 0.3 * self.velocity[i] / joint.max_speed
+            rows.append(EncoderRow(counts[i], later[i] - counts[i], round(max(-1.0, min(1.0, effort)) * 1000)))
+        return EncoderStates(int((now - self.start) * 1e6) & 0xFFFFFFFF, self.flags, tuple(rows))
+
+    def signal(self, number: int) -> Status:
+        """Act on a signal."""
+        if number in (_STOP, _STOP_TORQUE_OFF):
+            self.stopped = True
+            self.hold()
+            self.power = self.power and number == _STOP
+        elif number == _RESUME:
+            self.stopped = False
+        elif number == _TORQUE_ON:
+            if self.stopped:
+                return Status.STOPPED
+            if not self.power:
+                self.hold()
+            self.power = True
+        elif number == _TORQUE_OFF:
+            self.hold()
+            self.power = False
+        else:
+            return Status.BAD_RANGE
+        return Status.OK
+
+    def set_mode(self, mode: int) -> Status:
+        """Position or teach mode; both begin where the joints are."""
+        if mode not in (_MODE_POSITION, _MODE_TEACH):
+            return Status.BAD_RANGE
+        self.mode = mode
+        self.hold()
+        self.power = self.power and mode == _MODE_POSITION
+        return Status.OK
+
+    def command(self, commands: JointCommands) -> Status:
+        """Set-points for some joints."""
+        refusal = self._refusal()
+        if refusal is not Status.OK:
+            return refusal
+        names = PUMA260.names
+        if any(name not in names for name in commands.name):
+            return Status.BAD_RANGE
+        goal = list(self._setpoint)
+        for name, angle in zip(commands.name, commands.position, strict=False):
+            goal[names.index(name)] = angle
+        if not self._inside(goal):
+            return Status.BAD_RANGE
+        self._trajectory = None
+        self._setpoint = goal
+        self.executed.append(commands)
+        return Status.OK
+
+    def follow(self, trajectory: TrajectoryPoints, now: float) -> Status:
+        """Follow a trajectory from where the joints are."""
+        refusal = self._refusal()
+        if refusal is not Status.OK:
+            return refusal
+        if len(trajectory.positions[0]) != len(PUMA260.joints) or not all(map(self._inside, trajectory.positions)):
+            return Status.BAD_RANGE
+        self._trajectory = trajectory
+        self._origin = tuple(self.position)
+        self._began = now
+        self.executed.append(trajectory)
+        return Status.OK
+
+    def _refusal(self) -> Status:
+        if self.stopped:
+            return Status.STOPPED
+        if self.mode != _MODE_POSITION:
+            return Status.NOT_SUPPORTED
+        return Status.OK if self.power else Status.TORQUE_OFF
+
+    @staticmethod
+    def _inside(angles: Sequence[float]) -> bool:
+        return all(
+            joint.minimum - joint.scale <= angle <= joint.maximum + joint.scale
+            for joint, angle in zip(PUMA260.joints, angles, strict=True)
+        )
+
+
+def _sample(trajectory: TrajectoryPoints, origin: Sequence[float], t: float) -> tuple[float, ...]:
+    """Cubic between waypoints; speeds at waypoints as given, else at rest at both ends and mean in between."""
+    times = (0.0, *trajectory.times) if trajectory.times[0] > 0 else trajectory.times
+    points = (tuple(origin), *trajectory.positions) if trajectory.times[0] > 0 else trajectory.positions
+    if t >= times[-1]:
+        return tuple(points[-1])
+    k = max(i for i in range(len(times)) if times[i] <= t) if t > times[0] else 0
+    span = times[k + 1] - times[k] if k + 1 < len(times) else 1.0
+    u = (t - times[k]) / span
+    given = trajectory.velocities
+    if given and len(given) < len(times):
+        given = ((0.0,) * len(origin), *given)
+    values = []
+    for i in range(len(origin)):
+        a, b = points[k][i], points[min(k + 1, len(points) - 1)][i]
+        va = given[k][i] if given else _slope(times, points, k, i)
+        vb = given[k + 1][i] if given else _slope(times, points, k + 1, i)
+        values.append(
+            a * (2 * u**3 - 3 * u**2 + 1)
+            + b * (3 * u**2 - 2 * u**3)
+            + span * (va * (u**3 - 2 * u**2 + u) + vb * (u**3 - u**2))
+        )
+    return tuple(values)
+
+
+def _slope(times: Sequence[float], points: Sequence[Sequence[float]], k: int, i: int) -> float:
+    if k <= 0 or k >= len(times) - 1:
+        return 0.0
+    before, after = points[k][i] - points[k - 1][i], points[k + 1][i] - points[k][i]
+    # A turning point is passed at rest, so that no joint overshoots its waypoint.
+    return 0.0 if before * after <= 0 else (before + after) / (times[k + 1] - times[k - 1])
+
+
+class PumaPeer:
+    """One host's session with the controller; a served device like a board."""
+
+    def __init__(self, robot: EmulatedPuma, max_frame: int = tables.MAX_NETWORK_FRAME) -> None:
+        self.robot = robot
+        self.connection = Connection(
+            Role.BOARD,
+            local=ModuleType.PUMA260_RBT_IO_SVR,
+            remote=ModuleType.PUMA260_HOST_IO_TRX,
+            type=ModuleType.PUMA260_RBT_IO_SVR,
+            max_frame=max_frame,
+            epoch=-robot.start,
+        )
+        self._report_period = 0.0
+        self._report_due: float | None = None
+
+    def receive(self, data: bytes, now: float, *, end_of_message: bool = False) -> None:
+        """Take bytes from the host."""
+        self.robot.step(now)
+        self.connection.receive(data, now, end_of_message=end_of_message)
+        self._answer_all(now)
+
+    def step(self, now: float) -> None:
+        """Do what is due."""
+        self.robot.step(now)
+        due = self.connection.next_timeout()
+        if due is not None and due <= now:
+            self.connection.handle_timeout(now)
+            self._answer_all(now)
+        if self._report_due is not None and self._report_due <= now:
+            self.connection.report(Command.JOINT_STATES, self.robot.states(now).serialize(), now)
+            self._report_due = max(self._report_due + self._report_period, now)
+
+    def frames_to_send(self) -> list[bytes]:
+        """Frames for the host, one a message."""
+        return self.connection.data_to_send()
+
+    def data_to_send(self) -> bytes:
+        """The same as a stream of bytes."""
+        return b"".join(self.frames_to_send())
+
+    def next_event_time(self) -> float | None:
+        """When `step` has something to do."""
+        times = [t for t in (self._report_due, self.connection.next_timeout()) if t is not None]
+        return min(times, default=None)
+
+    def reset(self, now: float) -> None:
+        """A line that opens anew finds the robot as it is."""
+
+    def _answer_all(self, now: float) -> None:
+        while (event := self.connection.next_event()) is not None:
+            if isinstance(event, Request) and event.frame.proto == tables.PROTO_HEXWIRE:
+                try:
+                    status, body = self._answer(event, now)
+                except (RemoteProtocolError, IndexError):
+                    status, body = Status.BAD_LENGTH, b""
+                self.connection.reply(event, status, body, now)
+
+    def _answer(self, request: Request, now: float) -> tuple[Status, bytes]:
+        robot, cmd, body = self.robot, request.frame.cmd, request.frame.body
+        if cmd == Command.ROBOT_PROBE:
+            n = len(PUMA260.joints)
+            return Status.OK, RobotStatus(robot.boot_id, robot.mode, robot.flags, n).serialize()
+        if cmd == Command.JOINT_STATES:
+            return Status.OK, robot.states(now).serialize()
+        if cmd == Command.ROBOT_SIGNAL:
+            return robot.signal(body[0]), bytes((robot.mode, robot.flags))
+        if cmd == Command.ROBOT_MODE:
+            return robot.set_mode(body[0]), bytes((robot.mode, robot.flags))
+        if cmd == Command.JOINT_COMMANDS:
+            return robot.command(JointCommands.parse(body)), b""
+        if cmd == Command.JOINT_TRAJECTORY:
+            trajectory = TrajectoryPoints.parse(body)
+            return robot.follow(trajectory, now), len(trajectory.times).to_bytes(2, "little")
+        if cmd == Command.REPORT:
+            period = int.from_bytes(body[:2], "little") / 1000
+            if len(body) != 3 or (period and not 0.005 <= period <= 10):
+                return Status.BAD_RANGE, b""
+            self._report_period, self._report_due = period, now + period if period else None
+            return Status.OK, body
+        return Status.UNKNOWN_COMMAND, b""

@@ -1,0 +1,98 @@
+"""The emulated PUMA 260 behind TCP and UDP, for as many hosts as come.
+
+Owns the loop over listener and links. Everything the robot does is `puma`'s.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hexwire.errors import LinkError
+from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.listener import Listener
+from hexwire.ipc.udp import UdpListenLink
+
+from .puma import EmulatedPuma, PumaPeer
+
+__all__ = ["serve_puma"]
+
+_IDLE = 0.25
+_MAX_PEERS = 64
+_WRITE_TIME = 1.0
+
+
+@dataclass(slots=True)
+class _Caller:
+    link: PollLink
+    peer: PumaPeer
+
+
+def serve_puma(
+    robot: EmulatedPuma,
+    *,
+    listener: Listener,
+    udp: UdpListenLink | None,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+    clock: Callable[[], float] = time.monotonic,
+) -> None:
+    """Serve until told to stop.
+
+    Args:
+        robot: The robot that all hosts share.
+        listener: Where TCP hosts call; opened and closed here.
+        udp: Where one UDP host may speak; none if None.
+        stop: Asked at least every quarter of a second.
+        announce: Told the addresses when they are bound.
+        clock: Monotonic seconds.
+    """
+    callers: dict[int, _Caller] = {}
+    with listener:
+        if udp is not None:
+            udp.open()
+            callers[udp.fileno()] = _Caller(udp, robot.connect())
+        try:
+            announce(listener.url)
+            if udp is not None:
+                announce(udp.url)
+            while not stop():
+                _turn(robot, listener, callers, clock)
+        finally:
+            for caller in callers.values():
+                caller.link.close()
+
+
+def _turn(robot: EmulatedPuma, listener: Listener, callers: dict[int, _Caller], clock: Callable[[], float]) -> None:
+    now = clock()
+    due = [t for c in callers.values() if (t := c.peer.next_event_time()) is not None]
+    wait = max(0.0, min([_IDLE, *(t - now for t in due)]))
+    poll = select.poll()
+    poll.register(listener.fileno(), select.POLLIN)
+    for fd in callers:
+        poll.register(fd, select.POLLIN)
+    ready = {fd for fd, _ in poll.poll(wait * 1000)}
+    now = clock()
+    robot.step(now)
+    if listener.fileno() in ready:
+        link = listener.accept(now)
+        if link is not None:
+            if len(callers) < _MAX_PEERS:
+                callers[link.fileno()] = _Caller(link, robot.connect())
+            else:
+                link.close()
+    for fd, caller in list(callers.items()):
+        try:
+            if fd in ready:
+                data = caller.link.read(now)
+                if data:
+                    caller.peer.receive(data, now, end_of_message=caller.link.kind is LinkKind.DATAGRAM)
+            caller.peer.step(now)
+            for frame in caller.peer.frames_to_send():
+                caller.link.write(frame, clock() + _WRITE_TIME)
+        except LinkError:
+            # A host that went away, or takes nothing, must not hold the others up.
+            caller.link.close()
+            del callers[fd]
