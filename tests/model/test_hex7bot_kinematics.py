@@ -105,6 +105,15 @@ def test_singular_wrist_keeps_the_pose() -> None:
         pose = A.forward(rad([70, 100, 80, 130, t4, 20]))
         for solution in A.inverse(pose):
             assert pose_error(A.forward(solution.angles), pose) < 1e-9
+            slid = solution.slid([0.3] * 6)
+            assert pose_error(A.forward(slid), pose) < 1e-9
+
+
+def test_singular_wrist_keeps_the_share_of_its_joints() -> None:
+    # t3 and t5 turn about one line at t4 = 90 deg: the same pose again must not turn them against each other.
+    angles = rad([70, 100, 80, 120, 90, 60])
+    best = A.best(A.forward(angles), angles)
+    assert best.angles == pytest.approx(angles, abs=1e-9)
 
 
 def test_straight_up_over_the_base_axis() -> None:
@@ -197,14 +206,22 @@ def test_set_bs_neutral_passes_its_own_gate() -> None:
     )
 
 
-def test_driver_joints_and_servo_angles() -> None:
+def test_driver_joints_and_from_joints() -> None:
     neutral = {joint.name: joint.offset for joint in HEX7BOT.joints}
-    assert A.servo_angles(neutral) == pytest.approx([math.pi / 2] * 6)
+    assert A.from_joints(neutral) == pytest.approx([math.pi / 2] * 6)
     angles = rad([100, 80, 95, 70, 60, 200])
-    assert A.servo_angles(A.joint_angles(angles)) == pytest.approx(angles)
+    assert A.from_joints(A.to_joints(angles)) == pytest.approx(angles)
     # A quarter turn of the servo is 1024 counts of 2 pi / 4096; the joint model counts with the chapter's constant.
-    moved = A.joint_angles(rad([180, 90, 90, 90, 90, 90]))
+    moved = A.to_joints(rad([180, 90, 90, 90, 90, 90]))
     assert HEX7BOT.joints[0].angle_to_counts(moved["J1"]) == 2047 + round(math.pi / 2 / 0.001534)
+
+
+def test_points_that_may_hit_the_table() -> None:
+    points = A.points(rad([90, 90, 90, 90, 45, 90]))
+    assert points["elbow"] == pytest.approx((0, 0.02428, 0.199))
+    assert points["tool"] == pytest.approx((0, 0.227553506, 0.249073506))
+    with pytest.raises(UsageError, match="no position of J2, J3"):
+        A.from_joints({"J1": 0.0, "J4": 0.0, "J5": 0.0, "J6": 0.0})
 
 
 def test_wrong_number_of_angles() -> None:

@@ -50,6 +50,7 @@ def test_singular_wrist_keeps_the_pose() -> None:
         pose = MODEL.forward(rad([20, -60, 30, 50, q5, 10]))
         for solution in MODEL.inverse(pose):
             assert pose_error(MODEL.forward(solution.angles), pose) < 1e-9
+            assert pose_error(MODEL.forward(solution.slid([0.3] * 6)), pose) < 1e-9
         assert any(s.singular for s in MODEL.inverse(pose))
 
 
@@ -114,3 +115,13 @@ def test_limits_are_the_published_ones() -> None:
     assert MODEL.violations(rad([320, 0, 0, 0, 0, 0]))[0].startswith(
         "J1=320 deg is 7 deg above its limits -5 to 313"
     )
+
+
+def test_joints_are_the_drivers_and_points_are_on_the_arm() -> None:
+    angles = rad([10, 20, 30, 40, 50, 60])
+    assert MODEL.from_joints(MODEL.to_joints(angles)) == angles
+    with pytest.raises(UsageError, match="no position of J6"):
+        MODEL.from_joints(dict(zip(PUMA260.names[:5], angles[:5], strict=True)))
+    points = MODEL.points((0.0,) * 6)
+    assert points["elbow"] == pytest.approx((7.8 * 0.0254, -4.9 * 0.0254, 12.25 * 0.0254))
+    assert points["wrist"] == pytest.approx((7.8 * 0.0254, -4.9 * 0.0254, 4.25 * 0.0254))

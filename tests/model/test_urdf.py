@@ -43,7 +43,7 @@ def pinocchio_pose(text: str, joints: dict[str, float]) -> Pose:
 def test_pinocchio_agrees_on_the_7bot(model: Hex7BotModel) -> None:
     text = make_urdf(model)
     for angles in random_angles(11, 25):
-        joints = model.joint_angles(angles)
+        joints = model.to_joints(angles)
         # Without its support for mimic joints Pinocchio takes the level joint as one of its own.
         joints[LEVEL_JOINT] = -joints["J2"]
         assert pose_error(pinocchio_pose(text, joints), model.forward(angles)) < 1e-9

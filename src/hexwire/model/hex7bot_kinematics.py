@@ -2,7 +2,7 @@
 
 Owns the geometry. Angles t0..t5 are the 7Bot's own: servo angles in radians, a quarter turn is neutral. The
 forearm hangs in a parallelogram, so t2 sets its pitch against the base, whatever t1 does. How servo angles and
-the angles of the driver's joints hang together is in `servo_angles` and `joint_angles`. Knows no counts.
+the angles of the driver's joints hang together is in `from_joints` and `to_joints`. Knows no counts.
 
 With p = t2 - offset, in the plane of the arm (rho forward, z up):
 wrist rho = d + a cos t1 + h sin p + c cos p, z = e + a sin t1 + h cos p - c sin p;
@@ -15,11 +15,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hexwire.errors import UsageError
+
 from .arm import ArmModel
 from .batch import hex7bot_forward_many, hex7bot_inverse_many
 from .hex7bot import HEX7BOT
 from .hex7bot_links import LINK_SETS, LinkSet
-from .kinematics import NEAR_SINGULAR, SINGULAR, KinematicModel, Reach, Singularity, Solution, wrap
+from .kinematics import NEAR_SINGULAR, ONE_LINE, SINGULAR, KinematicModel, Reach, Singularity, Solution, wrap
 from .pose import (
     Matrix,
     Pose,
@@ -45,7 +47,7 @@ class Hex7BotModel(KinematicModel):
 
     Args:
         links: The link set; set A if None, since its library has the interface that the chapter uses.
-        arm: Whose joint angles `servo_angles` and `joint_angles` translate.
+        arm: Whose joint angles `from_joints` and `to_joints` translate.
     """
 
     name = "hex7bot"
@@ -57,18 +59,14 @@ class Hex7BotModel(KinematicModel):
 
     # -- servo angles and joint angles ----------------------------------------------------------------
 
-    def servo_angles(self, positions: Mapping[str, float]) -> tuple[float, ...]:
-        """The six servo angles of joint positions as the driver gives them, radians.
+    def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
+        joints = self.arm.joints[:6]
+        missing = [joint.name for joint in joints if joint.name not in positions]
+        if missing:
+            raise UsageError(f"no position of {', '.join(missing)}")
+        return tuple(_NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in joints)
 
-        Raises:
-            KeyError: One of the first six joints is missing.
-        """
-        return tuple(
-            _NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in self.arm.joints[:6]
-        )
-
-    def joint_angles(self, angles: Sequence[float]) -> dict[str, float]:
-        """Joint positions for the driver of six servo angles, radians."""
+    def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
         self._six(angles)
         return {
             joint.name: joint.sign * (angle - _NEUTRAL) + joint.offset
@@ -122,7 +120,9 @@ class Hex7BotModel(KinematicModel):
             for wrist_angles, wrist, singular in self._wrist_branches(arm_angles, pose.rotation):
                 angles = (*arm_angles, *wrist_angles)
                 turned = tuple(r.nearest_turn(t) for r, t in zip(self.ranges, angles, strict=True))
-                solutions.append(Solution(turned, f"{branch}, {wrist}", self.violations(turned), singular))
+                free = (0.0, 0.0, 0.0, 1.0, 0.0, -math.copysign(1.0, wrist_angles[1])) if wrist == ONE_LINE else ()
+                found = self.violations(turned)
+                solutions.append(Solution(turned, f"{branch}, {wrist}", found, singular, free))
         return self._sorted(solutions)
 
     def inverse_wrist(self, wrist: Vector) -> tuple[Solution, ...]:
@@ -175,7 +175,7 @@ class Hex7BotModel(KinematicModel):
         if off_axis < SINGULAR:
             # Roll and t5 turn about one line: the roll is left at neutral and t5 takes the whole turn.
             t4 = math.copysign(_NEUTRAL, m[0][2])
-            return [((_NEUTRAL, t4, -math.atan2(m[1][0], m[1][1])), "wrist singular", True)]
+            return [((_NEUTRAL, t4, -math.atan2(m[1][0], m[1][1])), ONE_LINE, True)]
         found = []
         for sign, wrist in ((1.0, "wrist 1"), (-1.0, "wrist 2")):
             t4 = math.atan2(m[0][2], sign * off_axis)
@@ -236,6 +236,13 @@ class Hex7BotModel(KinematicModel):
                 f"to wrist, {math.degrees(gate.maximum):.4g} deg allowed"
             )
         return tuple(found)
+
+    def points(self, angles: Sequence[float]) -> Mapping[str, Vector]:
+        return {
+            "elbow": self.elbow(angles),
+            "wrist": self.wrist(angles),
+            "tool": self.forward(angles).position,
+        }
 
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         self._six(angles)

@@ -9,17 +9,20 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import LimitError, UsageError
 
-from .pose import Pose
+from .pose import Pose, Vector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 __all__ = ["JointRange", "KinematicModel", "Reach", "Singularity", "Solution", "numpy_or_none", "wrap"]
+
+ONE_LINE = "wrist singular"
+"""Branch of a wrist of which two joints turn about one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +77,22 @@ class Solution:
         branch: Words for the choices, as in ``front, elbow up, wrist 1``.
         violations: What forbids it, in words; empty if nothing does.
         singular: Two joints turn about one line here, so their share of the turn was chosen.
+        free: Change of the joints that leaves the pose as it is, where they are exactly one line; else empty.
     """
 
     angles: tuple[float, ...]
     branch: str
     violations: tuple[str, ...] = ()
     singular: bool = False
+    free: tuple[float, ...] = ()
+
+    def slid(self, near: Sequence[float]) -> tuple[float, ...]:
+        """The angles of the same pose that are nearest to `near`: where joints are one line, there is a choice."""
+        if not self.free:
+            return self.angles
+        apart = [b - a for a, b in zip(self.angles, near, strict=True)]
+        share = sum(f * d for f, d in zip(self.free, apart, strict=True)) / sum(f * f for f in self.free)
+        return tuple(a + share * f for a, f in zip(self.angles, self.free, strict=True))
 
     @property
     def allowed(self) -> bool:
@@ -177,6 +190,22 @@ class KinematicModel(ABC):
         An array where numpy is there, else nested lists.
         """
 
+    @abstractmethod
+    def points(self, angles: Sequence[float]) -> Mapping[str, Vector]:
+        """Places of the arm that may hit the table, by name, metres."""
+
+    @abstractmethod
+    def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
+        """The model's angles of joint positions as the driver names and gives them, radians.
+
+        Raises:
+            UsageError: A joint is missing.
+        """
+
+    @abstractmethod
+    def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
+        """Joint positions for the driver of the model's angles, radians."""
+
     # -- shared -------------------------------------------------------------------------------------
 
     def violations(self, angles: Sequence[float]) -> tuple[str, ...]:
@@ -223,7 +252,9 @@ class KinematicModel(ABC):
                 f"no joint angles within limits; nearest is {least.branch}: {'; '.join(least.violations)}"
             )
         start = near or [0.5 * (r.minimum + r.maximum) for r in self.ranges]
-        return min(allowed, key=lambda s: s.distance(start))
+        best = min(allowed, key=lambda s: s.distance(start))
+        slid = best.slid(start)
+        return best if self.violations(slid) else replace(best, angles=slid)
 
     def _worst(self, angles: Sequence[float]) -> float:
         return max(abs(r.excess(a)) for r, a in zip(self.ranges, angles, strict=True))

@@ -9,14 +9,14 @@ laboratory's model has its zero with the forearm up. Knows no wire.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexwire.errors import UsageError
 
 from .arm import ArmModel, JointModel
 from .batch import puma260_forward_many, puma260_inverse_many
-from .kinematics import NEAR_SINGULAR, SINGULAR, JointRange, KinematicModel, Reach, Singularity, Solution
+from .kinematics import NEAR_SINGULAR, ONE_LINE, SINGULAR, JointRange, KinematicModel, Reach, Singularity, Solution
 from .pose import (
     Matrix,
     Pose,
@@ -138,7 +138,9 @@ class Puma260Model(KinematicModel):
             for wrist_angles, wrist, singular in self._wrist_branches(arm_angles, pose.rotation):
                 angles = (*arm_angles, *wrist_angles)
                 turned = tuple(r.nearest_turn(q) for r, q in zip(self.ranges, angles, strict=True))
-                solutions.append(Solution(turned, f"{branch}, {wrist}", self.violations(turned), singular))
+                free = (0.0, 0.0, 0.0, 1.0, 0.0, math.copysign(1.0, wrist_angles[1])) if wrist == ONE_LINE else ()
+                found = self.violations(turned)
+                solutions.append(Solution(turned, f"{branch}, {wrist}", found, singular, free))
         return self._sorted(solutions)
 
     def inverse_many(self, positions: Any, rotations: Any) -> Any:
@@ -185,7 +187,7 @@ class Puma260Model(KinematicModel):
         if level < SINGULAR:
             q5 = math.copysign(math.pi / 2, -m[2][0])
             # q4 and q6 turn about one line: q4 is left at zero.
-            return [((0.0, q5, math.atan2(-m[1][2], m[1][1])), "wrist singular", True)]
+            return [((0.0, q5, math.atan2(-m[1][2], m[1][1])), ONE_LINE, True)]
         found = []
         for sign, wrist in ((1.0, "wrist 1"), (-1.0, "wrist 2")):
             q5 = math.atan2(-m[2][0], sign * level)
@@ -215,6 +217,25 @@ class Puma260Model(KinematicModel):
             text += f"{1e3 * (low - line):.1f} mm inside the {1e3 * low:.1f} mm to which they fold"
             return Reach(False, low - line, text)
         return Reach(True, 0.0, "")
+
+    def points(self, angles: Sequence[float]) -> Mapping[str, Vector]:
+        wrist = self.wrist(angles)
+        forearm = column(multiply(rotation_z(angles[0]), rotation_y(angles[1] + angles[2])), 2)
+        return {
+            "elbow": _plus(wrist, forearm, FOREARM),
+            "wrist": wrist,
+            "tool": self.forward(angles).position,
+        }
+
+    def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
+        missing = [name for name in PUMA260.names if name not in positions]
+        if missing:
+            raise UsageError(f"no position of {', '.join(missing)}")
+        return tuple(positions[name] for name in PUMA260.names)
+
+    def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
+        self._six(angles)
+        return dict(zip(PUMA260.names, angles, strict=True))
 
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         pose = self.forward(angles)

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hexwire.errors import LimitError
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.pose import Pose
+from hexwire.motion.checks import InJoints, check_trajectory
+from hexwire.motion.line import Line
+from hexwire.motion.waypoints import Spline, Waypoint
+
+A = Hex7BotModel()
+NEUTRAL = {joint.name: joint.offset for joint in HEX7BOT.joints}
+
+
+def through(*degrees: tuple[float, ...], seconds: float = 2.0) -> Spline:
+    """Servo angles t0..t5 in degrees, evenly spaced in time."""
+    points = [
+        Waypoint(seconds * i, tuple(A.to_joints([math.radians(d) for d in row]).values()))
+        for i, row in enumerate(degrees)
+    ]
+    return Spline(HEX7BOT.names[:6], points)
+
+
+HOME = (90, 90, 90, 90, 90, 90)
+
+
+def test_a_good_trajectory_passes() -> None:
+    report = check_trajectory(through(HOME, (100, 110, 90, 90, 60, 90), HOME), HEX7BOT, A)
+    assert report.findings == ()
+    assert report.require() is report
+    assert report.duration == 4.0
+    assert report.peak_speed["J2"] == pytest.approx(math.radians(10))
+    assert report.lowest == pytest.approx(0.19, abs=0.02)
+
+
+def test_every_kind_is_found_with_its_time_before_anything_moves() -> None:
+    report = check_trajectory(through(HOME, (180, 90, 90, 90, 90, 90), HOME, (90, 40, 60, 90, 90, 90)), HEX7BOT, A)
+    texts = [str(f) for f in report.findings]
+    assert any("J1=" in t and "outside its limits" in t and t.startswith("at 1.7") for t in texts)
+    assert any("elbow open" in t for t in texts)
+    with pytest.raises(LimitError, match=r"J1=.*elbow open.*nothing was sent"):
+        report.require()
+
+
+def test_gate_of_a_pose_in_the_middle_is_found() -> None:
+    # Start and goal are good; the way between folds the arm. Both ends checked alone would let it pass.
+    good = (90, 100, 130, 90, 90, 90)
+    folded = check_trajectory(through(good, (90, 150, 130, 90, 90, 90), good), HEX7BOT, A)
+    assert [f.text.split(" deg")[0] for f in folded.findings] == ["elbow folded 0.2"]
+    assert folded.findings[0].time == pytest.approx(1.2, abs=0.011)
+
+
+def test_too_fast_is_found() -> None:
+    report = check_trajectory(through(HOME, (160, 90, 90, 90, 90, 90), seconds=0.3), HEX7BOT, A)
+    assert [f.text for f in report.findings] == ["J1 would turn at 233.3 deg/s, 149 are allowed"]
+
+
+def test_table_is_found_and_can_be_moved() -> None:
+    low = through(HOME, (90, 60, 155, 90, 90, 90))
+    assert check_trajectory(low, HEX7BOT, A).lowest < 0.05
+    report = check_trajectory(low, HEX7BOT, A, table=0.05)
+    assert "the tool would be" in report.findings[0].text
+    assert "below the table at 50 mm" in report.findings[0].text
+    assert check_trajectory(low, HEX7BOT, A, table=None).findings == ()
+
+
+def test_joints_that_stay_count_for_the_gates() -> None:
+    spline = Spline(("J2",), [Waypoint(0.0, (NEUTRAL["J2"],)), Waypoint(1.0, (NEUTRAL["J2"] - math.radians(50),))])
+    still = check_trajectory(spline, HEX7BOT, A, others=NEUTRAL)
+    assert still.findings == ()
+    low = {**NEUTRAL, "J3": NEUTRAL["J3"] - math.radians(30)}
+    assert "elbow open" in check_trajectory(spline, HEX7BOT, A, others=low).findings[0].text
+
+
+def test_without_a_model_limits_and_speeds_only() -> None:
+    report = check_trajectory(through(HOME, (90, 50, 50, 90, 90, 90)), HEX7BOT)
+    assert report.findings == ()
+    assert report.lowest == math.inf
+
+
+def test_line_in_joints_of_the_driver() -> None:
+    start = tuple(math.radians(d) for d in (90, 100, 90, 90, 45, 90))
+    here = A.forward(start)
+    line = Line(A, start, Pose((0.05, here.position[1], here.position[2]), here.rotation))
+    joints = InJoints(line, A)
+    assert joints.names == HEX7BOT.names[:6]
+    for t in (0.0, 0.2, 0.4):
+        angles = A.from_joints(dict(zip(joints.names, joints.at(t).position, strict=True)))
+        assert angles == pytest.approx(line.at(t).position)
+        assert joints.at(t).velocity == pytest.approx(line.at(t).velocity)
+    assert check_trajectory(joints, HEX7BOT, A).findings == ()

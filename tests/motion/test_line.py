@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hexwire.errors import LimitError, UsageError
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.pose import Pose, rotation_between
+from hexwire.model.puma260 import Puma260Model
+from hexwire.motion.line import Line
+
+A = Hex7BotModel()
+START = tuple(math.radians(d) for d in (90, 100, 90, 90, 45, 90))
+
+
+def moved(dx: float, dy: float, dz: float, start: tuple[float, ...] = START) -> Pose:
+    here = A.forward(start)
+    x, y, z = here.position
+    return Pose((x + dx, y + dy, z + dz), here.rotation)
+
+
+def off_the_line(p: tuple[float, ...], a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    along = [q - r for q, r in zip(b, a, strict=True)]
+    length = math.hypot(*along)
+    share = sum((x - y) * d for x, y, d in zip(p, a, along, strict=True)) / length**2
+    return math.dist(p, [r + share * d for r, d in zip(a, along, strict=True)])
+
+
+def test_tip_stays_on_the_line_at_the_speed() -> None:
+    goal = moved(0.08, 0.02, -0.06)
+    line = Line(A, START, goal, speed=0.1, acceleration=0.5)
+    a, b = A.forward(START).position, goal.position
+    last = None
+    for t, sample in line.samples(0.013):
+        pose = A.forward(sample.position)
+        assert off_the_line(pose.position, a, b) < 1e-9
+        assert rotation_between(pose.rotation, goal.rotation)[1] < 1e-6
+        if last and t - last[0] > 1e-3:
+            assert math.dist(pose.position, last[1]) / (t - last[0]) < 0.1 * 1.001
+        last = (t, pose.position)
+    assert A.forward(line.goal).position == pytest.approx(goal.position, abs=1e-12)
+    length = math.dist(a, b)
+    assert line.duration == pytest.approx(length / 0.1 + 0.1 / 0.5)
+    assert line.start == pytest.approx(START, abs=1e-9)
+
+
+def test_velocity_is_the_derivative() -> None:
+    line = Line(A, START, moved(0.05, 0.03, -0.04))
+    for share in (0.2, 0.5, 0.8):
+        t, h = share * line.duration, 1e-3
+        for v, b, c in zip(line.at(t).velocity, line.at(t - h).position, line.at(t + h).position, strict=True):
+            assert v == pytest.approx((c - b) / (2 * h), abs=1e-5)
+
+
+def test_tool_turns_evenly() -> None:
+    here = A.forward(START)
+    goal = Pose(here.position, A.forward((*START[:4], START[4] + 0.6, START[5])).rotation)
+    line = Line(A, START, goal, turn_speed=0.5)
+    assert line.duration > 0.6 / 0.5
+    middle = A.forward(line.at(line.duration / 2).position)
+    assert rotation_between(here.rotation, middle.rotation)[1] == pytest.approx(0.3, abs=1e-6)
+    assert middle.position == pytest.approx(here.position, abs=1e-9)
+
+
+def test_no_way_is_a_line_of_no_time() -> None:
+    line = Line(A, START, A.forward(START))
+    assert line.duration == 0
+    assert line.sample(0.0).position == pytest.approx(START, abs=1e-9)
+
+
+def test_leaving_reach_says_where() -> None:
+    with pytest.raises(LimitError, match=r"at \d+% of the line: .*(out of reach|deg)"):
+        Line(A, START, moved(0.0, 0.4, 0.0))
+
+
+def test_leaving_limits_says_where_and_which() -> None:
+    with pytest.raises(LimitError, match=r"at \d+% of the line: (t\d=|elbow)"):
+        Line(A, START, moved(0.0, 0.0, -0.33))
+
+
+def test_a_start_outside_limits_is_refused() -> None:
+    with pytest.raises(LimitError, match="t0=0 deg"):
+        Line(A, (0.0, *START[1:]), moved(0.01, 0, 0))
+
+
+def test_past_a_singularity_is_refused() -> None:
+    # From nearly along the forearm the tool cannot tip sideways: roll and t5 would have to swing round first.
+    start = tuple(math.radians(d) for d in (90, 90, 90, 90, 89, 90))
+    here = A.forward(start)
+    over = A.forward(tuple(math.radians(d) for d in (91, 90, 90, 90, 91, 90))).rotation
+    with pytest.raises(LimitError, match=r"singularity|deg"):
+        Line(A, start, Pose(here.position, over))
+
+
+def test_line_through_the_neutral_singularity_in_the_arms_plane() -> None:
+    start = tuple(math.radians(d) for d in (90, 90, 90, 90, 90, 90))
+    goal = A.forward(tuple(math.radians(d) for d in (90, 95, 95, 90, 85, 90)))
+    line = Line(A, start, Pose(goal.position, A.forward(start).rotation))
+    for _, sample in line.samples(0.05):
+        assert sample.position[3] == pytest.approx(math.pi / 2, abs=1e-6)
+        assert sample.position[5] == pytest.approx(math.pi / 2, abs=1e-6)
+
+
+def test_the_puma_draws_lines_too() -> None:
+    model = Puma260Model()
+    start = (0.3, -0.8, -0.6, 0.2, 0.9, 0.1)
+    here = model.forward(start)
+    goal = Pose((here.position[0], here.position[1] + 0.05, here.position[2] - 0.05), here.rotation)
+    line = Line(model, start, goal)
+    for _, sample in line.samples(0.1):
+        assert off_the_line(model.forward(sample.position).position, here.position, goal.position) < 1e-9
+
+
+def test_speeds_must_make_sense() -> None:
+    with pytest.raises(UsageError, match="speed or acceleration of 0"):
+        Line(A, START, moved(0.01, 0, 0), speed=0.0)

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import UsageError
+from hexwire.motion import optimal
+from hexwire.motion.optimal import Trapezoid, time_optimal
+
+WAYS = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3)
+NAMES = ("a", "b", "c")
+SPEED, ACCELERATION = (1.0, 2.0, 0.5), (4.0, 3.0, 6.0)
+
+
+@given(WAYS, WAYS)
+def test_trapezoid_arrives_within_its_limits(start: list[float], goal: list[float]) -> None:
+    way = Trapezoid(NAMES, start, goal, SPEED, ACCELERATION)
+    assert way.start == pytest.approx(start, abs=1e-12)
+    assert way.goal == tuple(goal)
+    last = None
+    for t, sample in way.samples(way.duration / 50 if way.duration > 1e-6 else 1.0):
+        for v, limit in zip(sample.velocity, SPEED, strict=True):
+            assert abs(v) <= limit * (1 + 1e-9)
+        for a, limit in zip(sample.acceleration, ACCELERATION, strict=True):
+            assert abs(a) <= limit * (1 + 1e-9)
+        if last is not None:
+            step = t - last[0]
+            for now, was, limit in zip(sample.position, last[1].position, SPEED, strict=True):
+                assert abs(now - was) <= limit * step * (1 + 1e-6) + 1e-12
+        last = (t, sample)
+
+
+@given(WAYS, WAYS)
+def test_ruckig_without_a_jerk_limit_takes_the_trapezoids_time(start: list[float], goal: list[float]) -> None:
+    fast = time_optimal(NAMES, start, goal, SPEED, ACCELERATION)
+    own = Trapezoid(NAMES, start, goal, SPEED, ACCELERATION)
+    # Both are optimal, so they agree.
+    assert fast.duration == pytest.approx(own.duration, abs=1e-6)
+    assert fast.start == pytest.approx(start, abs=1e-9)
+    assert fast.goal == tuple(goal)
+
+
+def test_ruckig_is_used_and_limits_jerk() -> None:
+    way = time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION, max_jerk=(20.0, 20.0, 20.0))
+    assert type(way).__name__ == "_Ruckig"
+    assert way.duration > Trapezoid(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION).duration
+    steps = [way.at(i * way.duration / 500).acceleration for i in range(500)]
+    jerk = max(abs(b[i] - a[i]) / (way.duration / 500) for a, b in pairwise(steps) for i in range(3))
+    assert jerk <= 20.0 * 1.01
+
+
+def test_ruckig_starts_in_motion() -> None:
+    way = time_optimal(("a",), (0.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
+    assert way.at(0.0).velocity == pytest.approx((0.5,))
+    assert way.goal == (1.0,)
+
+
+def test_without_ruckig_the_trapezoid_does_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(optimal, "ruckig_or_none", lambda: None)
+    way = time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION)
+    assert isinstance(way, Trapezoid)
+    with pytest.raises(UsageError, match=r"needs ruckig: pip install 'hexwire\[motion\]'"):
+        time_optimal(("a",), (0.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
+
+
+def test_known_times() -> None:
+    # 1 rad at 1 rad/s and 4 rad/s^2: 1 s, and a quarter for speeding up.
+    assert Trapezoid(("a",), (0.0,), (1.0,), (1.0,), (4.0,)).duration == pytest.approx(1.25)
+    # Too short for the full speed: a triangle.
+    assert Trapezoid(("a",), (0.0,), (0.04,), (1.0,), (4.0,)).duration == pytest.approx(0.2)
+    assert Trapezoid(("a",), (1.0,), (1.0,), (1.0,), (4.0,)).duration == 0.0
+
+
+def test_longer_if_asked() -> None:
+    way = Trapezoid(("a",), (0.0,), (1.0,), (1.0,), (4.0,), duration=5.0)
+    assert way.duration == 5.0
+    assert way.at(2.5).position[0] == pytest.approx(0.5)
+    assert max(abs(way.at(0.1 * i).velocity[0]) for i in range(50)) < 0.22
+
+
+@pytest.mark.parametrize(
+    ("goal", "speed", "words"),
+    [
+        ((1.0, 2.0), (1.0,), "2 values for 1"),
+        ((math.inf,), (1.0,), "not a number"),
+        ((1.0,), (0.0,), "must be above 0"),
+    ],
+)
+def test_numbers_that_make_no_sense(goal: tuple[float, ...], speed: tuple[float, ...], words: str) -> None:
+    for build in (Trapezoid, time_optimal):
+        with pytest.raises(UsageError, match=words):
+            build(("a",), (0.0,), goal, speed, (1.0,))

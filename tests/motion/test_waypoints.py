@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import UsageError
+from hexwire.motion.trajectory import Quintic
+from hexwire.motion.waypoints import Blend, PointToPoint, Sample, Scaled, Spline, Trajectory, Waypoint
+
+VALUES = st.floats(-3.0, 3.0)
+
+
+def derivatives_agree(trajectory: Trajectory, t: float, tolerance: float = 1e-4) -> None:
+    h = 1e-5
+    before, here, after = (trajectory.at(x) for x in (t - h, t, t + h))
+    for i in range(len(trajectory.names)):
+        assert here.velocity[i] == pytest.approx((after.position[i] - before.position[i]) / (2 * h), abs=tolerance)
+        assert here.acceleration[i] == pytest.approx(
+            (after.velocity[i] - before.velocity[i]) / (2 * h), abs=tolerance
+        )
+
+
+def test_positions_only_is_linear() -> None:
+    spline = Spline(("a", "b"), [Waypoint(0, (0.0, 1.0)), Waypoint(2, (1.0, -1.0)), Waypoint(3, (1.0, 0.0))])
+    assert spline.sample(1.0) == Sample((0.5, 0.0), (0.5, -1.0), (0.0, 0.0))
+    assert spline.sample(2.5).position == (1.0, -0.5)
+    assert spline.sample(9.0) == Sample((1.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+    assert spline.sample(-1.0) == Sample((0.0, 1.0), (0.0, 0.0), (0.0, 0.0))
+
+
+@given(VALUES, VALUES, VALUES, VALUES, st.floats(0.2, 5.0))
+def test_velocities_make_it_cubic(q: float, r: float, v: float, w: float, long: float) -> None:
+    spline = Spline(("a",), [Waypoint(0, (q,), (v,)), Waypoint(long, (r,), (w,))])
+    assert spline.at(0.0).position == (q,)
+    assert spline.at(0.0).velocity == (v,)
+    assert spline.at(long).position == (r,)
+    assert spline.at(long).velocity[0] == pytest.approx(w, abs=1e-9)
+    # The third derivative of a cubic is constant.
+    a = [spline.at(share * long).acceleration[0] for share in (0.0, 0.5, 1.0)]
+    assert a[1] - a[0] == pytest.approx(a[2] - a[1], abs=1e-6)
+    derivatives_agree(spline, 0.4 * long, 1e-2)
+
+
+@given(VALUES, VALUES, VALUES, VALUES, VALUES, VALUES, st.floats(0.2, 5.0))
+def test_accelerations_make_it_quintic(
+    q: float, r: float, v: float, w: float, c: float, d: float, long: float
+) -> None:
+    spline = Spline(("a",), [Waypoint(0, (q,), (v,), (c,)), Waypoint(long, (r,), (w,), (d,))])
+    assert spline.at(0.0) == Sample((q,), (v,), (c,))
+    end = spline.at(long)
+    assert end.position == (r,)
+    assert end.velocity[0] == pytest.approx(w, abs=1e-6)
+    assert end.acceleration[0] == pytest.approx(d, abs=1e-5)
+    derivatives_agree(spline, 0.3 * long, 1e-1)
+
+
+def test_the_poorer_neighbour_decides() -> None:
+    spline = Spline(("a",), [Waypoint(0, (0.0,), (0.0,), (0.0,)), Waypoint(1, (1.0,), (0.0,)), Waypoint(2, (0.0,))])
+    assert spline.at(0.5).position[0] == pytest.approx(0.5)
+    assert spline.at(0.25).position[0] == pytest.approx(3 * 0.25**2 - 2 * 0.25**3)
+    assert spline.at(1.25).position[0] == pytest.approx(0.75)
+
+
+def test_every_waypoint_is_met_exactly() -> None:
+    points = [Waypoint(0.1 * i, (math.sin(i),), (0.3,)) for i in range(20)]
+    points[0] = Waypoint(0.0, (0.0,), (0.3,))
+    spline = Spline(("a",), points)
+    for point in points:
+        assert spline.at(point.time).position[0] == pytest.approx(point.position[0], abs=1e-14)
+
+
+def test_one_point_is_a_pose_to_hold() -> None:
+    spline = Spline(("a",), [Waypoint(0.0, (0.7,))])
+    assert spline.duration == 0
+    assert spline.sample(5.0).position == (0.7,)
+    assert [t for t, _ in spline.samples(0.1)] == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([], "without a point"),
+        ([Waypoint(1.0, (0.0,))], "first point is at 1 s"),
+        ([Waypoint(0.0, (0.0,)), Waypoint(0.0, (1.0,))], "point 2 is at 0 s, not after"),
+        ([Waypoint(0.0, (0.0,)), Waypoint(math.inf, (1.0,))], "point 2 is at inf s"),
+        ([Waypoint(0.0, (0.0, 1.0))], "point 1 has 2 values for 1 joints"),
+        ([Waypoint(0.0, (math.nan,))], "point 1 has a value that is not a number"),
+        ([Waypoint(0.0, (0.0,), None, (0.0,))], "point 1 has accelerations but no velocities"),
+    ],
+)
+def test_waypoints_that_make_no_sense(points: list[Waypoint], words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        Spline(("a",), points)
+
+
+@given(st.floats(0.05, 4.0), st.floats(0.003, 0.5))
+def test_samples_are_multiples_of_the_period_and_end_at_the_end(duration: float, period: float) -> None:
+    spline = Spline(("a",), [Waypoint(0.0, (0.0,)), Waypoint(duration, (1.0,))])
+    taken = list(spline.samples(period))
+    for i, (t, sample) in enumerate(taken[:-1]):
+        # No sum of periods: the raster is exact however long it runs.
+        assert t == i * period
+        assert sample == spline.sample(t)
+    assert taken[-1] == (duration, spline.sample(duration))
+    assert 0 < taken[-1][0] - taken[-2][0] <= period * 1.001
+    assert taken[-1][1].position == (1.0,)
+
+
+def test_samples_want_a_period() -> None:
+    with pytest.raises(UsageError, match="period of 0 s"):
+        next(Spline(("a",), [Waypoint(0.0, (0.0,))]).samples(0.0))
+
+
+def test_point_to_point_is_the_quintic() -> None:
+    quintic = Quintic((0.0, 1.0), (1.0, -2.0), 2.0)
+    way = PointToPoint(("a", "b"), quintic)
+    for t in (0.0, 0.3, 1.0, 1.7, 2.0):
+        assert way.at(t).position == pytest.approx(quintic.position(t), abs=1e-12)
+    assert way.goal == (1.0, -2.0)
+    derivatives_agree(way, 0.7)
+    assert PointToPoint(("a",), Quintic((0.0,), (1.0,), 0.0)).sample(0.0).position == (1.0,)
+
+
+def test_scaled_runs_the_same_way_faster() -> None:
+    way = PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0))
+    fast = Scaled(way, 2.0)
+    assert fast.duration == 1.0
+    assert fast.at(0.5).position == way.at(1.0).position
+    assert fast.start == (0.0,)
+    assert fast.goal == (1.0,)
+    derivatives_agree(fast, 0.3)
+    with pytest.raises(UsageError, match="speed factor of 0"):
+        Scaled(way, 0.0)
+
+
+@given(st.floats(0.0, 2.5), st.floats(0.1, 1.0))
+def test_blend_has_no_jump(switch: float, seconds: float) -> None:
+    old = PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0))
+    new = PointToPoint(("a",), Quintic((0.5,), (-1.0,), 3.0))
+    blend = Blend(old, switch, new, seconds)
+    before, after = old.sample(switch), blend.at(0.0)
+    for was, now in zip(before, after, strict=True):
+        assert now == pytest.approx(was, abs=1e-9)
+    for was, now in zip(blend.at(seconds - 1e-9), blend.at(seconds), strict=True):
+        assert now == pytest.approx(was, abs=1e-4)
+    assert blend.goal == (-1.0,)
+    assert blend.duration == 3.0
+
+
+def test_blend_wants_the_same_joints() -> None:
+    with pytest.raises(UsageError, match="cannot blend from a to b"):
+        Blend(Spline(("a",), [Waypoint(0, (0.0,))]), 0, Spline(("b",), [Waypoint(0, (0.0,))]), 0.1)
+
+
+def test_blend_into_a_pose_goes_there_at_once() -> None:
+    still = Spline(("a",), [Waypoint(0, (0.0,))])
+    assert Blend(still, 0, still, 0.5).sample(0.0).position == (0.0,)
