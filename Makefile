@@ -17,6 +17,7 @@ BIN := $(ROOT)/.venv/bin
 TOOLS := $(ROOT)/.tools/uv-$(UV_VERSION)
 UV := $(TOOLS)/bin/uv
 READY := $(ROOT)/.venv/.ready
+CORE := $(ROOT)/.venv/.core
 
 # A folder of one's own for caches where there is no home to write to.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
@@ -41,7 +42,7 @@ unexport PYTHONHOME
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
-demo: setup ## an emulated arm moves there and back
+demo: $(CORE) ## an emulated arm moves there and back
 	@$(BIN)/hexwire demo
 
 test: setup system-packages check tests ## everything that must hold: lint, types, import rule, tables, tests
@@ -82,6 +83,11 @@ system-packages:
 
 $(READY): pyproject.toml uv.lock $(UV)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) </dev/null
+	@touch $@
+
+# Only what the package itself needs; `--inexact` leaves alone what the tests have installed.
+$(CORE): pyproject.toml uv.lock $(UV)
+	$(UV) sync --quiet --frozen --inexact --no-default-groups --python '$(PYTHON)' </dev/null
 	@touch $@
 
 # Debian keeps the part of Python that makes environments in a package of its own, named after the version.
