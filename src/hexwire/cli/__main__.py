@@ -1,0 +1,5 @@
+"""`python -m hexwire.cli` is `hexwire`."""
+
+from hexwire.cli.main import main
+
+main()

@@ -1,0 +1,320 @@
+"""What the commands share: options, opening a robot, JSON and aligned text.
+
+Owns the options that say which robot is meant, and the form of what is printed. Must not know any one command.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import json
+import math
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from hexwire.errors import UsageError
+
+from .exits import note
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointReading
+
+__all__ = [
+    "FiniteFloat",
+    "RobotOptions",
+    "attached",
+    "fault_names",
+    "format_table",
+    "joint_json",
+    "json_option",
+    "line_options",
+    "make_robot",
+    "on_terminal",
+    "open_robot",
+    "port_option",
+    "print_json",
+    "raise_if_silent",
+    "resolve_url",
+    "robot_options",
+]
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+_PATIENCE = 1.0
+"""Seconds without an answer after which a person is told what is being waited for."""
+
+
+class FiniteFloat(click.ParamType[float]):
+    """A number that is neither infinite nor NaN, with bounds.
+
+    Args:
+        name: What help calls it, as in ``SECONDS``.
+        minimum: Smallest value.
+        above: The value must be above this one.
+    """
+
+    def __init__(self, name: str, *, minimum: float = -math.inf, above: float = -math.inf) -> None:
+        self.name = name
+        self._minimum = minimum
+        self._above = above
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if number < self._minimum:
+            self.fail(f"{value} is less than {self._minimum:g}", param, ctx)
+        if number <= self._above:
+            self.fail(f"{value} is not above {self._above:g}", param, ctx)
+        return number
+
+
+# -- which robot ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class RobotOptions:
+    """Which robot, and how to reach it.
+
+    Attributes:
+        port: URL of the link or path of the serial device; the only likely board if None.
+        robot: Name in the registry.
+        baud: Rate of a serial port; the link's own if None.
+        dialect: Ask only in this dialect; both if None.
+        timeout: Seconds to wait for a board that is booting; the driver's own if None.
+    """
+
+    port: str | None
+    robot: str
+    baud: int | None
+    dialect: int | None
+    timeout: float | None
+
+
+def port_option(command: _F) -> _F:
+    """``--port``, which HEXWIRE_PORT sets too."""
+    return click.option(
+        "--port",
+        metavar="URL",
+        envvar="HEXWIRE_PORT",
+        show_envvar=True,
+        help="Device or link, as /dev/ttyUSB0 or tcp://host:port. Not needed if one likely board is plugged in.",
+    )(command)
+
+
+def line_options(command: _F) -> _F:
+    """``--baud``, ``--dialect`` and ``--timeout``: how to speak to the board."""
+    command = click.option(
+        "--timeout",
+        type=FiniteFloat("seconds", minimum=0),
+        metavar="SECONDS",
+        help="How long to wait for a board that does not answer yet (5, enough for one that boots).",
+    )(command)
+    command = click.option(
+        "--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Ask in this dialect only, not in both."
+    )(command)
+    return click.option("--baud", type=click.IntRange(min=1), metavar="N", help="Rate of a serial port (115200).")(
+        command
+    )
+
+
+def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--port``, ``--robot`` and how to speak to it; the command gets them as ``options: RobotOptions``."""
+
+    @functools.wraps(command)
+    def packed(
+        *args: Any,
+        port: str | None,
+        robot: str,
+        baud: int | None,
+        dialect: int | None,
+        timeout: float | None,
+        **rest: Any,
+    ) -> Any:
+        return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
+
+    robot_option = click.option(
+        "--robot", default="hex7bot", show_default=True, metavar="NAME", help="Which robot is behind the port."
+    )
+    return port_option(robot_option(line_options(packed)))
+
+
+def resolve_url(port: str | None, baud: int | None = None) -> str:
+    """The URL to open.
+
+    Args:
+        port: As typed; the only likely board's if None.
+        baud: Rate for a serial port.
+
+    Raises:
+        LinkNotFoundError: None was named and none is plugged in.
+        UsageError: Several may be meant, or `baud` does not go with the URL.
+    """
+    if not port:
+        from hexwire.ipc.ports import find_only_board
+
+        port = find_only_board()
+    if baud is None:
+        return port
+    from hexwire.ipc.url import parse_url
+
+    url = parse_url(port)
+    if url.scheme != "serial":
+        raise UsageError(f"--baud makes no sense for {port}: only a serial port has a rate")
+    if "baud" in url.query:
+        raise UsageError(f"--baud {baud} and {port}: name the rate once")
+    return f"{port}{'&' if url.query else '?'}baud={baud}"
+
+
+def make_robot(options: RobotOptions) -> RobotDriver:
+    """Build the driver that the options name. Opens nothing; ``with`` attaches it, or use `open_robot`.
+
+    Raises:
+        UsageError: No such robot, a malformed URL, or an option that this robot does not know.
+        LinkNotFoundError: No port was named and no likely board is plugged in.
+    """
+    from hexwire.drivers.registry import load_driver
+    from hexwire.ipc.handle import IpcHandle
+    from hexwire.ipc.session import Session
+
+    driver = load_driver(options.robot)
+    wanted = {"boot_window": options.timeout, "dialect": options.dialect}
+    given = {name: value for name, value in wanted.items() if value is not None}
+    known = inspect.signature(driver).parameters
+    for name in given:
+        if name not in known:
+            option = "--timeout" if name == "boot_window" else f"--{name}"
+            raise UsageError(f"{option} makes no sense for robot {options.robot}")
+    return driver(Session(IpcHandle.from_url(resolve_url(options.port, options.baud))), **given)
+
+
+@contextmanager
+def open_robot(options: RobotOptions) -> Iterator[RobotDriver]:
+    """Make the robot, attach it, and detach it in the end; the torque stays as it is.
+
+    Raises:
+        HexwireError: As `make_robot` and `RobotDriver.attach`.
+    """
+    with attached(make_robot(options)) as robot:
+        yield robot
+
+
+@contextmanager
+def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
+    """Attach a robot; a person is told if that takes longer than usual."""
+    text = f"waiting for an answer on {robot.session.ipc.link.url} ..."
+    patience = threading.Timer(_PATIENCE, note, (text,))
+    patience.daemon = True
+    if sys.stderr.isatty():
+        patience.start()
+    try:
+        robot.attach()
+    finally:
+        patience.cancel()
+    try:
+        yield robot
+    finally:
+        robot.detach()
+
+
+# -- what is printed ------------------------------------------------------------------------------------
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program to read.")
+
+
+def on_terminal() -> bool:
+    """Whether standard output is a terminal that can be drawn on."""
+    import os
+
+    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+
+
+def print_json(value: object, *, one_line: bool = False) -> None:
+    """Print a value as JSON; NaN and infinity become null, which is what JSON has for them."""
+    text = json.dumps(_finite(value), indent=None if one_line else 2, ensure_ascii=False, allow_nan=False)
+    print(text, flush=one_line)
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
+    """One joint for JSON, each key with its unit."""
+    from hexwire.model.state import JointFlag
+
+    return {
+        "name": joint.name,
+        "servo_id": model.joint(joint.name).servo_id,
+        "position_rad": joint.position,
+        "position_deg": math.degrees(joint.position),
+        "velocity_rad_per_s": joint.velocity,
+        "velocity_deg_per_s": math.degrees(joint.velocity),
+        "load_fraction": joint.load,
+        "current_a": joint.current,
+        "voltage_v": joint.voltage,
+        "temperature_degc": joint.temperature,
+        "age_s": joint.age,
+        "torque_on": bool(joint.flags & JointFlag.TORQUE_ON),
+        "silent": bool(joint.flags & JointFlag.SILENT),
+        "clamped": bool(joint.flags & JointFlag.CLAMPED),
+        "faults": fault_names(joint.flags),
+    }
+
+
+def fault_names(flags: int) -> list[str]:
+    """Names of what is wrong with a servo, as ``overload``; without silence, which is told apart from faults."""
+    from hexwire.model.state import JointFlag
+
+    return [flag.name.lower() for flag in JointFlag(flags).faults & ~JointFlag.SILENT if flag.name]
+
+
+def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
+    """End with an error that names the servos that did not answer, pairs of id and joint; pass if there is none."""
+    from hexwire.errors import ServoError
+
+    if servos:
+        names = ", ".join(f"{servo_id} ({joint})" if joint else f"{servo_id}" for servo_id, joint in servos)
+        several = len(servos) > 1
+        raise ServoError(
+            f"servo{'s' if several else ''} {names} {'do' if several else 'does'} not answer: "
+            "check cable, power and id",
+            servo_id=servos[0][0],
+        )
+
+
+def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Columns of text; a column whose cells are numbers is aligned to the right."""
+    columns = list(zip(head, *rows, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    numeric = [all(_is_number(cell) for cell in column[1:]) for column in columns]
+    lines = []
+    for row in (head, *rows):
+        cells = [
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(row, widths, numeric, strict=True)
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def _is_number(cell: str) -> bool:
+    return cell == "-" or cell.lstrip("+-").replace(".", "", 1).isdigit()

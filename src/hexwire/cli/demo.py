@@ -1,0 +1,304 @@
+"""`demo`: the whole path once, from a joint command to a moving servo and back, on an emulated arm.
+
+Owns the order of the phases and that the arm is safe at the end, however that comes. Must not know how it is
+drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import click
+
+from hexwire.errors import HexwireError, ServoError, UsageError
+
+from .board_process import board_process
+from .common import FiniteFloat, attached, on_terminal, raise_if_silent, resolve_url
+from .exits import note, shielded
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from hexwire.drivers.hex7bot import Hex7BotDriver
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointState
+    from hexwire.motion.loop import RateLoop
+
+__all__ = ["PlainView", "Sample", "View", "demo", "turning_pose"]
+
+_SWING = math.radians(30.0)
+_RATES = {1: 2.5, 2: 20.0}
+"""Cycles a second by dialect: at 115200 baud a cycle takes 0.03 s in dialect 2, and 0.35 s in dialect 1."""
+_WATCHDOG = 1.0
+"""Seconds after which the board takes the torque away by itself if we should be killed."""
+_SETTLE = 1.0
+_BACK_WITHIN = math.radians(3.0)
+
+
+class Sample(NamedTuple):
+    """One cycle, for the view. Angles in radians, loads as fractions, times in seconds.
+
+    Attributes:
+        time: Since the start of the motion.
+        duration: Of the whole motion.
+        state: The joints as they are.
+        target: Where each of them should be at that time.
+        rate: Achieved cycles a second.
+        round_trip: Of the last request.
+        retries: Since the start of the motion.
+    """
+
+    time: float
+    duration: float
+    state: JointState
+    target: tuple[float, ...]
+    rate: float
+    round_trip: float
+    retries: int
+
+
+class View(Protocol):
+    """Somebody who watches the demo."""
+
+    def say(self, phase: str, text: str) -> None:
+        """A phase is done."""
+
+    def moving(self) -> AbstractContextManager[object]:
+        """While the arm moves."""
+
+    def show(self, sample: Sample) -> None:
+        """A cycle is done."""
+
+
+class PlainView:
+    """Plain lines for a log: one a phase, and one a second while the arm moves."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def say(self, phase: str, text: str) -> None:
+        print(f"{phase}: {text}", flush=True)
+
+    def moving(self) -> AbstractContextManager[object]:
+        return nullcontext()
+
+    def show(self, sample: Sample) -> None:
+        if sample.time < self._next:
+            return
+        self._next = math.floor(sample.time) + 1.0
+        error = max(abs(a - b) for a, b in zip(sample.state.position, sample.target, strict=True))
+        self.say(f"{sample.time:5.1f} s", f"{_pose(sample.state)} deg, off by at most {math.degrees(error):.1f}")
+
+
+@click.command()
+@click.option("--port", metavar="URL", help="Move the real arm behind this port instead of an emulated one.")
+@click.option("--yes-move-the-arm", is_flag=True, help="With --port: yes, there is room for the arm to move.")
+@click.option(
+    "--baud",
+    type=click.IntRange(min=0),
+    default=115200,
+    show_default=True,
+    metavar="N|0",
+    help="Line rate; 0 runs the emulated board as fast as it goes.",
+)
+@click.option("--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Dialect of the board (2).")
+@click.option("--fault", "faults", multiple=True, metavar="SPEC", help="A fault, as for 'sim board'.")
+@click.option(
+    "--duration",
+    type=FiniteFloat("seconds", above=0),
+    default=6.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time there and back; more if a speed limit asks for it.",
+)
+@click.option(
+    "--rate",
+    type=FiniteFloat("hz", above=0),
+    metavar="HZ",
+    help="Cycles a second (20, in dialect 1 2.5).",
+)
+def demo(
+    port: str | None,
+    yes_move_the_arm: bool,
+    baud: int,
+    dialect: int | None,
+    faults: tuple[str, ...],
+    duration: float,
+    rate: float | None,
+) -> None:
+    """Move an emulated Hex7Bot there and back, with a live table.
+
+    Nothing else is needed: the board and its seven servos are emulated behind a pseudo-terminal, which is opened
+    like any serial port. With --port and --yes-move-the-arm it moves a real arm: 30 degrees a joint.
+    """
+    view: View = PlainView()
+    if on_terminal():
+        from .draw import LiveView
+
+        view = LiveView()
+    if port is None:
+        if yes_move_the_arm:
+            raise UsageError("--yes-move-the-arm needs --port: which arm?")
+        with board_process(baud=baud, dialect=dialect or 2, faults=faults) as path:
+            pace = f"at {baud} baud" if baud else "unpaced"
+            view.say("started", f"an emulated Hex7Bot on {path}, {pace}")
+            _run(resolve_url(path, baud or None), dialect, duration, rate, view)
+        return
+    if not yes_move_the_arm:
+        raise UsageError("--port moves a real arm: make room for it, then add --yes-move-the-arm")
+    if faults or not baud:
+        raise UsageError("--fault and --baud 0 are for the emulated board, not for --port")
+    _run(resolve_url(port, baud), dialect, duration, rate, view)
+
+
+def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]:
+    """Where to turn back: 30 degrees from `start` to the side with more room, at most half the way to the limit.
+
+    Raises:
+        LimitError: A joint stands outside its limits.
+    """
+    goal = []
+    for joint, angle in zip(model.joints, start, strict=True):
+        joint.check(angle)
+        up, down = joint.maximum - angle, angle - joint.minimum
+        goal.append(angle + min(_SWING, up / 2) if up >= down else angle - min(_SWING, down / 2))
+    return tuple(goal)
+
+
+def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
+    from hexwire.drivers.hex7bot import Hex7BotDriver
+
+    robot = Hex7BotDriver.from_url(url, dialect=dialect)
+    with attached(robot):
+        report = robot.probe()
+        firmware = f", firmware {report.firmware}" if report.firmware else ""
+        view.say("identified", f"dialect {report.dialect}{firmware} on {url}")
+        ids = [joint.servo_id for joint in robot.model.joints]
+        silent = [servo_id for servo_id in ids if robot.ping(servo_id) is None]
+        view.say("pinged", f"{len(ids) - len(silent)} of {len(ids)} servos answer")
+        raise_if_silent([(i, joint.name) for i in silent if (joint := robot.model.by_servo(i))])
+        state = robot.read()
+        view.say("read", f"{_pose(state)} deg")
+        goal = turning_pose(robot.model, state.position)
+        # The arm is made safe before the drawing ends: a terminal that takes nothing must not delay it.
+        with view.moving(), _torque_safe(robot):
+            summary = _move(robot, state.position, goal, duration, rate or _RATES[report.dialect], view)
+        view.say("torque off", "all joints")
+    view.say("summary", summary)
+
+
+def _move(
+    robot: Hex7BotDriver,
+    start: tuple[float, ...],
+    goal: tuple[float, ...],
+    duration: float,
+    rate: float,
+    view: View,
+) -> str:
+    """Torque on, there and back; returns the summary."""
+    from hexwire.drivers.base import StopMode
+    from hexwire.model.state import JointTarget
+    from hexwire.motion.loop import RateLoop
+    from hexwire.motion.trajectory import Quintic
+
+    model = robot.model
+    safety = ""
+    if robot.dialect == 2:
+        robot.watchdog(_WATCHDOG, StopMode.TORQUE_OFF)
+        safety = f", and off by itself if we fall silent for {_WATCHDOG:g} s"
+    view.say("torque on", " ".join(robot.torque(True)) + safety)
+    leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in model.joints]))
+    there, back = Quintic(start, goal, leg), Quintic(goal, start, leg)
+
+    def pose(t: float) -> tuple[float, ...]:
+        return there.position(t) if t < leg else back.position(t - leg)
+
+    session, loop = robot.session, RateLoop(rate)
+    session.rtts.clear()
+    before = _counters(robot)
+    began = session.now()
+
+    def cycle(t: float) -> JointState:
+        state = robot.read()
+        retries = robot.host_counters()["retries"] - before["retries"]
+        # Where the joints should have been when they were sampled, not where they are sent next.
+        target = pose(state.stamp - began)
+        view.show(Sample(t, 2 * leg, state, target, loop.achieved, session.rtts[-1], retries))
+        return state
+
+    for t in loop.ticks(2 * leg):
+        # Each set-point is where the joints shall be when the next one comes.
+        set_point = pose(t + loop.period)
+        robot.write(JointTarget.of(dict(zip(model.names, set_point, strict=True)), loop.period))
+        cycle(t)
+    for _ in RateLoop(rate).ticks(_SETTLE):
+        if not _away(cycle(2 * leg), start):
+            break
+    else:
+        raise ServoError(f"the arm did not come back to where it started: {_away(cycle(2 * leg), start)}")
+    return _summary(robot, loop, before)
+
+
+def _away(state: JointState, pose: tuple[float, ...]) -> str:
+    """The joints that are not at `pose`, in words."""
+    off = zip(state.names, state.position, pose, strict=True)
+    return ", ".join(
+        f"{name} by {math.degrees(abs(a - b)):.1f} deg" for name, a, b in off if not abs(a - b) < _BACK_WITHIN
+    )
+
+
+def _summary(robot: Hex7BotDriver, loop: RateLoop, before: dict[str, int]) -> str:
+    trips = sorted(robot.session.rtts)
+    p50, p99 = (1000 * trips[min(int(share * len(trips)), len(trips) - 1)] for share in (0.50, 0.99))
+    count = {name: value - before[name] for name, value in _counters(robot).items()}
+    cycles = loop.counters
+    return (
+        f"dialect {robot.dialect}, {cycles.cycles} cycles at {loop.achieved:.2f} Hz ({cycles.late} late, "
+        f"{cycles.skipped} skipped), round trip p50 {p50:.1f} ms p99 {p99:.1f} ms, "
+        f"{count['retries']} retries, {count['dropped']} dropped frames"
+    )
+
+
+def _counters(robot: Hex7BotDriver) -> dict[str, int]:
+    """Retries of this side, and frames that either side dropped; an old board does not tell."""
+    host, board = robot.host_counters(), robot.stats()
+    dropped = host["bad_frames"] + host["stale_frames"] + board.get("bad_checks", 0) + board.get("bad_frames", 0)
+    return {"retries": host["retries"], "dropped": dropped}
+
+
+@contextmanager
+def _torque_safe(robot: Hex7BotDriver) -> Iterator[None]:
+    """Take the torque away at the end, whatever ends it.
+
+    Raises:
+        ServoError: It is not confirmed that all is off.
+    """
+    try:
+        yield
+    except BaseException:
+        with shielded():
+            try:
+                _torque_off(robot)
+            except HexwireError as error:
+                note(f"warning: the arm may still have torque: {error}")
+            else:
+                note("torque off: all joints")
+        raise
+    with shielded():
+        _torque_off(robot)
+
+
+def _torque_off(robot: Hex7BotDriver) -> None:
+    off = robot.torque(False)
+    if robot.dialect == 2:
+        robot.watchdog(0.0)
+    left = [name for name in robot.model.names if name not in off]
+    if left:
+        raise ServoError(f"{', '.join(left)} did not confirm that the torque is off")
+
+
+def _pose(state: JointState) -> str:
+    return "  ".join(f"{joint.name} {math.degrees(joint.position):.1f}" for joint in state)

@@ -1,0 +1,138 @@
+"""How a run of the command line ends: exit status, the one line of an error, warnings, signals.
+
+Owns the mapping from exceptions to exit status (0 ok, 1 device, 2 usage, 130 Ctrl-C) and everything that goes to
+standard error. Must not know any command.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from hexwire.errors import HexwireError, UsageError
+
+__all__ = [
+    "DEVICE",
+    "INTERRUPTED",
+    "OK",
+    "USAGE",
+    "ends_like_ctrl_c",
+    "note",
+    "run",
+    "shielded",
+    "show_more",
+    "warnings_shown",
+]
+
+OK = 0
+DEVICE = 1
+USAGE = 2
+INTERRUPTED = 130
+
+_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def run(call: Callable[[], object]) -> int:
+    """Call a command and return the exit status; what went wrong is one line on standard error.
+
+    A bug is not caught: its traceback is what the maintainers need.
+    """
+    try:
+        result = call()
+        sys.stdout.flush()
+    except (KeyboardInterrupt, click.Abort):
+        return INTERRUPTED
+    except SystemExit as error:
+        # click leaves this way when the reader of a pipe has gone.
+        return error.code if isinstance(error.code, int) else DEVICE
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message(), file=sys.stderr)
+        return USAGE
+    except click.ClickException as error:
+        context = getattr(error, "ctx", None)
+        see = f" (see '{context.command_path} --help')" if context else ""
+        _say("error", error.format_message().rstrip(".") + see)
+        return error.exit_code
+    except HexwireError as error:
+        _say("error", str(error))
+        return USAGE if isinstance(error, UsageError) else DEVICE
+    except BrokenPipeError:
+        # Whoever read our output has enough of it. What is still buffered must not be tried again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DEVICE
+    except OSError as error:
+        what = f"{error.filename}: " if error.filename else ""
+        _say("error", f"{what}{error.strerror or error}")
+        return DEVICE
+    return result if isinstance(result, int) else OK
+
+
+def note(text: str) -> None:
+    """One line for a person on standard error, where a program that reads the output does not see it."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def warnings_shown() -> Iterator[None]:
+    """Show what the library logs, from warnings on, as one line each on standard error."""
+    logger = logging.getLogger("hexwire")
+    handler = _OneLine()
+    before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)
+
+
+def show_more(verbosity: int) -> None:
+    """Inside `warnings_shown`: 0 shows warnings only, 1 what happens as well, 2 every detail."""
+    logging.getLogger("hexwire").setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbosity, 2)])
+
+
+def ends_like_ctrl_c() -> None:
+    """Make SIGTERM and SIGHUP end the program as Ctrl-C does: what is open is closed, an arm is left safe."""
+    for number in _SIGNALS:
+        # A program started by `nohup` keeps ignoring what it was told to ignore.
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Let nothing interrupt what must come to an end, such as taking the torque away."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *_SIGNALS)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _OneLine(logging.Handler):
+    """Writes to what `sys.stderr` is at that time, which a live drawing replaces."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        _say(record.levelname.lower(), record.getMessage())
+
+
+def _say(kind: str, text: str) -> None:
+    try:
+        note(f"{kind}: {' '.join(text.split())}")
+    except OSError:
+        # Nobody hears us: the exit status still tells.
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # as long as the program
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

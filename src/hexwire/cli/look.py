@@ -1,0 +1,120 @@
+"""`ping`, `probe` and `ports`: who is there. Nothing moves.
+
+Owns how these answers are shown. Must not know how they are obtained.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import (
+    RobotOptions,
+    fault_names,
+    format_table,
+    json_option,
+    open_robot,
+    print_json,
+    raise_if_silent,
+    robot_options,
+)
+from .exits import note
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import ProbeReport
+
+__all__ = ["ping", "ports", "probe"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Ping:
+    servo_id: int
+    joint: str | None
+    present: bool
+    faults: list[str]
+    round_trip_s: float | None
+
+    def __str__(self) -> str:
+        name = f"servo {self.servo_id}" + (f" ({self.joint})" if self.joint else "")
+        if not self.present:
+            return f"{name}: no answer"
+        trip = f", {1000 * self.round_trip_s:.1f} ms" if self.round_trip_s is not None else ""
+        return f"{name}: {', '.join(self.faults) or 'ok'}{trip}"
+
+
+@click.command()
+@click.argument("ids", metavar="[ID]...", nargs=-1, type=click.IntRange(0, 253))
+@robot_options
+@json_option
+def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
+    """Ask each servo whether it is there: the robot's own, or those with the given bus IDs."""
+    from hexwire.errors import NotSupportedError
+
+    pings = []
+    with open_robot(options) as robot:
+        ask = getattr(robot, "ping", None)
+        if ask is None:
+            raise NotSupportedError(f"robot {options.robot} has no servos that can be asked one by one")
+        rtts = robot.session.rtts
+        for servo_id in ids or [joint.servo_id for joint in robot.model.joints]:
+            error: int | None = ask(servo_id)
+            joint = robot.model.by_servo(servo_id)
+            there = error is not None
+            trip = rtts[-1] if there and rtts else None
+            row = _Ping(servo_id, joint.name if joint else None, there, fault_names(error or 0), trip)
+            pings.append(row)
+            if not as_json:
+                print(row, flush=True)
+    if as_json:
+        print_json([asdict(row) for row in pings])
+    raise_if_silent([(row.servo_id, row.joint) for row in pings if not row.present])
+
+
+@click.command()
+@robot_options
+@json_option
+def probe(options: RobotOptions, as_json: bool) -> None:
+    """Show who the board and its servos are and how they do."""
+    with open_robot(options) as robot:
+        report = robot.probe()
+    if as_json:
+        print_json(asdict(report))
+    else:
+        print(_report_in_words(report))
+    raise_if_silent([(joint.servo_id, joint.name) for joint in report.joints if not joint.present])
+
+
+def _report_in_words(report: ProbeReport) -> str:
+    facts = [
+        ("robot", report.robot),
+        ("link", report.link),
+        ("dialect", f"{report.dialect}" + (" (the chapter's)" if report.dialect == 1 else "")),
+        ("firmware", report.firmware),
+        ("boot id", "" if report.boot_id is None else f"{report.boot_id:08x}"),
+        ("can", ", ".join(report.capabilities).replace("_", " ")),
+        ("stopped", "yes; 'hexwire resume' ends that" if report.stopped else "no"),
+    ]
+    lines = [f"{name:9} {value}" for name, value in facts if value]
+    rows = [(j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.note) for j in report.joints]
+    lines += ["", format_table(("joint", "servo", "series", "there", ""), rows)]
+    counted = [f"{name.replace('_', ' ')} {count}" for name, count in report.counters.items() if count]
+    lines += ["", "counters  " + (", ".join(counted) or "all 0")]
+    return "\n".join(lines)
+
+
+@click.command()
+@json_option
+def ports(as_json: bool) -> None:
+    """List serial ports and what is probably behind them."""
+    from hexwire.ipc.ports import list_ports
+
+    found = list_ports()
+    if as_json:
+        print_json([asdict(port) | {"usb_id": port.usb_id or None} for port in found])
+    elif not found:
+        note("no serial port on this machine; 'hexwire sim board' makes one with a simulated board")
+    else:
+        rows = [(p.device, p.usb_id or "-", p.guess, "yes" if p.likely_board else "") for p in found]
+        print(format_table(("device", "usb id", "probably", "board?"), rows))

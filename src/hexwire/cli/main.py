@@ -1,0 +1,89 @@
+"""The program `hexwire`: the table of commands and how one is found.
+
+Owns names and one-line helps, so that `hexwire --help` imports no command. A command's module is imported when
+the command is used. Must not know what a command does.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from typing import Any
+
+import click
+
+from .exits import ends_like_ctrl_c, run, show_more, warnings_shown
+
+__all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
+    "model": ("hexwire.cli.model:model", "Compute with the arm's geometry; no robot needed."),
+    "move": ("hexwire.cli.move:move", "Move joints to angles in degrees."),
+    "ping": ("hexwire.cli.look:ping", "Ask each servo whether it is there."),
+    "ports": ("hexwire.cli.look:ports", "List serial ports and what is probably behind them."),
+    "probe": ("hexwire.cli.look:probe", "Show who the board and its servos are and how they do."),
+    "resume": ("hexwire.cli.power:resume", "End a stop; nothing moves by it."),
+    "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
+    "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
+    "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
+    "torque": ("hexwire.cli.power:torque", "Switch the torque on, without moving, or off."),
+}
+"""Name -> where the command is (module:attribute), and its help in one line."""
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            ctx.fail(f"no command {args[0]!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+        return super().resolve_command(ctx, args)
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run as a program: ends with SystemExit and the exit status."""
+        options["standalone_mode"] = False
+        parent_main = super().main
+        with warnings_shown():
+            status = run(lambda: parent_main(*args, **options))
+        sys.exit(status)
+
+
+@click.command(
+    cls=LazyGroup,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="A simulated arm to try things on: 'hexwire sim board' prints its port.",
+)
+@click.option("-v", "--verbose", count=True, help="Say what happens on the line; twice for every detail.")
+@click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
+def cli(verbose: int) -> None:
+    """Talk to a robot arm: from a joint command to a moving servo, and back.
+
+    Exit status: 0 done, 1 the device or the line is at fault, 2 the command makes no sense, 130 interrupted.
+    """
+    show_more(verbose)
+
+
+def main() -> None:
+    """Entry point of the program."""
+    ends_like_ctrl_c()
+    cli.main(prog_name="hexwire")

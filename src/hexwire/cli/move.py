@@ -1,0 +1,252 @@
+"""`move`: joints to angles in degrees, and perhaps until they are there.
+
+Owns what a person types as a target and how an arrival is judged. Must not know how a target is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import (
+    FiniteFloat,
+    RobotOptions,
+    attached,
+    joint_json,
+    json_option,
+    make_robot,
+    on_terminal,
+    print_json,
+    raise_if_silent,
+    robot_options,
+)
+from .exits import note, shielded
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointState, SentTarget
+
+__all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets"]
+
+_RATE = 20.0
+_GRACE = 2.0
+"""Seconds that the joints get beyond the duration of the move: servos settle, and lag under load."""
+
+
+@click.command()
+@click.argument("targets", metavar="JOINT=DEGREES...", nargs=-1, required=True)
+@click.option(
+    "--duration",
+    type=FiniteFloat("seconds", minimum=0),
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time the motion shall take; more if a speed limit asks for it.",
+)
+@click.option("--wait", is_flag=True, help="Wait until the joints have arrived; Ctrl-C stops the arm.")
+@click.option(
+    "--tolerance",
+    type=FiniteFloat("degrees", above=0),
+    default=1.0,
+    show_default=True,
+    metavar="DEGREES",
+    help="With --wait, how near is there.",
+)
+@robot_options
+@json_option
+def move(
+    targets: tuple[str, ...],
+    duration: float,
+    wait: bool,
+    tolerance: float,
+    options: RobotOptions,
+    as_json: bool,
+) -> None:
+    """Move joints to angles in degrees, as J1=10 J3=-5.5.
+
+    Joints without torque get it first, which moves nothing by itself.
+    """
+    from hexwire.errors import ServoError
+    from hexwire.model.state import JointTarget
+
+    angles = parse_targets(targets)
+    robot = make_robot(options)
+    goal = check_targets(robot.model, angles)
+    say: Callable[[str], object] = (lambda _: None) if as_json else print
+    shortfall = ""
+    with attached(robot):
+        with hold_on_ctrl_c(robot):
+            switched_on = _torque_on(robot, list(goal))
+            if switched_on:
+                say(f"torque on: {' '.join(switched_on)}")
+            sent = robot.write(JointTarget.of(goal, duration))
+        words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
+        say(f"moving to: {words} deg in {sent.duration:.2f} s")
+        if sent.clamped:
+            note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
+        if wait:
+            shortfall = _wait(robot, sent, math.radians(tolerance), draw=on_terminal() and not as_json)
+        if as_json:
+            print_json(_as_json(robot, sent, switched_on, not shortfall if wait else None))
+    raise_if_silent([(robot.model.joint(name).servo_id, name) for name in sent.silent])
+    if shortfall:
+        raise ServoError(shortfall)
+    if wait:
+        say("arrived")
+
+
+def parse_targets(words: Sequence[str]) -> list[tuple[str, float]]:
+    """Take ``J1=10`` apart: pairs of name and degrees.
+
+    Raises:
+        UsageError: With everything that is wrong, on one line.
+    """
+    from hexwire.errors import UsageError
+
+    targets, wrong = [], []
+    for word in words:
+        name, equals, text = word.partition("=")
+        try:
+            angle = float(text)
+        except ValueError:
+            angle = math.nan
+        if not name or not equals or not math.isfinite(angle):
+            wrong.append(repr(word))
+        targets.append((name, angle))
+    if wrong:
+        raise UsageError(f"{', '.join(wrong)}: write a target as JOINT=DEGREES, as in J1=10 J3=-5.5")
+    return targets
+
+
+def check_targets(model: ArmModel, targets: Sequence[tuple[str, float]]) -> dict[str, float]:
+    """Find the joints of targets in degrees.
+
+    Returns:
+        Radians by the arm's own joint names.
+
+    Raises:
+        UsageError: A joint does not exist, is named twice or would leave its limits; the text has all of it.
+    """
+    from hexwire.errors import LimitError, UsageError
+
+    goal: dict[str, float] = {}
+    wrong = []
+    for name, angle in targets:
+        if name.lower() not in (known.lower() for known in model.names):
+            wrong.append(f"no joint {name!r} ({model.name} has {', '.join(model.names)})")
+            continue
+        joint = model.joint(name)
+        if joint.name in goal:
+            wrong.append(f"{joint.name} is named twice")
+        goal[joint.name] = math.radians(angle)
+        try:
+            joint.check(goal[joint.name])
+        except LimitError as error:
+            wrong.append(str(error).partition(";")[0])
+    if wrong:
+        raise UsageError("; ".join([*wrong, "nothing was sent"]))
+    return goal
+
+
+@contextmanager
+def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
+    """Stop the arm, holding, when the program is interrupted."""
+    from hexwire.errors import HexwireError
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        with shielded():
+            try:
+                robot.stop()
+            except HexwireError as error:
+                note(f"warning: the arm could not be stopped: {error}")
+            else:
+                latched = getattr(robot, "dialect", 2) != 1
+                note("stopped: the arm holds" + ("; 'hexwire resume' ends that" if latched else ""))
+        raise
+
+
+def _torque_on(robot: RobotDriver, names: Sequence[str]) -> tuple[str, ...]:
+    """Give torque to those of the joints that have none; returns their names."""
+    have = robot.read().torque_on
+    missing = [name for name in names if name not in have]
+    if not missing:
+        return ()
+    confirmed = robot.torque(True, missing)
+    raise_if_silent([(robot.model.joint(name).servo_id, name) for name in missing if name not in confirmed])
+    return confirmed
+
+
+def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, *, draw: bool) -> str:
+    """Wait until the joints are there; returns why they are not, or nothing."""
+    from hexwire.motion.loop import RateLoop
+
+    goal = dict(sent.positions)
+    way = 0.0
+    state: JointState | None = None
+    with _progress() if draw else nullcontext(lambda *_: None) as show, hold_on_ctrl_c(robot):
+        for _ in RateLoop(_RATE).ticks(sent.duration + _GRACE):
+            state = robot.read()
+            left = {name: abs(goal[name] - state[name].position) for name in goal}
+            farthest = max(left, key=lambda name: left[name])
+            way = max(way, left[farthest])
+            show(
+                1.0 - left[farthest] / way if way else 1.0,
+                f"{farthest} {math.degrees(left[farthest]):.1f} deg to go",
+            )
+            if left[farthest] <= tolerance:
+                return ""
+            if state.stopped:
+                return "the arm was stopped before it arrived; 'hexwire resume' ends that"
+            limp = [name for name in goal if name not in state.torque_on]
+            if limp:
+                return f"{', '.join(limp)} lost the torque before it arrived"
+    if state is None:
+        return "there was no time to arrive in"
+    return _shortfall(state, goal, tolerance, sent.duration + _GRACE)
+
+
+def _shortfall(state: JointState, goal: dict[str, float], tolerance: float, seconds: float) -> str:
+    from .state import condition
+
+    parts = []
+    for name, angle in goal.items():
+        missing = angle - state[name].position
+        if abs(missing) > tolerance:
+            why = condition(state[name])
+            parts.append(
+                f"{name} is {abs(math.degrees(missing)):.1f} deg away" + ("" if why == "ok" else f" ({why})")
+            )
+    return f"not arrived after {seconds:.1f} s: {', '.join(parts)}"
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[float, str], None]]:
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    with Progress(BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda share, text: bar.update(task, completed=share, description=text)
+
+
+def _as_json(
+    robot: RobotDriver, sent: SentTarget, switched_on: tuple[str, ...], arrived: bool | None
+) -> dict[str, object]:
+    return {
+        "sent": [
+            {"name": name, "position_rad": angle, "position_deg": math.degrees(angle)}
+            for name, angle in sent.positions
+        ],
+        "duration_s": sent.duration,
+        "torque_switched_on": switched_on,
+        "clamped": sent.clamped,
+        "silent": sent.silent,
+        "arrived": arrived,
+        "joints": None if arrived is None else [joint_json(joint, robot.model) for joint in robot.read()],
+    }

@@ -1,0 +1,86 @@
+"""`sim`: emulated hardware for other programs to talk to.
+
+Owns the options of the emulator and when it ends. Must not know how a board works.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+
+import click
+
+from .exits import note
+
+__all__ = ["sim"]
+
+_SERVO_BAUD = 115200
+"""Rate of the emulated servo bus where the line is paced: what the chapter's sketch sets."""
+
+
+@click.group()
+def sim() -> None:
+    """Emulate hardware on a pseudo-terminal."""
+
+
+@sim.command()
+@click.option("--link", metavar="PATH", help="Make a symbolic link to the terminal: a name that stays.")
+@click.option(
+    "--baud",
+    type=click.IntRange(min=0),
+    default=115200,
+    show_default=True,
+    metavar="N|0",
+    help="Pace the line at this rate; 0 is as fast as it goes.",
+)
+@click.option(
+    "--dialect",
+    type=click.IntRange(1, 2),
+    default=2,
+    show_default=True,
+    metavar="1|2",
+    help="1 is the chapter's board, 2 hexwire's firmware.",
+)
+@click.option("--fault", "faults", multiple=True, metavar="SPEC", help="What goes wrong, as silent:4; repeatable.")
+@click.option("--seed", type=int, default=0, metavar="N", help="For everything random.")
+@click.option("--reset-on-open", is_flag=True, help="Opening the port resets the board, as it does a real Mega.")
+@click.option("--until-eof", is_flag=True, help="End when standard input does, so that no board outlives its user.")
+def board(
+    link: str | None,
+    baud: int,
+    dialect: int,
+    faults: tuple[str, ...],
+    seed: int,
+    reset_on_open: bool,
+    until_eof: bool,
+) -> None:
+    """Emulate a Hex7Bot: prints the port to open, and runs until it is stopped."""
+    from hexwire.emulator.board import make_hex7bot_board
+    from hexwire.emulator.serve import serve_board
+
+    device = make_hex7bot_board(
+        dialect=dialect,
+        baud=_SERVO_BAUD if baud else 0,
+        faults=faults,
+        seed=seed,
+        start=time.monotonic(),
+    )
+    ended = threading.Event()
+    if until_eof:
+        threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
+    serve_board(device, link=link, baud=baud, reset_on_open=reset_on_open, stop=ended.is_set, announce=_announce)
+
+
+def _announce(path: str) -> None:
+    print(path, flush=True)
+    if sys.stdout.isatty():
+        note(f"try 'hexwire state --port {path}' in another terminal; Ctrl-C ends the board")
+
+
+def _wait_for_eof(ended: threading.Event) -> None:
+    # Not through sys.stdin: a thread that holds its lock would abort the interpreter's end.
+    while os.read(0, 4096):
+        pass
+    ended.set()

@@ -1,0 +1,143 @@
+"""`state`: all joints, once or live.
+
+Owns how a joint state is shown. Must not know how it is obtained.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import (
+    FiniteFloat,
+    RobotOptions,
+    fault_names,
+    format_table,
+    joint_json,
+    json_option,
+    on_terminal,
+    open_robot,
+    print_json,
+    raise_if_silent,
+    robot_options,
+)
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointReading, JointState
+
+__all__ = ["condition", "state", "state_json"]
+
+_HEAD = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque", "condition")
+
+
+@click.command()
+@click.option("--watch", is_flag=True, help="Go on until interrupted.")
+@click.option(
+    "--rate",
+    type=FiniteFloat("hz", above=0),
+    default=5.0,
+    show_default=True,
+    metavar="HZ",
+    help="With --watch, how often.",
+)
+@robot_options
+@json_option
+def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:
+    """Show all joints, once or live."""
+    with open_robot(options) as robot:
+        if watch:
+            _watch(robot, rate, as_json)
+        else:
+            joints = robot.read()
+            if as_json:
+                print_json(state_json(joints, robot.model))
+            else:
+                print(format_table(_HEAD, [_cells(joint) for joint in joints]))
+                for line in _remarks(joints):
+                    print(line)
+            raise_if_silent([(robot.model.joint(name).servo_id, name) for name in joints.silent])
+
+
+def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
+    """A joint state for JSON, each key with its unit."""
+    return {
+        "robot": model.name,
+        "stopped": state.stopped,
+        "watchdog_tripped": state.watchdog_tripped,
+        "board_time_s": state.board_time,
+        "joints": [joint_json(joint, model) for joint in state],
+    }
+
+
+def condition(joint: JointReading) -> str:
+    """What is to be said of a joint: ``ok``, ``no answer`` or its faults."""
+    from hexwire.model.state import JointFlag
+
+    if joint.flags & JointFlag.SILENT:
+        return "no answer"
+    words = fault_names(joint.flags)
+    if joint.flags & JointFlag.CLAMPED:
+        words.append("clamped to its limit")
+    return ", ".join(words) or "ok"
+
+
+def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
+    from hexwire.motion.loop import RateLoop
+
+    ticks = RateLoop(rate).ticks()
+    if as_json:
+        for _ in ticks:
+            print_json(state_json(robot.read(), robot.model), one_line=True)
+    elif not on_terminal():
+        for seconds in ticks:
+            joints = robot.read()
+            angles = "  ".join(f"{j.name} {_number(math.degrees(j.position), 2)}" for j in joints)
+            odd = [f"{j.name} {condition(j)}" for j in joints if condition(j) != "ok"]
+            print("; ".join([f"{seconds:8.1f} s  {angles} deg", *odd, *_remarks(joints)]), flush=True)
+    else:
+        from rich.console import Group
+        from rich.live import Live
+        from rich.text import Text
+
+        from .draw import joint_table
+
+        with Live(auto_refresh=False, transient=False) as live:
+            for _ in ticks:
+                joints = robot.read()
+                faulty = [condition(joint) != "ok" for joint in joints]
+                remarks = [Text(line, style="bold red") for line in _remarks(joints)]
+                foot = Text(f"{robot.session.ipc.link.url}, {rate:g} Hz; Ctrl-C ends", style="dim")
+                table = joint_table(_HEAD, [_cells(joint) for joint in joints], faulty)
+                live.update(Group(table, *remarks, foot), refresh=True)
+
+
+def _remarks(state: JointState) -> list[str]:
+    if state.watchdog_tripped:
+        return ["stopped by the board, because the host fell silent; 'hexwire resume' ends that"]
+    return ["stopped; 'hexwire resume' ends that"] if state.stopped else []
+
+
+def _cells(joint: JointReading) -> tuple[str, ...]:
+    from hexwire.model.state import JointFlag
+
+    return (
+        joint.name,
+        _number(math.degrees(joint.position), 2),
+        _number(math.degrees(joint.velocity), 1),
+        _number(100 * joint.load, 1),
+        _number(1000 * joint.current, 0),
+        _number(joint.voltage, 1),
+        _number(joint.temperature, 0),
+        _number(1000 * joint.age, 0),
+        "on" if joint.flags & JointFlag.TORQUE_ON else "off",
+        condition(joint),
+    )
+
+
+def _number(value: float, digits: int) -> str:
+    # "-0.0" would have a reader look for a meaning.
+    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "-"
