@@ -1,0 +1,186 @@
+"""Bodies of dialect 2 against the schema and against vectors/command.jsonl."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import struct
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import RemoteProtocolError
+from hexwire.wire import commands as c
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Status
+
+ROOT = Path(__file__).parents[2]
+SCHEMA: dict[str, Any] = tomllib.loads((ROOT / "schema/commands.toml").read_text())
+ROWS: list[dict[str, Any]] = [
+    json.loads(line) for line in (ROOT / "vectors/command.jsonl").read_text().splitlines()
+]
+GOOD = [row for row in ROWS if "error" not in row]
+CODES = {"u8": "B", "u16": "H", "u32": "I", "i8": "b", "i16": "h", "i32": "i"}
+
+
+def encode(row: dict[str, Any]) -> bytes:
+    """Build a body by the schema alone, knowing nothing of the code under test."""
+    spec = SCHEMA["commands"][row["command"]]
+    prefix = "request_" if row["part"] == "request" else ""
+    mask = row["fields"].get("fields", 0) if row["command"] == "JOINT_STATE" else 0
+    return b"".join(
+        _encode(spec.get(part, []), values, mask)
+        for part, values in [
+            (row["part"], row["fields"]),
+            *((f"{prefix}rows", values) for values in row.get("rows", [])),
+        ]
+    )
+
+
+def _encode(layout: list[list[str]], values: dict[str, Any], mask: int) -> bytes:
+    out = b""
+    for name, kind, *condition in layout:
+        if condition and not mask & SCHEMA["state_fields"][condition[0]]:
+            assert name not in values
+        elif kind == "bytes":
+            out += bytes.fromhex(values[name])
+        else:
+            out += struct.pack("<" + CODES[kind], values[name])
+    return out
+
+
+def value_of(row: dict[str, Any]) -> Any:
+    """The typed value that the code should give for a line, with the function that reads and writes it."""
+    f, rows = row["fields"], row.get("rows", [])
+    match row["command"], row["part"]:
+        case "IDENTIFY", "reply":
+            joints = tuple(c.JointRow(r["servo_id"], r["series"], bool(r["present"])) for r in rows)
+            firmware = (f["fw_major"], f["fw_minor"], f["fw_patch"])
+            return c.Identity(
+                f["protocol"], firmware, f["boot_id"], f["capabilities"], f["max_frame"], f["board_flags"], joints
+            )
+        case "JOINT_STATE", "reply":
+            names = ("position", "status", "speed", "load", "voltage", "temperature", "current", "age")
+            columns = [tuple(r[name] for r in rows) if name in rows[0] else None for name in names]
+            return c.JointReport(f["time_us"], f["board_flags"], *columns)  # type: ignore[arg-type]
+        case "JOINT_MOVE", "request":
+            return c.MoveRequest(f["duration_ms"], tuple(c.MoveRow(r["servo_id"], r["position"]) for r in rows))
+        case "JOINT_MOVE", "reply":
+            sent = tuple(c.SentRow(r["servo_id"], r["position"], bool(r["flags"])) for r in rows)
+            return c.MoveReply(f["duration_ms"], sent)
+        case "LIMITS", "reply":
+            return c.LimitTable(
+                f["version"], tuple(c.LimitRow(r["minimum"], r["maximum"], r["speed"]) for r in rows)
+            )
+        case "OFFSETS", "reply":
+            return c.OffsetTable(f["version"], tuple(c.OffsetRow(r["neutral"], r["sign"]) for r in rows))
+        case "TRANSACT", "request":
+            return c.TransactRequest(f["reply_length"], f["timeout_ms"], bytes.fromhex(f["packet"]))
+        case "STATS", "reply":
+            return c.Stats(f)
+    return None
+
+
+READERS = {
+    ("IDENTIFY", "reply"): c.Identity.parse,
+    ("JOINT_STATE", "reply"): c.JointReport.parse,
+    ("JOINT_MOVE", "request"): c.MoveRequest.parse,
+    ("JOINT_MOVE", "reply"): c.MoveReply.parse,
+    ("LIMITS", "request"): c.LimitTable.parse_request,
+    ("LIMITS", "reply"): c.LimitTable.parse,
+    ("OFFSETS", "request"): c.OffsetTable.parse_request,
+    ("OFFSETS", "reply"): c.OffsetTable.parse,
+    ("TORQUE", "reply"): c.parse_stop_reply,
+    ("STOP", "reply"): c.parse_stop_reply,
+    ("TRANSACT", "request"): c.TransactRequest.parse,
+    ("STATS", "reply"): c.Stats.parse,
+    ("FRAGMENT", "request"): c.FragmentHead.parse,
+    ("FRAGMENT_MISSING", "request"): c.parse_missing,
+}
+
+
+def test_every_line_names_its_source_and_every_command_is_there() -> None:
+    assert all(row["source"] for row in ROWS)
+    board = {name for name, spec in SCHEMA["commands"].items() if spec["code"] <= Command.IO}
+    assert {row["command"] for row in ROWS} == board
+    assert {(row["command"], row["part"]) for row in GOOD} >= set(READERS)
+
+
+@pytest.mark.parametrize("row", GOOD, ids=lambda row: row["name"])
+def test_vector_follows_the_schema(row: dict[str, Any]) -> None:
+    assert encode(row) == bytes.fromhex(row["hex"])
+
+
+@pytest.mark.parametrize("row", [r for r in GOOD if value_of(r) is not None], ids=lambda row: row["name"])
+def test_typed_body_is_read_and_written(row: dict[str, Any]) -> None:
+    data, value = bytes.fromhex(row["hex"]), value_of(row)
+    assert type(value).parse(data) == value
+    assert value.serialize() == data
+
+
+def test_bodies_that_are_functions_rather_than_types() -> None:
+    by_name = {row["name"]: bytes.fromhex(row["hex"]) for row in GOOD}
+    assert c.parse_stop_reply(by_name["stopped, torque off, all"]) == (1, 0x7F)
+    assert c.make_stop_reply(1, 0x3F) == by_name["torque confirmed by six"]
+    limits = (c.LimitRow(0, 4095, 4096),)
+    assert c.LimitTable.serialize_request(limits) == by_name["limits of one joint"]
+    assert c.LimitTable.parse_request(by_name["limits of one joint"]) == limits
+    offsets = (c.OffsetRow(2047, 1), c.OffsetRow(2048, -1))
+    assert c.OffsetTable.serialize_request(offsets) == by_name["offsets to store"]
+    assert c.OffsetTable.parse_request(by_name["offsets to store"]) == offsets
+    chunk = by_name["second of three chunks of a READ"]
+    head = c.FragmentHead(0x1234, 1, 3, 2, 0)
+    assert c.FragmentHead.parse(chunk) == head
+    assert head.serialize() == chunk[: c.FRAGMENT_HEAD_SIZE]
+    assert c.parse_missing(by_name["chunks 0 and 258 are missing"]) == (0x1234, (0, 258))
+    assert c.serialize_missing(0x1234, (0, 258)) == by_name["chunks 0 and 258 are missing"]
+    assert c.serialize_missing(0x1234, ()) == by_name["all arrived"]
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if "error" in row], ids=lambda row: row["name"])
+def test_bad_body_is_refused(row: dict[str, Any]) -> None:
+    with pytest.raises(RemoteProtocolError, match=r"^[A-Z_]+"):
+        READERS[row["command"], row["part"]](bytes.fromhex(row["hex"]))
+
+
+@pytest.mark.parametrize("key", READERS, ids=" ".join)
+@given(body=st.binary(max_size=260))
+def test_any_body_is_read_or_refused(key: tuple[str, str], body: bytes) -> None:
+    with contextlib.suppress(RemoteProtocolError):
+        value = READERS[key](body)
+        if hasattr(value, "serialize") and key not in {("STATS", "reply"), ("FRAGMENT", "request")}:
+            assert type(value).parse(value.serialize()) == value  # type: ignore[attr-defined]
+
+
+def test_codes_are_those_of_the_schema() -> None:
+    assert {m.name: m.value for m in Command} == {name: row["code"] for name, row in SCHEMA["commands"].items()}
+    assert {m.name.lower(): m.value for m in Status} == SCHEMA["status"]
+    assert {m.name: m.value for m in Command} == tables.COMMANDS
+    assert tuple(name for name, _ in SCHEMA["commands"]["STATS"]["reply"]) == c.STATS_FIELDS
+    assert sum(SCHEMA["state_fields"].values()) == c.ALL_FIELDS
+
+
+@pytest.mark.parametrize("mask", range(64))
+def test_every_field_mask_has_the_rows_of_the_schema(mask: int) -> None:
+    layout = SCHEMA["commands"]["JOINT_STATE"]["rows"]
+    wanted = [name for name, _, *cond in layout if not cond or mask & SCHEMA["state_fields"][cond[0]]]
+    rows = [{name: 10 * (i + 1) + j for j, name in enumerate(wanted)} for i in range(2)]
+    fields = {"time_us": 5, "fields": mask, "board_flags": 0, "joints": 2, "spare": 0}
+    line = {"command": "JOINT_STATE", "part": "reply", "fields": fields, "rows": rows}
+    report = c.JointReport.parse(encode(line))
+    assert report == value_of(line)
+    assert report.fields == mask
+    assert report.serialize() == encode(line)
+
+
+def test_a_newer_board_may_append_counters() -> None:
+    stats = c.Stats.parse(struct.pack("<17I", *range(1, 18)))
+    assert list(stats.counters) == list(c.STATS_FIELDS)
+    assert stats.counters["loop_us_max"] == 15
+    assert c.Stats.parse(struct.pack("<2I", 7, 8)).counters == {"uptime_ms": 7, "frames_received": 8}
+    wrapped = c.Stats({"uptime_ms": 2**32 + 5}).serialize()
+    assert c.Stats.parse(wrapped).counters["uptime_ms"] == 5
