@@ -1,3 +1,5 @@
+#include "hot.h"  // first
+
 #include "board.h"
 
 #include <string.h>
@@ -78,13 +80,15 @@ void Board::tick() {
 }
 
 bool Board::poll() {
+  // The servo line first: it should not wait for anything else.
   tick();
   const uint32_t begun = last_us_;
+  run_bus();
+  report();
   receive();
   check_watchdog();
   settings_.poll();
   run_bus();
-  report();
   const uint32_t took = platform_.micros() - begun;
   if (took > stats_.loop_us_max) stats_.loop_us_max = took;
   return queue_.count() == 0 || owner_ != Owner::kNobody;
@@ -97,6 +101,7 @@ void Board::receive() {
     Frame frame;
     while (decoder_.next(frame)) accept(frame);
   } while (decoder_.expire(last_us_));
+  platform_.host_expect(decoder_.missing());
 }
 
 void Board::accept(const Frame& frame) {
@@ -140,7 +145,7 @@ void Board::stop(const Frame& frame) {
   if (frame.body[gen::STOP_REQUEST_MODE]) board_flags_ |= gen::BOARD_FLAG_TORQUE_OFF_STOP;
   // What runs now runs again after the stop, and is refused then if it would move anything.
   drop_job();
-  if (!bus_.idle()) bus_.hurry();
+  if (!bus_.idle()) bus_.hurry(last_us_);
 }
 
 void Board::check_watchdog() {

@@ -22,6 +22,11 @@ constexpr uint8_t kVersionMajor = 1;
 constexpr uint8_t kVersionMinor = 0;
 constexpr uint8_t kVersionPatch = 0;
 
+// Instructions that change nothing.
+inline bool is_read(uint8_t instruction) {
+  return instruction == gen::INST_PING || instruction == gen::INST_READ || instruction == gen::INST_SYNC_READ;
+}
+
 class Board {
  public:
   explicit Board(Platform& platform);
@@ -47,6 +52,8 @@ class Board {
     kSendLegacy,
     kSendHls,
     kSendTorque,
+    kSendPacket,
+    kSendRaw,
     kConfirmTorque,
     kConfirmTarget,
     kReplyMove,
@@ -113,6 +120,12 @@ class Board {
   void start_job(const Step* program, Mask mask);
   void run_job();
   bool run_step();
+  bool needs_bus() const;
+  bool start_request();
+  Mask ceiling_unknown() const;
+  void send_packet();
+  void send_raw();
+  void set_duration(uint8_t joint, uint16_t duration_ms);
   bool sweep(Item item, Mask mask);
   void next_step();
   void drop_job();
@@ -121,7 +134,7 @@ class Board {
   void aim_sync_write();
   void put_target(uint8_t joint, int16_t position, uint32_t duration_ms);
   int16_t clamp(uint8_t joint, int32_t wanted);
-  uint32_t shortest_ms(uint8_t joint, int16_t target) const;
+  uint32_t at_least(uint32_t duration_ms, uint8_t joint, int16_t target) const;
   void confirm(bool target);
   void reply_move();
   void reply_packet();

@@ -8,7 +8,6 @@ namespace hexwire {
 
 namespace {
 
-constexpr uint16_t kPacketTimeoutUs = 20000;
 constexpr uint8_t kMaxRawAnswer = 120;
 constexpr uint8_t kMinPacket = 6;
 constexpr uint8_t kBoardErrorSize = 6;
@@ -21,10 +20,6 @@ constexpr uint16_t kCapabilities = gen::CAPABILITY_REPORT | gen::CAPABILITY_JOIN
                                    gen::CAPABILITY_LIMITS | gen::CAPABILITY_OFFSETS | gen::CAPABILITY_TRANSACT |
                                    gen::CAPABILITY_SYNC_READ | gen::CAPABILITY_IO;
 constexpr uint16_t kNever = 0xFFFF;
-
-bool is_read(uint8_t instruction) {
-  return instruction == gen::INST_PING || instruction == gen::INST_READ || instruction == gen::INST_SYNC_READ;
-}
 
 bool sound_packet(const uint8_t* p, uint8_t size) {
   return size >= kMinPacket && p[0] == 0xFF && p[1] == 0xFF && p[2] != 0xFF && p[3] + 4 == size &&
@@ -134,20 +129,7 @@ void Board::execute_packet() {
   if (status == gen::STATUS_OK && stopped() && !is_read(instruction)) status = gen::STATUS_STOPPED;
   if (status != gen::STATUS_OK) return refuse_packet(status);
 
-  bus_.take(packet, size);
-  Expect expect = {kAnyHeader, 0, instruction == gen::INST_PING, 2, kPacketTimeoutUs};
-  owner_ = Owner::kJob;
   start_job(kPacket, 0);
-  if (instruction == gen::INST_SYNC_READ) {
-    expect.parameters = packet[6];
-    bus_.start_many(packet + 7, static_cast<uint8_t>(size - 8), expect);
-  } else if (instruction == gen::INST_REBOOT || (packet[2] == gen::BROADCAST_ID && !is_read(instruction))) {
-    bus_.start_silent();
-  } else {
-    if (instruction == gen::INST_READ) expect.parameters = packet[6];
-    if (!is_read(instruction)) expect.tries = 1;
-    bus_.start_single(expect);
-  }
 }
 
 // Whether a packet from the host may go to the bus: whole, sound, and no target outside the limits.
@@ -387,17 +369,13 @@ void Board::transact() {
   const uint8_t* p = now_running_.body;
   if (now_running_.size < gen::TRANSACT_REQUEST_SIZE) return refuse(gen::STATUS_BAD_LENGTH);
   const uint8_t length = p[gen::TRANSACT_REQUEST_REPLY_LENGTH];
-  const uint8_t timeout = p[gen::TRANSACT_REQUEST_TIMEOUT_MS];
   const uint8_t* packet = p + gen::TRANSACT_REQUEST_PACKET;
   const uint8_t size = static_cast<uint8_t>(now_running_.size - gen::TRANSACT_REQUEST_SIZE);
   const uint8_t status = check_packet(packet, size);
   if (status != gen::STATUS_OK) return refuse(status);
   if (length > kMaxRawAnswer) return refuse(gen::STATUS_BAD_RANGE);
   if (stopped() && !is_read(packet[4])) return refuse(gen::STATUS_STOPPED);
-  bus_.take(packet, size);
-  owner_ = Owner::kJob;
   start_job(kRaw, 0);
-  bus_.start_raw(length, timeout ? timeout * 1000UL : kPacketTimeoutUs);
 }
 
 void Board::stats() {

@@ -1,3 +1,5 @@
+#include "hot.h"  // first
+
 #include "frame.h"
 
 #include <string.h>
@@ -109,6 +111,13 @@ bool FrameDecoder::next(Frame& frame) {
   }
   if (start) drop(start);
   return false;
+}
+
+uint8_t FrameDecoder::missing() const {
+  uint8_t size = gen::FRAME_OVERHEAD;
+  // `next` has left a believable head, or none yet.
+  if (held_ >= gen::HEADER_SIZE) size = buffer_[gen::HEADER_AT_SIZE];
+  return size > held_ ? static_cast<uint8_t>(size - held_) : 1;
 }
 
 bool FrameDecoder::expire(uint32_t now) {

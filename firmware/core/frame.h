@@ -39,6 +39,9 @@ class FrameDecoder {
   // Gives up an unfinished frame after the inter-byte time-out; true if `next` should be asked again.
   bool expire(uint32_t now);
 
+  // Bytes that are missing at least until `next` can find a frame.
+  uint8_t missing() const;
+
   // Something that may become a frame is coming in.
   bool receiving() const { return held_ > 0; }
 

@@ -1,3 +1,5 @@
+#include "hot.h"  // first
+
 // The commands that take the bus for more than one transaction, as lists of steps, and what runs them.
 #include <string.h>
 
@@ -5,6 +7,12 @@
 #include "bytes.h"
 
 namespace hexwire {
+
+namespace {
+
+constexpr uint16_t kPacketTimeoutUs = 20000;
+
+}  // namespace
 
 const Board::Step Board::kBoot[] = {Step::kReadPosition, Step::kReadTorque, Step::kReadCeiling, Step::kAimIfTorque,
                                     Step::kSendLegacy,   Step::kSendHls,    Step::kBooted};
@@ -17,8 +25,8 @@ const Board::Step Board::kTorqueOn[] = {Step::kReadPosition, Step::kReadCeiling,
 const Board::Step Board::kTorqueOff[] = {Step::kSendTorque, Step::kReadTorque, Step::kConfirmTorque};
 const Board::Step Board::kHold[] = {Step::kReadPosition, Step::kReadCeiling, Step::kAimIfTorque,  Step::kSendLegacy,
                                     Step::kSendHls,      Step::kReadTarget,  Step::kConfirmTarget};
-const Board::Step Board::kPacket[] = {Step::kReplyPacket};
-const Board::Step Board::kRaw[] = {Step::kReplyRaw};
+const Board::Step Board::kPacket[] = {Step::kSendPacket, Step::kReplyPacket};
+const Board::Step Board::kRaw[] = {Step::kSendRaw, Step::kReplyRaw};
 const Board::Step Board::kState[] = {Step::kAwaitCycle, Step::kReplyState};
 const Board::Step Board::kSave[] = {Step::kAwaitSaved};
 
@@ -43,37 +51,69 @@ void Board::next_step() {
 
 // One pass over everything that concerns the bus.
 void Board::run_bus() {
-  bus_.poll();
+  bus_.poll(last_us_);
   if (bus_.finished()) {
     const Owner owner = owner_;
     owner_ = Owner::kNobody;
-    if (owner == Owner::kPoller) poller_.take_result(platform_.micros(), ms_);
-    if (owner == Owner::kJob && job_.entered) sweep_.take_result(platform_.micros(), ms_);
+    if (owner == Owner::kPoller) poller_.take_result(last_us_, ms_);
+    if (owner == Owner::kJob && job_.entered) sweep_.take_result(last_us_, ms_);
   }
-  run_job();
+  if (!job_.active) start_request();
+  // Whoever needs the line gets it before anything is worked out: it should not lie idle meanwhile.
+  if (job_.active && needs_bus()) run_job();
   // While a host that speaks the chapter's dialect is sending, the line is kept free for its request.
   const bool keep_free = decoder_.receiving() && (chapter_heard_ || !poller_.busy(ms_));
-  const bool waiting = job_.active && job_.program != kState && job_.program != kSave;
-  if (bus_.idle() && !waiting && !keep_free && poller_.start(platform_.micros(), ms_)) owner_ = Owner::kPoller;
+  const bool wanted = job_.active && needs_bus();
+  if (bus_.idle() && !wanted && !keep_free && poller_.start(last_us_, ms_)) owner_ = Owner::kPoller;
+  poller_.digest();
+  run_job();
+}
+
+bool Board::start_request() {
+  if (!queue_.front(&now_running_) || !may_send()) return false;
+  execute();
+  return true;
 }
 
 void Board::run_job() {
-  for (;;) {
-    if (!job_.active) {
-      if (!bus_.idle() || !may_send() || !queue_.front(&now_running_)) return;
-      execute();
-      if (!bus_.idle()) return;
-      continue;
-    }
-    const bool takes_bus = job_.program != kState && job_.program != kSave;
-    if (takes_bus && !bus_.idle()) return;
-    if (!run_step()) return;
+  while (job_.active ? run_step() : start_request()) {
   }
+}
+
+// Whether the next step starts something on the bus or needs what came from it. Others run beside a transaction.
+bool Board::needs_bus() const {
+  switch (job_.program[job_.pc]) {
+    case Step::kReadCeiling:
+      return job_.entered || ceiling_unknown();
+    case Step::kReadPosition:
+    case Step::kReadTorque:
+    case Step::kReadTarget:
+    case Step::kSendLegacy:
+    case Step::kSendHls:
+    case Step::kSendTorque:
+    case Step::kSendPacket:
+    case Step::kSendRaw:
+    case Step::kReplyPacket:
+    case Step::kReplyRaw:
+      return true;
+    default:
+      return false;
+  }
+}
+
+// Joints of the job that cannot be moved before their current ceiling is known.
+Mask Board::ceiling_unknown() const {
+  Mask unknown = 0;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!joints_[i].ceiling_known && joints_[i].series == gen::SERIES_HLS) unknown |= only(i);
+  }
+  return unknown & job_.mask;
 }
 
 // False if the step needs more time.
 bool Board::run_step() {
   const Step step = job_.program[job_.pc];
+  if (!bus_.idle() && needs_bus()) return false;
   switch (step) {
     case Step::kReadPosition:
       return sweep(Item::kPosition, job_.mask);
@@ -81,13 +121,8 @@ bool Board::run_step() {
       return sweep(Item::kTorque, job_.mask);
     case Step::kReadTarget:
       return sweep(Item::kTarget, job_.targets.mask);
-    case Step::kReadCeiling: {
-      Mask unknown = 0;
-      for (uint8_t i = 0; i < kJoints; ++i) {
-        if (!joints_[i].ceiling_known && joints_[i].series == gen::SERIES_HLS) unknown |= only(i);
-      }
-      return sweep(Item::kCeiling, job_.mask & unknown);
-    }
+    case Step::kReadCeiling:
+      return sweep(Item::kCeiling, ceiling_unknown());
     case Step::kAimPresent:
       aim(job_.mask);
       return true;
@@ -112,6 +147,16 @@ bool Board::run_step() {
       next_step();
       if (!joints_.make_torque(bus_, job_.mask, job_.argument && now_running_.cmd == gen::CMD_TORQUE)) return true;
       break;
+    case Step::kSendPacket:
+      next_step();
+      send_packet();
+      owner_ = Owner::kJob;
+      return false;
+    case Step::kSendRaw:
+      next_step();
+      send_raw();
+      owner_ = Owner::kJob;
+      return false;
     case Step::kConfirmTorque:
       confirm(false);
       return true;
@@ -174,6 +219,7 @@ bool Board::sweep(Item item, Mask mask) {
     owner_ = Owner::kJob;
     return false;
   }
+  sweep_.digest();
   next_step();
   return true;
 }
@@ -181,7 +227,14 @@ bool Board::sweep(Item item, Mask mask) {
 void Board::put_target(uint8_t joint, int16_t position, uint32_t duration_ms) {
   job_.targets.mask |= only(joint);
   job_.targets.position[joint] = position;
-  job_.targets.duration_ms[joint] = duration_ms > 0xFFFF ? 0xFFFF : static_cast<uint16_t>(duration_ms);
+  set_duration(joint, duration_ms > 0xFFFF ? 0xFFFF : static_cast<uint16_t>(duration_ms));
+}
+
+void Board::set_duration(uint8_t joint, uint16_t duration_ms) {
+  job_.targets.duration_ms[joint] = duration_ms;
+  if (joints_[joint].series == gen::SERIES_HLS) {
+    job_.targets.speed[joint] = joints_.hls_speed(joint, job_.targets.position[joint], duration_ms);
+  }
 }
 
 int16_t Board::clamp(uint8_t joint, int32_t wanted) {
@@ -192,10 +245,13 @@ int16_t Board::clamp(uint8_t joint, int32_t wanted) {
   return target;
 }
 
-// How long the way takes at the joint's speed limit.
-uint32_t Board::shortest_ms(uint8_t joint, int16_t target) const {
+// A duration, lengthened where the joint would exceed its speed limit. Mostly it would not: then there is no
+// division, which on an AVR takes longer than a byte on the line.
+uint32_t Board::at_least(uint32_t duration_ms, uint8_t joint, int16_t target) const {
   const uint16_t speed = settings_.speed(joint);
-  return (static_cast<uint32_t>(joints_.distance(joint, target)) * 1000 + speed - 1) / speed;
+  const uint32_t way = static_cast<uint32_t>(joints_.distance(joint, target)) * 1000;
+  if (duration_ms >= 0x10000 || way <= duration_ms * speed) return duration_ms;
+  return (way + speed - 1) / speed;
 }
 
 void Board::aim(Mask mask) {
@@ -217,13 +273,13 @@ void Board::aim_move() {
       const Joint& joint = joints_[i];
       if (at[0] != joint.id && at[0] != gen::BROADCAST_ID) continue;
       if (!joint.present || (joint.series == gen::SERIES_HLS && !joint.ceiling_known)) continue;
-      put_target(i, clamp(i, wanted), 0);
-      const uint32_t needed = shortest_ms(i, job_.targets.position[i]);
-      if (needed > duration) duration = needed;
+      job_.targets.mask |= only(i);
+      job_.targets.position[i] = clamp(i, wanted);
+      duration = at_least(duration, i, job_.targets.position[i]);
     }
   }
   job_.duration_ms = duration > 0xFFFF ? 0xFFFF : static_cast<uint16_t>(duration);
-  for (uint8_t i = 0; i < kJoints; ++i) job_.targets.duration_ms[i] = job_.duration_ms;
+  for (uint8_t i = 0; i < kJoints; ++i) set_duration(i, job_.duration_ms);
   next_step();
 }
 
@@ -238,10 +294,8 @@ void Board::aim_sync_write() {
     const Joint& joint = joints_[i];
     if (joint.series == gen::SERIES_HLS && !joint.ceiling_known) continue;
     const int16_t target = clamp(i, get16(at + 1));
-    uint32_t duration = get16(at + 3);
-    const uint32_t needed = shortest_ms(i, target);
-    if (joint.known && needed > duration) duration = needed;
-    put_target(i, target, duration);
+    const uint32_t wish = get16(at + 3);
+    put_target(i, target, joint.known ? at_least(wish, i, target) : wish);
   }
   next_step();
 }
@@ -297,6 +351,31 @@ void Board::reply_move() {
   const uint8_t rows = static_cast<uint8_t>(size - gen::JOINT_MOVE_REPLY_SIZE) / gen::JOINT_MOVE_REPLY_ROW_SIZE;
   out[gen::JOINT_MOVE_REPLY_COUNT] = rows;
   reply(all ? gen::STATUS_OK : gen::STATUS_SERVO_SILENT, size);
+}
+
+void Board::send_packet() {
+  const uint8_t* packet = now_running_.body;
+  const uint8_t size = now_running_.size;
+  const uint8_t instruction = packet[4];
+  bus_.take(packet, size);
+  Expect expect = {kAnyHeader, 0, instruction == gen::INST_PING, 2, kPacketTimeoutUs};
+  if (instruction == gen::INST_SYNC_READ) {
+    expect.parameters = packet[6];
+    bus_.start_many(packet + 7, static_cast<uint8_t>(size - 8), expect);
+  } else if (instruction == gen::INST_REBOOT || (packet[2] == gen::BROADCAST_ID && !is_read(instruction))) {
+    bus_.start_silent();
+  } else {
+    if (instruction == gen::INST_READ) expect.parameters = packet[6];
+    if (!is_read(instruction)) expect.tries = 1;
+    bus_.start_single(expect);
+  }
+}
+
+void Board::send_raw() {
+  const uint8_t* p = now_running_.body;
+  const uint8_t timeout = p[gen::TRANSACT_REQUEST_TIMEOUT_MS];
+  bus_.take(p + gen::TRANSACT_REQUEST_PACKET, static_cast<uint8_t>(now_running_.size - gen::TRANSACT_REQUEST_SIZE));
+  bus_.start_raw(p[gen::TRANSACT_REQUEST_REPLY_LENGTH], timeout ? timeout * 1000UL : kPacketTimeoutUs);
 }
 
 // The answer to PING or READ: whole status packets, one after the other.

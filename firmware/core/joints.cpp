@@ -1,3 +1,5 @@
+#include "hot.h"  // first
+
 #include "joints.h"
 
 #include "bytes.h"
@@ -16,7 +18,10 @@ constexpr uint16_t kHlsSpeedUnit = 50;     // counts/s
 constexpr uint16_t kHlsSlowest = 1;
 constexpr uint16_t kHlsFastest = 0x7FFF;
 
-constexpr uint8_t kHlsMotionSize = gen::HLS_REG_PRESENT_TEMPERATURE + 1 - gen::HLS_REG_PRESENT_SPEED;
+constexpr uint8_t kHlsMotionSize = gen::HLS_REG_PRESENT_TEMPERATURE + 1 - gen::HLS_REG_PRESENT_POSITION;
+
+// Where a register is in the parameters of that read.
+constexpr uint8_t motion_at(uint8_t address) { return static_cast<uint8_t>(address - gen::HLS_REG_PRESENT_POSITION); }
 
 bool legacy(uint8_t series) { return series == gen::SERIES_SEVEN_BOT; }
 
@@ -56,35 +61,57 @@ Mask Joints::present() const {
   return mask;
 }
 
-bool Joints::locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) const {
+bool Joints::has(uint8_t joint, Item item) const {
+  if (item == Item::kCeiling) return !legacy(joints_[joint].series);
+  return item != Item::kSupply || legacy(joints_[joint].series);
+}
+
+// Address and size of an item's register.
+void Joints::locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) const {
   const bool old = legacy(joints_[joint].series);
+  *address = 0;
   *size = 2;
   switch (item) {
     case Item::kPosition:
       *address = old ? gen::SEVEN_BOT_REG_PRESENT_POSITION : gen::HLS_REG_PRESENT_POSITION;
-      return true;
+      break;
     case Item::kTorque:
       *address = old ? gen::SEVEN_BOT_REG_TORQUE_ENABLE : gen::HLS_REG_TORQUE_ENABLE;
       *size = 1;
-      return true;
+      break;
     case Item::kTarget:
       *address = old ? gen::SEVEN_BOT_REG_TARGET_POSITION : gen::HLS_REG_GOAL_POSITION;
-      return true;
+      break;
     case Item::kCeiling:
       *address = gen::HLS_REG_GOAL_TORQUE;
-      return !old;
+      break;
     case Item::kMotion:
-      *address = gen::HLS_REG_PRESENT_SPEED;
-      *size = kHlsMotionSize;
-      return !old;
+      *address = old ? gen::SEVEN_BOT_REG_PRESENT_POSITION : gen::HLS_REG_PRESENT_POSITION;
+      if (!old) *size = kHlsMotionSize;
+      break;
     case Item::kSupply:
       *address = gen::SEVEN_BOT_REG_PRESENT_VOLTAGE;
-      return old;
+      break;
     case Item::kCurrent:
       *address = old ? gen::SEVEN_BOT_REG_PRESENT_CURRENT : gen::HLS_REG_PRESENT_CURRENT;
-      return true;
+      break;
   }
-  return false;
+}
+
+void Joints::store_position(Joint& joint, uint16_t raw, uint32_t now_us, uint32_t now_ms) {
+  const bool old = legacy(joint.series);
+  const int16_t position = decode_signed(raw, old ? 0 : gen::HLS_REG_PRESENT_POSITION_SIGN);
+  const uint32_t ticks = (now_us - joint.sampled_us) / 64;
+  if (old && joint.known && ticks) {
+    // These servos report no speed: it is the difference to the sample before, in ticks of 64 us so that it
+    // stays in 32 bits.
+    const int32_t way = static_cast<int32_t>(position) - joint.position;
+    joint.speed = way ? narrow(way * 15625 / static_cast<int32_t>(ticks)) : 0;
+  }
+  joint.position = position;
+  joint.sampled_us = now_us;
+  joint.sampled_ms = now_ms;
+  joint.known = true;
 }
 
 int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error, uint32_t now_us, uint32_t now_ms) {
@@ -94,19 +121,19 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
   joint.present = true;
   const uint16_t raw = old ? get16_big(p) : get16(p);
   switch (item) {
-    case Item::kPosition: {
-      const int16_t position = decode_signed(raw, old ? 0 : gen::HLS_REG_PRESENT_POSITION_SIGN);
-      const uint32_t ticks = (now_us - joint.sampled_us) / 64;
-      if (old && joint.known && ticks) {
-        // These servos report no speed: it is the difference to the sample before, in 64 us ticks to stay in 32 bits.
-        joint.speed = narrow((static_cast<int32_t>(position) - joint.position) * 15625 / static_cast<int32_t>(ticks));
+    case Item::kMotion:
+      if (!old) {
+        const int16_t units = decode_signed(get16(p + motion_at(gen::HLS_REG_PRESENT_SPEED)), gen::HLS_REG_PRESENT_SPEED_SIGN);
+        joint.speed = narrow(static_cast<int32_t>(units) * kHlsSpeedUnit);
+        joint.load = decode_signed(get16(p + motion_at(gen::HLS_REG_PRESENT_LOAD)), gen::HLS_REG_PRESENT_LOAD_SIGN);
+        joint.voltage = p[motion_at(gen::HLS_REG_PRESENT_VOLTAGE)];
+        joint.temperature = static_cast<int8_t>(p[motion_at(gen::HLS_REG_PRESENT_TEMPERATURE)]);
       }
-      joint.position = position;
-      joint.sampled_us = now_us;
-      joint.known = true;
-      joint.sampled_ms = now_ms;
-      return position;
-    }
+      store_position(joint, raw, now_us, now_ms);
+      return joint.position;
+    case Item::kPosition:
+      store_position(joint, raw, now_us, now_ms);
+      return joint.position;
     case Item::kTorque:
       joint.torque_on = p[0] == 1;
       return p[0];
@@ -117,13 +144,6 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
       joint.ceiling = raw ? raw : gen::DEFAULT_CEILING;
       joint.ceiling_known = true;
       return static_cast<int16_t>(raw);
-    case Item::kMotion:
-      joint.speed = narrow(static_cast<int32_t>(decode_signed(raw, gen::HLS_REG_PRESENT_SPEED_SIGN)) * kHlsSpeedUnit);
-      joint.load = decode_signed(get16(p + gen::HLS_REG_PRESENT_LOAD - gen::HLS_REG_PRESENT_SPEED),
-                                 gen::HLS_REG_PRESENT_LOAD_SIGN);
-      joint.voltage = p[gen::HLS_REG_PRESENT_VOLTAGE - gen::HLS_REG_PRESENT_SPEED];
-      joint.temperature = static_cast<int8_t>(p[gen::HLS_REG_PRESENT_TEMPERATURE - gen::HLS_REG_PRESENT_SPEED]);
-      return joint.speed;
     case Item::kSupply:
       joint.voltage = p[0];
       joint.temperature = static_cast<int8_t>(p[1]);
@@ -142,34 +162,39 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
 
 void Joints::missed(uint8_t joint) { joints_[joint].present = false; }
 
-bool Joints::make_read(ServoBus& bus, uint8_t joint, Item item) const {
+uint8_t Joints::make_read(ServoBus& bus, uint8_t joint, Item item) const {
   uint8_t address;
   uint8_t size;
-  if (!locate(joint, item, &address, &size)) return false;
+  locate(joint, item, &address, &size);
   bus.begin(joints_[joint].id, gen::INST_READ);
   bus.add(address);
   bus.add(size);
-  return true;
+  return size;
 }
 
-bool Joints::make_sync_read(ServoBus& bus, Mask mask, Item item) const {
-  uint8_t address = 0;
-  uint8_t size = 0;
-  for (uint8_t i = 0; i < kJoints; ++i) {
-    if (mask & only(i)) locate(i, item, &address, &size);
-  }
+uint8_t Joints::make_sync_read(ServoBus& bus, const uint8_t* joints, uint8_t count, Item item) const {
+  uint8_t address;
+  uint8_t size;
+  locate(joints[0], item, &address, &size);
   bus.begin(gen::BROADCAST_ID, gen::INST_SYNC_READ);
   bus.add(address);
   bus.add(size);
-  for (uint8_t i = 0; i < kJoints; ++i) {
-    if (mask & only(i)) bus.add(joints_[i].id);
-  }
-  return true;
+  for (uint8_t i = 0; i < count; ++i) bus.add(joints_[joints[i]].id);
+  return size;
 }
 
 uint16_t Joints::distance(uint8_t joint, int16_t target) const {
   const int32_t difference = static_cast<int32_t>(target) - joints_[joint].position;
   return static_cast<uint16_t>(difference < 0 ? -difference : difference);
+}
+
+uint16_t Joints::hls_speed(uint8_t joint, int16_t target, uint16_t duration_ms) const {
+  const uint32_t way = static_cast<uint32_t>(distance(joint, target)) * 1000;
+  const uint32_t unit = static_cast<uint32_t>(duration_ms) * kHlsSpeedUnit;
+  if (way == 0) return kHlsSlowest;
+  if (unit == 0) return kHlsFastest;
+  const uint32_t speed = (way + unit - 1) / unit;
+  return speed > kHlsFastest ? kHlsFastest : static_cast<uint16_t>(speed);
 }
 
 bool Joints::make_targets(ServoBus& bus, const Targets& targets, uint8_t series) const {
@@ -187,15 +212,10 @@ bool Joints::make_targets(ServoBus& bus, const Targets& targets, uint8_t series)
       bus.add16(targets.duration_ms[i], true);
       continue;
     }
-    const uint32_t unit = static_cast<uint32_t>(targets.duration_ms[i]) * kHlsSpeedUnit;
-    const uint32_t way = static_cast<uint32_t>(distance(i, targets.position[i])) * 1000;
-    uint32_t speed = unit ? (way + unit - 1) / unit : kHlsFastest;
-    if (speed < kHlsSlowest || way == 0) speed = kHlsSlowest;
-    if (speed > kHlsFastest) speed = kHlsFastest;
     bus.add(0);
     bus.add16(encode_signed(targets.position[i], gen::HLS_REG_GOAL_POSITION_SIGN), false);
     bus.add16(joints_[i].ceiling, false);
-    bus.add16(static_cast<uint16_t>(speed), false);
+    bus.add16(targets.speed[i], false);
   }
   return true;
 }
@@ -218,80 +238,110 @@ Sweep::Sweep(ServoBus& bus, Joints& joints)
     : bus_(bus),
       joints_(joints),
       item_(Item::kPosition),
-      use_sync_read_(false),
-      todo_(0),
-      asked_(0),
+      order_(),
+      next_(0),
+      count_(0),
+      many_(),
+      many_count_(0),
+      many_asked_(false),
       answered_(0),
+      undigested_(0),
+      taken_us_(0),
+      taken_ms_(0),
+      raw_(),
       values_() {}
 
 void Sweep::begin(Mask mask, Item item, bool use_sync_read) {
+  digest();
   item_ = item;
-  use_sync_read_ = use_sync_read;
-  todo_ = mask;
   answered_ = 0;
+  next_ = count_ = many_count_ = 0;
+  many_asked_ = false;
+  for (uint8_t i = 0; i < kJoints; ++i, mask >>= 1) {
+    if (!(mask & 1) || !joints_.has(i, item)) continue;
+    if (use_sync_read && joints_[i].series == gen::SERIES_HLS) {
+      many_[many_count_++] = i;
+    } else {
+      order_[count_++] = i;
+    }
+  }
+  if (many_count_ == 1) {
+    // A sync read of one costs more than a read.
+    order_[count_++] = many_[0];
+    many_count_ = 0;
+  }
 }
 
 bool Sweep::start_next(uint32_t now_ms) {
-  uint8_t address;
-  uint8_t size;
-  Expect expect = {kAnyHeader, 0, false, kPollTries, kPollTimeoutUs};
-  const Mask able = use_sync_read_ ? static_cast<Mask>(todo_ & joints_.with_series(gen::SERIES_HLS)) : 0;
-  if (able & (able - 1)) {
-    // Two or more. Those that stay silent are asked again one by one.
-    use_sync_read_ = false;
-    asked_ = able;
-    uint8_t ids[kJoints];
-    uint8_t count = 0;
-    for (uint8_t i = 0; i < kJoints; ++i) {
-      if (!(able & only(i))) continue;
-      joints_.locate(i, item_, &address, &size);
-      joints_[i].asked_ms = now_ms;
-      ids[count++] = joints_[i].id;
-    }
-    joints_.make_sync_read(bus_, able, item_);
-    expect.header = 0xFF;
-    expect.parameters = size;
-    expect.tries = 1;
-    bus_.start_many(ids, count, expect);
+  if (many_count_) {
+    start_many(now_ms);
     return true;
   }
-  for (uint8_t i = 0; i < kJoints; ++i) {
-    if (!(todo_ & only(i))) continue;
-    if (!joints_.locate(i, item_, &address, &size)) {
-      todo_ &= static_cast<Mask>(~only(i));
-      continue;
-    }
-    asked_ = only(i);
-    joints_[i].asked_ms = now_ms;
-    joints_.make_read(bus_, i, item_);
-    expect.header = legacy(joints_[i].series) ? 0xF5 : 0xFF;
-    expect.parameters = size;
-    bus_.start_single(expect);
-    return true;
-  }
-  return false;
+  if (next_ == count_) return false;
+  const uint8_t joint = order_[next_];
+  Joint& asked = joints_[joint];
+  asked.asked_ms = now_ms;
+  const uint8_t size = joints_.make_read(bus_, joint, item_);
+  const uint8_t header = legacy(asked.series) ? 0xF5 : 0xFF;
+  bus_.start_single(Expect{header, size, false, kPollTries, kPollTimeoutUs});
+  return true;
 }
 
-void Sweep::take_one(uint8_t joint, uint8_t index, uint32_t now_us, uint32_t now_ms) {
-  const uint8_t* packet = bus_.answer(index);
+void Sweep::start_many(uint32_t now_ms) {
+  uint8_t ids[kJoints];
+  for (uint8_t i = 0; i < many_count_; ++i) {
+    Joint& joint = joints_[many_[i]];
+    joint.asked_ms = now_ms;
+    ids[i] = joint.id;
+  }
+  const uint8_t size = joints_.make_sync_read(bus_, many_, many_count_, item_);
+  many_asked_ = true;
+  bus_.start_many(ids, many_count_, Expect{0xFF, size, false, 1, kPollTimeoutUs});
+}
+
+void Sweep::take_one(uint8_t joint, const uint8_t* packet) {
+  Raw& raw = raw_[undigested_++];
+  raw.joint = joint;
+  raw.size = 0;
   if (packet == nullptr) return;
-  values_[joint] = joints_.store(joint, item_, packet + 5, packet[4], now_us, now_ms);
-  answered_ |= only(joint);
-  todo_ &= static_cast<Mask>(~only(joint));
+  raw.error = packet[4];
+  raw.size = static_cast<uint8_t>(packet[3] - 2);
+  for (uint8_t i = 0; i < raw.size && i < kLongestItem; ++i) raw.data[i] = packet[5 + i];
 }
 
 void Sweep::take_result(uint32_t now_us, uint32_t now_ms) {
-  uint8_t index = 0;
-  for (uint8_t i = 0; i < kJoints; ++i) {
-    if (asked_ & only(i)) take_one(i, index++, now_us, now_ms);
+  if (undigested_) digest();
+  taken_us_ = now_us;
+  taken_ms_ = now_ms;
+  if (!many_asked_) {
+    take_one(order_[next_++], bus_.answer());
+    return;
   }
-  if (!(asked_ & (asked_ - 1)) && !(asked_ & answered_)) {
-    // A single read, already repeated. Only the position tells presence: not every servo has every register.
-    for (uint8_t i = 0; i < kJoints; ++i) {
-      if ((asked_ & only(i)) && item_ == Item::kPosition) joints_.missed(i);
+  for (uint8_t i = 0; i < many_count_; ++i) {
+    const uint8_t* packet = bus_.answer(i);
+    if (packet != nullptr) {
+      take_one(many_[i], packet);
+    } else {
+      // Who is missing is asked once more, alone.
+      order_[count_++] = many_[i];
     }
-    todo_ &= static_cast<Mask>(~asked_);
   }
+  many_count_ = 0;
+  many_asked_ = false;
+}
+
+void Sweep::digest() {
+  for (uint8_t i = 0; i < undigested_; ++i) {
+    const Raw& raw = raw_[i];
+    if (raw.size) {
+      values_[raw.joint] = joints_.store(raw.joint, item_, raw.data, raw.error, taken_us_, taken_ms_);
+      answered_ |= only(raw.joint);
+    } else if (item_ == Item::kPosition || item_ == Item::kMotion) {
+      // Only the position tells presence: not every servo has every register.
+      joints_.missed(raw.joint);
+    }
+  }
+  undigested_ = 0;
 }
 
 }  // namespace hexwire

@@ -23,11 +23,10 @@ enum class Item : uint8_t {
   kTorque,
   kTarget,
   kCeiling,      // HLS: the current ceiling
-  kMotion,       // HLS: speed, load, voltage, temperature in one read
+  kMotion,       // position; HLS: also speed, load, voltage, temperature in one read
   kSupply,       // legacy: voltage and temperature
   kCurrent,
 };
-constexpr uint8_t kItems = 7;
 
 struct Joint {
   uint8_t id;
@@ -55,6 +54,7 @@ struct Targets {
   Mask mask;
   int16_t position[kJoints];
   uint16_t duration_ms[kJoints];
+  uint16_t speed[kJoints];  // HLS: in its own units
 };
 
 class Joints {
@@ -67,28 +67,36 @@ class Joints {
   Mask with_series(uint8_t series) const;
   Mask present() const;
 
-  // Whether `item` exists for the joint; address and size of its register.
-  bool locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) const;
+  // Whether the joint's series has the item.
+  bool has(uint8_t joint, Item item) const;
 
   // Takes an answer's parameters into the table; returns the value where the item is a single one.
   int16_t store(uint8_t joint, Item item, const uint8_t* parameters, uint8_t error, uint32_t now_us,
                 uint32_t now_ms);
   void missed(uint8_t joint);
 
-  // Put a packet into the bus's send buffer; false if there is nothing to send.
-  bool make_read(ServoBus& bus, uint8_t joint, Item item) const;
-  bool make_sync_read(ServoBus& bus, Mask mask, Item item) const;
+  // Put a packet into the bus's send buffer and return the parameters of each answer.
+  uint8_t make_read(ServoBus& bus, uint8_t joint, Item item) const;
+  uint8_t make_sync_read(ServoBus& bus, const uint8_t* joints, uint8_t count, Item item) const;
+  // The same for packets without an answer; false if there is nothing to send.
   bool make_targets(ServoBus& bus, const Targets& targets, uint8_t series) const;
   bool make_torque(ServoBus& bus, Mask mask, bool on) const;
 
+  // Speed that gets an HLS joint to its target in that time, in the servo's units.
+  uint16_t hls_speed(uint8_t joint, int16_t target, uint16_t duration_ms) const;
   // Distance in counts from where the joint was seen last.
   uint16_t distance(uint8_t joint, int16_t target) const;
 
  private:
+  void locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) const;
+  static void store_position(Joint& joint, uint16_t raw, uint32_t now_us, uint32_t now_ms);
+
   Joint joints_[kJoints];
 };
 
-// Reads one item of many joints, in as few transactions as the series allow.
+// Reads one item of many joints, in as few transactions as the series allow. What happens between the last byte
+// of an answer and the first of the next request is the board's own time on the line, so it is kept short: an
+// answer is only copied then, and understood by `digest` when the next request is on its way.
 class Sweep {
  public:
   Sweep(ServoBus& bus, Joints& joints);
@@ -98,20 +106,39 @@ class Sweep {
   bool start_next(uint32_t now_ms);
   // Takes the result of the transaction that this sweep started.
   void take_result(uint32_t now_us, uint32_t now_ms);
+  // Puts what was taken into the joint table.
+  void digest();
 
+  // Valid after `digest`.
   Mask answered() const { return answered_; }
   int16_t value(uint8_t joint) const { return values_[joint]; }
 
  private:
-  void take_one(uint8_t joint, uint8_t index, uint32_t now_us, uint32_t now_ms);
+  static constexpr uint8_t kLongestItem = 8;
+  struct Raw {
+    uint8_t joint;
+    uint8_t size;  // 0 = no answer
+    uint8_t error;
+    uint8_t data[kLongestItem];
+  };
+
+  void take_one(uint8_t joint, const uint8_t* packet);
+  void start_many(uint32_t now_ms);
 
   ServoBus& bus_;
   Joints& joints_;
   Item item_;
-  bool use_sync_read_;
-  Mask todo_;
-  Mask asked_;
+  uint8_t order_[kJoints];  // joints still to be asked, one by one
+  uint8_t next_;
+  uint8_t count_;
+  uint8_t many_[kJoints];   // joints to be asked in one go
+  uint8_t many_count_;
+  bool many_asked_;
   Mask answered_;
+  uint8_t undigested_;
+  uint32_t taken_us_;
+  uint32_t taken_ms_;
+  Raw raw_[kJoints];
   int16_t values_[kJoints];
 };
 

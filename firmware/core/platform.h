@@ -22,6 +22,10 @@ class Platform {
   virtual void bus_write(const uint8_t* data, uint8_t size) = 0;
   virtual bool bus_sending() = 0;
 
+  // Hints for a board that sleeps: it need not wake up before so many more bytes have come in.
+  virtual void host_expect(uint8_t bytes) { (void)bytes; }
+  virtual void bus_expect(uint8_t bytes) { (void)bytes; }
+
   // Memory that survives a reset. A byte may be written while `storage_ready`.
   virtual uint8_t storage_read(uint16_t address) = 0;
   virtual bool storage_ready() = 0;

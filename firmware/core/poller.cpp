@@ -1,3 +1,5 @@
+#include "hot.h"  // first
+
 #include "poller.h"
 
 namespace hexwire {
@@ -7,13 +9,16 @@ namespace {
 constexpr uint16_t kAwakeMs = 2000;
 constexpr uint16_t kIdleCycleMs = 100;
 constexpr uint16_t kSilentRetryMs = 500;  // a servo that is not there is not asked in every cycle
-// One slow item every so many cycles: more would cost the positions their rate (docs/firmware.md has the sums).
-constexpr uint8_t kCyclesPerExtra = 3;
+// The slow items cost the positions their rate, so they take turns: in one cycle of so many the HLS servos give
+// speed, load, voltage and temperature along with the position, and half way between one joint is asked for
+// one other item. docs/firmware.md has the sums.
+constexpr uint8_t kCyclesPerTurn = 16;
+constexpr uint8_t kExtraAt = 8;
 constexpr uint8_t kExtrasPerRest = 3;      // when there is time to spare before a report
 constexpr int32_t kExtraUs = 2500;         // the longest of them, with room
 
 // The items that take turns. Torque is among them since a servo may drop it by itself.
-const Item kExtras[] = {Item::kMotion, Item::kSupply, Item::kCurrent, Item::kTorque};
+const Item kExtras[] = {Item::kSupply, Item::kTorque, Item::kCurrent};
 constexpr uint8_t kExtraCount = sizeof(kExtras) / sizeof(kExtras[0]);
 
 }  // namespace
@@ -26,7 +31,7 @@ Poller::Poller(ServoBus& bus, Joints& joints)
       awake_(false),
       report_ready_(false),
       cycles_(0),
-      until_extra_(kCyclesPerExtra),
+      extra_due_(false),
       turn_(0),
       extras_left_(0),
       period_ms_(0),
@@ -70,7 +75,8 @@ bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
   phase_ = Phase::kCycle;
   cycle_begun_us_ = now_us;
   // A lone reader of the chapter's dialect should not find the line taken by a long sync read.
-  sweep_.begin(worth_asking(now_ms), Item::kPosition, busy(now_ms));
+  const bool more = !busy(now_ms) || cycles_ % kCyclesPerTurn == 0;
+  sweep_.begin(worth_asking(now_ms), more ? Item::kMotion : Item::kPosition, busy(now_ms));
   if (sweep_.start_next(now_ms)) return true;
   end_cycle(now_us, now_ms);
   return false;
@@ -81,9 +87,7 @@ bool Poller::start_extra(uint32_t now_ms) {
     const uint8_t joint = static_cast<uint8_t>(turn_ % kJoints);
     const Item item = kExtras[turn_ / kJoints];
     if (++turn_ == kJoints * kExtraCount) turn_ = 0;
-    uint8_t address;
-    uint8_t size;
-    if (!joints_[joint].present || !joints_.locate(joint, item, &address, &size)) continue;
+    if (!joints_[joint].present || !joints_.has(joint, item)) continue;
     sweep_.begin(only(joint), item, false);
     phase_ = Phase::kExtra;
     if (extras_left_) --extras_left_;
@@ -97,18 +101,16 @@ bool Poller::start(uint32_t now_us, uint32_t now_ms) {
     if (sweep_.start_next(now_ms)) return true;
     if (phase_ == Phase::kCycle) end_cycle(now_us, now_ms);
     phase_ = Phase::kRest;
-    return false;
   }
   if (awake_ && !awake(now_ms)) awake_ = false;
-  if (until_extra_ == 0) {
-    until_extra_ = kCyclesPerExtra;
+  if (extra_due_) {
+    extra_due_ = false;
     if (start_extra(now_ms)) return true;
   }
   const bool rested = now_ms - cycle_at_ms_ >= kIdleCycleMs;
   if (period_ms_ == 0) {
     if (!awake_ && !rested) return false;
   } else {
-    if (report_ready_) return false;
     // The cycle should end when the report is due; what is left before it belongs to the slow items.
     const int32_t spare = static_cast<int32_t>(report_at_us_ - cycle_us_ - now_us);
     if (spare > 0) {
@@ -121,7 +123,7 @@ bool Poller::start(uint32_t now_us, uint32_t now_ms) {
 
 void Poller::take_result(uint32_t now_us, uint32_t now_ms) {
   sweep_.take_result(now_us, now_ms);
-  if (phase_ == Phase::kCycle && sweep_.answered()) sampled_us_ = now_us;
+  if (phase_ == Phase::kCycle && bus_.result() == BusResult::kOk) sampled_us_ = now_us;
 }
 
 void Poller::end_cycle(uint32_t now_us, uint32_t now_ms) {
@@ -129,7 +131,7 @@ void Poller::end_cycle(uint32_t now_us, uint32_t now_ms) {
   cycle_us_ = now_us - cycle_begun_us_;
   cycle_at_ms_ = now_ms;
   ++cycles_;
-  if (until_extra_) --until_extra_;
+  if (cycles_ % kCyclesPerTurn == kExtraAt) extra_due_ = true;
   extras_left_ = kExtrasPerRest;
   const int32_t early = static_cast<int32_t>(report_at_us_ - now_us);
   if (period_ms_ != 0 && early < static_cast<int32_t>(cycle_us_ / 2)) report_ready_ = true;

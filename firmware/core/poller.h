@@ -30,6 +30,8 @@ class Poller {
   // Starts a transaction if one is due; true if it did.
   bool start(uint32_t now_us, uint32_t now_ms);
   void take_result(uint32_t now_us, uint32_t now_ms);
+  // Works on what was taken, while the next answer is awaited.
+  void digest() { sweep_.digest(); }
 
   // Counts finished cycles; wraps.
   uint8_t cycles() const { return cycles_; }
@@ -51,8 +53,8 @@ class Poller {
   bool awake_;
   bool report_ready_;
   uint8_t cycles_;
-  uint8_t until_extra_;
-  uint8_t turn_;  // joint * kItems + item of the next extra
+  bool extra_due_;
+  uint8_t turn_;  // item * kJoints + joint of the next extra
   uint8_t extras_left_;
   uint16_t period_ms_;
   uint32_t awake_until_ms_;

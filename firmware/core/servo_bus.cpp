@@ -1,3 +1,5 @@
+#include "hot.h"  // first
+
 #include "servo_bus.h"
 
 #include <string.h>
@@ -40,6 +42,7 @@ ServoBus::ServoBus(Platform& platform, Stats& stats)
       wanted_(0),
       got_(0),
       timeout_us_(0),
+      now_(0),
       since_(0),
       last_rx_(0),
       hurried_at_(0) {}
@@ -79,7 +82,13 @@ void ServoBus::start_silent() {
   start(Kind::kSilent);
 }
 
-void ServoBus::start_single(const Expect& expect) { start_many(packet_ + 2, 1, expect); }
+void ServoBus::start_single(const Expect& expect) {
+  expect_ = expect;
+  timeout_us_ = expect.timeout_us;
+  wanted_ = 1;
+  ids_[0] = packet_[2];
+  start(Kind::kPackets);
+}
 
 void ServoBus::start_many(const uint8_t* ids, uint8_t count, const Expect& expect) {
   expect_ = expect;
@@ -108,7 +117,7 @@ void ServoBus::start(Kind kind) {
 // Whatever is on the line now belongs to nobody: a late answer must not be taken for the next one.
 void ServoBus::wait_for_quiet() {
   state_ = State::kQuiet;
-  since_ = last_rx_ = platform_.micros();
+  since_ = last_rx_ = now_;
   uint8_t scrap[16];
   uint8_t count;
   while ((count = platform_.bus_read(scrap, sizeof(scrap))) != 0) {
@@ -122,21 +131,26 @@ void ServoBus::send() {
   --tries_left_;
   ++stats_.bus_transactions;
   received_ = searched_ = got_ = 0;
-  memset(at_, kNoAnswer, sizeof(at_));
+  memset(at_, kNoAnswer, wanted_);
   echo_matched_ = 0;
   echo_over_ = false;
   line_dirty_ = false;
+  // All but the last byte: they are looked at before it is there.
+  uint8_t bytes = echo_seen_ ? size_ : 0;
+  if (kind_ == Kind::kRaw) bytes = static_cast<uint8_t>(bytes + raw_length_ - 1);
+  if (kind_ == Kind::kPackets) bytes = static_cast<uint8_t>(bytes + wanted_ * (expect_.parameters + kStatusOverhead) - 1);
+  platform_.bus_expect(bytes);
   platform_.bus_write(packet_, size_);
   state_ = State::kSending;
 }
 
-void ServoBus::poll() {
+void ServoBus::poll(uint32_t now) {
+  now_ = now;
   switch (state_) {
     case State::kIdle:
     case State::kFinished:
       return;
     case State::kQuiet: {
-      const uint32_t now = platform_.micros();
       uint8_t scrap[16];
       uint8_t count;
       while ((count = platform_.bus_read(scrap, sizeof(scrap))) != 0) {
@@ -155,7 +169,7 @@ void ServoBus::poll() {
 
 void ServoBus::receive() {
   const bool sending = platform_.bus_sending();
-  const uint32_t now = platform_.micros();
+  const uint32_t now = now_;
   if (state_ == State::kSending && !sending) {
     state_ = State::kWaiting;
     since_ = last_rx_ = now;
@@ -286,14 +300,15 @@ bool ServoBus::finished() {
   return true;
 }
 
-void ServoBus::hurry() {
+void ServoBus::hurry(uint32_t now) {
   hurried_ = true;
-  hurried_at_ = platform_.micros();
+  hurried_at_ = now;
   if (state_ == State::kQuiet) finish(BusResult::kSilent);
 }
 
 const uint8_t* ServoBus::answer(uint8_t index) const {
   if (kind_ == Kind::kRaw) return answer_;
+  if (kind_ == Kind::kSilent) return nullptr;
   return at_[index] == kNoAnswer ? nullptr : answer_ + at_[index];
 }
 

@@ -53,13 +53,13 @@ class ServoBus {
   // `reply_length` bytes, whatever they are.
   void start_raw(uint8_t reply_length, uint32_t timeout_us);
 
-  void poll();
+  void poll(uint32_t now);
   bool idle() const { return state_ == State::kIdle; }
   // True once for each transaction that was started, when it has ended.
   bool finished();
   // Ends the transaction as soon as the line allows: what is being sent is sent, an answer that is
   // coming is let through, but nothing is waited for.
-  void hurry();
+  void hurry(uint32_t now);
 
   BusResult result() const { return result_; }
   // Status packet number `index` of the answer (raw: all that came); null if it did not come.
@@ -102,6 +102,7 @@ class ServoBus {
   uint8_t wanted_;        // number of status packets
   uint8_t got_;
   uint32_t timeout_us_;
+  uint32_t now_;      // of the present pass
   uint32_t since_;    // start of the state; while waiting, the end of the request
   uint32_t last_rx_;
   uint32_t hurried_at_;

@@ -32,6 +32,8 @@ class Mega : public hexwire::Platform {
   uint8_t bus_read(uint8_t* into, uint8_t room) override { return bus_uart_read(into, room); }
   void bus_write(const uint8_t* data, uint8_t size) override { bus_uart_write(data, size); }
   bool bus_sending() override { return bus_uart_sending(); }
+  void host_expect(uint8_t bytes) override { host_uart_expect(bytes); }
+  void bus_expect(uint8_t bytes) override { bus_uart_expect(bytes); }
   uint8_t storage_read(uint16_t address) override { return eeprom_read_byte(reinterpret_cast<const uint8_t*>(address)); }
   bool storage_ready() override { return eeprom_is_ready(); }
   void storage_write(uint16_t address, uint8_t value) override {
@@ -68,6 +70,9 @@ void note_reset() {
   wdt_disable();
 }
 
+// A millisecond tick beside the Arduino core's own (1.024 ms both): time-outs and reports are due by it.
+ISR(TIMER0_COMPA_vect) { uart_work = true; }
+
 void setup() {
   pinMode(kPumpPin, OUTPUT);
   pinMode(kValvePin, OUTPUT);
@@ -78,6 +83,8 @@ void setup() {
   const uint32_t boot_id = next_boot_id();
   uart_begin(HEXWIRE_HOST_BAUD, HEXWIRE_BUS_BAUD);
   board.begin(boot_id, flags);
+  OCR0A = 128;
+  TIMSK0 |= _BV(OCIE0A);
   set_sleep_mode(SLEEP_MODE_IDLE);
   wdt_enable(WDTO_250MS);
 }
@@ -85,14 +92,16 @@ void setup() {
 void loop() {
   wdt_reset();
   if (!board.poll()) return;
-  // Asleep until a byte comes or goes, or the millisecond tick. The instruction after sei() is always
-  // executed before an interrupt, so none can slip in between the look and the sleep.
+  // Asleep until there is work. The instruction after sei() is always executed before an interrupt, so none
+  // can slip in between the look and the sleep.
   cli();
-  if (!uart_input_waiting()) {
+  while (!uart_work) {
     sleep_enable();
     sei();
     sleep_cpu();
     sleep_disable();
+    cli();
   }
+  uart_work = false;
   sei();
 }

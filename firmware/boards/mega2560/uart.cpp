@@ -4,6 +4,8 @@
 #include <avr/io.h>
 #include <util/atomic.h>
 
+volatile bool uart_work;
+
 namespace {
 
 // Sizes are powers of two, so that an index wraps by a mask.
@@ -22,6 +24,12 @@ volatile uint16_t host_out_tail;
 uint8_t bus_in[kBusIn];
 volatile uint8_t bus_in_head;
 volatile uint8_t bus_in_tail;
+
+volatile uint8_t host_in_wanted;
+volatile uint8_t bus_in_wanted;
+
+// The program is told when the host line has only so many bytes left to send.
+constexpr uint8_t kNearlyFree = 16;
 
 const uint8_t* volatile bus_out;
 volatile uint8_t bus_out_left;
@@ -43,6 +51,11 @@ ISR(USART0_RX_vect) {
   if (next == host_in_tail) return;
   host_in[host_in_head] = byte;
   host_in_head = next;
+  if (host_in_wanted > 1) {
+    --host_in_wanted;
+  } else {
+    uart_work = true;
+  }
 }
 
 ISR(USART0_UDRE_vect) {
@@ -50,7 +63,9 @@ ISR(USART0_UDRE_vect) {
   UDR0 = host_out[tail];
   const uint16_t next = (tail + 1) & (kHostOut - 1);
   host_out_tail = next;
-  if (next == host_out_head) UCSR0B &= static_cast<uint8_t>(~_BV(UDRIE0));
+  const uint16_t left = (host_out_head - next) & (kHostOut - 1);
+  if (left == kNearlyFree) uart_work = true;
+  if (left == 0) UCSR0B &= static_cast<uint8_t>(~_BV(UDRIE0));
 }
 
 ISR(USART1_RX_vect) {
@@ -59,6 +74,11 @@ ISR(USART1_RX_vect) {
   if (next == bus_in_tail) return;
   bus_in[bus_in_head] = byte;
   bus_in_head = next;
+  if (bus_in_wanted > 1) {
+    --bus_in_wanted;
+  } else {
+    uart_work = true;
+  }
 }
 
 ISR(USART1_UDRE_vect) {
@@ -75,6 +95,7 @@ ISR(USART1_UDRE_vect) {
 ISR(USART1_TX_vect) {
   UCSR1B &= static_cast<uint8_t>(~_BV(TXCIE1));
   bus_out_busy = false;
+  uart_work = true;
 }
 
 void uart_begin(uint32_t host_baud, uint32_t bus_baud) {
@@ -143,4 +164,13 @@ void bus_uart_write(const uint8_t* data, uint8_t size) {
 
 bool bus_uart_sending() { return bus_out_busy; }
 
-bool uart_input_waiting() { return host_in_head != host_in_tail || bus_in_head != bus_in_tail; }
+// What is in the ring already counts.
+void host_uart_expect(uint8_t bytes) {
+  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+    const uint8_t held = static_cast<uint8_t>(host_in_head - host_in_tail);
+    host_in_wanted = bytes > held ? bytes - held : 1;
+    if (held >= bytes) uart_work = true;
+  }
+}
+
+void bus_uart_expect(uint8_t bytes) { bus_in_wanted = bytes; }

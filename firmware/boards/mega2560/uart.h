@@ -16,7 +16,12 @@ uint8_t bus_uart_read(uint8_t* into, uint8_t room);
 void bus_uart_write(const uint8_t* data, uint8_t size);
 bool bus_uart_sending();
 
-// Whether a byte is waiting on either line. Call with interrupts off, just before going to sleep.
-bool uart_input_waiting();
+// How many bytes have to come in before `uart_work` becomes true.
+void host_uart_expect(uint8_t bytes);
+void bus_uart_expect(uint8_t bytes);
+
+// Something happened that the program should look at: the bytes it waits for, the end of a packet to the
+// servos, a host line that is nearly free. The program clears it.
+extern volatile bool uart_work;
 
 #endif  // HEXWIRE_UART_H

@@ -1,0 +1,9 @@
+// For the files whose speed is the servo line's: the Arduino IDE builds everything for size.
+#ifndef HEXWIRE_HOT_H
+#define HEXWIRE_HOT_H
+
+#if defined(__AVR__)
+#pragma GCC optimize("O2")
+#endif
+
+#endif  // HEXWIRE_HOT_H

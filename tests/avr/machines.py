@@ -1,0 +1,397 @@
+"""Boards that tests can drive in simulated time: the firmware's core on this computer, and its ELF under simavr.
+
+Owns building the firmware and its simulator, and joining a board's servo line to emulated servos byte by byte,
+each at its time. Knows nothing of what a frame means.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import heapq
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hexwire.emulator.arms import make_hex7bot_servos
+from hexwire.emulator.faults import FaultPlan
+from hexwire.emulator.servo_wire import ServoWire
+
+ROOT = Path(__file__).resolve().parents[2]
+FIRMWARE = ROOT / "firmware"
+BUILD = FIRMWARE / "build"
+CLOCK_HZ = 16_000_000
+HOST, BUS = 0, 1
+
+
+@contextmanager
+def _lock() -> Iterator[None]:
+    """One build at a time: the tests run in several processes."""
+    BUILD.mkdir(exist_ok=True)
+    with (BUILD / ".lock").open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def make(target: str, **variables: str | int) -> str:
+    """`make` a target of the firmware's Makefile; returns what it printed."""
+    arguments = [f"{name}={value}" for name, value in variables.items()]
+    with _lock():
+        done = subprocess.run(
+            ["make", "-C", str(FIRMWARE), target, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={k: v for k, v in os.environ.items() if not k.startswith("MAKE")},
+        )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def elf(host_baud: int = 115200) -> Path:
+    """The firmware for the chip, built if it is not up to date."""
+    build = "build" if host_baud == 115200 else f"build/{host_baud}"
+    make("mega2560", BUILD=build, HOST_BAUD=host_baud)
+    return FIRMWARE / build / "mega2560/hexwire.elf"
+
+
+def _simulator() -> ctypes.CDLL:
+    source, library = Path(__file__).with_name("simboard.c"), BUILD / "simboard.so"
+    with _lock():
+        if not library.exists() or library.stat().st_mtime < source.stat().st_mtime:
+            command = ["gcc", "-O2", "-shared", "-fPIC", "-o", str(library), str(source), "-lsimavr", "-lelf"]
+            subprocess.run(command, check=True, capture_output=True)
+    lib = ctypes.CDLL(str(library))
+    u8p, u64p = ctypes.POINTER(ctypes.c_uint8), ctypes.POINTER(ctypes.c_uint64)
+    board, u64, unsigned = ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint
+    lib.sim_new.restype, lib.sim_new.argtypes = board, [ctypes.c_char_p, ctypes.c_uint32, ctypes.c_uint32]
+    lib.sim_run.restype, lib.sim_run.argtypes = u64, [board, u64]
+    lib.sim_put.restype, lib.sim_put.argtypes = None, [board, ctypes.c_int, ctypes.c_char_p, unsigned, u64]
+    lib.sim_get.restype = unsigned
+    lib.sim_get.argtypes = [board, ctypes.c_int, u8p, u64p, unsigned, u64]
+    lib.sim_in_free.restype, lib.sim_in_free.argtypes = u64, [board, ctypes.c_int]
+    lib.sim_overruns.restype, lib.sim_overruns.argtypes = u64, [board, ctypes.c_int]
+    lib.sim_line_rate.restype, lib.sim_line_rate.argtypes = None, [board, ctypes.c_int, ctypes.c_uint32]
+    lib.sim_eeprom.restype = None
+    lib.sim_eeprom.argtypes = [board, ctypes.c_uint16, ctypes.c_char_p, ctypes.c_uint16, ctypes.c_int]
+    lib.sim_poke_flash.restype = None
+    lib.sim_poke_flash.argtypes = [board, ctypes.c_uint32, ctypes.c_uint16]
+    for name, kind in (
+        ("sim_delete", None),
+        ("sim_reset", None),
+        ("sim_resets", u64),
+        ("sim_cycle", u64),
+        ("sim_pc", ctypes.c_uint32),
+        ("sim_in_interrupt", ctypes.c_int),
+    ):
+        function = getattr(lib, name)
+        function.restype, function.argtypes = kind, [board]
+    return lib
+
+
+class ServoLine:
+    """Emulated servos at the end of a board's servo line.
+
+    Args:
+        wire: The bus with its servos.
+        deliver: Called with bytes and the time at which the first of them begins.
+    """
+
+    def __init__(self, wire: ServoWire, deliver: Callable[[bytes, float], None]) -> None:
+        self.wire = wire
+        self.sent: list[tuple[float, bytes]] = []  # begin and bytes of every packet of the board
+        self.ends: list[float] = []
+        self.babble = b""  # comes right after every answer
+        self._deliver = deliver
+        self._packet = bytearray()
+        self._begin = 0.0
+        self._byte = 10 / wire.baud
+
+    def byte_sent(self, byte: int, end: float) -> None:
+        """The board sent a byte whose stop bit is over at `end`."""
+        if not self._packet:
+            self._begin = end - self._byte
+        self._packet.append(byte)
+        if len(self._packet) < 4 or len(self._packet) < self._packet[3] + 4:
+            return
+        packet = bytes(self._packet)
+        self._packet.clear()
+        self.sent.append((self._begin, packet))
+        self.ends.append(end)
+        heard, over = self.wire.transact(packet, self._begin)
+        if self.wire.echo:
+            self._deliver(heard[: len(packet)], self._begin)
+            heard = heard[len(packet) :]
+        heard += self.babble
+        if heard:
+            # Where servos answer in turn, the pauses between them are taken before the first.
+            self._deliver(heard, max(over - self._byte * len(heard), end))
+
+    def cut(self) -> None:
+        """The board fell silent in the middle of a packet."""
+        self._packet.clear()
+
+
+class Machine:
+    """What all simulated boards share: a host line, a servo line, and time.
+
+    Attributes:
+        received: Bytes that came out on the host line, and not taken yet.
+        stamps: The time at which each of them was over.
+    """
+
+    name = ""
+
+    def __init__(self, faults: tuple[str, ...], *, seed: int = 0) -> None:
+        plan = FaultPlan.parse(faults, seed=seed)
+        self.wire = ServoWire(make_hex7bot_servos(seed=seed), baud=115200, faults=plan)
+        self.line = ServoLine(self.wire, self._bus_put)
+        self.received = bytearray()
+        self.stamps: list[float] = []
+
+    @property
+    def now(self) -> float:
+        raise NotImplementedError
+
+    def send(self, data: bytes) -> None:
+        """Put bytes on the host line; they begin now, or when the line is free."""
+        raise NotImplementedError
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass."""
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Press the reset button."""
+        raise NotImplementedError
+
+    def _bus_put(self, data: bytes, begin: float) -> None:
+        raise NotImplementedError
+
+    def take(self) -> bytes:
+        """What came on the host line since the last call."""
+        data = bytes(self.received)
+        self.received.clear()
+        self.stamps.clear()
+        return data
+
+    def exchange(self, request: bytes, within: float = 0.25, quiet: float = 0.004) -> bytes:
+        """Send a request; what came back until the line was quiet, at most `within` seconds later."""
+        self.take()
+        self.send(request)
+        end = self.now + len(request) * 10 / 115200 + within
+        while self.now < end:
+            self.advance(0.001)
+            if self.stamps and self.now - self.stamps[-1] > quiet:
+                break
+        return self.take()
+
+    def settle(self, seconds: float = 0.15) -> None:
+        """Let the board start and know its servos."""
+        self.advance(seconds)
+        self.take()
+
+    def close(self) -> None:
+        """Give everything back."""
+
+
+class ChipBoard(Machine):
+    """The ELF on a simulated ATmega2560."""
+
+    name = "chip"
+
+    def __init__(self, faults: tuple[str, ...] = (), *, host_baud: int = 115200, seed: int = 0) -> None:
+        super().__init__(faults, seed=seed)
+        self._lib = _simulator()
+        self._board = self._lib.sim_new(str(elf(host_baud)).encode(), host_baud, 115200)
+        assert self._board
+        self._bytes = (ctypes.c_uint8 * 512)()
+        self._ends = (ctypes.c_uint64 * 512)()
+        self._resets = self._lib.sim_resets(self._board)
+
+    @property
+    def now(self) -> float:
+        return self._lib.sim_cycle(self._board) / CLOCK_HZ
+
+    @property
+    def resets(self) -> int:
+        """Resets since the start."""
+        return self._lib.sim_resets(self._board)
+
+    @property
+    def overruns(self) -> int:
+        """Bytes the chip's receivers lost because the program was too slow."""
+        return sum(self._lib.sim_overruns(self._board, line) for line in (HOST, BUS))
+
+    @property
+    def host_free(self) -> float:
+        """When the last byte given to the host line will have arrived."""
+        return self._lib.sim_in_free(self._board, HOST) / CLOCK_HZ
+
+    def send(self, data: bytes) -> None:
+        self._lib.sim_put(self._board, HOST, data, len(data), 0)
+
+    def _bus_put(self, data: bytes, begin: float) -> None:
+        self._lib.sim_put(self._board, BUS, data, len(data), int(begin * CLOCK_HZ))
+
+    def advance(self, seconds: float) -> None:
+        end = self._lib.sim_cycle(self._board) + round(seconds * CLOCK_HZ)
+        while (now := self._lib.sim_cycle(self._board)) < end:
+            self._advance_to(min(end, now + CLOCK_HZ // 4))
+
+    def _advance_to(self, end: int) -> None:
+        while True:
+            reached = self._lib.sim_run(self._board, end)
+            assert reached, "the simulated chip crashed"
+            if self._lib.sim_resets(self._board) != self._resets:
+                self._resets = self._lib.sim_resets(self._board)
+                self.line.cut()
+            for byte, stop in self._get(BUS, 2**63):
+                self.line.byte_sent(byte, stop / CLOCK_HZ)
+            if reached >= end:
+                break
+        self.wire.step(self.now)
+        for byte, stop in self._get(HOST, end):
+            self.received.append(byte)
+            self.stamps.append(stop / CLOCK_HZ)
+
+    def _get(self, line: int, until: int) -> list[tuple[int, int]]:
+        got: list[tuple[int, int]] = []
+        while count := self._lib.sim_get(self._board, line, self._bytes, self._ends, 512, until):
+            got += [(self._bytes[i], self._ends[i]) for i in range(count)]
+        return got
+
+    def reset(self) -> None:
+        self._lib.sim_reset(self._board)
+
+    def hang(self) -> Callable[[], None]:
+        """Make the program loop for ever where it is; returns what mends it."""
+        while self._lib.sim_in_interrupt(self._board):
+            self.advance(1e-6)
+        at = self._lib.sim_pc(self._board)
+        old = self._flash_word(at)
+        self._lib.sim_poke_flash(self._board, at, 0xCFFF)  # rjmp to itself
+        return lambda: self._lib.sim_poke_flash(self._board, at, old)
+
+    def _flash_word(self, at: int) -> int:
+        binary = BUILD / "mega2560/hexwire.bin"
+        subprocess.run(["avr-objcopy", "-O", "binary", "-R", ".eeprom", str(elf()), str(binary)], check=True)
+        return int.from_bytes(binary.read_bytes()[at : at + 2], "little")
+
+    def eeprom(self, offset: int, size: int) -> bytes:
+        """Bytes of the chip's EEPROM."""
+        data = ctypes.create_string_buffer(size)
+        self._lib.sim_eeprom(self._board, offset, data, size, 0)
+        return data.raw
+
+    def write_eeprom(self, offset: int, data: bytes) -> None:
+        """Change the chip's EEPROM behind its back."""
+        self._lib.sim_eeprom(self._board, offset, data, len(data), 1)
+
+    def close(self) -> None:
+        if self._board:
+            self._lib.sim_delete(self._board)
+            self._board = None
+
+
+class CoreBoard(Machine):
+    """The same core, compiled for this computer."""
+
+    name = "core"
+    _STEP_US = 50
+
+    def __init__(self, faults: tuple[str, ...] = (), *, seed: int = 0) -> None:
+        super().__init__(faults, seed=seed)
+        make("host")
+        lib = ctypes.CDLL(str(BUILD / "host/libhexwire.so"))
+        board, u8p = ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint8)
+        lib.hexwire_new.restype, lib.hexwire_new.argtypes = board, []
+        lib.hexwire_poll.argtypes = [board, ctypes.c_uint64]
+        for name in ("hexwire_host_in", "hexwire_bus_in"):
+            getattr(lib, name).restype = None
+            getattr(lib, name).argtypes = [board, ctypes.c_char_p, ctypes.c_uint32]
+        for name in ("hexwire_host_out", "hexwire_bus_out"):
+            getattr(lib, name).argtypes = [board, u8p, ctypes.c_uint32]
+        lib.hexwire_bus_free.restype, lib.hexwire_bus_free.argtypes = ctypes.c_uint64, [board]
+        lib.hexwire_storage.restype, lib.hexwire_storage.argtypes = u8p, [board]
+        lib.hexwire_begin.restype, lib.hexwire_begin.argtypes = None, [board, ctypes.c_uint32, ctypes.c_uint8]
+        lib.hexwire_storage_broken.restype = None
+        lib.hexwire_storage_broken.argtypes = [board, ctypes.c_int]
+        lib.hexwire_outputs.restype, lib.hexwire_outputs.argtypes = ctypes.c_uint8, [board]
+        lib.hexwire_delete.restype, lib.hexwire_delete.argtypes = None, [board]
+        self._lib = lib
+        self._board = lib.hexwire_new()
+        self._us = 0
+        self._boots = 0
+        self._bytes = (ctypes.c_uint8 * 512)()
+        self._events: list[tuple[int, int, int, int]] = []  # time, order, line, byte
+        self._order = 0
+        self._in_free = 0
+        self._out_free = 0
+        self.reset()
+
+    @property
+    def now(self) -> float:
+        return self._us / 1e6
+
+    @property
+    def storage(self) -> ctypes.Array[ctypes.c_uint8]:
+        """The 4096 bytes that survive a reset."""
+        return self._lib.hexwire_storage(self._board)
+
+    @property
+    def outputs(self) -> int:
+        """The digital outputs."""
+        return self._lib.hexwire_outputs(self._board)
+
+    def break_storage(self, broken: bool) -> None:
+        """Writes to storage are lost from now on, or no longer."""
+        self._lib.hexwire_storage_broken(self._board, broken)
+
+    def reset(self) -> None:
+        self._boots += 1
+        self._lib.hexwire_begin(self._board, self._boots, 0)
+
+    def _schedule(self, line: int, data: bytes, begin_us: float) -> float:
+        for byte in data:
+            begin_us += 10e6 / 115200
+            self._order += 1
+            heapq.heappush(self._events, (round(begin_us), self._order, line, byte))
+        return begin_us
+
+    def send(self, data: bytes) -> None:
+        self._in_free = round(self._schedule(HOST, data, max(self._us, self._in_free)))
+
+    def _bus_put(self, data: bytes, begin: float) -> None:
+        self._schedule(BUS, data, begin * 1e6)
+
+    def advance(self, seconds: float) -> None:
+        end = self._us + round(seconds * 1e6)
+        while self._us < end:
+            self._us = min(self._us + self._STEP_US, end)
+            due: tuple[bytearray, bytearray] = (bytearray(), bytearray())
+            while self._events and self._events[0][0] <= self._us:
+                _, _, line, byte = heapq.heappop(self._events)
+                due[line].append(byte)
+            if due[HOST]:
+                self._lib.hexwire_host_in(self._board, bytes(due[HOST]), len(due[HOST]))
+            if due[BUS]:
+                self._lib.hexwire_bus_in(self._board, bytes(due[BUS]), len(due[BUS]))
+            self._lib.hexwire_poll(self._board, self._us)
+            count = self._lib.hexwire_bus_out(self._board, self._bytes, 512)
+            for i in range(count):
+                over = self._lib.hexwire_bus_free(self._board) / 1e6 - (count - 1 - i) * 87e-6
+                self.line.byte_sent(self._bytes[i], over)
+            # A byte at a time, so that the firmware sees its output ring drain as on the chip.
+            if self._us >= self._out_free and self._lib.hexwire_host_out(self._board, self._bytes, 1):
+                self.received.append(self._bytes[0])
+                self.stamps.append((self._us + 87) / 1e6)
+                self._out_free = self._us + 87
+        self.wire.step(self.now)
+
+    def close(self) -> None:
+        if self._board:
+            self._lib.hexwire_delete(self._board)
+            self._board = None
