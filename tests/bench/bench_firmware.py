@@ -28,9 +28,7 @@ MOVE = (8 + 4 * 5) * BYTE + (8 + 3 * 8) * BYTE
 IN_TURN = 0x0F  # speed, load, voltage, temperature
 
 
-def report_rate(
-    host_baud: int = 115200, fields: int = SPEED_LOAD_VOLTAGE_TEMPERATURE, seconds: float = 2.0
-) -> float:
+def report_rate(host_baud: int = 115200, fields: int = IN_TURN, seconds: float = 2.0) -> float:
     """Reports a second, all seven joints, positions fresh in each."""
     board = ChipBoard(host_baud=host_baud)
     try:
