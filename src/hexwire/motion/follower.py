@@ -1,0 +1,257 @@
+"""What the arm is told in each cycle: a trajectory, set-points from outside, or to hold.
+
+Owns the choice: the latest set-point wins, a new trajectory blends in, lost set-points mean hold, a stop is
+latched. Time comes in as an argument. Must not know robots, clocks or threads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from hexwire.errors import LimitError, UsageError
+from hexwire.model.arm import ArmModel
+from hexwire.model.state import JointState, JointTarget
+
+from .safety import Guard, SafetyLimits, StopReason
+from .trajectory import PEAK_SPEED
+from .waypoints import Blend, Spline, Trajectory, Waypoint
+
+__all__ = ["Follower", "FollowerCounters", "Mode"]
+
+_INSTANT = 0.05
+"""Seconds that even a step is granted: a trajectory without duration may begin a little off."""
+
+
+class Mode(Enum):
+    """What the follower does."""
+
+    HOLD = "hold"
+    TRAJECTORY = "trajectory"
+    STREAM = "stream"
+    STOPPED = "stopped"
+
+
+@dataclass(slots=True)
+class FollowerCounters:
+    """What happened.
+
+    Attributes:
+        cycles: Cycles run.
+        set_points: Set-points that came.
+        replaced: Set-points that a newer one overtook before they were sent.
+        lost: Times that set-points stayed away and the arm held.
+        blends: Trajectories that replaced a motion.
+        stops: Stops.
+    """
+
+    cycles: int = 0
+    set_points: int = 0
+    replaced: int = 0
+    lost: int = 0
+    blends: int = 0
+    stops: int = 0
+
+
+class Follower:
+    """Decides cycle by cycle where the joints go.
+
+    Args:
+        arm: Limits and speeds.
+        limits: When to stop by itself.
+        blend: Seconds in which a new trajectory takes over from a motion.
+        lost_after: Seconds without a set-point after which the arm holds.
+        jump: Share of a joint's speed limit that the start of a trajectory may ask for while blending in.
+
+    Attributes:
+        mode: What it does.
+        reason: Why it is stopped, or None.
+        counters: What happened.
+    """
+
+    def __init__(
+        self,
+        arm: ArmModel,
+        limits: SafetyLimits | None = None,
+        *,
+        blend: float = 0.3,
+        lost_after: float = 0.25,
+        jump: float = 1.0,
+    ) -> None:
+        for value in (blend, lost_after, jump):
+            if not 0 < value < math.inf:
+                raise UsageError(f"{value:g} makes no sense; it must be above 0")
+        self.arm = arm
+        self.guard = Guard(limits or SafetyLimits())
+        self.mode = Mode.HOLD
+        self.reason: StopReason | None = None
+        self.counters = FollowerCounters()
+        self._blend, self._lost_after, self._jump = blend, lost_after, jump
+        self._trajectory: Trajectory | None = None
+        self._started = 0.0
+        self._set_point: dict[str, float] = {}
+        self._set_point_time = -math.inf
+        self._fresh = False
+        # Where the joints were told to be last, and when.
+        self._command: dict[str, float] = {}
+        self._command_due = -math.inf
+        self._state: JointState | None = None
+
+    # -- what others ask --------------------------------------------------------------------------
+
+    def follow(self, trajectory: Trajectory, now: float) -> None:
+        """Follow a trajectory from now on; a motion under way blends into it.
+
+        Raises:
+            UsageError: No state is known yet, or a joint does not exist.
+            LimitError: Stopped, or it starts too far from where the arm is.
+        """
+        self._refuse_if_stopped()
+        names = trajectory.names
+        for name in names:
+            self.arm.joint(name)
+        here = self._present(names)
+        old: Trajectory = Spline(names, [Waypoint(0.0, here)])
+        switch = 0.0
+        running = self._trajectory
+        if self.mode is Mode.TRAJECTORY and running is not None and running.names == names:
+            # What was told last may be ahead of now; going back behind it would be a jump.
+            old, switch = running, max(now, self._command_due) - self._started
+            self.counters.blends += 1
+        start = max(now, self._command_due)
+        seconds = min(self._blend, trajectory.duration)
+        here = old.sample(switch).position
+        for name, a, b in zip(names, here, trajectory.start, strict=True):
+            # The blend closes the gap as a quintic does, whose peak speed is above its mean.
+            if PEAK_SPEED * abs(b - a) > self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
+                gap = math.degrees(abs(b - a))
+                raise LimitError(f"the trajectory begins {gap:.3g} deg from where {name} is; move there first")
+        self._trajectory = Blend(old, switch, trajectory, seconds)
+        self._started = start
+        self.mode = Mode.TRAJECTORY
+        self._set_point = {}
+
+    def set_point(self, positions: Mapping[str, float], now: float) -> None:
+        """Go to a set-point; it replaces one that waits, and any trajectory.
+
+        Raises:
+            LimitError: Outside limits, or stopped; the set-point before stays in force.
+            UsageError: A joint does not exist, or no state is known yet.
+        """
+        self._refuse_if_stopped()
+        checked = {}
+        for name, angle in positions.items():
+            joint = self.arm.joint(name)
+            if not math.isfinite(angle):
+                raise UsageError(f"set-point of {joint.name} is {angle}, not a number")
+            joint.check(angle)
+            checked[joint.name] = angle
+        self._present(tuple(checked))
+        self.counters.set_points += 1
+        self.counters.replaced += self._fresh
+        self._set_point, self._set_point_time, self._fresh = checked, now, True
+        self._trajectory = None
+        self.mode = Mode.STREAM
+
+    def hold(self) -> None:
+        """Stay where the last command was."""
+        if self.mode is not Mode.STOPPED:
+            self._trajectory, self._set_point, self._fresh = None, {}, False
+            self.mode = Mode.HOLD
+
+    def stop(self, reason: StopReason | str) -> None:
+        """Latch a stop; the first reason stays."""
+        if self.mode is Mode.STOPPED:
+            return
+        self.hold()
+        self.mode = Mode.STOPPED
+        self.reason = StopReason("asked", reason) if isinstance(reason, str) else reason
+        self.counters.stops += 1
+
+    def reset(self) -> None:
+        """End a stop. Nothing moves by it; what is followed next starts where the arm is then."""
+        if self.mode is Mode.STOPPED:
+            self.mode, self.reason = Mode.HOLD, None
+            self._command, self._command_due, self._state = {}, -math.inf, None
+            self.guard.forget()
+
+    @property
+    def done(self) -> bool:
+        """No trajectory is under way, and no set-point is pursued."""
+        return self.mode in {Mode.HOLD, Mode.STOPPED}
+
+    def remaining(self, now: float) -> float:
+        """Seconds until the trajectory ends; 0 if there is none."""
+        if self._trajectory is None:
+            return 0.0
+        return max(0.0, self._started + self._trajectory.duration - now)
+
+    # -- the cycle ----------------------------------------------------------------------------------
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
+        """One cycle: what to send now.
+
+        Args:
+            state: Just read.
+            now: Seconds, same clock as everywhere here.
+            lead: Seconds ahead for which a target is sent; the servos take that long to get there.
+
+        Returns:
+            A target to write; a reason to stop the arm, once; None to leave it alone.
+        """
+        self.counters.cycles += 1
+        self._state = state
+        if self.mode is Mode.STOPPED:
+            return None
+        found = self.guard.judge(state, now)
+        if found is not None:
+            self.stop(found)
+            return found
+        if self.mode is Mode.TRAJECTORY and self._trajectory is not None:
+            trajectory, t = self._trajectory, now + lead - self._started
+            if t >= trajectory.duration:
+                self._trajectory, self.mode = None, Mode.HOLD
+            return self._send(dict(zip(trajectory.names, trajectory.sample(t).position, strict=True)), now, lead)
+        if self.mode is Mode.STREAM:
+            self._fresh = False
+            if now - self._set_point_time > self._lost_after:
+                self.counters.lost += 1
+                self.hold()
+                return None
+            return self._send(self._towards(self._set_point, now, lead), now, lead)
+        return None
+
+    def _towards(self, goal: Mapping[str, float], now: float, lead: float) -> dict[str, float]:
+        """As far towards a goal as speed limits allow since the last command."""
+        seconds = min(lead, now + lead - self._command_due) if math.isfinite(self._command_due) else lead
+        here = dict(zip(goal, self._present(tuple(goal)), strict=True))
+        steps = {}
+        for name, angle in goal.items():
+            most = self.arm.joint(name).max_speed * max(0.0, seconds)
+            steps[name] = here[name] + max(-most, min(most, angle - here[name]))
+        return steps
+
+    def _send(self, positions: dict[str, float], now: float, lead: float) -> JointTarget:
+        self._command.update(positions)
+        self._command_due = now + lead
+        self.guard.commanded(positions, now + lead)
+        return JointTarget.of(positions, lead)
+
+    def _present(self, names: tuple[str, ...]) -> tuple[float, ...]:
+        """Where joints were told to be last; where they are, if they were told nothing."""
+        state = self._state
+        values = []
+        for name in names:
+            if name in self._command:
+                values.append(self._command[name])
+            elif state is not None and name in state.names and math.isfinite(state[name].position):
+                values.append(state[name].position)
+            else:
+                raise UsageError(f"it is not known yet where {name} is; run a cycle first")
+        return tuple(values)
+
+    def _refuse_if_stopped(self) -> None:
+        if self.mode is Mode.STOPPED:
+            raise LimitError(f"the arm is stopped ({self.reason}); reset first")

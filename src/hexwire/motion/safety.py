@@ -1,0 +1,157 @@
+"""What makes a moving arm stop by itself: following error, load, faults, old states.
+
+Owns the thresholds and the judgement, cycle by cycle; time comes in as an argument. Must not know what the arm
+was doing, nor how it is stopped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hexwire.errors import UsageError
+from hexwire.model.state import JointFlag, JointState
+
+__all__ = ["Guard", "SafetyLimits", "StopReason"]
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyLimits:
+    """Thresholds. Times are how long something must last to count, seconds.
+
+    Attributes:
+        following_error: A joint this far from where it was told to be, radians.
+        following_time: For this long.
+        lag: Servos may be this far behind; nearer than that in time is no error.
+        load: Drive effort that is an overload, fraction of full.
+        load_time: For this long.
+        collision_load: Drive effort that means a collision together with `collision_error`.
+        collision_error: Distance from the command, radians.
+        collision_time: For this long.
+        max_age: A joint not heard of for this long is lost.
+        faults: Servo faults that stop the arm at once.
+    """
+
+    following_error: float = math.radians(12.0)
+    following_time: float = 0.4
+    lag: float = 0.3
+    load: float = 0.9
+    load_time: float = 0.6
+    collision_load: float = 0.5
+    collision_error: float = math.radians(4.0)
+    collision_time: float = 0.15
+    max_age: float = 0.5
+    faults: JointFlag = (
+        JointFlag.OVERLOAD | JointFlag.TEMPERATURE | JointFlag.CURRENT | JointFlag.ENCODER | JointFlag.VOLTAGE
+    )
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not isinstance(value, JointFlag) and not value > 0:
+                raise UsageError(f"safety limit {name} = {value} must be above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class StopReason:
+    """Why the arm was stopped.
+
+    Attributes:
+        kind: asked, following, overload, collision, fault, lost or board.
+        text: In words.
+        joint: Name of the joint; empty if it is none in particular.
+    """
+
+    kind: str
+    text: str
+    joint: str = ""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+class Guard:
+    """Judges states against what was commanded.
+
+    Args:
+        limits: Thresholds.
+    """
+
+    def __init__(self, limits: SafetyLimits) -> None:
+        self.limits = limits
+        self._commands: dict[str, deque[tuple[float, float]]] = {}
+        self._since: dict[tuple[str, str], float] = {}
+        self._seen: dict[str, float] = {}
+
+    def forget(self) -> None:
+        """Start afresh, as after a stop."""
+        self._commands.clear()
+        self._since.clear()
+        self._seen.clear()
+
+    def commanded(self, positions: Mapping[str, float], due: float) -> None:
+        """Note where joints shall be at a time."""
+        for name, angle in positions.items():
+            history = self._commands.setdefault(name, deque())
+            history.append((due, angle))
+            # The command that was in force when the window began counts as well.
+            while len(history) > 1 and history[1][0] < due - self.limits.lag - 2 * self.limits.max_age:
+                history.popleft()
+
+    def judge(self, state: JointState, now: float) -> StopReason | None:
+        """Whether the arm must stop, by the worst of its joints; None if all is well."""
+        limits = self.limits
+        if state.stopped:
+            why = "the host fell silent" if state.watchdog_tripped else "it was told to"
+            return StopReason("board", f"the board has stopped the arm: {why}")
+        for joint in state:
+            name = joint.name
+            flags = JointFlag(joint.flags)
+            if JointFlag.SILENT not in flags and joint.age <= limits.max_age:
+                self._seen[name] = now - joint.age
+            if name not in self._commands:
+                continue
+            heard = self._seen.setdefault(name, now)
+            if now - heard > limits.max_age:
+                return StopReason("lost", f"{name} has not been heard of for {now - heard:.2f} s", name)
+            if flags & limits.faults:
+                return StopReason("fault", f"{name} reports {flags & limits.faults}", name)
+            error = self._error(name, joint.position, now - joint.age)
+            load = abs(joint.load) if math.isfinite(joint.load) else 0.0
+            if self._lasts(
+                "collision",
+                name,
+                now,
+                limits.collision_time,
+                (load > limits.collision_load and error > limits.collision_error),
+            ):
+                text = f"{name} met something: load {load:.0%}, {math.degrees(error):.1f} deg off its way"
+                return StopReason("collision", text, name)
+            if self._lasts("following", name, now, limits.following_time, error > limits.following_error):
+                return StopReason("following", f"{name} is {math.degrees(error):.1f} deg off its way", name)
+            if self._lasts("overload", name, now, limits.load_time, load > limits.load):
+                return StopReason("overload", f"{name} is overloaded: load {load:.0%}", name)
+        return None
+
+    def _error(self, name: str, position: float, when: float) -> float:
+        """Distance from everything that was commanded within the lag before `when`, radians."""
+        begin = when - self.limits.lag
+        low, high = math.inf, -math.inf
+        for due, angle in reversed(self._commands[name]):
+            if due <= when:
+                low, high = min(low, angle), max(high, angle)
+                # This one was in force when the window began; what is older does not count.
+                if due <= begin:
+                    break
+        if high < low:
+            # Nothing is due yet: the oldest command is what the joint is on its way to.
+            low = high = self._commands[name][0][1]
+        return max(0.0, low - position, position - high)
+
+    def _lasts(self, kind: str, name: str, now: float, seconds: float, is_so: bool) -> bool:
+        if not is_so:
+            self._since.pop((kind, name), None)
+            return False
+        return now - self._since.setdefault((kind, name), now) >= seconds

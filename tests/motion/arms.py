@@ -1,0 +1,87 @@
+"""Helpers for the tests of motion: states, and a robot that follows in simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointFlag, JointState, JointTarget
+
+NAMES = HEX7BOT.names
+HOME = {joint.name: joint.offset for joint in HEX7BOT.joints}
+
+
+def state(
+    positions: Mapping[str, float] | None = None,
+    *,
+    load: Mapping[str, float] | None = None,
+    flags: Mapping[str, JointFlag] | None = None,
+    age: Mapping[str, float] | None = None,
+    stamp: float = 0.0,
+    stopped: bool = False,
+    watchdog_tripped: bool = False,
+) -> JointState:
+    """A state of the 7Bot at home, but for what is given."""
+
+    def column(given: Mapping[str, float] | None, usual: float) -> tuple[float, ...]:
+        return tuple((given or {}).get(name, usual) for name in NAMES)
+
+    where = {**HOME, **(positions or {})}
+    return JointState(
+        NAMES,
+        tuple(where[name] for name in NAMES),
+        column(None, 0.0),
+        column(load, 0.0),
+        column(None, 0.1),
+        column(None, 6.0),
+        column(None, 30.0),
+        tuple((flags or {}).get(name, JointFlag.TORQUE_ON) for name in NAMES),
+        column(age, 0.0),
+        stamp,
+        stopped=stopped,
+        watchdog_tripped=watchdog_tripped,
+    )
+
+
+class FakeTime:
+    """A clock that only sleeping moves."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def clock(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+class FakeRobot:
+    """Goes to each target at an even speed in the target's duration, as servos do."""
+
+    def __init__(self, time: FakeTime) -> None:
+        self.time = time
+        self.where = dict(HOME)
+        self.targets: list[tuple[float, JointTarget]] = []
+        self.stops = 0
+        self.jammed: dict[str, float] = {}
+        self._ways: dict[str, tuple[float, float, float, float]] = {}
+
+    def read(self) -> JointState:
+        self._move()
+        load = dict.fromkeys(self.jammed, 0.7)
+        return state({**self.where, **self.jammed}, load=load, stamp=self.time.now, stopped=self.stops > 0)
+
+    def write(self, target: JointTarget) -> None:
+        self._move()
+        self.targets.append((self.time.now, target))
+        for name, angle in target.positions:
+            self._ways[name] = (self.where[name], angle, self.time.now, target.duration)
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def _move(self) -> None:
+        for name, (start, goal, since, duration) in self._ways.items():
+            share = min(1.0, (self.time.now - since) / duration) if duration else 1.0
+            self.where[name] = start + share * (goal - start)

@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from tests.motion.arms import HOME, state
+
+from hexwire.errors import LimitError, UsageError
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointTarget
+from hexwire.motion.follower import Follower, Mode
+from hexwire.motion.safety import StopReason
+from hexwire.motion.trajectory import Quintic
+from hexwire.motion.waypoints import PointToPoint
+
+LEAD = 0.05
+J1 = HOME["J1"]
+
+
+def started() -> Follower:
+    follower = Follower(HEX7BOT)
+    assert follower.cycle(state(), 0.0, LEAD) is None
+    return follower
+
+
+def way(start: float, goal: float, seconds: float = 2.0) -> PointToPoint:
+    return PointToPoint(("J1",), Quintic((start,), (goal,), seconds))
+
+
+def sent(follower: Follower, now: float, **positions: float) -> float:
+    order = follower.cycle(state(positions), now, LEAD)
+    assert isinstance(order, JointTarget)
+    assert order.duration == LEAD
+    return dict(order.positions)["J1"]
+
+
+def run(follower: Follower, begin: float, end: float, step: float = 0.05) -> list[tuple[float, float]]:
+    """Cycle with an arm that is where it was told to be; pairs of the time a command is for, and the command."""
+    commands = []
+    where = J1
+    for i in range(round((end - begin) / step)):
+        now = begin + i * step
+        order = follower.cycle(state({"J1": where}), now, LEAD)
+        if isinstance(order, JointTarget):
+            where = dict(order.positions)["J1"]
+            commands.append((now + LEAD, where))
+    return commands
+
+
+def speeds(commands: list[tuple[float, float]]) -> list[float]:
+    return [(b - a) / (t - s) for (s, a), (t, b) in pairwise(commands)]
+
+
+def test_trajectory_is_sent_ahead_by_the_lead_and_ends_on_its_goal() -> None:
+    follower = started()
+    path = way(J1, J1 + 1.0)
+    follower.follow(path, 0.0)
+    commands = run(follower, 0.0, 3.0)
+    for due, angle in commands:
+        assert angle == pytest.approx(path.sample(due).position[0], abs=1e-9)
+    assert commands[-1][1] == J1 + 1.0
+    assert follower.mode is Mode.HOLD
+    assert follower.done
+
+
+def test_replacing_a_trajectory_blends_without_a_jump() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    first = run(follower, 0.0, 1.0, 0.02)
+    here = first[-1][1]
+    follower.follow(way(here, J1 - 0.5), 1.0)
+    both = first + run(follower, 1.0, 4.0, 0.02)
+    assert follower.counters.blends == 1
+    change = [abs(b - a) for a, b in pairwise(speeds(both))]
+    # Without blending the speed would fall from over 0.9 rad/s to zero in one cycle.
+    assert max(change) < 0.3
+    assert both[-1][1] == J1 - 0.5
+
+
+def test_a_trajectory_from_elsewhere_is_refused() -> None:
+    follower = started()
+    with pytest.raises(LimitError, match=r"begins 57\.3 deg from where J1 is; move there first"):
+        follower.follow(way(J1 + 1.0, J1), 0.0)
+    assert follower.done
+
+
+def test_latest_set_point_wins_and_the_overtaken_are_counted() -> None:
+    follower = started()
+    for offset in (0.01, 0.02, 0.03):
+        follower.set_point({"J1": J1 + offset}, 0.0)
+    assert sent(follower, 0.0) == pytest.approx(J1 + 0.03)
+    assert (follower.counters.set_points, follower.counters.replaced) == (3, 2)
+
+
+def test_set_points_are_pursued_within_the_speed_limit() -> None:
+    follower = started()
+    last, speed = J1, HEX7BOT.joint("J1").max_speed
+    for i in range(20):
+        follower.set_point({"j1": J1 + 1.0}, 0.05 * i)
+        now = sent(follower, 0.05 * i, J1=last)
+        assert abs(now - last) <= speed * 0.05 + 1e-9
+        last = now
+    assert last == J1 + 1.0
+
+
+def test_lost_set_points_mean_hold() -> None:
+    follower = started()
+    follower.set_point({"J1": J1 + 0.1}, 0.0)
+    commands = run(follower, 0.0, 2.0)
+    assert follower.mode is Mode.HOLD
+    assert follower.counters.lost == 1
+    assert commands[-1][0] < 0.25 + LEAD + 0.06
+
+
+def test_set_point_replaces_a_trajectory_and_the_other_way_round() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    run(follower, 0.0, 0.5)
+    follower.set_point({"J1": J1}, 0.5)
+    assert follower.mode is Mode.STREAM
+    commands = run(follower, 0.5, 0.7)
+    follower.follow(way(commands[-1][1], J1 + 0.2), 0.7)
+    assert follower.mode is Mode.TRAJECTORY
+    assert follower.remaining(0.7) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("positions", "error", "words"),
+    [
+        ({"J1": 3.0}, LimitError, "outside its limits"),
+        ({"J1": math.nan}, UsageError, "not a number"),
+        ({"J9": 0.0}, UsageError, "no joint 'J9'"),
+    ],
+)
+def test_a_bad_set_point_leaves_the_one_before_in_force(
+    positions: dict[str, float], error: type[Exception], words: str
+) -> None:
+    follower = started()
+    follower.set_point({"J1": J1 + 0.02}, 0.0)
+    with pytest.raises(error, match=words):
+        follower.set_point(positions, 0.0)
+    assert sent(follower, 0.0) == pytest.approx(J1 + 0.02)
+
+
+def test_stop_is_latched_until_reset() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    run(follower, 0.0, 0.5)
+    follower.stop("a person said so")
+    follower.stop("too late")
+    assert str(follower.reason) == "a person said so"
+    assert run(follower, 0.5, 2.0) == []
+    with pytest.raises(LimitError, match=r"the arm is stopped \(a person said so\); reset first"):
+        follower.set_point({"J1": J1}, 2.0)
+    with pytest.raises(LimitError, match="stopped"):
+        follower.follow(way(J1, J1 + 0.1), 2.0)
+    follower.hold()
+    assert follower.mode is Mode.STOPPED
+    follower.reset()
+    assert run(follower, 2.0, 2.2) == []
+    follower.follow(way(J1, J1 + 0.1), 2.2)
+    assert run(follower, 2.2, 2.3) != []
+    assert follower.counters.stops == 1
+
+
+def test_after_reset_motion_starts_where_the_arm_is() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    run(follower, 0.0, 1.0)
+    follower.stop("x")
+    follower.reset()
+    with pytest.raises(UsageError, match="run a cycle first"):
+        follower.set_point({"J1": J1}, 1.0)
+    follower.cycle(state({"J1": J1 - 0.2}), 1.0, LEAD)
+    follower.set_point({"J1": J1 - 0.2}, 1.0)
+    assert sent(follower, 1.0, J1=J1 - 0.2) == pytest.approx(J1 - 0.2)
+
+
+def test_a_jam_stops_the_motion_once() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0, 1.0), 0.0)
+    orders = [follower.cycle(state({"J1": J1}, load={"J1": 0.7}), 0.05 * i, LEAD) for i in range(40)]
+    stops = [order for order in orders if isinstance(order, StopReason)]
+    assert [stop.kind for stop in stops] == ["collision"]
+    assert orders[-1] is None
+    assert follower.mode is Mode.STOPPED
+
+
+def test_nothing_is_known_before_the_first_cycle() -> None:
+    with pytest.raises(UsageError, match="not known yet where J1 is"):
+        Follower(HEX7BOT).follow(way(J1, J1 + 0.1), 0.0)
+    with pytest.raises(UsageError, match="must be above 0"):
+        Follower(HEX7BOT, blend=0.0)

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from tests.motion.arms import HOME, state
+
+from hexwire.errors import UsageError
+from hexwire.model.state import JointFlag
+from hexwire.motion.safety import Guard, SafetyLimits, StopReason
+
+LIMITS = SafetyLimits()
+
+
+def judged(
+    guard: Guard, seconds: float, step: float = 0.05, start: float = 0.0, **options: object
+) -> StopReason | None:
+    """Judge the same state again and again; the first reason."""
+    for i in range(round(seconds / step) + 1):
+        found = guard.judge(state(**options), start + i * step)  # type: ignore[arg-type]
+        if found is not None:
+            return found
+    return None
+
+
+def commanded(**positions: float) -> Guard:
+    guard = Guard(LIMITS)
+    guard.commanded({**HOME, **positions}, 0.0)
+    return guard
+
+
+def test_all_well() -> None:
+    assert judged(commanded(), 5.0) is None
+
+
+def test_following_error_must_last() -> None:
+    away = {"J2": HOME["J2"] + math.radians(13)}
+    assert judged(commanded(), 0.35, positions=away) is None
+    found = judged(commanded(), 1.0, positions=away)
+    assert found is not None
+    assert (found.kind, found.joint) == ("following", "J2")
+    assert "13.0 deg off its way" in str(found)
+
+
+def test_being_late_is_no_following_error() -> None:
+    guard = Guard(LIMITS)
+    # 90 deg/s: a servo 0.2 s behind is 18 deg off the newest command, and well.
+    speed, t = math.radians(90), 0.0
+    while t < 2.0:
+        guard.commanded({"J1": HOME["J1"] + speed * t}, t)
+        late = {"J1": HOME["J1"] + speed * max(0.0, t - 0.2)}
+        assert guard.judge(state(late), t) is None
+        t += 0.05
+
+
+def test_standing_still_while_told_to_move_is_one() -> None:
+    guard = Guard(LIMITS)
+    t = 0.0
+    while t < 3.0:
+        guard.commanded({"J1": HOME["J1"] + math.radians(30) * t}, t)
+        found = guard.judge(state(), t)
+        if found:
+            break
+        t += 0.05
+    assert found is not None
+    assert found.kind == "following"
+    assert t < 1.3
+
+
+def test_load_alone_is_overload_only_when_it_lasts() -> None:
+    assert judged(commanded(), 0.5, load={"J2": 0.95}) is None
+    found = judged(commanded(), 1.0, load={"J2": -0.95})
+    assert found is not None
+    assert (found.kind, found.joint) == ("overload", "J2")
+
+
+def test_load_and_error_together_are_a_collision_at_once() -> None:
+    off = {"J3": HOME["J3"] - math.radians(5)}
+    found = judged(commanded(), 0.2, positions=off, load={"J3": 0.6})
+    assert found is not None
+    assert (found.kind, found.joint) == ("collision", "J3")
+    assert "load 60%" in str(found)
+    assert judged(commanded(), 2.0, positions=off) is None
+    assert judged(commanded(), 2.0, load={"J3": 0.6}) is None
+
+
+def test_what_is_over_does_not_count_on() -> None:
+    guard = commanded()
+    for start in (0.0, 1.0, 2.0):
+        assert judged(guard, 0.5, start=start, load={"J2": 0.95}) is None
+        assert guard.judge(state(), start + 0.6) is None
+
+
+@pytest.mark.parametrize("flag", [JointFlag.OVERLOAD, JointFlag.TEMPERATURE, JointFlag.ENCODER])
+def test_a_servos_own_fault_stops_at_once(flag: JointFlag) -> None:
+    found = commanded().judge(state(flags={"J5": flag}), 0.0)
+    assert found is not None
+    assert (found.kind, found.joint) == ("fault", "J5")
+
+
+def test_a_silent_joint_is_lost_after_a_while() -> None:
+    guard = commanded()
+    assert guard.judge(state(), 0.0) is None
+    silent = {"J4": JointFlag.SILENT}
+    assert judged(guard, 0.4, start=0.05, flags=silent) is None
+    found = judged(guard, 1.0, start=0.45, flags=silent)
+    assert found is not None
+    assert (found.kind, found.joint) == ("lost", "J4")
+
+
+def test_old_values_are_as_bad_as_silence() -> None:
+    guard = commanded()
+    found = judged(guard, 2.0, age={"J1": math.inf})
+    assert found is not None
+    assert found.kind == "lost"
+
+
+def test_joints_that_nobody_commanded_do_not_stop_the_arm() -> None:
+    guard = Guard(LIMITS)
+    guard.commanded({"J1": HOME["J1"]}, 0.0)
+    assert judged(guard, 3.0, load={"J2": 1.0}, flags={"J7": JointFlag.SILENT | JointFlag.OVERLOAD}) is None
+
+
+def test_a_stop_of_the_board_is_taken_over() -> None:
+    found = commanded().judge(state(stopped=True, watchdog_tripped=True), 0.0)
+    assert found is not None
+    assert found.kind == "board"
+    assert "fell silent" in str(found)
+
+
+def test_forget_starts_afresh() -> None:
+    guard = commanded()
+    assert judged(guard, 0.3, positions={"J2": 2.0}) is None
+    guard.forget()
+    assert judged(guard, 3.0, positions={"J2": 2.0}) is None
+
+
+def test_thresholds_must_be_above_zero() -> None:
+    with pytest.raises(UsageError, match="load_time = 0"):
+        SafetyLimits(load_time=0.0)
