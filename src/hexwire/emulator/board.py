@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
 from .arms import make_hex7bot_servos
-from .board_bus import BoardBus, Job, Transaction
+from .board_bus import BoardBus, Delay, Job, Transaction
 from .board_dialect1 import Dialect1
 from .board_dialect2 import Dialect2
 from .board_state import BoardState, Settings
@@ -35,6 +35,8 @@ __all__ = ["EmulatedBoard", "make_hex7bot_board"]
 
 _POLL_PAUSE = 0.0005
 """Seconds between two background polls of a paced bus: what the firmware's own loop costs."""
+_MAX_QUEUE = 16
+_BITS = 10
 
 
 @dataclass(slots=True)
@@ -45,6 +47,7 @@ class _Task:
     request: Request | None = None
     motion: bool = False
     urgent: bool = False
+    report: bool = False
 
 
 class EmulatedBoard:
@@ -75,7 +78,10 @@ class EmulatedBoard:
         self.resets = 0
         self.settings = Settings()
         self.time = start
+        self._now = start
         self._out: list[bytes] = []
+        self._bus_free = start
+        self._bus_input: list[tuple[float, bytes]] = []
         self.reset(start)
 
     # -- bytes and time -----------------------------------------------------------------------------
@@ -83,14 +89,13 @@ class EmulatedBoard:
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host line."""
         self.step(now)
-        if now < self._deaf_until:
-            return
         if self.faults.host_echo:
             self._out.append(data)
+        if now < self._deaf_until:
+            return
         data = self.faults.host_in(data, now)
         if self._sketch is not None:
-            for frame in self._sketch.receive(data):
-                self._tasks.append(_Task(self.dialect1.sketch_job(frame)))
+            self._sketch.put(data, busy=self._busy)
         else:
             self.connection.receive(data, now)
             self._take_requests(now)
@@ -102,15 +107,17 @@ class EmulatedBoard:
         if cause is not None:
             self.reset(now)
             self.state.under_voltage_reset = cause == "brownout"
-        self.time = max(self.time, now) if not self._busy else self.time
+        self._now = max(self._now, now)
         self._timers(now)
+        if not self._busy:
+            self.time = max(self.time, now)
         while True:
             if self._busy:
                 if self._busy_until > now:
                     return
                 self.time = max(self.time, self._busy_until)
                 self._finish_wait()
-            elif not self._start_next(now):
+            elif not (self._start_next(now) or self._sketch_loop()):
                 break
         self.time = max(self.time, now)
 
@@ -118,7 +125,8 @@ class EmulatedBoard:
         """Bytes for the host line since the last call."""
         frames = [*self._out, *self.connection.data_to_send()]
         self._out = []
-        return self.faults.host_out(b"".join(frames), self.time)
+        self._report_unsent = False
+        return self.faults.host_out(b"".join(frames), self._now)
 
     def next_event_time(self) -> float | None:
         """When `step` has something to do without bytes arriving; None if never."""
@@ -141,7 +149,9 @@ class EmulatedBoard:
         """Start again, as after power-up or the reset button. No servo moves."""
         self.resets += 1
         self.time = now
-        self.state = BoardState(self.resets, now, self.settings)
+        # New at every reset, and when the emulator is started again: time goes on, and the count in a reset.
+        boot_id = (int(now * 1000) + self.resets) & 0xFFFFFFFF
+        self.state = BoardState(boot_id, now, self.settings)
         self.connection = Connection(
             Role.BOARD,
             local=ModuleType.ARM_7BOT_ARDUINO_TRX,
@@ -161,27 +171,57 @@ class EmulatedBoard:
         self._task: _Task | None = None
         self._suspended: tuple[_Task, bytes] | None = None
         self._busy: bool = False
+        self._listening = False
         self._busy_until: float = now
         self._answer = b""
+        self._bus_input.clear()
         self._next_poll = now
+        self._repeats = 0
+        self._report_queued = self._report_unsent = False
+        self._sketch_reply = b""
         if self.dialect == 2:
             self._tasks.append(_Task(self.bus.discover()))
 
     # -- jobs ---------------------------------------------------------------------------------------
 
     def _take_requests(self, now: float) -> None:
-        while (event := self.connection.next_event()) is not None:
-            if not isinstance(event, Request):
-                continue
-            frame = event.frame
+        if self.connection.counters.repeats != self._repeats:
+            # Answered from store already; the host is alive all the same.
+            self._repeats = self.connection.counters.repeats
             self.state.feed_watchdog(now)
-            if frame.proto == PROTO_CHAPTER or self.dialect == 1:
-                task = _Task(self.dialect1.job(frame), motion=frame.cmd == Command.SYNC_WRITE)
-            else:
-                task = _Task(self.dialect2.job(event), event, self.dialect2.is_motion(frame))
-                task.urgent = self.dialect2.is_urgent(frame)
-            (self._urgent if task.urgent else self._tasks).append(task)
-            self.state.queue_high_water = max(self.state.queue_high_water, len(self._tasks))
+        while (event := self.connection.next_event()) is not None:
+            if isinstance(event, Request):
+                self.state.feed_watchdog(now)
+                self._queue(event)
+
+    def _queue(self, event: Request) -> None:
+        frame = event.frame
+        chapter = frame.proto == PROTO_CHAPTER or self.dialect == 1
+        task = _Task(self.dialect1.job(frame) if chapter else self.dialect2.job(event))
+        task.motion = self.dialect2.is_motion(frame)
+        if not chapter:
+            task.request = event
+            task.urgent = self.dialect2.is_urgent(frame)
+        if task.urgent:
+            self._urgent.append(task)
+        elif len(self._tasks) < _MAX_QUEUE:
+            self._tasks.append(task)
+        elif not chapter:
+            self.dialect2.refuse(event, Status.BUSY)
+        self.state.queue_high_water = max(self.state.queue_high_water, len(self._tasks))
+
+    # -- the serial buffer of the bus ---------------------------------------------------------------
+
+    @property
+    def bus_waiting(self) -> int:
+        """Bytes from the bus that are there to be read."""
+        return sum(len(data) for when, data in self._bus_input if when <= self.time)
+
+    def read_bus(self) -> bytes:
+        """Take what has come in from the bus."""
+        data = b"".join(data for when, data in self._bus_input if when <= self.time)
+        self._bus_input = [(when, data) for when, data in self._bus_input if when > self.time]
+        return data
 
     def drop_motion(self) -> None:
         """A stop makes void what would still move something, begun or queued."""
@@ -190,7 +230,7 @@ class EmulatedBoard:
             if task.motion:
                 task.job.close()
                 if task.request is not None:
-                    self.dialect2.refuse(task.request)
+                    self.dialect2.refuse(task.request, Status.STOPPED)
         self._tasks = deque(t for t in self._tasks if not t.motion)
         if self._suspended and self._suspended[0].motion:
             self._suspended = None
@@ -205,7 +245,7 @@ class EmulatedBoard:
         elif self._tasks:
             self._task = self._tasks.popleft()
         elif self.paced and self.dialect == 2 and self._next_poll <= now:
-            self._next_poll = max(self.time, self._next_poll) + _POLL_PAUSE
+            self.time = max(self.time, self._next_poll)
             self._task = _Task(self.bus.poll_next())
         else:
             return False
@@ -216,6 +256,7 @@ class EmulatedBoard:
         """The current job's wait is over; a stop that came meanwhile goes first."""
         self._busy = False
         task = self._task
+        self._answer = self.read_bus() if self._listening else b""
         if task is not None and self._urgent and not task.urgent:
             self._suspended = (task, self._answer)
             self._task = None
@@ -230,19 +271,60 @@ class EmulatedBoard:
         try:
             wait = task.job.send(answer)
         except StopIteration:
+            if task.report:
+                self._report_queued = False
             self._task = None
-            self._next_poll = max(self._next_poll, self.time)
+            self._next_poll = self.time + _POLL_PAUSE
             return
         self._busy = True
-        if isinstance(wait, Transaction):
-            self.state.bus_transactions += 1
-            self._answer, finish = self.wire.transact(wait.packet, self.time)
-            if len(self._answer) < wait.reply_length and self.paced:
-                finish = max(finish, self.time + wait.timeout)
-            self._busy_until = finish
-        else:
-            self._answer = b""
+        self._listening = isinstance(wait, Transaction)
+        if isinstance(wait, Delay):
             self._busy_until = self.time + (wait.seconds if self.paced else 0.0)
+            return
+        if isinstance(wait, Transaction):
+            self.read_bus()
+        self.state.bus_transactions += 1
+        heard, finish = self.wire.transact(wait.packet, self.time)
+        sent = self.time
+        byte = _BITS / self.wire.baud if self.paced else 0.0
+        if self.paced:
+            sent = max(self.time, self._bus_free) + len(wait.packet) * byte
+        self._bus_free = finish
+        if heard:
+            self._bus_input.append((finish, heard))
+        self._busy_until = sent
+        if isinstance(wait, Transaction) and wait.reply_length:
+            deadline = sent + wait.reply_length * byte + wait.timeout
+            whole = len(heard) - len(wait.packet) * self.wire.echo >= wait.reply_length
+            self._busy_until = deadline if finish > deadline or (self.paced and not whole) else finish
+
+    def _sketch_loop(self) -> bool:
+        """The sketch's idle loop: read on; with nothing to read, send the last reply. True if a command came."""
+        sketch = self._sketch
+        if sketch is None:
+            return False
+        frame = sketch.next_frame()
+        if frame is None:
+            if self._sketch_reply and not sketch.waiting:
+                self._out.append(self._sketch_reply)
+                self._sketch_reply = b""
+            return False
+        if not frame.hangs:
+            self._tasks.append(_Task(self.dialect1.sketch_job(frame)))
+            return True
+        sketch.hung = True
+        return False
+
+    def reply_dialect1(self, packet: bytes) -> None:
+        """Answer in dialect 1. The sketch has one buffer for replies: what was not sent yet is lost."""
+        self.connection.reply_dialect1(packet, self.time)
+        if self._sketch is not None:
+            self._sketch_reply = b"".join(self.connection.data_to_send())
+
+    def report(self, body: bytes) -> None:
+        """Send a JOINT_STATE unsolicited."""
+        self._report_unsent = True
+        self.connection.report(Command.JOINT_STATE, body, self.time)
 
     def _timers(self, now: float) -> None:
         timeout = self.connection.next_timeout()
@@ -258,7 +340,9 @@ class EmulatedBoard:
             if state.report_due <= now:
                 # Never a burst of reports after a pause: the line may be slower than the period.
                 state.report_due = now + state.report_period
-            self._tasks.append(_Task(self.dialect2.report_job()))
+            if not (self._report_queued or self._report_unsent):
+                self._report_queued = True
+                self._tasks.append(_Task(self.dialect2.report_job(), report=True))
 
 
 def make_hex7bot_board(

@@ -9,27 +9,33 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
-from hexwire.errors import UsageError
 from hexwire.session.servo_bus import expected_answer, match_answer
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Status
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
+    BROADCAST_ID,
+    Instruction,
+    ServoPacket,
     StatusPacket,
     find_status,
     make_ping,
     make_read,
     make_sync_read,
     make_sync_write,
-    make_write,
     parse_packet,
     strip_echo,
 )
 
-from .board_state import JointSlot
+from .board_state import SERVO_BITS, JointSlot
 
 if TYPE_CHECKING:
     from .board import EmulatedBoard
 
-__all__ = ["BoardBus", "Delay", "Job", "Transaction"]
+__all__ = ["READ_ONLY", "BoardBus", "Delay", "Job", "RefusedError", "Send", "Transaction"]
+
+READ_ONLY = frozenset({Instruction.PING, Instruction.READ, Instruction.SYNC_READ})
+"""Instructions that change nothing."""
 
 _TRIES = 2
 _TIMEOUT = 0.005
@@ -40,15 +46,24 @@ _PRESENT = Series.HLS.register("present_position").address
 _PRESENT_BYTES = 15
 """From present_position (56) to present_current (69, 2 bytes)."""
 _SPEED_UNIT = 50
-_DEFAULT_CEILING = 154
+_TARGETS = {Series.SEVEN_BOT: "target_position", Series.HLS: "goal_position"}
 
 
 class Transaction(NamedTuple):
-    """Put a packet on the bus; resumed with the bytes that came back."""
+    """Drop what has come in, put a packet on the bus; resumed with the bytes that came back.
+
+    The wait ends with the whole answer, or `timeout` after the time that the packet and the answer take.
+    """
 
     packet: bytes
     reply_length: int
     timeout: float = _TIMEOUT
+
+
+class Send(NamedTuple):
+    """Put a packet on the bus; resumed when it is out. What comes back stays in the serial buffer."""
+
+    packet: bytes
 
 
 class Delay(NamedTuple):
@@ -57,10 +72,20 @@ class Delay(NamedTuple):
     seconds: float
 
 
-Job = Generator[Transaction | Delay, bytes | None, None]
-Sub = Generator[Transaction | Delay, bytes | None, StatusPacket | None]
-Raw = Generator[Transaction | Delay, bytes | None, bytes]
-Many = Generator[Transaction | Delay, bytes | None, int]
+Wait = Transaction | Send | Delay
+Job = Generator[Wait, bytes | None, None]
+Sub = Generator[Wait, bytes | None, StatusPacket | None]
+Raw = Generator[Wait, bytes | None, bytes]
+Several = Generator[Wait, bytes | None, list[StatusPacket]]
+Many = Generator[Wait, bytes | None, int]
+
+
+class RefusedError(Exception):
+    """A handler's short way out: the status that answers the request."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status.name)
+        self.status = status
 
 
 class BoardBus:
@@ -95,26 +120,43 @@ class BoardBus:
                 state.bus_retries += 1
         return None
 
+    def ask_all(self, packet: bytes) -> Several:
+        """Any packet from a host; the answers of all who should, a write sent once only."""
+        request = parse_packet(packet)
+        expected = expected_answer(request)
+        if request.instruction != Instruction.SYNC_READ:
+            tries = _TRIES if request.instruction in READ_ONLY else 1
+            status = yield from self.ask(packet, tries=tries)
+            return [status] if status is not None else []
+        data = yield from self.raw(packet, expected.length, _TIMEOUT)
+        found = [find_status(data, servo_id, expected.params) for servo_id in expected.servo_ids]
+        return [f[0] for f in found if f is not None]
+
     def discover(self) -> Job:
-        """At start: who is there, where are they, have they torque. Nothing moves."""
+        """At start: who is there, where are they, have they torque. A joint with torque stops where it is."""
         for joint in self._joints:
             status = yield from self.ask(make_ping(joint.servo_id))
             if status is None:
                 continue
             joint.series = Series.SEVEN_BOT if status.legacy else Series.HLS
             joint.present = True
-            yield from self.read_torque(joint)
-            if joint.series is Series.HLS:
-                register = Series.HLS.register("goal_torque")
-                found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
-                joint.ceiling = abs(register.decode(found.params)) if found else 0
-                joint.ceiling = joint.ceiling or _DEFAULT_CEILING
+            joint.unsure = True
         yield from self.poll_all()
+        yield from self.hold([j for j in self._joints if j.present and j.torque_on])
+
+    def recheck(self, joint: JointSlot) -> Job:
+        """Read what the board must know before it writes a target: the torque switch, an HLS servo's ceiling."""
+        joint.unsure = not (yield from self.read_torque(joint))
+        if joint.series is Series.HLS and not joint.ceiling:
+            register = Series.HLS.register("goal_torque")
+            found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
+            if found is not None:
+                # 0 would mean that it cannot move at all.
+                joint.ceiling = abs(register.decode(found.params)) or tables.DEFAULT_CEILING
 
     def read_torque(self, joint: JointSlot) -> Many:
         """Read a joint's torque switch back; returns 1 if it answered."""
         status = yield from self.ask(make_read(joint.servo_id, _TORQUE, 1))
-        joint.torque_unsure = False
         if status is None:
             return 0
         joint.torque_on = status.params[0] == 1
@@ -139,25 +181,26 @@ class BoardBus:
             yield from self._poll_hls()
 
     def _poll_legacy(self, joint: JointSlot) -> Job:
-        if joint.torque_unsure:
-            yield from self.read_torque(joint)
+        if joint.unsure and joint.present:
+            yield from self.recheck(joint)
         status = yield from self.ask(make_read(joint.servo_id, _PRESENT, 2), tries=_TRIES if joint.present else 1)
-        joint.present = status is not None
         if status is None:
+            joint.present = False
             return
+        self._is_there(joint)
         position = Series.SEVEN_BOT.register("present_position").decode(status.params)
         now = self._board.time
         # These servos report no speed: it is the difference to the sample before.
         elapsed = now - joint.sampled_at if joint.sampled_at is not None else 0.0
         if elapsed > 0:
             joint.speed = max(-32768, min(32767, round((position - joint.position) / elapsed)))
-        joint.position, joint.error, joint.sampled_at = position, status.error & 0x2F, now
+        joint.position, joint.error, joint.sampled_at = position, status.error & SERVO_BITS, now
 
     def _poll_hls(self) -> Job:
         joints = [j for j in self._joints if j.series is not Series.SEVEN_BOT]
         for joint in joints:
-            if joint.torque_unsure:
-                yield from self.read_torque(joint)
+            if joint.unsure and joint.present:
+                yield from self.recheck(joint)
         wanted = joints
         for _ in range(_TRIES):
             if not wanted:
@@ -192,9 +235,15 @@ class BoardBus:
         joint.voltage = value("present_voltage")
         joint.temperature = value("present_temperature")
         joint.current = value("present_current") * 13 // 2
-        joint.error = status.error & 0x2F
-        joint.present = True
+        joint.error = status.error & SERVO_BITS
+        self._is_there(joint)
         joint.sampled_at = self._board.time
+
+    @staticmethod
+    def _is_there(joint: JointSlot) -> None:
+        # Who was away may have lost its supply, and its torque with it.
+        joint.unsure |= not joint.present
+        joint.present = True
 
     # -- motion -------------------------------------------------------------------------------------
 
@@ -220,30 +269,46 @@ class BoardBus:
         return (
             b"\0"
             + series.register("goal_position").encode(position)
-            + series.register("goal_torque").encode(joint.ceiling or _DEFAULT_CEILING)
+            + series.register("goal_torque").encode(joint.ceiling or tables.DEFAULT_CEILING)
             + series.register("goal_speed").encode(min(max(speed, 1), 32767))
         )
 
     def hold(self, joints: list[JointSlot]) -> Job:
         """Make the present positions the targets."""
-        yield from self.move([(j, j.position) for j in joints if j.sampled_at is not None], 20)
+        yield from self.move([(j, j.position) for j in joints if j.sampled_at is not None], 0)
+
+    def hold_checked(self, joints: list[JointSlot]) -> Many:
+        """Hold, and read the targets back; returns the mask of joints (by place) that took it."""
+        mask = 0
+        for _ in range(_TRIES):
+            missing = [j for j in joints if not mask >> self._joints.index(j) & 1]
+            if not missing:
+                break
+            yield from self.hold(missing)
+            for joint in missing:
+                row = joint.series.register(_TARGETS[joint.series])
+                status = yield from self.ask(make_read(joint.servo_id, row.address, row.size))
+                if status is not None and row.decode(status.params) == joint.position:
+                    mask |= 1 << self._joints.index(joint)
+        return mask
 
     def torque(self, joints: list[JointSlot], on: bool) -> Many:
         """Switch torque and read it back; returns the mask of joints (by place) that confirmed."""
         if on:
             yield from self.poll_all()
-            yield from self.hold([j for j in joints if j.present])
-        for joint in joints:
-            if on and not joint.present:
-                continue
-            feetech = joint.series is not Series.SEVEN_BOT
-            yield from self.ask(make_write(joint.servo_id, _TORQUE, bytes((int(on),))), acknowledged=feetech)
-        return (yield from self.confirm(joints, on))
-
-    def free_all(self) -> Job:
-        """Take the torque of all joints away in one packet."""
-        packet = make_sync_write(_TORQUE, {j.servo_id: b"\0" for j in self._joints})
-        yield Transaction(packet, 0)
+            joints = [j for j in joints if j.present]
+            yield from self.hold(joints)
+        mask = 0
+        for _ in range(_TRIES):
+            missing = [j for j in joints if not mask >> self._joints.index(j) & 1]
+            if not missing:
+                break
+            for joint in missing:
+                # From here on a hold must not write it a target, which could switch it on again.
+                joint.torque_on = joint.torque_on and on
+            yield Transaction(make_sync_write(_TORQUE, {j.servo_id: bytes((int(on),)) for j in missing}), 0)
+            mask |= yield from self.confirm(missing, on)
+        return mask
 
     def confirm(self, joints: list[JointSlot], on: bool) -> Many:
         """Read torque switches back; returns the mask of joints (by place) that are as wanted."""
@@ -258,12 +323,11 @@ class BoardBus:
         answer = yield Transaction(packet, reply_length, timeout)
         return strip_echo(answer or b"", packet)
 
-    def mark_written(self, packet: bytes) -> None:
+    def mark_written(self, packet: ServoPacket) -> None:
         """A packet went through that may have changed torque switches: read them again when polling."""
+        if packet.instruction in READ_ONLY:
+            return
         for joint in self._joints:
-            try:
-                servo_id = parse_packet(packet).servo_id
-            except UsageError:
-                return
-            if servo_id in (joint.servo_id, 0xFE):
-                joint.torque_unsure = True
+            if packet.servo_id in (joint.servo_id, BROADCAST_ID):
+                joint.unsure = True
+                joint.ceiling = 0

@@ -22,7 +22,7 @@ from hexwire.wire.servo_packet import (
     parse_packet,
 )
 
-from .board_bus import Delay, Job, Transaction
+from .board_bus import Delay, Job, RefusedError, Send
 
 if TYPE_CHECKING:
     from .board import EmulatedBoard
@@ -72,8 +72,7 @@ class Dialect1:
         yield from ()
 
     def _send(self, packet: bytes) -> None:
-        board = self._board
-        board.connection.reply_dialect1(packet, board.time)
+        self._board.reply_dialect1(packet)
 
     def _is_legacy(self, servo_id: int) -> bool:
         joint = self._board.state.joint(servo_id)
@@ -82,38 +81,46 @@ class Dialect1:
     # -- the chapter's board ------------------------------------------------------------------------
 
     def _chapter_read(self, body: bytes) -> Job:
+        """`servo_read`: it never drains the bus, so an answer too late goes to the next who asks."""
+        board = self._board
         servo_id = body[2] if len(body) > 2 else 0
         buffer = bytearray([0xFF, 0xF5, servo_id, 4, 1, 0, 0, ~(servo_id + 5) & 0xFF])
         count = polls = 0
         for _ in range(_TRIES):
-            answer = (yield Transaction(body, 0)) or b""
+            yield Send(body)
             yield Delay(_READ_WAIT)
-            while len(answer) < 8 and polls < _POLLS:
+            while board.bus_waiting < 8 and polls < _POLLS:
                 polls += 1
                 yield Delay(_READ_POLL)
-            yield Delay(_BYTE_WAIT * len(answer))
-            # The sketch's buffer has 8 bytes; what is longer runs over its stack. Here it is cut.
-            count = min(len(answer), 8)
-            buffer[:count] = answer[:count]
+            while data := board.read_bus():
+                # The sketch's buffer has 8 bytes; what is longer runs over its stack. Here it is cut.
+                buffer[count : count + len(data)] = data
+                count += len(data)
+                yield Delay(_BYTE_WAIT * len(data))
             if count:
                 break
+        count = min(count, 8) or 8
         if self._is_legacy(servo_id):
             buffer[5], buffer[6] = buffer[6], buffer[5]
-        self._send(bytes(buffer[: count or 8]))
+        self._send(bytes(buffer[:count]))
 
     def _chapter_ping(self, body: bytes) -> Job:
+        board = self._board
         servo_id = body[2] if len(body) > 2 else 0
+        buffer = b""
         polls = 0
         for _ in range(_TRIES):
-            answer = (yield Transaction(body, 0)) or b""
-            while len(answer) < 6 and polls < _POLLS:
+            board.read_bus()
+            yield Send(body)
+            while board.bus_waiting < 6 and polls < _POLLS:
                 polls += 1
                 yield Delay(_PING_POLL)
-            if answer:
-                yield Delay(_BYTE_WAIT * len(answer))
-                self._send(answer[:6])
-                return
-        self._send(bytes([0xFF, 0xF5, servo_id, 6, 5, ~(5 + 6 + servo_id) & 0xFF]))
+            while data := board.read_bus():
+                buffer += data
+                yield Delay(_BYTE_WAIT * len(data))
+            if buffer:
+                break
+        self._send(buffer[:6] or _board_error(servo_id, 5))
 
     # -- hexwire's board ----------------------------------------------------------------------------
 
@@ -123,23 +130,33 @@ class Dialect1:
         except RemoteProtocolError:
             self._send(UNKNOWN_COMMAND_PACKET)
             return
-        status = yield from self._board.bus.ask(body)
-        self._board.bus.mark_written(body)
-        self._send(self.status_bytes(packet, status, ping=ping))
+        try:
+            self._board.dialect2.check_packet(packet)
+        except RefusedError:
+            # This dialect has no word for "refused": the servo did not answer.
+            self._send(self.no_answer(packet.servo_id, ping=ping))
+            return
+        answers = yield from self._board.bus.ask_all(body)
+        self._board.bus.mark_written(packet)
+        if answers:
+            self._send(b"".join(self.status_bytes(packet, status) for status in answers))
+        else:
+            self._send(self.no_answer(packet.servo_id, ping=ping))
 
-    def status_bytes(self, packet: ServoPacket, status: StatusPacket | None, *, ping: bool) -> bytes:
-        """What the chapter's board would send for this answer, or for none."""
-        servo_id = packet.servo_id
-        if status is None:
-            if ping:
-                return bytes([0xFF, 0xF5, servo_id, 6, 5, ~(5 + 6 + servo_id) & 0xFF])
-            return make_status(servo_id, 1, b"\0\0", legacy=True)
+    @staticmethod
+    def no_answer(servo_id: int, *, ping: bool) -> bytes:
+        """The board's own packet for a servo that does not answer."""
+        return _board_error(servo_id, 5) if ping else make_status(servo_id, 1, b"\0\0", legacy=True)
+
+    @staticmethod
+    def status_bytes(packet: ServoPacket, status: StatusPacket) -> bytes:
+        """What the chapter's board would send for this answer."""
         params = status.params
-        if status.legacy and not params and packet.instruction == Instruction.PING:
-            return bytes([0xFF, 0xF5, servo_id, 6, status.error, ~(servo_id + 6 + status.error) & 0xFF])
-        if len(params) == 2 and self._is_legacy(servo_id):
+        if status.legacy and packet.instruction == Instruction.PING:
+            return _board_error(status.servo_id, status.error)
+        if status.legacy and len(params) == 2 and packet.instruction == Instruction.READ:
             params = params[::-1]
-        return make_status(servo_id, status.error, params, legacy=status.legacy)
+        return make_status(status.servo_id, status.error, params, legacy=status.legacy)
 
     # -- both ---------------------------------------------------------------------------------------
 
@@ -157,13 +174,16 @@ class Dialect1:
         for run_time, group in targets.items():
             named = [(state.joint(i), p) for i, p in group]
             clamped = [(j, self._board.dialect2.clamp(j, p)) for j, p in named if j is not None]
-            yield from self._board.bus.move(clamped, run_time)
+            yield from self._board.bus.move(clamped, max(run_time, self._board.dialect2.slowest(clamped)))
+            for joint, _ in clamped:
+                # A target may have switched its torque on.
+                joint.unsure = True
 
     def _chapter_move(self, rows: list[tuple[int, int, int]]) -> Job:
         for servo_id, position, run_time in rows:
             order = "big" if self._is_legacy(servo_id) else "little"
             data = position.to_bytes(2, order) + run_time.to_bytes(2, order)  # type: ignore[arg-type]  # one of two literals
-            yield Transaction(make_write(servo_id, _TARGET, data), 0)
+            yield Send(make_write(servo_id, _TARGET, data))
 
     def sync_write_rows(self, body: bytes) -> list[tuple[int, int, int]]:
         """Rows of a sync write as `arm_sync_write` takes them: id, position, run time.
@@ -182,6 +202,11 @@ class Dialect1:
             rows.append((row[0], row[1] | row[2] << 8, row[3] | row[4] << 8))
             offset += _ROW
         return rows
+
+
+def _board_error(servo_id: int, error: int) -> bytes:
+    """FF F5 and 6 bytes in all, whatever it says: as a legacy servo's ping answer."""
+    return bytes([0xFF, 0xF5, servo_id, 6, error, ~(servo_id + 6 + error) & 0xFF])
 
 
 def _is_packet(body: bytes) -> bool:

@@ -31,7 +31,7 @@ from hexwire.wire.commands import (
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import BROADCAST_ID, Instruction, ServoPacket, parse_packet, parse_sync_write
 
-from .board_bus import Job
+from .board_bus import READ_ONLY, Job, Many, RefusedError
 from .board_state import JointSlot
 
 if TYPE_CHECKING:
@@ -41,19 +41,11 @@ __all__ = ["FIRMWARE", "Dialect2"]
 
 FIRMWARE = (2, 0, 0)
 _MAX_REPLY = 120
+_READS = tuple(bytes((code,)) for code in READ_ONLY)
 _DEFAULT_TRANSACT_MS = 20
-_READ_ONLY = frozenset({Instruction.PING, Instruction.READ, Instruction.SYNC_READ})
 _TARGET = Series.HLS.register("goal_position").address
 _CAPABILITIES = sum(tables.CAPABILITIES.values())
 _OUTPUTS = 0x07
-
-
-class RefusedError(Exception):
-    """A handler's short way out: the status that answers the request."""
-
-    def __init__(self, status: Status) -> None:
-        super().__init__(status.name)
-        self.status = status
 
 
 class Dialect2:
@@ -87,10 +79,15 @@ class Dialect2:
 
     @staticmethod
     def is_motion(frame: Frame) -> bool:
-        """Whether a stop makes this void."""
-        if frame.cmd == Command.TORQUE:
-            return frame.body[:1] == b"\1"
-        return frame.cmd in (Command.JOINT_MOVE, Command.SYNC_WRITE)
+        """Whether a stop makes this void: what could move something, or go on doing so."""
+        cmd, body = frame.cmd, frame.body
+        if cmd == Command.TORQUE:
+            return body[:1] == b"\1"
+        if cmd in (Command.PING, Command.READ):
+            return body[4:5] not in _READS
+        if cmd == Command.TRANSACT and frame.proto == tables.PROTO_HEXWIRE:
+            return body[6:7] not in _READS
+        return cmd in (Command.JOINT_MOVE, Command.SYNC_WRITE)
 
     def job(self, request: Request) -> Job:
         """Act on a request; every way out answers it once."""
@@ -117,12 +114,12 @@ class Dialect2:
         board = self._board
         if not board.paced:
             yield from board.bus.poll_all()
-        body = board.state.report(board.state.report_fields, board.time).serialize()
-        board.connection.report(Command.JOINT_STATE, body, board.time)
+        if board.state.report_due is not None:
+            board.report(board.state.report(board.state.report_fields, board.time).serialize())
 
-    def refuse(self, request: Request) -> None:
-        """Answer a request that a stop made void."""
-        self._reply(request, Status.STOPPED)
+    def refuse(self, request: Request, status: Status) -> None:
+        """Answer a request that is not executed: a stop made it void, or the queue is full."""
+        self._reply(request, status)
 
     def watchdog_job(self) -> Job:
         """The host fell silent."""
@@ -217,18 +214,21 @@ class Dialect2:
         if len({j.servo_id for j, _ in targets}) != len(targets):
             raise RefusedError(Status.BAD_RANGE)
         self._refuse_if_stopped()
-        if any(j.present and not j.torque_on for j, _ in targets):
-            raise RefusedError(Status.TORQUE_OFF)
         if not self._board.paced:
             yield from self._board.bus.poll_all()
+        for joint, _ in targets:
+            if joint.present and joint.unsure:
+                yield from self._board.bus.recheck(joint)
+        if any(j.present and not j.torque_on for j, _ in targets):
+            raise RefusedError(Status.TORQUE_OFF)
         sent = [(j, self.clamp(j, p)) for j, p in targets if j.present]
-        duration = max(move.duration_ms, self._slowest(sent))
+        duration = max(move.duration_ms, self.slowest(sent))
         yield from self._board.bus.move(sent, duration)
         rows = tuple(SentRow(j.servo_id, p, j.clamped) for j, p in sent)
         status = Status.OK if len(sent) == len(targets) else Status.SERVO_SILENT
         self._reply(request, status, MoveReply(duration, rows).serialize())
 
-    def _slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
+    def slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
         """Milliseconds that the speed limits ask for."""
         state = self._board.state
         needed = 0
@@ -252,28 +252,23 @@ class Dialect2:
         mode = self._body(request, 1)[0]
         if mode > 1:
             raise RefusedError(Status.BAD_RANGE)
-        bus, joints = self._board.bus, self._board.state.joints
-        yield from self._execute_stop(mode)
-        if mode:
-            mask = yield from bus.confirm(joints, on=False)
-        else:
-            mask = sum(1 << i for i, j in enumerate(joints) if j.present)
-        status = Status.OK if mask == (1 << len(joints)) - 1 else Status.SERVO_SILENT
+        mask = yield from self._execute_stop(mode)
+        status = Status.OK if mask == (1 << len(self._board.state.joints)) - 1 else Status.SERVO_SILENT
         self._reply(request, status, make_stop_reply(mode, mask))
 
-    def _execute_stop(self, mode: int) -> Job:
-        board, state = self._board, self._board.state
+    def _execute_stop(self, mode: int) -> Many:
+        """Stop; returns the mask of joints that confirmed it, or have no torque to stop."""
+        board, state, bus = self._board, self._board.state, self._board.bus
         state.stopped = True
         state.watchdog_due = None
         board.drop_motion()
         if mode:
             state.torque_off_stop = True
-            yield from board.bus.free_all()
-            return
-        if not board.paced:
-            yield from board.bus.poll_all()
+            return (yield from bus.torque(state.joints, on=False))
+        yield from bus.poll_all()
         # A joint without torque stays without: writing it a target could switch it on.
-        yield from board.bus.hold([j for j in state.joints if j.present and j.torque_on])
+        limp = sum(1 << i for i, j in enumerate(state.joints) if j.present and not j.torque_on)
+        return limp | (yield from bus.hold_checked([j for j in state.joints if j.present and j.torque_on]))
 
     def _resume(self, request: Request) -> Job:
         self._body(request, 0)
@@ -329,62 +324,88 @@ class Dialect2:
 
     def _packet(self, request: Request) -> Job:
         """PING and READ in a dialect-2 frame: as dialect 1, but a silent servo is a status."""
-        packet = self._checked_packet(request.frame.body)
-        status = yield from self._board.bus.ask(request.frame.body)
-        self._board.bus.mark_written(request.frame.body)
-        if status is None:
+        packet = self._parse_packet(request.frame.body)
+        answers = yield from self._board.bus.ask_all(request.frame.body)
+        self._board.bus.mark_written(packet)
+        if not answers:
             raise RefusedError(Status.SERVO_SILENT)
-        ping = request.frame.cmd == Command.PING
-        self._reply(request, Status.OK, self._board.dialect1.status_bytes(packet, status, ping=ping))
+        status_bytes = self._board.dialect1.status_bytes
+        self._reply(request, Status.OK, b"".join(status_bytes(packet, status) for status in answers))
 
     def _sync_write(self, request: Request) -> Job:
+        if not self._board.dialect1.sync_write_rows(request.frame.body):
+            raise RefusedError(Status.BAD_RANGE)
         self._refuse_if_stopped()
         yield from self._board.dialect1.job(request.frame)
         self._reply(request, Status.OK)
 
     def _transact(self, request: Request) -> Job:
         transact = TransactRequest.parse(request.frame.body)
+        packet = self._parse_packet(transact.packet)
         if transact.reply_length > _MAX_REPLY:
             raise RefusedError(Status.BAD_RANGE)
-        self._checked_packet(transact.packet)
         timeout = (transact.timeout_ms or _DEFAULT_TRANSACT_MS) / 1000
         bus = self._board.bus
         answer = yield from bus.raw(transact.packet, transact.reply_length, timeout)
-        bus.mark_written(transact.packet)
+        bus.mark_written(packet)
         if transact.reply_length and not answer:
             raise RefusedError(Status.SERVO_SILENT)
         self._reply(request, Status.OK, answer[: transact.reply_length])
 
-    def _checked_packet(self, data: bytes) -> ServoPacket:
-        """A well-formed packet that may go to the bus now."""
+    def _parse_packet(self, data: bytes) -> ServoPacket:
         try:
             packet = parse_packet(data)
         except RemoteProtocolError:
             raise RefusedError(Status.BAD_RANGE) from None
-        if packet.instruction not in _READ_ONLY:
-            self._refuse_if_stopped()
-            self._check_targets(packet)
+        self.check_packet(packet)
         return packet
+
+    def check_packet(self, packet: ServoPacket) -> None:
+        """Whether a packet of a host may go to the bus now.
+
+        Raises:
+            RefusedError: It is no sound read, it has a target outside the limits, or the arm is stopped.
+        """
+        params = packet.params
+        if packet.instruction == Instruction.READ and (len(params) != 2 or not 0 < params[1] <= _MAX_REPLY - 6):
+            raise RefusedError(Status.BAD_RANGE)
+        if packet.instruction == Instruction.SYNC_READ and (
+            len(params) < 3 or not params[1] or (params[1] + 6) * (len(params) - 2) > _MAX_REPLY
+        ):
+            raise RefusedError(Status.BAD_RANGE)
+        if packet.instruction not in READ_ONLY:
+            self._check_targets(packet)
+            self._refuse_if_stopped()
 
     def _check_targets(self, packet: ServoPacket) -> None:
         """Refuse a raw write of a target position outside a joint's limits."""
         if packet.instruction == Instruction.SYNC_WRITE:
-            address, rows = parse_sync_write(packet)
+            try:
+                address, rows = parse_sync_write(packet)
+            except RemoteProtocolError:
+                raise RefusedError(Status.BAD_RANGE) from None
             writes = [(servo_id, address, data) for servo_id, data in rows]
-        elif packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE) and packet.params:
+        elif packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE):
+            if len(packet.params) < 2:
+                raise RefusedError(Status.BAD_RANGE)
             writes = [(packet.servo_id, packet.params[0], packet.params[1:])]
         else:
             return
         for servo_id, address, data in writes:
             at = _TARGET - address
-            if not 0 <= at <= len(data) - 2:
+            low, high = 0 <= at < len(data), 0 <= at + 1 < len(data)
+            if not (low or high):
                 continue
             for joint, limit in zip(self._board.state.joints, self._board.state.limits, strict=True):
-                if servo_id in (joint.servo_id, BROADCAST_ID):
-                    name = "target_position" if joint.series is Series.SEVEN_BOT else "goal_position"
-                    position = joint.series.register(name).decode(data[at : at + 2])
-                    if not limit.minimum <= position <= limit.maximum:
-                        raise RefusedError(Status.BAD_RANGE)
+                if servo_id not in (joint.servo_id, BROADCAST_ID):
+                    continue
+                # Half a position cannot be judged.
+                if not (low and high):
+                    raise RefusedError(Status.BAD_RANGE)
+                name = "target_position" if joint.series is Series.SEVEN_BOT else "goal_position"
+                position = joint.series.register(name).decode(data[at : at + 2])
+                if not limit.minimum <= position <= limit.maximum:
+                    raise RefusedError(Status.BAD_RANGE)
 
     def _io(self, request: Request) -> Job:
         mask, value = self._body(request, 2)

@@ -11,16 +11,19 @@ from hexwire.wire import tables
 from hexwire.wire.commands import AGE_NEVER, JointReport, LimitRow, OffsetRow
 from hexwire.wire.registers import Series
 
-__all__ = ["BoardState", "JointSlot", "Settings"]
+__all__ = ["SERVO_BITS", "BoardState", "JointSlot", "Settings"]
 
-
-_SERVO_BITS = 0x2F
+SERVO_BITS = 0x2F
 """The bits of a servo's error byte that mean something; the others are the board's own flags."""
 
 
 @dataclass(slots=True)
 class JointSlot:
-    """One joint as the board knows it. Counts and the units of JOINT_STATE."""
+    """One joint as the board knows it. Counts and the units of JOINT_STATE.
+
+    Attributes:
+        unsure: Its torque switch may have changed: read it before it is written a target.
+    """
 
     servo_id: int
     series: Series
@@ -34,16 +37,14 @@ class JointSlot:
     error: int = 0
     ceiling: int = 0
     torque_on: bool = False
-    torque_unsure: bool = False
+    unsure: bool = False
     clamped: bool = False
     sampled_at: float | None = None
 
     @property
     def flags(self) -> int:
         """The status byte of this joint in JOINT_STATE."""
-        flags = self.error & ~(
-            tables.SERVO_FLAGS_CLAMPED | tables.SERVO_FLAGS_TORQUE_ON | tables.SERVO_FLAGS_SILENT
-        )
+        flags = self.error & SERVO_BITS
         flags |= tables.SERVO_FLAGS_CLAMPED if self.clamped else 0
         flags |= tables.SERVO_FLAGS_TORQUE_ON if self.torque_on else 0
         return flags | (0 if self.present else tables.SERVO_FLAGS_SILENT)
@@ -111,6 +112,8 @@ class BoardState:
         """The board flags of IDENTIFY and JOINT_STATE."""
         flags = tables.BOARD_FLAGS_STOPPED if self.stopped else 0
         flags |= tables.BOARD_FLAGS_WATCHDOG_TRIPPED if self.watchdog_tripped else 0
+        stored = self.settings.limits is not None and self.settings.offsets is not None
+        flags |= 0 if stored else tables.BOARD_FLAGS_SETTINGS_DEFAULT
         flags |= tables.BOARD_FLAGS_UNDER_VOLTAGE_RESET if self.under_voltage_reset else 0
         return flags | (tables.BOARD_FLAGS_TORQUE_OFF_STOP if self.torque_off_stop else 0)
 

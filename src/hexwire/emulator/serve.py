@@ -63,6 +63,10 @@ class FakeClock:
         """Let time pass."""
         self.time += seconds
 
+    def sleep(self, seconds: float) -> None:
+        """What a `Session` does between two tries to open a lost port, instead of really sleeping."""
+        self.advance(seconds)
+
 
 class BoardLink(Link):
     """A link to a device in this process, in simulated time: a read moves the clock, nothing sleeps.
@@ -151,9 +155,11 @@ class BoardLink(Link):
         if data:
             self.device.receive(data, now)
         self.device.step(now)
-        out = self.device.data_to_send()
-        if out:
-            self._to_host.put(out, now)
+        # While the line is busy the device keeps what it has: it must know that it sends more than fits.
+        if self._to_host.next_time() is None:
+            out = self.device.data_to_send()
+            if out:
+                self._to_host.put(out, now)
 
     def _check(self) -> None:
         if not self._open:
@@ -244,7 +250,7 @@ class PtyServer:
         """Make the terminal; returns the path to give to a host.
 
         Raises:
-            UsageError: Something that is no symbolic link is in the way of `link`.
+            UsageError: `link` cannot be made, or something that is no symbolic link is in its way.
         """
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -255,14 +261,24 @@ class PtyServer:
             os.close(self._slave)
             self._slave = -1
         if self._link is not None:
-            if self._link.exists() and not self._link.is_symlink():
+            try:
+                self._make_link(self._link)
+            except BaseException:
                 self.close()
-                raise UsageError(f"{self._link} exists and is no symbolic link; choose another --link")
-            temporary = self._link.with_name(f".{self._link.name}.{os.getpid()}")
-            temporary.symlink_to(self.path)
-            temporary.replace(self._link)
+                raise
             return str(self._link)
         return self.path
+
+    def _make_link(self, link: Path) -> None:
+        if link.exists() and not link.is_symlink():
+            raise UsageError(f"{link} exists and is no symbolic link; choose another --link")
+        temporary = link.with_name(f".{link.name}.{os.getpid()}")
+        try:
+            temporary.unlink(missing_ok=True)
+            temporary.symlink_to(self.path)
+            temporary.replace(link)
+        except OSError as error:
+            raise UsageError(f"cannot make the link {link}: {error.strerror}; choose another --link") from error
 
     def close(self) -> None:
         """Take the terminal and the symbolic link away."""
@@ -306,9 +322,11 @@ class PtyServer:
         if data:
             self.device.receive(data, now)
         self.device.step(now)
-        out = self.device.data_to_send()
-        if out:
-            self._to_host.put(out, now)
+        # As long as the line or the host is behind, the device keeps what it has.
+        if self._to_host.next_time() is None and not self._unsent:
+            out = self.device.data_to_send()
+            if out:
+                self._to_host.put(out, now)
         self._write(now)
 
     def _seen_open(self, now: float) -> None:

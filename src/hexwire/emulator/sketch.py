@@ -1,17 +1,20 @@
 """How the chapter's printed sketch takes frames off the line, hazards and all.
 
 Owns the receive loop of the sketch: frames end at the first 0D 0A after the sync word, in a buffer that keeps
-the bytes of earlier frames. For tests that a host never sends what such a board would misread. Knows nothing of
-what the frames mean.
+the bytes of earlier frames, and what comes while a command runs has 63 bytes of room. For tests that a host never
+sends what such a board would misread. Knows nothing of what the frames mean.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from hexwire.wire.command_frame import Command
+
 __all__ = ["SketchFrame", "SketchReceiver"]
 
 _BUFFER = 254
+_RING = 63
 
 
 class SketchFrame(NamedTuple):
@@ -31,6 +34,11 @@ class SketchFrame(NamedTuple):
         return self.length <= 40
 
     @property
+    def hangs(self) -> bool:
+        """The sketch waits for ever for room for such a packet."""
+        return not self.short and self.cmd in (Command.PING, Command.READ) and self.data[36] > _RING
+
+    @property
     def cmd(self) -> int:
         """Command code, perhaps of an earlier frame."""
         return self.data[38]
@@ -42,24 +50,37 @@ class SketchFrame(NamedTuple):
 
 
 class SketchReceiver:
-    """The sketch's `loop()`, a byte at a time.
+    """The sketch's `loop()`, a byte at a time, behind the ring of the Arduino core.
 
     Attributes:
         hung: 254 bytes came after a sync word without 0D 0A: the sketch takes no more until reset.
+        lost: Bytes that the ring had no room for.
     """
 
     def __init__(self) -> None:
         self.hung = False
+        self.lost = 0
+        self._ring = bytearray()
         self._buffer = bytearray(_BUFFER)
         self._head = 0
         self._window = 0
 
-    def receive(self, data: bytes) -> list[SketchFrame]:
-        """Take bytes; returns the frames that the sketch would execute."""
-        frames = []
-        for byte in data:
-            if self.hung:
-                break
+    @property
+    def waiting(self) -> int:
+        """Bytes in the ring."""
+        return len(self._ring)
+
+    def put(self, data: bytes, *, busy: bool) -> None:
+        """Take bytes off the line. While the sketch is busy with a command, what the ring cannot hold is lost."""
+        self._ring += data
+        if busy and len(self._ring) > _RING:
+            self.lost += len(self._ring) - _RING
+            del self._ring[_RING:]
+
+    def next_frame(self) -> SketchFrame | None:
+        """Read bytes up to the next that ends what the sketch takes for a frame; None if none does."""
+        while self._ring and not self.hung:
+            byte = self._ring.pop(0)
             if not self._head:
                 self._window = (self._window << 8 | byte) & 0xFFFFFFFF
                 if self._window == 0x5AFAFA5A:
@@ -70,8 +91,15 @@ class SketchReceiver:
             self._buffer[self._head] = byte
             self._head += 1
             if last == 0x0D and byte == 0x0A:
-                frames.append(SketchFrame(bytes(self._buffer), self._head))
+                frame = SketchFrame(bytes(self._buffer), self._head)
                 self._head = self._window = 0
-            elif self._head >= _BUFFER:
+                if len(self._ring) > _RING:
+                    # It is busy from here on.
+                    self.lost += len(self._ring) - _RING
+                    del self._ring[_RING:]
+                return frame
+            if self._head >= _BUFFER:
                 self.hung = True
-        return frames
+        if self.hung:
+            self._ring.clear()
+        return None
