@@ -7,7 +7,6 @@ fragments. Bytes go in with `receive`, events come out of `next_event`, bytes to
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
@@ -21,15 +20,14 @@ from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PRO
 from .chapter_host import ChapterHost
 from .decoder import FrameDecoder
 from .dialect1 import UNKNOWN_COMMAND_PACKET, clean_frame
-from .events import BadFrame, Event, Garbage, Reply, Report, Request, Stale, TimedOut
+from .event_queue import EventQueue
+from .events import BadFrame, ConnectionCounters, Event, Garbage, Reply, Report, Request, Stale, TimedOut
 from .fragments import FragmentReceiver, FragmentSender, Message
 from .policy import RetryPolicy
 from .reply_store import ReplyStore
 
 __all__ = ["Connection", "ConnectionCounters", "Role"]
 
-_MAX_REPORTS = 64
-_MAX_EVENTS = 4096
 _SMALLEST_FRAME = 128
 """No peer is believed that takes less: the answer of a 16-joint board to IDENTIFY needs this much."""
 
@@ -39,22 +37,6 @@ class Role(Enum):
 
     HOST = "host"
     BOARD = "board"
-
-
-@dataclass(slots=True)
-class ConnectionCounters:
-    """What happened on a connection since it was made."""
-
-    frames_sent: int = 0
-    requests: int = 0
-    replies: int = 0
-    retries: int = 0
-    timeouts: int = 0
-    stale: int = 0
-    repeats: int = 0
-    reports: int = 0
-    reports_dropped: int = 0
-    events_dropped: int = 0
 
 
 @dataclass(slots=True)
@@ -113,8 +95,7 @@ class Connection:
         self.seq = 0
         self.counters = ConnectionCounters()
         self.decoder = FrameDecoder(max_frame)
-        self._events: deque[Event] = deque()
-        self._reports = 0
+        self._events = EventQueue(self.counters)
         self._out: list[bytes] = []
         self._ticket = 0
         self._pending: dict[int, _Pending] = {}
@@ -159,12 +140,7 @@ class Connection:
 
     def next_event(self) -> Event | None:
         """The next thing that happened, or None."""
-        if not self._events:
-            return None
-        event = self._events.popleft()
-        if event.__class__ is Report:
-            self._reports -= 1
-        return event
+        return self._events.pop()
 
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
@@ -391,7 +367,7 @@ class Connection:
                 return
             self._settle(pending)
             self.counters.replies += 1
-            self._events.append(
+            self._events.add(
                 Reply(
                     pending.ticket,
                     frame.cmd,
@@ -438,14 +414,7 @@ class Connection:
 
     def _receive_report(self, frame: Frame) -> None:
         self.counters.reports += 1
-        if self._reports >= _MAX_REPORTS:
-            # The newest state matters most: the oldest report makes room.
-            oldest = next(e for e in self._events if e.__class__ is Report)
-            self._events.remove(oldest)
-            self._reports -= 1
-            self.counters.reports_dropped += 1
-        self._events.append(Report(frame))
-        self._reports += 1
+        self._events.add_report(Report(frame))
 
     def _receive_fragment(self, frame: Frame, now: float) -> None:
         if self.role is Role.HOST and frame.src != self.remote:
@@ -513,15 +482,4 @@ class Connection:
 
     def add(self, event: Event) -> None:
         """Queue an event for `next_event`. For this machine and its dialect-1 half only."""
-        if len(self._events) >= _MAX_EVENTS:
-            self._drop_oldest()
-        self._events.append(event)
-
-    def _drop_oldest(self) -> None:
-        """Make room in the queue of events, but never at the cost of an outcome that somebody waits for."""
-        for i, event in enumerate(self._events):
-            if not isinstance(event, Reply | TimedOut):
-                del self._events[i]
-                self._reports -= event.__class__ is Report
-                self.counters.events_dropped += 1
-                return
+        self._events.add(event)

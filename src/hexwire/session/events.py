@@ -1,6 +1,6 @@
 """What a session can report: frozen values that travel up, one kind an event.
 
-Owns the event types and their log lines. Knows nothing of how they come about.
+Owns the event types with their log lines, and the counters beside them. Knows nothing of how they come about.
 """
 
 from __future__ import annotations
@@ -10,7 +10,23 @@ from typing import NamedTuple
 
 from hexwire.wire.command_frame import Frame, command_name, status_name
 
-__all__ = ["BadFrame", "Event", "Garbage", "Reply", "Report", "Request", "Stale", "TimedOut"]
+__all__ = ["BadFrame", "ConnectionCounters", "Event", "Garbage", "Reply", "Report", "Request", "Stale", "TimedOut"]
+
+
+@dataclass(slots=True)
+class ConnectionCounters:
+    """What happened on a connection since it was made."""
+
+    frames_sent: int = 0
+    requests: int = 0
+    replies: int = 0
+    retries: int = 0
+    timeouts: int = 0
+    stale: int = 0
+    repeats: int = 0
+    reports: int = 0
+    reports_dropped: int = 0
+    events_dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True)
