@@ -28,9 +28,13 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
+    "trace": ("hexwire.cli.trace:trace", "Explain traffic that was written down before."),
     "torque": ("hexwire.cli.power:torque", "Switch the torque on, without moving, or off."),
 }
 """Name -> where the command is (module:attribute), and its help in one line."""
+
+
+_ANYWHERE = ("--trace", "--explain")
 
 
 class LazyGroup(click.Group):
@@ -49,6 +53,13 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        # `hexwire state --trace` is what people type: these two stand wherever they are put.
+        end = args.index("--") if "--" in args else len(args)
+        front = [arg for arg in args[:end] if arg in _ANYWHERE]
+        rest = [arg for arg in args[:end] if arg not in _ANYWHERE]
+        return super().parse_args(ctx, [*front, *rest, *args[end:]])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -74,13 +85,20 @@ class LazyGroup(click.Group):
     epilog="A simulated arm to try things on: 'hexwire sim board' prints its port.",
 )
 @click.option("-v", "--verbose", count=True, help="Say what happens on the line; twice for every detail.")
+@click.option("--trace", is_flag=True, envvar="HEXWIRE_TRACE", help="Print every byte that goes over the line.")
+@click.option("--explain", is_flag=True, help="The same, and what each byte means, layer by layer.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
-def cli(verbose: int) -> None:
+@click.pass_context
+def cli(ctx: click.Context, verbose: int, trace: bool, explain: bool) -> None:
     """Talk to a robot arm: from a joint command to a moving servo, and back.
 
     Exit status: 0 done, 1 the device or the line is at fault, 2 the command makes no sense, 130 interrupted.
     """
     show_more(verbose)
+    if trace or explain:
+        from .trace import tracing
+
+        ctx.with_resource(tracing(explain=explain))
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ from typing import cast
 
 from hexwire.errors import UsageError
 from hexwire.ipc.link import Link
+from hexwire.ipc.tap import tapped
 from hexwire.ipc.url import LinkUrl, parse_url
 
 __all__ = ["ENTRY_POINT_GROUP", "known_schemes", "make_link", "open_link"]
@@ -48,6 +49,10 @@ def make_link(url: str) -> Link:
     Raises:
         UsageError: The address is malformed, its scheme unknown or an option wrong.
     """
+    return tapped(_build(url))
+
+
+def _build(url: str) -> Link:
     parts = parse_url(url)
     if parts.scheme in _BUILT_IN:
         module, name = _BUILT_IN[parts.scheme]

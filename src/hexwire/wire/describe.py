@@ -38,7 +38,7 @@ from .servo_packet import (
 from .session_header import SYNC_BYTES
 from .tables import MAX_NETWORK_FRAME, PROTO_CHAPTER
 
-__all__ = ["describe", "describe_frame", "describe_servo", "describe_status"]
+__all__ = ["describe", "describe_body", "describe_frame", "describe_servo", "describe_status"]
 
 _ERROR_BITS = ((0x01, "voltage"), (0x02, "encoder"), (0x04, "temperature"), (0x08, "current"), (0x20, "overload"))
 _SAMPLE = 24
@@ -122,7 +122,7 @@ def describe_frame(frame: Frame) -> str:
         kind = "unsolicited"
     else:
         kind = "request"
-    body = _dialect2_body(frame)
+    body = describe_body(frame)
     return f"{head} dialect 2 {command_name(frame.cmd)} {kind}, seq {frame.seq}" + (f": {body}" if body else "")
 
 
@@ -145,7 +145,8 @@ def _dialect1_body(frame: Frame) -> str:
     return describe_servo(body, reply=from_board)
 
 
-def _dialect2_body(frame: Frame) -> str:
+def describe_body(frame: Frame) -> str:
+    """What the body of a dialect-2 frame says, in words; empty for an empty one. Never raises."""
     body = frame.body
     if not body:
         return ""

@@ -1,0 +1,100 @@
+"""`hexwire trace decode`, and what `--trace` and `--explain` print.
+
+Owns arguments and printing. What the bytes mean is `hexwire.trace`'s.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import BinaryIO
+
+import click
+
+from hexwire.ipc.link import Link
+from hexwire.ipc.tap import Direction, Passed, TapLink, wrap_new_links
+from hexwire.trace.chapter_log import format_passed
+from hexwire.trace.explain import Explained, Explainer
+from hexwire.trace.sources import read_traffic
+
+__all__ = ["trace", "tracing"]
+
+_INDENT = "    "
+
+
+@contextmanager
+def tracing(*, explain: bool) -> Iterator[None]:
+    """While this lasts, the traffic of every link that is made goes to standard error."""
+
+    def wrap(link: Link) -> Link:
+        return TapLink(link, _printer(explain))
+
+    with wrap_new_links(wrap):
+        yield
+
+
+def _printer(explain: bool) -> Callable[[Passed], None]:
+    explainer = Explainer()
+    start: list[float] = []
+
+    def show(passed: Passed) -> None:
+        if not start:
+            start.append(passed.time)
+        name = "SerialPort" if passed.url.startswith("serial") else passed.url.partition(":")[0].capitalize()
+        for line in format_passed(passed, name=name, start=start[0]):
+            click.echo(line, err=True)
+        if explain:
+            for explained in explainer.feed(passed):
+                for line in _lines(explained):
+                    click.echo(_INDENT + line, err=True)
+
+    return show
+
+
+def _lines(explained: Explained) -> Iterator[str]:
+    if explained.problem:
+        yield f"! {explained.problem}"
+    if not explained.layers:
+        yield explained.text
+    for layer in explained.layers:
+        yield f"{layer.name:8} {layer.text}"
+
+
+@click.group()
+def trace() -> None:
+    """Explain traffic that was written down before."""
+
+
+@trace.command()
+@click.argument("file", type=click.File("rb"))
+@click.option("--json", "as_json", is_flag=True, help="One line a frame, with the fields of every layer.")
+def decode(file: BinaryIO, as_json: bool) -> None:
+    """Explain FILE (- for standard input): the chapter's log, a hex dump, or a raw capture.
+
+    Corrupt parts are shown where they are, with the reason, and decoding goes on behind them.
+    """
+    explainer = Explainer()
+    for item in read_traffic(file.read()):
+        if isinstance(item, str):
+            _remark(item, as_json)
+            continue
+        for explained in explainer.feed(item):
+            _show(explained, as_json)
+    for explained in explainer.finish():
+        _show(explained, as_json)
+
+
+def _remark(text: str, as_json: bool) -> None:
+    click.echo(json.dumps({"kind": "remark", "text": text}) if as_json else f"! {text}")
+
+
+def _show(explained: Explained, as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(explained.as_fields()))
+        return
+    arrow = "->" if explained.direction is Direction.SENT else "<-"
+    stamp = f"{explained.time:.6f} " if explained.time else ""
+    click.echo(f"{stamp}{arrow} {explained.kind}, {len(explained.data)} bytes: {explained.data.hex(' ').upper()}")
+    for line in _lines(explained):
+        click.echo(_INDENT + line)

@@ -1,0 +1,117 @@
+"""A link that tells an observer every byte that passes, and otherwise is the link it wraps.
+
+Owns the observation point. Must not know what the bytes mean, nor who looks on. Where nobody does, no tap is made:
+watching costs nothing when it is off.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import NamedTuple
+
+from .link import Link
+
+__all__ = ["Direction", "Passed", "TapLink", "tapped", "wrap_new_links"]
+
+
+class Direction(enum.Enum):
+    """Which way bytes went, seen from the host."""
+
+    SENT = "sent"
+    RECEIVED = "received"
+
+
+class Passed(NamedTuple):
+    """Bytes that went over a link.
+
+    Attributes:
+        direction: Which way.
+        data: As they were written, or as one read returned them.
+        time: Clock of the link (monotonic seconds) when the call returned.
+        url: The link.
+    """
+
+    direction: Direction
+    data: bytes
+    time: float
+    url: str
+
+
+Observer = Callable[[Passed], None]
+
+_wrapper: ContextVar[Callable[[Link], Link] | None] = ContextVar("hexwire_link_wrapper", default=None)
+
+
+class TapLink(Link):
+    """Wraps a link.
+
+    Args:
+        link: The link that does the work.
+        observer: Told of everything that passes, in the thread that moved it. What it raises ends that call.
+        clock: Monotonic seconds; the link's own if it has one.
+    """
+
+    def __init__(self, link: Link, observer: Observer, clock: Callable[[], float] | None = None) -> None:
+        from time import monotonic
+
+        self.link = link
+        self.kind = link.kind
+        self.max_message = link.max_message
+        self.clock = clock or getattr(link, "clock", None) or monotonic
+        self._observer = observer
+
+    @property
+    def url(self) -> str:  # type: ignore[override]  # a listening link learns its port when it opens
+        """Address of the link inside."""
+        return self.link.url
+
+    @property
+    def is_open(self) -> bool:
+        return self.link.is_open
+
+    def open(self) -> None:
+        self.link.open()
+
+    def close(self) -> None:
+        self.link.close()
+
+    def read(self, deadline: float | None) -> bytes:
+        data = self.link.read(deadline)
+        if data:
+            self._observer(Passed(Direction.RECEIVED, data, self.clock(), self.url))
+        return data
+
+    def write(self, data: bytes, deadline: float | None = None) -> None:
+        self.link.write(data, deadline)
+        if data:
+            self._observer(Passed(Direction.SENT, bytes(data), self.clock(), self.url))
+
+    def flush_input(self) -> int:
+        return self.link.flush_input()
+
+    def wake(self) -> None:
+        self.link.wake()
+
+    def fileno(self) -> int:
+        """Descriptor of the link inside, for callers that watch many links."""
+        number: int = self.link.fileno()  # type: ignore[attr-defined]  # links over a descriptor have one
+        return number
+
+
+@contextmanager
+def wrap_new_links(wrapper: Callable[[Link], Link]) -> Iterator[None]:
+    """While this lasts, every link that `make_link` builds in this context goes through `wrapper`."""
+    token = _wrapper.set(wrapper)
+    try:
+        yield
+    finally:
+        _wrapper.reset(token)
+
+
+def tapped(link: Link) -> Link:
+    """The link, wrapped if `wrap_new_links` is in force. For `make_link`."""
+    wrapper = _wrapper.get()
+    return link if wrapper is None else wrapper(link)

@@ -1,0 +1,76 @@
+"""Traffic as the chapter's host prints it: hex on the left, text on the right, lengths and direction above.
+
+Owns that layout, both ways. Knows nothing of what the bytes mean.
+
+    SerialPort sent - Length=52
+    5A FA FA 5A DB 9A 7A 68 E0 4E 00 0D 2E 00 00 00| Z  Z  zh N  .
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+
+from hexwire.ipc.tap import Direction, Passed
+
+__all__ = ["HEADLINE", "format_passed", "hex_rows", "parse_log"]
+
+_WIDTH = 16
+_WORDS = {Direction.SENT: "sent", Direction.RECEIVED: "receive"}
+HEADLINE = re.compile(r"^\s*(?:(?P<time>\d+\.\d+)\s+)?\S+ (?P<way>sent|receive) - Length=(?P<length>\d+)\s*$")
+_HEX_ROW = re.compile(r"^\s*(?P<hex>[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2})*)\s*(?:\|.*)?$")
+
+
+def hex_rows(data: bytes) -> Iterator[str]:
+    """Rows of 16 bytes: hex, a bar, and the bytes that are text; all others are blanks."""
+    for at in range(0, len(data), _WIDTH):
+        row = data[at : at + _WIDTH]
+        text = "".join(chr(b) if 0x21 <= b <= 0x7E else " " for b in row)
+        yield f"{row.hex(' ').upper():<{_WIDTH * 3 - 1}}| {text}".rstrip()
+
+
+def format_passed(passed: Passed, *, name: str = "SerialPort", start: float | None = None) -> Iterator[str]:
+    """The lines of one transfer.
+
+    Args:
+        passed: What went over the link.
+        name: What the chapter calls the port.
+        start: If given, seconds since then stand in front of the headline, which the chapter's log lacks.
+    """
+    stamp = "" if start is None else f"{passed.time - start:.6f} "
+    yield f"{stamp}{name} {_WORDS[passed.direction]} - Length={len(passed.data)}"
+    yield from hex_rows(passed.data)
+
+
+def parse_log(lines: Iterable[str]) -> Iterator[Passed | str]:
+    """Read such a log, whoever wrote it; other lines may stand between.
+
+    Yields:
+        A `Passed` for each transfer, its time 0 where the log has none; a sentence for a transfer whose bytes do
+        not come to its length, before the transfer itself.
+    """
+    way, length, time = Direction.SENT, 0, 0.0
+    data: bytearray | None = None
+    for line in lines:
+        head = HEADLINE.match(line)
+        if head:
+            yield from _finished(way, length, time, data)
+            way = Direction.SENT if head["way"] == "sent" else Direction.RECEIVED
+            length, time, data = int(head["length"]), float(head["time"] or 0.0), bytearray()
+            continue
+        row = _HEX_ROW.match(line)
+        if row and data is not None and len(data) < length:
+            data += bytes.fromhex(row["hex"])
+        elif data is not None and line.strip():
+            yield from _finished(way, length, time, data)
+            data = None
+    yield from _finished(way, length, time, data)
+
+
+def _finished(way: Direction, length: int, time: float, data: bytearray | None) -> Iterator[Passed | str]:
+    if data is None:
+        return
+    if len(data) != length:
+        yield f"the log says {length} bytes, and {len(data)} are there"
+    if data:
+        yield Passed(way, bytes(data), time, "")

@@ -1,0 +1,55 @@
+"""`hexwire trace decode` and the two switches that stand anywhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hexwire.cli.main import LazyGroup, cli
+from hexwire.cli.trace import trace
+
+LOG = """\
+SerialPort sent - Length=52
+5A FA FA 5A DB 9A 7A 68 08 B7 9E 10 2F 00 00 00| Z Z zh /
+07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00| 4
+82 01 2F 00 08 00 02 00 FF FF 00 04 02 38 02 BF| / 8
+3D 86 0D 0A |=
+SerialPort receive - Length=32
+5A FA FA 5A 0E 00 00 00 00 A8 CB 18 2E 00 00 00| Z Z .
+08 00 00 00 00 00 00 00 08 00 00 00 34 00 00 00| 4
+SerialPort receive - Length=20
+82 01 2E 00 08 00 02 00 FF F5 00 04 00 05 08 EE| .
+FF FF 0A 0A
+"""
+
+
+def test_the_chapters_log_in_words(tmp_path: Path) -> None:
+    file = tmp_path / "log.txt"
+    file.write_text(LOG)
+    result = CliRunner().invoke(trace, ["decode", str(file)])
+    assert result.exit_code == 0
+    assert "read 2 bytes at present_position (0x38) of servo 0" in result.output
+    assert "present_position 2053" in result.output
+    assert "ICRNL" in result.output
+
+
+def test_the_same_for_programs_from_standard_input() -> None:
+    result = CliRunner().invoke(trace, ["decode", "-", "--json"], input=LOG)
+    rows = [json.loads(line) for line in result.output.splitlines()]
+    assert [row["direction"] for row in rows] == ["sent", "received"]
+    assert rows[1]["servo"]["registers"][0]["raw"] == 2053
+    assert rows[1]["pairing"]["request_seq"] == 0x2F
+    assert "ICRNL" in rows[1]["problem"]
+
+
+@pytest.mark.parametrize("args", [["--trace", "trace", "decode"], ["trace", "decode", "--explain"]])
+def test_the_switches_may_stand_anywhere(args: list[str], tmp_path: Path) -> None:
+    file = tmp_path / "log.txt"
+    file.write_text(LOG)
+    assert isinstance(cli, LazyGroup)
+    context = cli.make_context("hexwire", [*args, str(file)])
+    with context:
+        assert context.params["trace"] or context.params["explain"]

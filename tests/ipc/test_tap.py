@@ -1,0 +1,62 @@
+"""The tap sees what passes, in order, and changes nothing."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from hexwire.errors import LinkClosedError
+from hexwire.ipc.link import Link
+from hexwire.ipc.memory import memory_pair
+from hexwire.ipc.open import make_link
+from hexwire.ipc.tap import Direction, Passed, TapLink, tapped, wrap_new_links
+
+
+def test_everything_that_passes_is_told_in_order() -> None:
+    near, far = memory_pair()
+    seen: list[Passed] = []
+    with TapLink(near, seen.append) as tap, far:
+        tap.write(b"question")
+        assert far.read(time.monotonic() + 5) == b"question"
+        far.write(b"answer")
+        assert tap.read(time.monotonic() + 5) == b"answer"
+        assert tap.exchange(b"again", 0.0) == b""
+        tap.write(b"")
+    assert [(p.direction, p.data) for p in seen] == [
+        (Direction.SENT, b"question"),
+        (Direction.RECEIVED, b"answer"),
+        (Direction.SENT, b"again"),
+    ]
+    assert seen[0].time <= seen[1].time <= seen[2].time
+    assert seen[0].url == near.url
+
+
+def test_it_is_the_link_it_wraps() -> None:
+    near, far = memory_pair()
+    tap = TapLink(near, lambda _: None)
+    assert (tap.url, tap.kind, tap.max_message, tap.is_open) == (near.url, near.kind, near.max_message, False)
+    with tap, far:
+        assert tap.is_open
+        assert near.is_open
+        far.write(b"old")
+        assert tap.flush_input() == 3
+        tap.wake()
+        assert tap.read(time.monotonic() + 5) == b""
+    with pytest.raises(LinkClosedError):
+        tap.read(None)
+
+
+def test_new_links_are_wrapped_only_while_asked_for() -> None:
+    made: list[Link] = []
+
+    def wrap(link: Link) -> Link:
+        made.append(link)
+        return TapLink(link, lambda _: None)
+
+    assert not isinstance(make_link("serial:///dev/nothing"), TapLink)
+    with wrap_new_links(wrap):
+        assert isinstance(make_link("serial:///dev/nothing"), TapLink)
+    assert len(made) == 1
+    near, _ = memory_pair()
+    assert tapped(near) is near

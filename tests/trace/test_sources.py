@@ -1,0 +1,65 @@
+"""Telling logs, hex dumps and raw captures apart."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import UsageError
+from hexwire.ipc.tap import Direction, Passed
+from hexwire.trace.sources import read_traffic
+
+FRAME = bytes.fromhex("5AFAFA5A0100000000000000010000000700000008000000030000002C0000008202010000001000AB120D0A")
+
+
+def transfers(data: bytes) -> list[tuple[Direction, bytes]]:
+    return [(t.direction, t.data) for t in read_traffic(data) if isinstance(t, Passed)]
+
+
+def test_a_raw_capture_is_one_transfer() -> None:
+    assert transfers(FRAME) == [(Direction.SENT, FRAME)]
+    from_board = FRAME[:16] + b"\x08\0\0\0\x07\0\0\0" + FRAME[24:]
+    assert transfers(from_board) == [(Direction.RECEIVED, from_board)]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        FRAME.hex(),
+        FRAME.hex(" "),
+        FRAME.hex(" ").upper().replace(" ", ", 0x"),
+        "\n".join(f"{i:08x}  {FRAME[i : i + 16].hex(' ')}  |text|" for i in range(0, len(FRAME), 16)),
+        "\n".join(f"{i:04x}: {FRAME[i : i + 16].hex(' ')}  Z..Z" for i in range(0, len(FRAME), 16)),
+        "# a note\n" + FRAME.hex(" "),
+    ],
+)
+def test_hex_dumps_of_several_makes(text: str) -> None:
+    assert transfers(text.encode()) == [(Direction.SENT, FRAME)]
+
+
+def test_arrows_and_blank_lines_part_transfers() -> None:
+    text = "> FF FF 01 02 01 FB\n< FF FF 01 02 00 FC\n\nFF F5 01 02 00 FC\n"
+    assert transfers(text.encode()) == [
+        (Direction.SENT, bytes.fromhex("FFFF010201FB")),
+        (Direction.RECEIVED, bytes.fromhex("FFFF010200FC")),
+        (Direction.RECEIVED, bytes.fromhex("FFF5010200FC")),
+    ]
+
+
+def test_lines_that_are_neither_are_named() -> None:
+    remarks = [item for item in read_traffic(b"FF FF 01 02 01 FB\nhello world\n") if isinstance(item, str)]
+    assert remarks == ["line 2 is neither hex nor a log line: hello world"]
+
+
+def test_an_empty_file_is_an_error() -> None:
+    with pytest.raises(UsageError, match="empty"):
+        list(read_traffic(b" \n"))
+
+
+@given(st.binary(min_size=1, max_size=300))
+def test_any_file_is_read_without_a_stray_exception(data: bytes) -> None:
+    try:
+        list(read_traffic(data))
+    except UsageError:
+        assert not data.strip()
