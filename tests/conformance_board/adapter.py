@@ -1,0 +1,141 @@
+"""One view of three boards: the Python emulator, the C++ core on this computer, the ELF on the simulated chip.
+
+Owns what may differ between them, in one place: `comparable`. Everything else has to be the same bytes.
+"""
+
+from __future__ import annotations
+
+from tests.avr.client import Client
+from tests.avr.machines import ChipBoard, CoreBoard, Machine
+
+from hexwire.emulator.board import EmulatedBoard
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Frame
+
+_FIRMWARE_AND_BOOT = slice(1, 8)
+_CAPABILITIES = slice(8, 10)
+_IDENTIFY_FLAGS = 12
+_STATE_CLOCK = slice(0, 4)
+_STATE_FIELDS, _STATE_FLAGS, _STATE_JOINTS, _STATE_HEAD = 4, 5, 6, 8
+_FIELD_SIZES = {"speed": 2, "load": 2, "voltage": 1, "temperature": 1, "current": 2, "age": 2}
+
+
+class EmulatorBoard(Machine):
+    """The Python emulator with a paced servo line."""
+
+    name = "emulator"
+
+    def __init__(self, faults: tuple[str, ...] = (), *, seed: int = 0) -> None:
+        super().__init__(faults, seed=seed)
+        self._now = 0.0
+        self._board = EmulatedBoard(self.wire)
+        self._incoming: list[tuple[float, bytes]] = []
+        self._free = 0.0
+        transact = self.wire.transact
+
+        def noted(packet: bytes, now: float) -> tuple[bytes, float]:
+            self.line.sent.append((now, packet))
+            return transact(packet, now)
+
+        self.wire.transact = noted  # type: ignore[method-assign]  # the tests look at what was sent
+
+    @property
+    def now(self) -> float:
+        return self._now
+
+    def send(self, data: bytes) -> None:
+        self._free = max(self._free, self._now) + len(data) * 10 / 115200
+        self._incoming.append((self._free, data))
+
+    def advance(self, seconds: float) -> None:
+        end = self._now + seconds
+        while self._now < end:
+            self._now = min(self._now + 0.0005, end)
+            while self._incoming and self._incoming[0][0] <= self._now:
+                self._board.receive(self._incoming.pop(0)[1], self._now)
+            self._board.step(self._now)
+            data = self._board.data_to_send()
+            self.received += data
+            self.stamps += [self._now] * len(data)
+
+    def reset(self) -> None:
+        self._board.reset(self._now)
+
+
+KINDS: dict[str, type[Machine]] = {kind.name: kind for kind in (EmulatorBoard, CoreBoard, ChipBoard)}
+
+
+class BoardUnderTest:
+    """A board of some kind that has started, and a host to ask it.
+
+    Args:
+        kind: emulator, core or chip.
+        faults: As for `FaultPlan.parse`.
+    """
+
+    def __init__(self, kind: str, faults: tuple[str, ...] = ()) -> None:
+        self.machine = KINDS[kind](faults)
+        self.client = Client(self.machine)
+        self.machine.settle(0.3)
+
+    def exchange(self, request: bytes, within: float = 0.3) -> list[bytes]:
+        """Send bytes; the comparable form of every frame that came back."""
+        self.client.frames()
+        self.machine.send(request)
+        end = self.machine.now + len(request) * 10 / 115200 + within
+        found: list[Frame] = []
+        while self.machine.now < end:
+            new = self.client.run(0.002)
+            found += new
+            if found and not new:
+                break
+        return [comparable(frame) for frame in found]
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass; what comes meanwhile is dropped."""
+        self.client.run(seconds)
+
+    def bus_writes(self, address: int) -> list[bytes]:
+        """Writes that reached the servo line and begin at this register."""
+        packets = [packet for _, packet in self.machine.line.sent]
+        return [p for p in packets if len(p) > 6 and p[4] in (0x03, 0x83) and p[5] == address]
+
+    def close(self) -> None:
+        self.machine.close()
+
+
+def comparable(frame: Frame) -> bytes:
+    """A frame's bytes without what may differ between boards.
+
+    That is: the clock (and with it the frame's check, which `FrameDecoder` has verified), in IDENTIFY the
+    firmware's version, the boot id and whether it does fragments, in JOINT_STATE the sample's clock, its age,
+    and the speed of legacy servos, which is worked out from two samples; in both, whether settings are stored.
+    """
+    body = bytearray(frame.body)
+    if frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.IDENTIFY and len(body) > _IDENTIFY_FLAGS:
+        body[_FIRMWARE_AND_BOOT] = bytes(7)
+        known = int.from_bytes(body[_CAPABILITIES], "little") & ~tables.CAPABILITIES["fragments"]
+        body[_CAPABILITIES] = known.to_bytes(2, "little")
+        body[_IDENTIFY_FLAGS] &= ~tables.BOARD_FLAGS_SETTINGS_DEFAULT
+    if frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.JOINT_STATE and len(body) > _STATE_HEAD:
+        _clean_state(body)
+    if frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.RESUME and body:
+        body[0] &= ~tables.BOARD_FLAGS_SETTINGS_DEFAULT
+    head = (frame.header.sn, frame.header.src, frame.header.dst, frame.header.type, frame.header.size)
+    rest = (frame.proto, frame.seq, frame.cmd, frame.cmd_ext)
+    check = b"unchecked" if frame.check == 0xFFFF else b""
+    return repr((head, rest, bytes(body).hex(" "), check)).encode()
+
+
+def _clean_state(body: bytearray) -> None:
+    body[_STATE_CLOCK] = bytes(4)
+    body[_STATE_FLAGS] &= ~tables.BOARD_FLAGS_SETTINGS_DEFAULT
+    at = _STATE_HEAD
+    for joint in range(body[_STATE_JOINTS]):
+        at += 3
+        for name, size in _FIELD_SIZES.items():
+            if not body[_STATE_FIELDS] & tables.STATE_FIELDS[name]:
+                continue
+            if name == "age" or (name == "speed" and joint < 4):
+                body[at : at + size] = bytes(size)
+            at += size
