@@ -177,6 +177,8 @@ def test_a_caller_that_left_before_it_was_let_in(monkeypatch: pytest.MonkeyPatch
     with Listener() as listener, TcpLink("127.0.0.1", listener.port):
         monkeypatch.setattr(listener_module, "prepare", left)
         assert listener.accept(in_a_moment()) is None
+        assert listener.refused == 1
+        assert listener.last_refusal.endswith("hung up at once")
 
 
 def test_turning_away_serves_nobody_and_ends() -> None:

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
 
 LOOPBACK = "127.0.0.1"
-_BACKLOG = 16
+# Callers who knock while one is being let in; the kernel makes those beyond it try again a second later.
+_BACKLOG = 128
 _LONGEST_POLL = 1_000_000.0
 
 
@@ -249,6 +250,7 @@ class Listener:
             prepare(caller)
         except OSError:
             caller.close()
+            self._refuse(f"{peer}: hung up at once")
             return None
         if self._context is None:
             return self._admit(PlainStream(caller), peer, watched)

@@ -22,6 +22,7 @@ __all__ = ["TlsFiles", "TlsStream"]
 
 _READ_SIZE = 65536
 _RECORD = 16384  # a TLS record carries no more
+_RECORD_HEADER = 5  # type, version, length
 # Answers of the protocol itself (to key updates) that a peer may leave unread.
 _MOST_UNSENT = 65536
 # What a peer says, in OpenSSL's words, when it does not like the certificate that it was shown.
@@ -131,6 +132,7 @@ class TlsStream:
         self._unsent = b""
         self._in_flight = 0
         self._shaken = False
+        self._record = b""
 
     @property
     def wants(self) -> int:
@@ -150,34 +152,37 @@ class TlsStream:
                     self._shaken = True
                 except ssl.SSLWantReadError:
                     self._flush()
-                    if self._unsent or not self._fetch():
+                    # Not a byte beyond a record: what follows the handshake must stay where poll can see it.
+                    if self._unsent or not self._fetch(self._record_rest()):
                         return False
                 except ssl.SSLError as error:
                     self._flush()  # the alert that tells the other end
+                    self._drain()
                     raise LinkLostError(_explain(error)) from error
             self._flush()
             return not self._unsent
 
     def receive(self) -> bytes:
         with self._lock:
-            if not self._fetch():
+            if not self._fetch(_READ_SIZE):
                 return b""
             pieces = []
+            ended = False
             try:
                 # Everything that is here, since poll sees the socket only and not what TLS holds.
                 while piece := self._tls.read(_READ_SIZE):
                     pieces.append(piece)
+                ended = True  # the other end said good-bye
             except ssl.SSLWantReadError:
                 pass
-            except ssl.SSLZeroReturnError as error:
-                if not pieces:
-                    raise LinkLostError("the other end closed the connection") from error
-                with contextlib.suppress(OSError):
-                    self.socket.shutdown(
-                        socket.SHUT_RD
-                    )  # told next time, even if the other end keeps the socket open
             except ssl.SSLError as error:
                 raise LinkLostError(_explain(error)) from error
+            if ended:
+                if not pieces:
+                    raise LinkLostError("the other end closed the connection")
+                # Told next time, even if the other end keeps the socket open.
+                with contextlib.suppress(OSError):
+                    self.socket.shutdown(socket.SHUT_RD)
             self._flush()
             if len(self._unsent) > _MOST_UNSENT:
                 raise LinkLostError("the other end floods the line with TLS key updates")
@@ -210,16 +215,34 @@ class TlsStream:
             self._flush()
         self.socket.close()
 
-    def _fetch(self) -> bool:
+    def _fetch(self, most: int) -> bool:
         """Move bytes from the socket to TLS; False if there were none."""
         try:
-            data = self.socket.recv(_READ_SIZE)
+            data = self.socket.recv(most)
         except BlockingIOError:
             return False
+        except ConnectionError:
+            data = b""
         if not data:
             raise LinkLostError("the other end closed the connection")
         self._incoming.write(data)
+        if not self._shaken:
+            self._record += data
         return True
+
+    def _record_rest(self) -> int:
+        """How many bytes are missing from the header, or else from the body, of the record that is coming in."""
+        if len(self._record) >= _RECORD_HEADER:
+            whole = _RECORD_HEADER + int.from_bytes(self._record[3:5], "big")
+            if len(self._record) < whole:
+                return whole - len(self._record)
+            self._record = b""
+        return _RECORD_HEADER - len(self._record)
+
+    def _drain(self) -> None:
+        """Take what the other end has sent, or closing would reset the line and the alert be lost."""
+        with contextlib.suppress(OSError):
+            self.socket.recv(_READ_SIZE)
 
     def _flush(self) -> None:
         """Move what TLS has sealed to the socket, as far as it goes."""
@@ -230,6 +253,8 @@ class TlsStream:
                 sent = self.socket.send(self._unsent)
             except BlockingIOError:
                 return
+            except ConnectionError as error:
+                raise LinkLostError("the other end closed the connection") from error
             self._unsent = self._unsent[sent:]
 
 
