@@ -8,7 +8,7 @@ none. Must not know links or who asks.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from hexwire.errors import (
     CommandRefusedError,
@@ -20,9 +20,10 @@ from hexwire.errors import (
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
+    Instruction,
     StatusPacket,
     find_status,
     make_ping,
@@ -119,11 +120,12 @@ class Board1:
     Args:
         session: A negotiated session.
         model: The arm.
+        stopped: A stop is latched already: the board was away and does not remember it.
     """
 
     dialect = 1
 
-    def __init__(self, session: Session, model: ArmModel) -> None:
+    def __init__(self, session: Session, model: ArmModel, *, stopped: bool = False) -> None:
         self._session = session
         self._model = model
         n = len(model.joints)
@@ -133,7 +135,7 @@ class Board1:
         self._flags: list[int] = [int(JointFlag.SILENT)] * n
         self._torque: list[bool | None] = [None] * n
         self._ceilings: dict[int, int] = {}
-        self._stopped = False
+        self._stopped = stopped
         self._next_load = 0
 
     # -- state --------------------------------------------------------------------------------------
@@ -168,8 +170,8 @@ class Board1:
             self._stopped,
         )
 
-    def _sample(self, i: int, joint: JointModel) -> None:
-        status = self._read2(joint.servo_id, _PRESENT)
+    def _sample(self, i: int, joint: JointModel, *, urgent: bool = False) -> None:
+        status = self._read2(joint.servo_id, _PRESENT, urgent=urgent)
         if status is None:
             self._flags[i] = int(JointFlag.SILENT)
             return
@@ -181,10 +183,12 @@ class Board1:
         self._sampled[i] = self._session.now()
         self._flags[i] = status.error & int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
 
-    def _read2(self, servo_id: int, address: int) -> StatusPacket | None:
+    def _read2(self, servo_id: int, address: int, *, urgent: bool = False) -> StatusPacket | None:
         """Read two bytes of a servo; None if it, or the board, does not answer."""
         try:
-            reply = self._session.request(Command.READ, make_read(servo_id, address, 2), repeatable=True)
+            reply = self._session.request(
+                Command.READ, make_read(servo_id, address, 2), urgent=urgent, repeatable=True
+            )
         except ReplyTimeoutError:
             return None
         found = find_status(reply.body, servo_id, 2)
@@ -199,7 +203,7 @@ class Board1:
 
     def move(self, target: JointTarget, present: Mapping[str, float]) -> SentTarget:
         """Legacy joints in one sync write, HLS joints by a write each."""
-        self._refuse_if_stopped("a move")
+        self._refuse_if_stopped()
         model = self._model
         joints = [(model.joint(name), angle) for name, angle in target.positions]
         self._refuse_without_torque([joint for joint, _ in joints])
@@ -209,7 +213,7 @@ class Board1:
         legacy = {joint.servo_id: joint.angle_to_counts(angle) for joint, angle in joints if joint.series != "hls"}
         if legacy:
             packet, ms, legacy = make_legacy_move(legacy, round(duration * 1000))
-            self._session.request(Command.SYNC_WRITE, packet)
+            self._session.request(Command.SYNC_WRITE, packet, guard=self._refuse_if_stopped)
             duration = ms / 1000
             for joint, _ in joints:
                 if joint.servo_id in legacy:
@@ -218,11 +222,13 @@ class Board1:
             if joint.servo_id in legacy:
                 continue
             counts = joint.angle_to_counts(angle)
-            start = present.get(joint.name)
-            distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
+            start = present.get(joint.name, math.nan)
+            # From where nobody knows, as slowly as the duration asks for the whole range.
+            low, high = joint.count_limits
+            distance = abs(counts - joint.angle_to_counts(start)) if math.isfinite(start) else high - low
             speed = max(1, math.ceil(distance / max(duration, 0.02) / _SPEED_UNIT))
             packet, counts = make_hls_block(joint.servo_id, counts, speed, self._ceiling(joint))
-            if self._write(packet):
+            if self._write(packet, guard=self._refuse_if_stopped):
                 sent.append((joint.name, joint.counts_to_angle(counts)))
             else:
                 silent.append(joint.name)
@@ -230,86 +236,103 @@ class Board1:
 
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Torque by a write a servo, read back; on, the target is first set to where the joint is."""
-        if on:
-            self._refuse_if_stopped("torque on")
         wanted = [self._model.index(n) for n in (self._model.names if joints is None else joints)]
-        if on:
-            wanted = self._hold(wanted)
+        if not on:
+            return self._free(wanted)
+        self._refuse_if_stopped()
+        wanted = [i for i in wanted if self._hold(i, guard=self._refuse_if_stopped)]
         for i in wanted:
-            self._write(make_write(self._model.joints[i].servo_id, _TORQUE, bytes((int(on),))))
-        confirmed = []
-        for i in wanted:
-            joint = self._model.joints[i]
-            state = self._read_torque(joint)
-            if state is not None:
-                self._torque[i] = state
-            if state == on:
-                confirmed.append(joint.name)
-        return tuple(confirmed)
+            packet = make_write(self._model.joints[i].servo_id, _TORQUE, b"\1")
+            self._write(packet, guard=self._refuse_if_stopped)
+        return self._names(i for i in wanted if self._check_torque(i))
 
     def stop(self, mode: StopMode) -> tuple[str, ...]:
         """Hold or free every joint, then refuse everything that moves, on this side of the line."""
         self._stopped = True
+        joints = range(len(self._model.joints))
         if mode == StopMode.TORQUE_OFF:
-            return self.torque(False, None)
-        # A joint without torque stays without: writing it a target could switch it on.
-        limp = [i for i, on in enumerate(self._torque) if on is False]
-        held = self._hold([i for i in range(len(self._model.joints)) if i not in limp])
-        return tuple(self._model.joints[i].name for i in sorted([*held, *limp]))
+            return self._free(joints, urgent=True)
+        stopped = []
+        for i in joints:
+            if self._torque[i] is None:
+                self._check_torque(i, urgent=True)
+            # A joint without torque stays without: writing it a target could switch it on.
+            if self._torque[i] is False or self._hold(i, urgent=True):
+                stopped.append(i)
+        return self._names(stopped)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a stop is latched."""
+        return self._stopped
 
     def resume(self) -> None:
         """End the stop."""
         self._stopped = False
 
-    def _hold(self, wanted: Sequence[int]) -> list[int]:
-        """Make the present positions of joints their targets; returns those that took it."""
-        held, legacy = [], {}
-        for i in wanted:
-            joint = self._model.joints[i]
-            self._sample(i, joint)
-            if self._flags[i] & JointFlag.SILENT:
-                continue
-            counts = joint.angle_to_counts(self._positions[i])
-            if joint.series == "hls":
-                packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint))
-                if self._write(packet):
-                    held.append(i)
-            else:
-                legacy[joint.servo_id] = counts
-                held.append(i)
-        if legacy:
-            packet, _, _ = make_legacy_move(legacy, _MIN_RUN_TIME)
-            self._session.request(Command.SYNC_WRITE, packet)
-        return held
+    def _hold(self, i: int, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:
+        """Make the present position of a joint its target, at once after reading it; False if it is silent."""
+        joint = self._model.joints[i]
+        self._sample(i, joint, urgent=urgent)
+        if self._flags[i] & JointFlag.SILENT:
+            return False
+        counts = joint.angle_to_counts(self._positions[i])
+        if joint.series == "hls":
+            packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint, urgent=urgent))
+            return self._write(packet, urgent=urgent, guard=guard)
+        packet, _, _ = make_legacy_move({joint.servo_id: counts}, _MIN_RUN_TIME)
+        self._session.request(Command.SYNC_WRITE, packet, urgent=urgent, guard=guard)
+        return True
 
-    def _ceiling(self, joint: JointModel) -> int:
+    def _free(self, wanted: Iterable[int], *, urgent: bool = False) -> tuple[str, ...]:
+        """Take the torque of joints away and read that back; who does not confirm is told once more."""
+        wanted = list(wanted)
+        free: set[int] = set()
+        for _ in range(2):
+            left = [i for i in wanted if i not in free]
+            for i in left:
+                self._write(make_write(self._model.joints[i].servo_id, _TORQUE, b"\0"), urgent=urgent)
+            free |= {i for i in left if self._check_torque(i, urgent=urgent) is False}
+        return self._names(i for i in wanted if i in free)
+
+    def _check_torque(self, i: int, *, urgent: bool = False) -> bool | None:
+        """Read a torque switch; None if the servo does not answer."""
+        state = self._read_torque(self._model.joints[i], urgent=urgent)
+        if state is not None:
+            self._torque[i] = state
+        return state
+
+    def _names(self, places: Iterable[int]) -> tuple[str, ...]:
+        return tuple(self._model.joints[i].name for i in places)
+
+    def _ceiling(self, joint: JointModel, *, urgent: bool = False) -> int:
         """Current ceiling for an HLS servo: its own protection current."""
         ceiling = self._ceilings.get(joint.servo_id)
         if ceiling is None:
-            status = self._read2(joint.servo_id, _CURRENT_CEILING.address)
-            ceiling = _CURRENT_CEILING.decode(status.params) if status else 0
-            ceiling = ceiling or _DEFAULT_CEILING
-            self._ceilings[joint.servo_id] = ceiling
+            status = self._read2(joint.servo_id, _CURRENT_CEILING.address, urgent=urgent)
+            if status is None:
+                return _DEFAULT_CEILING
+            ceiling = self._ceilings[joint.servo_id] = _CURRENT_CEILING.decode(status.params) or _DEFAULT_CEILING
         return ceiling
 
-    def _write(self, packet: bytes) -> bool:
+    def _write(self, packet: bytes, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:
         """Send a write; True if the servo acknowledged it. Legacy servos never do."""
         try:
-            reply = self._session.request(Command.READ, packet)
+            reply = self._session.request(Command.READ, packet, urgent=urgent, guard=guard)
         except ReplyTimeoutError:
             return False
         return find_status(reply.body, packet[2], 0) is not None
 
-    def _read_torque(self, joint: JointModel) -> bool | None:
-        status = self._read2(joint.servo_id, _TORQUE)
+    def _read_torque(self, joint: JointModel, *, urgent: bool = False) -> bool | None:
+        status = self._read2(joint.servo_id, _TORQUE, urgent=urgent)
         if status is None:
             return None
         # Two registers at 0x28: big-endian for a legacy servo (swapped on the way), little-endian otherwise.
         return bool(status.params[0] if joint.series == "hls" else status.params[1])
 
-    def _refuse_if_stopped(self, what: str) -> None:
+    def _refuse_if_stopped(self) -> None:
         if self._stopped:
-            raise StoppedError(what, 5, "the arm is stopped; `hexwire resume` ends that")
+            raise StoppedError("the command", Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
 
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
         limp = []
@@ -320,7 +343,9 @@ class Board1:
             if not self._torque[i]:
                 limp.append(joint.name)
         if limp:
-            raise CommandRefusedError("a move", 8, f"{', '.join(limp)} has no torque; `hexwire torque on` first")
+            raise CommandRefusedError(
+                "a move", Status.TORQUE_OFF, f"{', '.join(limp)}: no torque; `hexwire torque on` first"
+            )
 
     # -- tools --------------------------------------------------------------------------------------
 
@@ -348,9 +373,7 @@ class Board1:
             family = "seven_bot" if status.legacy else "hls"
             note = "" if family == joint.series else f"answers as {family}, the model says {joint.series}"
             probes.append(JointProbe(joint.name, joint.servo_id, family, True, note))
-            state = self._read_torque(joint)
-            if state is not None:
-                self._torque[i] = state
+            self._check_torque(i)
         return tuple(probes)
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
@@ -363,7 +386,15 @@ class Board1:
             raise NotSupportedError(
                 f"an answer of {reply_length} bytes would overrun a dialect-1 board; reads are of 2 bytes there"
             )
-        reply = self._session.request(Command.READ, packet, window=self._session.policy.dialect1_window + timeout)
+        reads = packet[4:5] in (bytes((Instruction.PING,)), bytes((Instruction.READ,)))
+        # What a packet of one's own does to torque switches is not known here.
+        self._torque = self._torque if reads else [None] * len(self._torque)
+        reply = self._session.request(
+            Command.READ,
+            packet,
+            window=self._session.policy.dialect1_window + timeout,
+            guard=None if reads else self._refuse_if_stopped,
+        )
         return reply.body if reply_length else b""
 
     def stats(self) -> dict[str, int]:

@@ -7,11 +7,13 @@ itself. Must not know links or who asks.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from operator import add, mul, sub
+from typing import TypeVar
 
-from hexwire.errors import ServoError
+from hexwire.errors import ServoError, UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -41,9 +43,16 @@ from .base import JointProbe, StopMode, check_reply
 
 __all__ = ["Board2"]
 
-_US_WRAP = 1 << 32
+_Row = TypeVar("_Row")
 _MAX_DURATION_MS = 0xFFFF
 _SERIES_NAMES = {series.code: series.value for series in Series}
+
+
+def _packed(serialize: Callable[[tuple[_Row, ...]], bytes], rows: tuple[_Row, ...]) -> bytes:
+    try:
+        return serialize(rows)
+    except (struct.error, ValueError):
+        raise UsageError(f"a value does not fit its field on the wire: {', '.join(map(str, rows))}") from None
 
 
 class Board2:
@@ -53,6 +62,9 @@ class Board2:
         session: A negotiated session.
         model: The arm.
         identity: What the board said of itself.
+
+    Attributes:
+        clock: The board's clock when it sent what came last, seconds since its start; NaN before that.
     """
 
     dialect = 2
@@ -60,6 +72,7 @@ class Board2:
     def __init__(self, session: Session, model: ArmModel, identity: Identity) -> None:
         self._session = session
         self._model = model
+        self.clock = math.nan
         self.identity = identity
         # One row a board joint, in the board's order: name, neutral, factor, offset.
         self._order = tuple(model.by_servo(row.servo_id) for row in identity.joints)
@@ -104,6 +117,7 @@ class Board2:
         since_sample = ((sent_us - report.time_us) & 0xFFFFFFFF) * 1e-6
         if since_sample > 0x7FFFFFFF * 1e-6:
             since_sample = 0.0  # the board rounds the two stamps differently
+        self.clock = frame.time_sec + frame.time_nsec * 1e-9
         position = self._ordered(report.position)
         speed, load, current = (
             self._ordered(report.speed),
@@ -124,7 +138,7 @@ class Board2:
             self._ordered(report.status),  # type: ignore[arg-type]  # always there
             self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else inf for v in age]),
             now - since_sample,
-            frame.time_sec + frame.time_nsec * 1e-9 - since_sample,
+            self.clock - since_sample,
             bool(report.board_flags & BOARD_FLAGS_STOPPED),
             bool(report.board_flags & BOARD_FLAGS_WATCHDOG_TRIPPED),
         )
@@ -148,7 +162,7 @@ class Board2:
             for joint, angle in ((model.joint(name), angle) for name, angle in target.positions)
         )
         duration = min(round(target.duration * 1000), _MAX_DURATION_MS)
-        reply = self._session.request(Command.JOINT_MOVE, MoveRequest(duration, rows).serialize())
+        reply = self._ask(Command.JOINT_MOVE, MoveRequest(duration, rows).serialize())
         check_reply(reply, Status.SERVO_SILENT)
         sent = MoveReply.parse(reply.body)
         named = [(model.by_servo(row.servo_id), row) for row in sent.rows]
@@ -164,67 +178,68 @@ class Board2:
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """TORQUE by mask."""
         body = make_stop_reply(int(on), self._board_mask(joints))
-        reply = check_reply(self._session.request(Command.TORQUE, body), Status.SERVO_SILENT)
+        reply = check_reply(self._ask(Command.TORQUE, body), Status.SERVO_SILENT)
         return self._confirmed(reply)
 
     def stop(self, mode: StopMode) -> tuple[str, ...]:
         """STOP, ahead of everything."""
-        request = self._session.request
-        reply = request(Command.STOP, bytes((mode,)), urgent=True, repeatable=True, attempts=5)
+        reply = self._ask(Command.STOP, bytes((mode,)), urgent=True, repeatable=True, attempts=5)
         return self._confirmed(check_reply(reply, Status.SERVO_SILENT))
 
     def resume(self) -> None:
         """RESUME."""
-        check_reply(self._session.request(Command.RESUME))
+        check_reply(self._ask(Command.RESUME))
 
     def watchdog(self, timeout: float, mode: StopMode) -> None:
         """WATCHDOG; 0 s switches it off."""
         body = round(timeout * 1000).to_bytes(2, "little") + bytes((mode,))
-        check_reply(self._session.request(Command.WATCHDOG, body))
+        check_reply(self._ask(Command.WATCHDOG, body))
 
     # -- settings and tools -------------------------------------------------------------------------
 
     def report(self, period: float, fields: int = ALL_FIELDS) -> None:
         """REPORT every `period` seconds; 0 stops."""
         body = round(period * 1000).to_bytes(2, "little") + bytes((fields,))
-        check_reply(self._session.request(Command.REPORT, body))
+        check_reply(self._ask(Command.REPORT, body))
 
     def limits(self) -> tuple[LimitRow, ...]:
         """The limits the board has stored, in its joint order."""
-        return LimitTable.parse(check_reply(self._session.request(Command.LIMITS, repeatable=True)).body).rows
+        return LimitTable.parse(check_reply(self._ask(Command.LIMITS, repeatable=True)).body).rows
 
     def store_limits(self, rows: Sequence[LimitRow]) -> tuple[LimitRow, ...]:
         """Store limits; returns what the board has then."""
-        reply = self._session.request(Command.LIMITS, LimitTable.serialize_request(tuple(rows)))
+        reply = self._ask(Command.LIMITS, _packed(LimitTable.serialize_request, tuple(rows)))
         return LimitTable.parse(check_reply(reply).body).rows
 
     def offsets(self) -> tuple[OffsetRow, ...]:
         """The neutral counts and signs the board has stored, in its joint order."""
-        return OffsetTable.parse(check_reply(self._session.request(Command.OFFSETS, repeatable=True)).body).rows
+        return OffsetTable.parse(check_reply(self._ask(Command.OFFSETS, repeatable=True)).body).rows
 
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
         """Store neutral counts and signs; returns what the board has then."""
-        reply = self._session.request(Command.OFFSETS, OffsetTable.serialize_request(tuple(rows)))
+        reply = self._ask(Command.OFFSETS, _packed(OffsetTable.serialize_request, tuple(rows)))
         return OffsetTable.parse(check_reply(reply).body).rows
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
         """TRANSACT: one raw servo packet and its answer; empty if none was expected."""
-        ms = min(255, max(1, math.ceil(timeout * 1000)))
+        if not 0 <= reply_length <= 255 or not 0 <= timeout <= 0.255:
+            raise UsageError(f"an answer of {reply_length} bytes in {timeout:g} s: at most 255 bytes and 0.255 s")
+        ms = max(1, math.ceil(timeout * 1000))
         body = TransactRequest(reply_length, ms, packet).serialize()
-        reply = self._session.request(Command.TRANSACT, body, window=self._session.policy.window + timeout)
+        reply = self._ask(Command.TRANSACT, body, window=self._session.policy.window + timeout)
         return check_reply(reply).body
 
     def stats(self) -> dict[str, int]:
         """The board's counters."""
-        return Stats.parse(check_reply(self._session.request(Command.STATS, repeatable=True)).body).counters
+        return Stats.parse(check_reply(self._ask(Command.STATS, repeatable=True)).body).counters
 
     def command(self, cmd: int, body: bytes) -> bytes:
         """Any command of the schema; its reply's body."""
-        return check_reply(self._session.request(cmd, body)).body
+        return check_reply(self._ask(cmd, body)).body
 
     def probe_joints(self) -> tuple[JointProbe, ...]:
         """Who is there, by a fresh IDENTIFY."""
-        self.identity = Identity.parse(check_reply(self._session.request(Command.IDENTIFY, repeatable=True)).body)
+        self.identity = Identity.parse(check_reply(self._ask(Command.IDENTIFY, repeatable=True)).body)
         rows = {row.servo_id: row for row in self.identity.joints}
         probes = []
         for joint in self._model.joints:
@@ -239,7 +254,7 @@ class Board2:
         """Error byte of a servo, or None if it does not answer."""
         from hexwire.wire.servo_packet import find_status, make_ping
 
-        reply = self._session.request(Command.PING, make_ping(servo_id), repeatable=True)
+        reply = self._ask(Command.PING, make_ping(servo_id), repeatable=True)
         if reply.status == Status.SERVO_SILENT:
             return None
         found = find_status(check_reply(reply).body, servo_id, 0)
@@ -249,6 +264,24 @@ class Board2:
     def capabilities(self) -> tuple[str, ...]:
         """Words for what the board can do."""
         return tuple(name for name, bit in CAPABILITIES.items() if self.identity.capabilities & bit)
+
+    def _ask(
+        self,
+        cmd: int,
+        body: bytes = b"",
+        *,
+        window: float | None = None,
+        attempts: int | None = None,
+        urgent: bool = False,
+        repeatable: bool = False,
+    ) -> Reply:
+        """A request of the session; notes the board's clock in the answer."""
+        reply = self._session.request(
+            cmd, body, window=window, attempts=attempts, urgent=urgent, repeatable=repeatable
+        )
+        if reply.frame is not None:
+            self.clock = reply.frame.time_sec + reply.frame.time_nsec * 1e-9
+        return reply
 
     def _board_mask(self, joints: Sequence[str] | None) -> int:
         wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]

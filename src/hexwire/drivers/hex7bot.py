@@ -10,7 +10,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from typing import Any, Self
 
-from hexwire.errors import HexwireError, LinkError, NotSupportedError, UsageError
+from hexwire.errors import NotSupportedError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
@@ -31,6 +31,12 @@ _log = logging.getLogger(__name__)
 
 _MAX_WATCHDOG = 60.0
 _MIN_WATCHDOG = 0.05
+_MIN_PERIOD = 0.005
+_MAX_PERIOD = 10.0
+_CLOCK_GRACE = 1.0
+"""Seconds by which a board's clock may seem to lag: reports wait in a queue before they are looked at."""
+_CLOCK_DRIFT = 0.01
+"""Most that two clocks may differ in rate: ten times what a ceramic resonator is allowed to."""
 
 
 class Hex7BotDriver(RobotDriver):
@@ -64,7 +70,8 @@ class Hex7BotDriver(RobotDriver):
         self._report: tuple[float, int] | None = None
         self._last: JointState | None = None
         self._aimed: dict[str, float] = {}
-        self._board_clock = 0.0
+        self._clock: tuple[float, float] | None = None
+        self._arming_due = False
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -93,7 +100,9 @@ class Hex7BotDriver(RobotDriver):
             session.close()
             raise
         self._generation = session.generation
-        self._board_clock = 0.0
+        self._last, self._clock = None, None
+        self._aimed.clear()
+        self._watchdog, self._report, self._arming_due = None, None, False
 
     def detach(self, *, torque_off: bool = False) -> None:
         board, self._board = self._board, None
@@ -108,6 +117,8 @@ class Hex7BotDriver(RobotDriver):
         joints = board.probe_joints()
         counters = {f"board_{k}": v for k, v in board.stats().items()}
         counters |= self.host_counters()
+        # An IDENTIFY ends the reports.
+        self._arming_due |= self._report is not None
         identity = board.identity if isinstance(board, Board2) else None
         stopped = bool(identity and identity.board_flags & tables.BOARD_FLAGS_STOPPED)
         return ProbeReport(
@@ -141,8 +152,9 @@ class Hex7BotDriver(RobotDriver):
     # -- reading and writing ------------------------------------------------------------------------
 
     def read(self) -> JointState:
-        state = self._attached().read()
-        self._remember(state)
+        board = self._attached()
+        state = board.read()
+        self._remember(state, board)
         return state
 
     def write(self, target: JointTarget) -> SentTarget:
@@ -153,38 +165,59 @@ class Hex7BotDriver(RobotDriver):
         present = ({} if self._last is None else self._last.positions) | self._aimed
         sent = board.move(check_target(self.model, target, present), present)
         self._aimed.update(sent.positions)
-        self._rearm()
+        self._keep_armed(board)
         return sent
 
     def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
         """Yield the states that the board reports by itself every `period` seconds.
 
-        Ends the reports when the caller stops iterating.
+        Ends the reports when the caller stops iterating. Goes on after a reconnection, and after a reset of the
+        board; ends when a board that is there sends nothing for `timeout` seconds.
 
         Raises:
             NotSupportedError: The board speaks dialect 1.
+            ReplyTimeoutError: The board is not there any more.
+            UsageError: A period outside 0.005..10 s.
         """
-        board = self._dialect2("REPORT")
+        if not _MIN_PERIOD <= period <= _MAX_PERIOD:
+            raise UsageError(f"a report every {period:g} s is outside {_MIN_PERIOD:g}..{_MAX_PERIOD:g} s")
+        self._dialect2("REPORT").report(period)
         self._report = (period, ALL_FIELDS)
-        board.report(period)
+        silence = max(timeout, 2 * period)
         try:
-            for frame in self.session.stream(timeout):
-                if frame.cmd == Command.JOINT_STATE:
-                    state = board.decode_state(frame.body, frame, self.session.now())
-                    self._remember(state)
-                    yield state
+            while True:
+                board = self._dialect2("REPORT")
+                for frame in self.session.stream(silence):
+                    if self.session.generation != self._generation:
+                        board = self._dialect2("REPORT")
+                    if frame.cmd == Command.JOINT_STATE:
+                        state = board.decode_state(frame.body, frame, self.session.now())
+                        self._remember(state, board)
+                        yield state
+                # Silence: the port was away, the board was reset, or it stopped reporting.
+                generation = self.session.generation
+                armed = self._arming_due or generation != self._generation
+                yield self.read()
+                if not (armed or self._arming_due or self.session.generation != generation):
+                    return
         finally:
             self._report = None
-            if self.session.is_open:
-                board.report(0.0)
+            if self.session.is_open and isinstance(self._board, Board2):
+                self._board.report(0.0)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
-        confirmed = self._attached().torque(on, joints)
-        self._rearm()
+        board = self._attached()
+        confirmed = board.torque(on, joints)
+        self._keep_armed(board)
         return confirmed
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
-        return self._attached().stop(mode)
+        # Nothing goes before a stop, not even the watchdog of a board that was reset.
+        if self._board is None:
+            raise self._not_attached()
+        if self.session.generation != self._generation:
+            self._after_reconnect()
+        return self._board.stop(mode)
 
     def resume(self) -> None:
         self._attached().resume()
@@ -256,10 +289,16 @@ class Hex7BotDriver(RobotDriver):
 
     def _attached(self) -> Board1 | Board2:
         if self._board is None:
-            raise UsageError("the driver is not attached; call attach() first")
+            raise self._not_attached()
         if self.session.generation != self._generation:
             self._after_reconnect()
+        if self._arming_due:
+            self._arm_again()
         return self._board
+
+    @staticmethod
+    def _not_attached() -> UsageError:
+        return UsageError("the driver is not attached; call attach() first")
 
     def _dialect2(self, what: str) -> Board2:
         board = self._attached()
@@ -272,39 +311,49 @@ class Hex7BotDriver(RobotDriver):
         self._generation = self.session.generation
         self._last = None
         self._aimed.clear()
+        self._clock = None
         negotiated = self.session.negotiated
         if negotiated is not None and negotiated.identity is not None:
             self._board = Board2(self.session, self.model, negotiated.identity)
         else:
-            self._board = Board1(self.session, self.model)
-        self._arm_again()
+            stopped = isinstance(self._board, Board1) and self._board.stopped
+            self._board = Board1(self.session, self.model, stopped=stopped)
+        self._arming_due = True
 
-    def _remember(self, state: JointState) -> None:
+    def _remember(self, state: JointState, board: Board1 | Board2) -> None:
         self._last = state
         if self._aimed:
             self._aimed.clear()
-        if state.board_time < self._board_clock - 1.0:
-            _log.warning("%s: the board was reset", self.session.ipc.link.url)
-            self._arm_again()
-        if state.board_time == state.board_time:
-            self._board_clock = state.board_time
+        self._keep_armed(board)
 
-    def _rearm(self) -> None:
+    def _keep_armed(self, board: Board1 | Board2) -> None:
+        """After an exchange: notice a reset or a reconnection, and give the board back what it forgot."""
+        if board.__class__ is Board2:
+            clock, now = board.clock, self.session.now()
+            if self._clock is not None:
+                then, heard = self._clock
+                passed = now - heard
+                if clock < then + passed - _CLOCK_GRACE - _CLOCK_DRIFT * passed:
+                    _log.warning("%s: the board was reset", self.session.ipc.link.url)
+                    self._arming_due = True
+            self._clock = clock, now
         if self.session.generation != self._generation:
             self._after_reconnect()
+        if self._arming_due:
+            self._arm_again()
 
     def _arm_again(self) -> None:
-        """Give a board that forgot them its watchdog and report period back."""
-        self._board_clock = 0.0
+        """Give a board that forgot them its watchdog and report period back; tried again until it works."""
         board = self._board
-        if not isinstance(board, Board2):
-            return
-        try:
+        if isinstance(board, Board2):
             if self._watchdog is not None:
                 board.watchdog(*self._watchdog)
             if self._report is not None:
                 board.report(*self._report)
-        except LinkError:
-            raise
-        except HexwireError as error:
-            raise NotSupportedError(f"the board came back, but not its watchdog or reports: {error}") from error
+        elif self._watchdog is not None or self._report is not None:
+            self._watchdog = self._report = None
+            self._arming_due = False
+            raise NotSupportedError(
+                "the board that came back speaks dialect 1: it has no watchdog and no reports, and they are off now"
+            )
+        self._arming_due = False

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, Self
 
-from hexwire.errors import ConfigError, UsageError
+from hexwire.errors import ConfigError, RemoteProtocolError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
@@ -20,7 +21,7 @@ from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target, needed_duration
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
-from hexwire.wire.modules import ModuleType
+from hexwire.wire.modules import IpcType, ModuleType
 from hexwire.wire.robot_bodies import EncoderStates, JointCommands, RobotStatus, TrajectoryPoints
 
 from .base import JointProbe, ProbeReport, RobotDriver, Signal, StopMode, check_reply
@@ -28,6 +29,7 @@ from .base import JointProbe, ProbeReport, RobotDriver, Signal, StopMode, check_
 __all__ = ["Puma260Driver", "Puma260Mode"]
 
 _MINIMUM_DURATION = 0.02
+_BOOT_WINDOW = 2.0
 
 
 class Puma260Mode(IntEnum):
@@ -54,6 +56,7 @@ class Puma260Driver(RobotDriver):
         commands: Channel of joint commands; the I/O channel if None.
         states: Channel of joint states; the I/O channel if None.
         trajectories: Channel of trajectories; the I/O channel if None.
+        boot_window: Seconds to wait for a controller that does not answer yet.
     """
 
     def __init__(
@@ -63,53 +66,63 @@ class Puma260Driver(RobotDriver):
         commands: Session | None = None,
         states: Session | None = None,
         trajectories: Session | None = None,
+        boot_window: float = _BOOT_WINDOW,
     ) -> None:
         super().__init__(session)
         self.model = PUMA260
         self.commands = commands or session
         self.states = states or session
         self.trajectories = trajectories or session
-        self._last: JointState | None = None
+        self._boot_window = boot_window
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
         """A driver over the controller that `url` names: four TCP connections, or one UDP channel.
 
         Raises:
-            UsageError: The URL makes no sense, or there are options, of which this driver has none.
+            UsageError: The URL makes no sense, or there is an option other than `boot_window`.
         """
-        # The command line passes what boards need; a controller has neither boot time nor dialect.
-        unknown = set(options) - {"boot_window", "dialect"}
+        unknown = set(options) - {"boot_window"}
         if unknown:
             raise UsageError(f"puma260 has no option {', '.join(sorted(unknown))}")
 
         def channel(module: ModuleType) -> Session:
             return Session(IpcHandle.from_url(url, module, ModuleType.PUMA260_RBT_IO_SVR))
 
-        if not url.startswith("tcp"):
-            return cls(channel(ModuleType.PUMA260_HOST_IO_TRX))
+        io = channel(ModuleType.PUMA260_HOST_IO_TRX)
+        if io.ipc.type is not IpcType.TCP:
+            return cls(io, **options)
         return cls(
-            channel(ModuleType.PUMA260_HOST_IO_TRX),
+            io,
             commands=channel(ModuleType.PUMA260_HOST_JNT_CMD_TX),
             states=channel(ModuleType.PUMA260_HOST_JSTATE_RX),
             trajectories=channel(ModuleType.PUMA260_HOST_JTRAJ_TX),
+            **options,
         )
 
     @classmethod
     def from_conf(cls, file: str | Path) -> Self:
         """A driver over the channels that an `ipc_msg.conf` names; those it does not name share the I/O channel.
 
+        So do UDP channels to the controller's same port, since one port answers one caller.
+
         Raises:
             ConfigError: The file is wrong, or has no channel of PUMA260_HOST_IO_TRX.
         """
-        from hexwire.ipc.conf import load_conf
+        from hexwire.ipc.conf import link_url, load_conf
 
-        named = {channel.module for channel in load_conf(file)}
-        if ModuleType.PUMA260_HOST_IO_TRX not in named:
+        named = {channel.module: channel for channel in load_conf(file)}
+        io = named.get(ModuleType.PUMA260_HOST_IO_TRX)
+        if io is None:
             raise ConfigError("no channel of PUMA260_HOST_IO_TRX", file=str(file))
 
         def channel(module: ModuleType) -> Session | None:
-            return Session.from_conf(file, module) if module in named else None
+            found = named.get(module)
+            if found is None:
+                return None
+            if found.interface is IpcType.UDP and link_url(found) == link_url(io):
+                return None
+            return Session.from_conf(file, module)
 
         return cls(
             Session.from_conf(file, ModuleType.PUMA260_HOST_IO_TRX),
@@ -124,6 +137,8 @@ class Puma260Driver(RobotDriver):
         try:
             for session in self._sessions():
                 session.open()
+                # Asking who is there also tells the controller that we count our requests from the beginning.
+                session.negotiate(dialect=tables.PROTO_HEXWIRE, boot_window=self._boot_window)
             self._status()
         except BaseException:
             self.detach()
@@ -161,26 +176,36 @@ class Puma260Driver(RobotDriver):
         return self._decode(EncoderStates.parse(reply.body))
 
     def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
-        """Yield the states that the controller reports by itself every `period` seconds."""
+        """Yield the states that the controller reports by itself every `period` seconds.
+
+        Ends when none came for `timeout` seconds. A connection that was lost and came back goes on.
+        """
         body = round(period * 1000).to_bytes(2, "little") + b"\0"
-        check_reply(self.states.request(Command.REPORT, body))
+        states = self.states
         try:
-            for frame in self.states.stream(timeout):
-                if frame.cmd == Command.JOINT_STATES:
-                    yield self._decode(EncoderStates.parse(frame.body))
+            while True:
+                check_reply(states.request(Command.REPORT, body, repeatable=True))
+                generation = states.generation
+                for frame in states.stream(timeout):
+                    if frame.cmd == Command.JOINT_STATES:
+                        yield self._decode(EncoderStates.parse(frame.body))
+                if states.generation == generation:
+                    return
         finally:
-            if self.states.is_open:
-                check_reply(self.states.request(Command.REPORT, b"\0\0\0"))
+            if states.is_open:
+                check_reply(states.request(Command.REPORT, b"\0\0\0"))
 
     def _decode(self, states: EncoderStates) -> JointState:
         counts = [row.counts for row in states.rows]
+        if len(counts) != len(self.model.joints):
+            raise RemoteProtocolError(f"JOINT_STATES of {len(counts)} joints; puma260 has {len(self.model.joints)}")
         position = counts_to_angles(counts)
         # Velocities come through the same coupling: the angles of the counts a second later, less those of now.
         later = counts_to_angles([row.counts + row.speed for row in states.rows])
         n = len(self.model.joints)
         power = states.robot_flags & tables.ROBOT_FLAGS_POWER_ON
         nan = (math.nan,) * n
-        self._last = JointState(
+        return JointState(
             self.model.names,
             position,
             tuple(b - a for a, b in zip(position, later, strict=True)),
@@ -194,19 +219,19 @@ class Puma260Driver(RobotDriver):
             states.time_us * 1e-6,
             bool(states.robot_flags & tables.ROBOT_FLAGS_STOPPED),
         )
-        return self._last
 
     # -- motion -------------------------------------------------------------------------------------
 
     def write(self, target: JointTarget) -> SentTarget:
         """Send joints to a target as a trajectory of one waypoint; joints that are not named hold."""
-        present = (self._last or self.read()).positions
+        # Read anew: a joint that somebody moved since must not be sent back to where it was.
+        present = self.read().positions
         checked = check_target(self.model, target, present)
         goal = present | dict(checked.positions)
         # Encoders count whole steps: what is sent is what they can hold.
         angles = counts_to_angles(angles_to_counts([goal[name] for name in self.model.names]))
         duration = max(checked.duration, _MINIMUM_DURATION)
-        self.follow(TrajectoryPoints((duration,), (angles,)))
+        self._send(TrajectoryPoints((duration,), (angles,)))
         named = dict(zip(self.model.names, angles, strict=True))
         return SentTarget(tuple((name, named[name]) for name, _ in checked.positions), duration)
 
@@ -220,7 +245,7 @@ class Puma260Driver(RobotDriver):
         names = self.model.names
         if len(trajectory.positions[0]) != len(names):
             raise UsageError(f"a trajectory of {len(trajectory.positions[0])} joints; puma260 has {len(names)}")
-        before, when = (self._last or self.read()).positions, 0.0
+        before, when = self.read().positions, 0.0
         for time, row in zip(trajectory.times, trajectory.positions, strict=True):
             goal = dict(zip(names, row, strict=True))
             for joint, angle in zip(self.model.joints, row, strict=True):
@@ -232,28 +257,42 @@ class Puma260Driver(RobotDriver):
                     f"the waypoint at {time:g} s is {needed - (time - when):.3g} s too early for the speed limits"
                 )
             before, when = goal, time
+        self._send(trajectory)
+
+    def _send(self, trajectory: TrajectoryPoints) -> None:
         check_reply(self.trajectories.request(Command.JOINT_TRAJECTORY, trajectory.serialize()))
-        self._last = None
 
     def command(self, commands: JointCommands) -> None:
-        """Send set-points with the fields of osrf_msgs/JointCommands.
+        """Send set-points with the fields of osrf_msgs/JointCommands; the joints that are not named go on.
+
+        Positions go to the controller's own loop, and so does a velocity without a position, for half a second.
+        An effort or a gain puts the named joints under the law of JointCommands instead.
 
         Raises:
             LimitError: A position is outside the limits; nothing was sent.
-            UsageError: A joint does not exist.
+            UsageError: A joint does not exist, or a velocity is over its limit.
         """
-        for name, angle in zip(commands.name, commands.position, strict=False):
-            self.model.joint(name).check(angle)
-        check_reply(self.commands.request(Command.JOINT_COMMANDS, commands.serialize()))
+        joints = [self.model.joint(name) for name in commands.name]
+        for joint, angle in zip(joints, commands.position, strict=False):
+            joint.check(angle)
+        for joint, speed in zip(joints, commands.velocity, strict=False):
+            if abs(speed) > joint.max_speed * (1 + 1e-9):
+                raise UsageError(
+                    f"{joint.name} at {math.degrees(speed):.4g} deg/s is over its limit of "
+                    f"{math.degrees(joint.max_speed):.4g} deg/s; nothing was sent"
+                )
+        named = replace(commands, name=tuple(joint.name for joint in joints))
+        check_reply(self.commands.request(Command.JOINT_COMMANDS, named.serialize()))
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
-        """Power on or off; the controller has one switch for all joints.
+        """Power on or off; the controller has one switch, so naming a joint gives power to all.
 
         Raises:
-            UsageError: Single joints are named.
+            UsageError: Single joints are to lose it.
         """
-        if joints is not None and set(joints) != set(self.model.names):
-            raise UsageError("puma260 has one power switch for all joints; name none")
+        named = {self.model.joint(name).name for name in joints or self.model.names}
+        if not on and named != set(self.model.names):
+            raise UsageError("puma260 has one power switch: it cannot take it from single joints; name none")
         self._signal(Signal.TORQUE_ON if on else Signal.TORQUE_OFF)
         return self.model.names
 

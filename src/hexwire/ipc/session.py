@@ -20,12 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import (
-    LinkBusyError,
     LinkClosedError,
     LinkError,
     LinkLostError,
-    LinkNotFoundError,
-    LinkPermissionError,
     PreemptedError,
     ReplyTimeoutError,
 )
@@ -99,7 +96,12 @@ class Session:
         self._sn = 0
         self._datagrams = False
         self.connection = self._make_connection(time.monotonic)
+        self._sleep: Callable[[float], None] = time.sleep
+        self._closed = False
         self._turn = threading.RLock()
+        self._owner = 0
+        self._depth = 0
+        self._counting = threading.Lock()
         self._urgent_waiting = 0
         self._awaited: set[int] = set()
         self._stash: dict[int, Event] = {}
@@ -125,17 +127,25 @@ class Session:
         Raises:
             LinkError: As `Link.open`.
         """
+        self._closed = False
+        self._open()
+
+    def _open(self) -> None:
         self.ipc.open()
         clock = self._clock or getattr(self.ipc.link, "clock", None) or time.monotonic
         self._now = clock
+        # A link in simulated time brings a clock that can sleep.
+        self._sleep = getattr(clock, "sleep", time.sleep)
         self._sn = self.connection.sn
         self.connection = self._make_connection(clock)
         self._datagrams = self.ipc.keeps_messages
         self._reports.clear()
         self._frames.clear()
+        self._stash.clear()
 
     def close(self) -> None:
         """Close the channel; a request that waits in another thread ends with LinkClosedError."""
+        self._closed = True
         self.ipc.close()
 
     @property
@@ -197,6 +207,7 @@ class Session:
         attempts: int | None = None,
         urgent: bool = False,
         repeatable: bool = False,
+        guard: Callable[[], None] | None = None,
     ) -> Reply:
         """Ask and wait for the answer. The status is the caller's to look at.
 
@@ -207,6 +218,7 @@ class Session:
             attempts: How often to send; the policy's if None.
             urgent: Go first, and interrupt a request that waits in another thread.
             repeatable: Send it again after a reconnection. Never for what moves an arm.
+            guard: Called when it is this request's turn, before anything is sent; refuses it by raising.
 
         Raises:
             ReplyTimeoutError: No answer.
@@ -214,9 +226,10 @@ class Session:
             PreemptedError: A stop took the line; whether this was done is unknown.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
-        self._take_turn(urgent)
-        try:
+        with self._my_turn(urgent):
             while True:
+                if guard is not None:
+                    guard()
                 try:
                     ticket = self.connection.request(
                         cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
@@ -229,8 +242,6 @@ class Session:
                             f"{self.ipc.link.url} was lost and is open again; {command_name(cmd)} was not repeated",
                             url=self.ipc.link.url,
                         ) from lost
-        finally:
-            self._turn.release()
 
     def send(self, cmd: int, body: bytes = b"") -> None:
         """Send a frame and do not wait for an answer; one that comes is thrown away.
@@ -284,6 +295,8 @@ class Session:
                     raise self._timed_out(stashed)
                 if self._urgent_waiting and not urgent:
                     raise PreemptedError("a stop took the line; whether the request was done is unknown")
+                if self.connection is not connection:
+                    raise LinkLostError(f"{self.ipc.link.url} was lost and opened anew", url=self.ipc.link.url)
                 self._step(None)
         except BaseException:
             connection.abandon(ticket)
@@ -317,20 +330,20 @@ class Session:
             self.ipc.link.write(data, self.now() + _WRITE_TIMEOUT)
 
     def _receive(self, queue: deque[Frame], timeout: float | None) -> Frame | None:
-        with self._my_turn():
-            deadline = None if timeout is None else self.now() + timeout
-            while True:
-                self._sort_events()
-                if queue:
-                    return queue.popleft()
-                if deadline is not None and self.now() >= deadline:
-                    return None
-                try:
-                    self._step(deadline)
-                except LinkLostError as lost:
-                    self._reopen(lost)
-                if self._urgent_waiting:
-                    raise PreemptedError("a stop took the line")
+        deadline = None if timeout is None else self.now() + timeout
+        while True:
+            with self._my_turn():
+                # A stop goes first; nothing is lost by listening again after it.
+                while not self._urgent_waiting:
+                    self._sort_events()
+                    if queue:
+                        return queue.popleft()
+                    if deadline is not None and self.now() >= deadline:
+                        return None
+                    try:
+                        self._step(deadline)
+                    except LinkLostError as lost:
+                        self._reopen(lost)
 
     def _sort_events(self) -> None:
         while (event := self.connection.next_event()) is not None:
@@ -349,26 +362,39 @@ class Session:
             _log.debug("%s: %s", self.ipc.link.url, event)
 
     @contextmanager
-    def _my_turn(self) -> Iterator[None]:
-        self._take_turn(urgent=False)
+    def _my_turn(self, urgent: bool = False) -> Iterator[None]:
+        self._take_turn(urgent)
+        self._owner = threading.get_ident()
+        self._depth += 1
         try:
             yield
         finally:
+            self._depth -= 1
+            if not self._depth:
+                self._owner = 0
             self._turn.release()
 
     def _take_turn(self, urgent: bool) -> None:
         if urgent:
-            self._urgent_waiting += 1
-            self.ipc.link.wake()
-            self._turn.acquire()
-            self._urgent_waiting -= 1
+            self._count_urgent(1)
+            try:
+                self.ipc.link.wake()
+                self._turn.acquire()
+            finally:
+                self._count_urgent(-1)
             return
+        # Who has the turn already, as when reopening the port, must not wait for a stop that waits for it.
+        mine = self._owner == threading.get_ident()
         self._turn.acquire()
-        while self._urgent_waiting:
+        while self._urgent_waiting and not mine:
             # Let the stop through: it counts itself before it waits for the lock.
             self._turn.release()
             time.sleep(0.001)
             self._turn.acquire()
+
+    def _count_urgent(self, change: int) -> None:
+        with self._counting:
+            self._urgent_waiting += change
 
     # -- when it does not work ----------------------------------------------------------------------
 
@@ -380,24 +406,36 @@ class Session:
         _log.warning("%s; waiting up to %g s for it to come back", lost, policy.give_up_after)
         link.close()
         started = self.now()
+        before = self.negotiated.identity if self.negotiated else None
+        boot_window, ping_ids, dialect = self._negotiation
         while True:
+            if self._closed:
+                raise LinkClosedError(f"{link.url} is closed", url=link.url)
             try:
-                self.open()
-                break
-            except (LinkNotFoundError, LinkBusyError, LinkPermissionError, LinkLostError) as error:
-                # udev sets the permissions of a port that comes back a moment after it is there.
+                self._open()
+                self.negotiate(boot_window=boot_window, ping_ids=ping_ids, dialect=dialect)
+            except LinkClosedError:
+                raise
+            except LinkError as error:
+                # Whatever the reason: udev sets the permissions of a port a moment after it is there, and a
+                # plug in motion comes and goes.
+                link.close()
                 if self.now() - started >= policy.give_up_after:
                     raise LinkLostError(
                         f"{link.url} was lost and did not come back within {policy.give_up_after:g} s: {error}",
                         url=link.url,
                     ) from lost
-                time.sleep(policy.interval)
+                self._sleep(policy.interval)
+            except BaseException:
+                # Nobody knows who is there now: nothing may be sent until someone opens this anew.
+                link.close()
+                raise
+            else:
+                break
         self.generation += 1
         self.reconnects += 1
-        before = self.negotiated.identity if self.negotiated else None
-        boot_window, ping_ids, dialect = self._negotiation
-        identity = self.negotiate(boot_window=boot_window, ping_ids=ping_ids, dialect=dialect).identity
-        reset = before is not None and identity is not None and before.boot_id != identity.boot_id
+        after = self.negotiated.identity if self.negotiated else None
+        reset = before is not None and after is not None and before.boot_id != after.boot_id
         _log.warning(
             "%s is back after %.1f s%s",
             link.url,
