@@ -1,0 +1,162 @@
+"""What a hand has taught: joint positions over time, edited and made into a trajectory.
+
+Owns the edits: trim, speed, smooth. Pure; must not know files, robots or clocks.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from hexwire.errors import UsageError
+from hexwire.model.arm import ArmModel
+
+from .optimal import time_optimal
+from .waypoints import Spline, Trajectory, Waypoint
+
+__all__ = ["Taught", "approach"]
+
+
+@dataclass(frozen=True, slots=True)
+class Taught:
+    """Joint positions as they were recorded. Edits give new ones.
+
+    Attributes:
+        names: Joint names.
+        times: Seconds from the first, rising.
+        rows: Positions in radians, one row a time.
+    """
+
+    names: tuple[str, ...]
+    times: tuple[float, ...]
+    rows: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of(cls, names: Sequence[str], samples: Iterable[tuple[float, Sequence[float]]]) -> Taught:
+        """From pairs of time and positions; the time starts anew at 0.
+
+        Samples that are not later than the one before, as from a clock that was set back, are left out.
+
+        Raises:
+            UsageError: No sample, or one with another number of values.
+        """
+        times: list[float] = []
+        rows: list[tuple[float, ...]] = []
+        first = None
+        for time, row in samples:
+            if len(row) != len(names):
+                raise UsageError(f"a sample has {len(row)} values for {len(names)} joints")
+            if not math.isfinite(time) or not all(map(math.isfinite, row)):
+                continue
+            first = time if first is None else first
+            if times and time - first <= times[-1]:
+                continue
+            times.append(time - first)
+            rows.append(tuple(row))
+        if not times:
+            raise UsageError("nothing was recorded")
+        return cls(tuple(names), tuple(times), tuple(rows))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return self.times[-1]
+
+    def trimmed(self, start: float = 0.0, end: float = math.inf) -> Taught:
+        """Only what is between two times, seconds.
+
+        Raises:
+            UsageError: Nothing is left.
+        """
+        low, high = bisect_left(self.times, start), bisect_right(self.times, end)
+        if low >= high:
+            raise UsageError(f"nothing is left between {start:g} and {end:g} s of {self.duration:.2f} s")
+        return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), self.rows[low:high])
+
+    def without_stillness(self, threshold: float = math.radians(0.5)) -> Taught:
+        """Without the time before the first motion and after the last; `threshold` radians are none."""
+        rows = self.rows
+
+        def moved(row: Sequence[float], rest: Sequence[float]) -> bool:
+            return any(abs(a - b) > threshold for a, b in zip(row, rest, strict=True))
+
+        first = next((i for i, row in enumerate(rows) if moved(row, rows[0])), 0)
+        last = next((i for i in range(len(rows) - 1, -1, -1) if moved(rows[i], rows[-1])), len(rows) - 1)
+        if first > last:
+            return self
+        low, high = max(0, first - 1), min(len(rows), last + 2)
+        return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), rows[low:high])
+
+    def faster(self, speed: float) -> Taught:
+        """At another speed; 2 takes half the time."""
+        if not 0 < speed < math.inf:
+            raise UsageError(f"a speed factor of {speed:g} makes no sense")
+        return Taught(self.names, tuple(t / speed for t in self.times), self.rows)
+
+    def smoothed(self, width: float) -> Taught:
+        """Without tremor: each value becomes the weighted mean of its neighbours; nothing is delayed.
+
+        The ends stay where they are, since the window shrinks towards them.
+
+        Args:
+            width: Seconds to either side; 0 changes nothing.
+        """
+        if not 0 <= width < math.inf:
+            raise UsageError(f"a width of {width:g} s makes no sense")
+        if width == 0:
+            return self
+        out = []
+        for t in self.times:
+            reach = min(width, t, self.duration - t)
+            low, high = bisect_left(self.times, t - reach - 1e-9), bisect_right(self.times, t + reach + 1e-9)
+            # A raised cosine: smooth, and zero at its ends.
+            weights = [
+                1.0 + math.cos(math.pi * (s - t) / reach) if reach > 0 else 1.0 for s in self.times[low:high]
+            ]
+            total = sum(weights)
+            if total <= 0:
+                out.append(self.rows[self.times.index(t)])
+                continue
+            columns = zip(*self.rows[low:high], strict=True)
+            out.append(
+                tuple(sum(w * v for w, v in zip(weights, column, strict=True)) / total for column in columns)
+            )
+        return Taught(self.names, self.times, tuple(out))
+
+    def trajectory(self) -> Spline:
+        """A trajectory through every sample, smooth in speed, at rest at both ends."""
+        n = len(self.times)
+        rest = (0.0,) * len(self.names)
+        points = []
+        for i, (t, row) in enumerate(zip(self.times, self.rows, strict=True)):
+            speed = rest
+            if 0 < i < n - 1:
+                span = self.times[i + 1] - self.times[i - 1]
+                speed = tuple((b - a) / span for a, b in zip(self.rows[i - 1], self.rows[i + 1], strict=True))
+            points.append(Waypoint(t, row, speed))
+        return Spline(self.names, points)
+
+
+def approach(
+    arm: ArmModel,
+    names: Sequence[str],
+    here: Sequence[float],
+    goal: Sequence[float],
+    *,
+    speed: float = 0.5,
+    acceleration: float = 4.0,
+) -> Trajectory:
+    """A careful way to where something begins.
+
+    Args:
+        arm: Speed limits.
+        names: Joint names.
+        here: Where the joints are, radians.
+        goal: Where it begins, radians.
+        speed: Share of the speed limits.
+        acceleration: Radians per second squared.
+    """
+    limits = [speed * arm.joint(name).max_speed for name in names]
+    return time_optimal(names, here, goal, limits, [acceleration] * len(names))

@@ -1,0 +1,237 @@
+"""Recordings: MCAP files with JSON channels under Foxglove's schema names, which other tools open as they are.
+
+Owns the file, its channels and their schemas. A joint state is a ``foxglove.JointStates`` message on the topic
+``/joint_states``; the schema lets further fields in, and what Foxglove has no name for (load, current, voltage,
+temperature, flags) is there as well. Must not know who records or plays. Needs the package ``mcap``, imported on
+first use.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Self
+
+from hexwire.errors import UsageError
+from hexwire.model.state import JointState
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["JOINT_STATES", "RecordedJoints", "RecordingWriter", "read_joint_states"]
+
+JOINT_STATES = "/joint_states"
+"""Topic of the joint states."""
+
+_NSEC = 1_000_000_000
+# Small chunks: a crash loses the chunk that is being written, and no more.
+_CHUNK = 64 * 1024
+
+_LARGEST = 64 * 1024 * 1024
+"""Bytes of a record beyond which a file is taken to be damaged, not large."""
+
+_TIME = {
+    "type": "object",
+    "title": "time",
+    "properties": {
+        "sec": {"type": "integer", "minimum": 0},
+        "nsec": {"type": "integer", "minimum": 0, "maximum": _NSEC - 1},
+    },
+}
+_NUMBER = {"type": "number"}
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "foxglove.JointStates": {
+        "title": "foxglove.JointStates",
+        "description": "The states of a robot's joints",
+        "type": "object",
+        "properties": {
+            "timestamp": _TIME,
+            "joints": {
+                "type": "array",
+                "items": {
+                    "type": "object",
+                    "title": "foxglove.JointState",
+                    "properties": {
+                        "name": {"type": "string"},
+                        "position": {**_NUMBER, "description": "radians"},
+                        "velocity": {**_NUMBER, "description": "radians per second"},
+                        "load": {**_NUMBER, "description": "signed fraction of full drive"},
+                        "current": {**_NUMBER, "description": "amperes"},
+                        "voltage": {**_NUMBER, "description": "volts"},
+                        "temperature": {**_NUMBER, "description": "degrees Celsius"},
+                        "flags": {"type": "integer", "description": "condition, as hexwire.model.state.JointFlag"},
+                    },
+                },
+            },
+        },
+    },
+}
+"""JSON schemas by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedJoints:
+    """One joint state of a recording.
+
+    Attributes:
+        time: Seconds since 1970.
+        names: Joint names.
+        position: Radians.
+        values: Further values of each joint by their names in the file, as far as they were recorded.
+    """
+
+    time: float
+    names: tuple[str, ...]
+    position: tuple[float, ...]
+    values: tuple[dict[str, float], ...]
+
+
+class RecordingWriter:
+    """Writes a recording; use it as a context manager, or `close` it.
+
+    Args:
+        path: The file; one that exists is replaced.
+
+    Raises:
+        UsageError: The package ``mcap`` is not installed.
+        OSError: The file cannot be written.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        writer_module = _mcap("mcap.writer")
+        self._file: IO[bytes] = Path(path).open("wb")  # noqa: SIM115  # closed by close()
+        self._writer = writer_module.Writer(
+            self._file, chunk_size=_CHUNK, compression=writer_module.CompressionType.ZSTD
+        )
+        self._writer.start(profile="", library="hexwire")
+        self._channels: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+        self.count = 0
+
+    def message(self, topic: str, schema: str, stamp: float, body: dict[str, Any]) -> None:
+        """Write a JSON message.
+
+        Args:
+            topic: Its channel; made on first use.
+            schema: A name of `SCHEMAS`.
+            stamp: Seconds since 1970.
+            body: What the schema says.
+        """
+        channel = self._channels.get(topic)
+        if channel is None:
+            schema_id = self._writer.register_schema(
+                name=schema, encoding="jsonschema", data=json.dumps(SCHEMAS[schema]).encode()
+            )
+            channel = self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
+            self._channels[topic] = channel
+        ns = round(stamp * _NSEC)
+        sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
+        data = json.dumps(body, separators=(",", ":"), allow_nan=False).encode()
+        self._writer.add_message(
+            channel_id=channel, log_time=ns, publish_time=ns, sequence=sequence & 0xFFFFFFFF, data=data
+        )
+        self.count += 1
+
+    def joint_state(self, state: JointState, stamp: float) -> None:
+        """Write a joint state; what is not known (NaN) is left out.
+
+        Args:
+            state: The state.
+            stamp: Seconds since 1970 at which it was true.
+        """
+        joints = []
+        for i, name in enumerate(state.names):
+            joint: dict[str, Any] = {"name": name}
+            for key, column in (
+                ("position", state.position),
+                ("velocity", state.velocity),
+                ("load", state.load),
+                ("current", state.current),
+                ("voltage", state.voltage),
+                ("temperature", state.temperature),
+            ):
+                if math.isfinite(column[i]):
+                    joint[key] = column[i]
+            joint["flags"] = int(state.flags[i])
+            joints.append(joint)
+        ns = round(stamp * _NSEC)
+        body = {"timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC}, "joints": joints}
+        self.message(JOINT_STATES, "foxglove.JointStates", stamp, body)
+
+    def close(self) -> None:
+        """Finish the file. Harmless if it is finished."""
+        if not self._file.closed:
+            self._writer.finish()
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def read_joint_states(path: str | Path) -> Iterator[RecordedJoints]:
+    """The joint states of a recording, in the order of the file; one that was cut off gives what is whole.
+
+    Also reads files of other programs that have ``foxglove.JointStates`` messages in JSON.
+
+    Raises:
+        UsageError: It is no recording, or the package ``mcap`` is not installed.
+        OSError: The file cannot be read.
+    """
+    stream, records = _mcap("mcap.stream_reader"), _mcap("mcap.records")
+    schemas: dict[int, str] = {}
+    wanted: set[int] = set()
+    found = False
+    with Path(path).open("rb") as file:
+        reader = iter(stream.StreamReader(file, record_size_limit=_LARGEST).records)
+        while True:
+            try:
+                record = next(reader, None)
+            except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever mcap's parts raise
+                # Cut off or damaged in the middle of a record: what came before is whole.
+                if found:
+                    return
+                raise UsageError(f"{path} is no recording (MCAP): {str(error) or type(error).__name__}") from None
+            if record is None:
+                return
+            found = True
+            if isinstance(record, records.Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, records.Channel):
+                if schemas.get(record.schema_id) == "foxglove.JointStates" and record.message_encoding == "json":
+                    wanted.add(record.id)
+            elif isinstance(record, records.Message) and record.channel_id in wanted:
+                yield _joints(record.log_time / _NSEC, record.data, path)
+
+
+def _joints(stamp: float, data: bytes, path: str | Path) -> RecordedJoints:
+    try:
+        body = json.loads(data)
+        when = body.get("timestamp")
+        if when is not None:
+            stamp = when["sec"] + when["nsec"] / _NSEC
+        rows = [joint for joint in body["joints"] if "position" in joint]
+        return RecordedJoints(
+            stamp,
+            tuple(str(joint["name"]) for joint in rows),
+            tuple(float(joint["position"]) for joint in rows),
+            tuple({k: float(v) for k, v in joint.items() if k != "name" and v is not None} for joint in rows),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(f"{path} has a joint state that is none: {error!r}") from None
+
+
+def _mcap(module: str) -> Any:
+    from importlib import import_module
+
+    try:
+        return import_module(module)
+    except ImportError:
+        raise UsageError("recordings need the package mcap: pip install 'hexwire[record]'") from None

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.motion.arms import HOME
+
+from hexwire.errors import UsageError
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.motion.teach import Taught, approach
+
+
+def taught(values: list[float], period: float = 0.1, start: float = 1000.0) -> Taught:
+    return Taught.of(("J1",), [(start + period * i, (v,)) for i, v in enumerate(values)])
+
+
+def test_time_starts_at_zero_and_rises() -> None:
+    t = Taught.of(
+        ("J1",), [(5.0, (0.0,)), (5.1, (1.0,)), (5.05, (9.0,)), (5.1, (9.0,)), (5.2, (2.0,)), (5.3, (math.nan,))]
+    )
+    assert t.times == pytest.approx((0.0, 0.1, 0.2))
+    assert t.rows == ((0.0,), (1.0,), (2.0,))
+    assert t.duration == pytest.approx(0.2)
+
+
+def test_nothing_recorded() -> None:
+    with pytest.raises(UsageError, match="nothing was recorded"):
+        Taught.of(("J1",), [])
+    with pytest.raises(UsageError, match="2 values for 1 joints"):
+        Taught.of(("J1",), [(0.0, (1.0, 2.0))])
+
+
+def test_trim() -> None:
+    t = taught([0, 1, 2, 3, 4, 5]).trimmed(0.15, 0.42)
+    assert t.rows == ((2,), (3,), (4,))
+    assert t.times == pytest.approx((0.0, 0.1, 0.2))
+    with pytest.raises(UsageError, match=r"nothing is left between 9 and inf s of 0\.50 s"):
+        taught([0, 1, 2, 3, 4, 5]).trimmed(9.0)
+
+
+def test_stillness_goes_motion_stays() -> None:
+    t = taught([0, 0, 0, 0, 0.2, 0.4, 0.6, 0.6, 0.6, 0.6]).without_stillness()
+    assert t.rows == ((0,), (0.2,), (0.4,), (0.6,))
+    assert t.times[0] == 0.0
+    still = taught([0.1] * 5)
+    assert still.without_stillness() == still
+
+
+def test_speed() -> None:
+    assert taught([0, 1, 2]).faster(2.0).times == pytest.approx((0.0, 0.05, 0.1))
+    with pytest.raises(UsageError, match="speed factor of -1"):
+        taught([0, 1]).faster(-1.0)
+
+
+def test_smoothing_takes_tremor_away_and_keeps_the_ends() -> None:
+    slow = [math.sin(0.05 * i) for i in range(100)]
+    shaky = [v + 0.02 * (-1) ** i for i, v in enumerate(slow)]
+    smooth = taught(shaky, 0.02).smoothed(0.1)
+    rough = max(abs(a[0] - b) for a, b in zip(smooth.rows[8:-8], slow[8:-8], strict=True))
+    assert rough < 0.005
+    assert smooth.rows[0] == pytest.approx((shaky[0],))
+    assert smooth.rows[-1] == pytest.approx((shaky[-1],))
+    assert taught(shaky).smoothed(0.0) == taught(shaky)
+    with pytest.raises(UsageError, match="width of -1"):
+        taught(shaky).smoothed(-1.0)
+
+
+@given(st.lists(st.floats(-2, 2), min_size=1, max_size=40), st.floats(0.0, 1.0))
+def test_smoothing_stays_within_what_was_taught(values: list[float], width: float) -> None:
+    rows = taught(values).smoothed(width).rows
+    assert len(rows) == len(values)
+    assert all(min(values) - 1e-9 <= row[0] <= max(values) + 1e-9 for row in rows)
+
+
+def test_trajectory_passes_every_sample_and_rests_at_its_ends() -> None:
+    t = taught([0.0, 0.1, 0.3, 0.2])
+    way = t.trajectory()
+    for time, row in zip(t.times, t.rows, strict=True):
+        assert way.at(time).position == pytest.approx(row)
+    assert way.at(0.0).velocity == (0.0,)
+    assert way.at(way.duration).velocity == pytest.approx((0.0,), abs=1e-12)
+    assert way.at(t.times[1]).velocity == pytest.approx((1.5,))
+
+
+def test_one_sample_is_a_pose() -> None:
+    assert taught([0.3]).trajectory().sample(1.0).position == (0.3,)
+
+
+def test_approach_is_careful() -> None:
+    names = ("J1", "J2")
+    here = [HOME[n] for n in names]
+    way = approach(HEX7BOT, names, here, [here[0] + 1.0, here[1]], speed=0.25)
+    assert way.duration >= 1.0 / (0.25 * HEX7BOT.joint("J1").max_speed)
+    assert way.goal == (here[0] + 1.0, here[1])

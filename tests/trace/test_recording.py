@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from tests.motion.arms import HOME, NAMES, state
+
+from hexwire.errors import UsageError
+from hexwire.model.state import JointFlag
+from hexwire.trace.recording import JOINT_STATES, RecordingWriter, read_joint_states
+
+
+def write(path: Path, n: int = 5) -> None:
+    with RecordingWriter(path) as recording:
+        for i in range(n):
+            recording.joint_state(state({"J1": 0.01 * i}, load={"J2": 0.25}), 1700000000.0 + 0.05 * i)
+        assert recording.count == n
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap")
+    rows = list(read_joint_states(tmp_path / "a.mcap"))
+    assert [row.position[0] for row in rows] == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04])
+    assert [row.time for row in rows] == pytest.approx([1700000000.0 + 0.05 * i for i in range(5)])
+    assert rows[0].names == NAMES
+    assert rows[0].position[1] == HOME["J2"]
+    assert rows[0].values[1]["load"] == 0.25
+    assert rows[0].values[0]["flags"] == JointFlag.TORQUE_ON
+
+
+def test_other_programs_read_it(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap")
+    with (tmp_path / "a.mcap").open("rb") as file:
+        found = list(make_reader(file, validate_crcs=True).iter_messages())
+    schema, channel, message = found[-1]
+    assert schema is not None
+    assert (schema.name, schema.encoding) == ("foxglove.JointStates", "jsonschema")
+    assert (channel.topic, channel.message_encoding) == (JOINT_STATES, "json")
+    body = json.loads(message.data)
+    assert body["timestamp"]["sec"] == 1700000000
+    assert body["timestamp"]["nsec"] == pytest.approx(200_000_000, abs=500)
+    assert body["joints"][0]["name"] == "J1"
+    assert set(json.loads(schema.data)["properties"]) == {"timestamp", "joints"}
+
+
+def test_unknown_values_are_left_out(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "a.mcap") as recording:
+        recording.joint_state(state({"J3": math.nan}, load={"J1": math.nan}), 1.0)
+    row = next(read_joint_states(tmp_path / "a.mcap"))
+    assert "J3" not in row.names
+    assert "load" not in row.values[0]
+
+
+def test_a_file_that_was_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap", 4000)
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "b.mcap").write_bytes(data[: len(data) // 2])
+    rows = list(read_joint_states(tmp_path / "b.mcap"))
+    assert 1000 < len(rows) < 4000
+
+
+def test_what_is_no_recording_is_said_so(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"hello, world, this is no recording")
+    with pytest.raises(UsageError, match=r"a\.mcap is no recording"):
+        list(read_joint_states(tmp_path / "a.mcap"))
+    (tmp_path / "b.mcap").write_bytes(b"")
+    with pytest.raises(UsageError, match=r"b\.mcap is no recording"):
+        list(read_joint_states(tmp_path / "b.mcap"))
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_damaged_files_end_in_one_way(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    path = tmp_path_factory.mktemp("r") / "a.mcap"
+    write(path, 40)
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(bytes(content[: data.draw(st.integers(0, len(content)))]))
+    try:
+        rows = list(read_joint_states(path))
+    except UsageError:
+        return
+    assert len(rows) <= 40
+
+
+def test_a_joint_state_that_is_none(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "a.mcap") as recording:
+        recording.message(JOINT_STATES, "foxglove.JointStates", 1.0, {"joints": 7})
+    with pytest.raises(UsageError, match="a joint state that is none"):
+        list(read_joint_states(tmp_path / "a.mcap"))
+
+
+def test_without_the_package_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(UsageError, match=r"pip install 'hexwire\[record\]'"):
+        RecordingWriter(tmp_path / "a.mcap")
+    assert not (tmp_path / "a.mcap").exists()
