@@ -76,6 +76,7 @@ def _simulator() -> ctypes.CDLL:
     lib.sim_line_rate.restype, lib.sim_line_rate.argtypes = None, [board, ctypes.c_int, ctypes.c_uint32]
     lib.sim_eeprom.restype = None
     lib.sim_eeprom.argtypes = [board, ctypes.c_uint16, ctypes.c_char_p, ctypes.c_uint16, ctypes.c_int]
+    lib.sim_peek.restype, lib.sim_peek.argtypes = ctypes.c_uint8, [board, ctypes.c_uint16]
     lib.sim_poke_flash.restype = None
     lib.sim_poke_flash.argtypes = [board, ctypes.c_uint32, ctypes.c_uint16]
     for name, kind in (
@@ -289,6 +290,10 @@ class ChipBoard(Machine):
     def write_eeprom(self, offset: int, data: bytes) -> None:
         """Change the chip's EEPROM behind its back."""
         self._lib.sim_eeprom(self._board, offset, data, len(data), 1)
+
+    def peek(self, address: int) -> int:
+        """A byte of the chip's data memory: registers first, then RAM."""
+        return self._lib.sim_peek(self._board, address)
 
     def close(self) -> None:
         if self._board:
