@@ -1,0 +1,300 @@
+"""The host's half of dialect 1: one outstanding, matched by servo id, quiet where an old board needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.session.wires import board, events, host
+
+from hexwire.errors import LocalProtocolError
+from hexwire.session.connection import Connection
+from hexwire.session.dialect1 import SHORT_FRAME_PACKET, UNKNOWN_COMMAND_PACKET
+from hexwire.session.events import Reply, Stale, TimedOut
+from hexwire.session.policy import RetryPolicy
+from hexwire.wire import servo_packet as sp
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Frame, parse_frame
+
+WINDOW = tables.DIALECT1_REPLY_WINDOW
+HOLDOFF = RetryPolicy().dialect1_holdoff
+
+
+def read(servo_id: int) -> bytes:
+    return sp.make_read(servo_id, 0x38, 2)
+
+
+def answer(servo_id: int, value: int = 2053) -> bytes:
+    return sp.make_status(servo_id, 0, value.to_bytes(2, "little"), legacy=True)
+
+
+def one() -> Connection:
+    return host(dialect=1)
+
+
+def sent(connection: Connection) -> list[Frame]:
+    return [parse_frame(data) for data in connection.data_to_send()]
+
+
+def asked(connection: Connection) -> list[bytes]:
+    return [frame.body for frame in sent(connection)]
+
+
+def receive(connection: Connection, packets: Iterable[bytes], now: float) -> None:
+    b = board()
+    for packet in packets:
+        b.reply_dialect1(packet, now)
+    connection.receive(b"".join(b.data_to_send()), now)
+
+
+def test_one_is_outstanding_and_the_rest_wait_in_order() -> None:
+    h = one()
+    tickets = [h.request(Command.READ, read(i), 0.0) for i in range(3)]
+    for i in range(3):
+        (frame,) = sent(h)
+        assert (frame.proto, frame.cmd, frame.body, frame.check) == (1, Command.READ, read(i), 0xFFFF)
+        h.handle_timeout(0.01 * i)
+        assert h.data_to_send() == []
+        receive(h, [answer(i)], 0.01 * i)
+        (reply,) = events(h)
+        assert isinstance(reply, Reply)
+        assert (reply.ticket, reply.body, reply.status) == (tickets[i], answer(i), 0)
+    assert h.next_timeout() is None
+
+
+def test_the_answer_of_another_servo_is_stale() -> None:
+    h = one()
+    ticket = h.request(Command.READ, read(3), 0.0)
+    receive(h, [answer(2), sp.make_status(3, 0, b"", legacy=True)], 0.05)
+    assert [type(event) for event in events(h)] == [Stale, Stale]
+    receive(h, [answer(3)], 0.1)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert reply.ticket == ticket
+    assert reply.rtt == pytest.approx(0.1)
+
+
+def test_sn_and_seq_of_an_answer_mean_nothing() -> None:
+    h, b = one(), board()
+    for i in range(5):
+        h.request(Command.READ, read(i), 0.0)
+        h.data_to_send()
+        b.sn = 0xABCDEF00 + 100 * i
+        b.reply_dialect1(answer(i), 0.0)
+        h.receive(b.data_to_send()[0], 0.0)
+        assert isinstance(events(h)[0], Reply)
+
+
+def test_unanswered_it_is_asked_again_and_then_the_line_rests() -> None:
+    h = one()
+    first = h.request(Command.READ, read(3), 0.0)
+    h.request(Command.READ, read(2), 0.0)
+    for n in range(3):
+        assert asked(h) == [read(3)]
+        assert h.next_timeout() == pytest.approx((n + 1) * WINDOW)
+        h.handle_timeout((n + 1) * WINDOW + 1e-9)
+    assert [type(event) for event in events(h)] == [TimedOut]
+    assert (h.counters.retries, h.counters.timeouts) == (2, 1)
+    assert first == 1
+    # Nothing goes out before a late answer has had its time; one that comes then is stale.
+    assert h.data_to_send() == []
+    receive(h, [answer(3)], 0.7)
+    assert [type(event) for event in events(h)] == [Stale]
+    due = h.next_timeout()
+    assert due == pytest.approx(4 * WINDOW)
+    h.handle_timeout(due or 0.0)
+    assert asked(h) == [read(2)]
+
+
+def test_after_a_retry_that_was_answered_the_second_answer_cannot_pass_for_another() -> None:
+    h = one()
+    h.request(Command.READ, read(3), 0.0)
+    h.handle_timeout(WINDOW)
+    receive(h, [answer(3, 1)], 0.21)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert reply.attempts == 2
+    # The same servo is asked again; the answer to the second sending is still on its way.
+    h.data_to_send()
+    h.request(Command.READ, read(3), 0.22)
+    assert h.data_to_send() == []
+    receive(h, [answer(3, 2)], 0.3)
+    assert [type(event) for event in events(h)] == [Stale]
+    h.handle_timeout(0.21 + WINDOW)
+    assert asked(h) == [read(3)]
+    receive(h, [answer(3, 3)], 0.5)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert reply.body == answer(3, 3)
+
+
+def test_a_timeout_forgets_the_half_frame_that_is_held() -> None:
+    h, b = one(), board()
+    h.request(Command.READ, read(3), 0.0)
+    b.reply_dialect1(answer(3), 0.0)
+    (data,) = b.data_to_send()
+    h.receive(data[:30], WINDOW - 0.001)
+    h.handle_timeout(WINDOW)
+    assert h.decoder.next_timeout() is None
+    receive(h, [answer(3)], WINDOW + 0.01)
+    assert any(isinstance(event, Reply) for event in events(h))
+
+
+def test_a_sync_write_is_done_when_sent_and_holds_the_line() -> None:
+    h = one()
+    packet = sp.make_sync_write(0x2A, {0: bytes(4), 1: bytes(4)})
+    ticket = h.request(Command.SYNC_WRITE, packet, 1.0)
+    h.request(Command.READ, read(0), 1.0)
+    (frame,) = sent(h)
+    assert (frame.cmd, frame.body) == (Command.SYNC_WRITE, packet)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert (reply.ticket, reply.status, reply.body, reply.frame) == (ticket, 0, b"", None)
+    h.handle_timeout(1.0 + HOLDOFF - 0.001)
+    assert h.data_to_send() == []
+    assert h.next_timeout() == 1.0 + HOLDOFF
+    h.handle_timeout(1.0 + HOLDOFF)
+    assert asked(h) == [read(0)]
+
+
+def test_sync_writes_in_a_row_keep_their_distance() -> None:
+    h = one()
+    times = []
+    for i in range(4):
+        h.request(Command.SYNC_WRITE, sp.make_sync_write(0x2A, {i: bytes(4)}), 0.0)
+    now: float | None = 0.0
+    while now is not None:
+        times += [now] * len(h.data_to_send())
+        now = h.next_timeout()
+        if now is not None:
+            h.handle_timeout(now)
+    assert len(times) == 4
+    assert all(b - a >= HOLDOFF * 0.999 for a, b in pairwise(times))
+
+
+def test_an_echoing_adapter_makes_no_difference() -> None:
+    h = one()
+    h.request(Command.READ, read(0), 0.0)
+    (data,) = h.data_to_send()
+    # The whole frame comes back: a frame of ours, whose packet reads like a status packet of the same servo.
+    h.receive(data, 0.001)
+    assert [type(event) for event in events(h)] == [Stale]
+    # And the board passes on the echo of its own bus.
+    receive(h, [read(0) + answer(0)], 0.05)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert reply.body == answer(0)
+
+
+@pytest.mark.parametrize("packet", [SHORT_FRAME_PACKET, UNKNOWN_COMMAND_PACKET, sp.make_board_error(1, 3)])
+def test_errors_of_the_board_are_answers(packet: bytes) -> None:
+    h = one()
+    h.request(Command.READ, read(3), 0.0)
+    receive(h, [packet], 0.1)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert reply.body == packet
+
+
+def test_an_unanswered_ping_is_an_answer() -> None:
+    h = one()
+    h.request(Command.PING, sp.make_ping(3), 0.0)
+    receive(h, [sp.make_board_error(5, 2), sp.make_board_error(5, 3)], 0.1)
+    stale, reply = events(h)
+    assert isinstance(stale, Stale)
+    assert isinstance(reply, Reply)
+    assert reply.body == bytes.fromhex("FFF5030605F1")
+
+
+def test_urgent_goes_next_but_never_beside_what_is_outstanding() -> None:
+    h = one()
+    for i in (1, 2):
+        h.request(Command.READ, read(i), 0.0)
+    h.request(Command.READ, read(6), 0.0, urgent=True)
+    assert asked(h) == [read(1)]
+    receive(h, [answer(1)], 0.05)
+    assert asked(h) == [read(6)]
+    receive(h, [answer(6)], 0.1)
+    assert asked(h) == [read(2)]
+
+
+def test_an_abandoned_request_leaves_its_window_of_silence() -> None:
+    h = one()
+    ticket = h.request(Command.READ, read(1), 0.0)
+    queued = h.request(Command.READ, read(2), 0.0)
+    h.request(Command.READ, read(3), 0.0)
+    h.data_to_send()
+    h.abandon(queued)
+    h.abandon(ticket)
+    h.handle_timeout(0.1)
+    assert h.data_to_send() == []
+    receive(h, [answer(1)], 0.15)
+    assert [type(event) for event in events(h)] == [Stale]
+    assert h.next_timeout() == WINDOW
+    h.handle_timeout(WINDOW)
+    assert asked(h) == [read(3)]
+
+
+def test_stay_quiet_holds_everything_back() -> None:
+    h = one()
+    h.stay_quiet(1.0)
+    h.stay_quiet(0.5)
+    h.request(Command.READ, read(1), 0.0)
+    assert h.data_to_send() == []
+    assert h.next_timeout() == 1.0
+    h.handle_timeout(1.0)
+    assert asked(h) == [read(1)]
+
+
+def test_a_refused_packet_does_not_disturb_the_queue() -> None:
+    h = one()
+    h.request(Command.READ, read(1), 0.0)
+    with pytest.raises(LocalProtocolError):
+        h.request(Command.READ, sp.make_read(1, 0x38, 8), 0.0)
+    with pytest.raises(LocalProtocolError):
+        h.request(Command.IDENTIFY, b"", 0.0)
+    assert asked(h) == [read(1)]
+    receive(h, [answer(1)], 0.1)
+    assert isinstance(events(h)[0], Reply)
+    assert h.next_timeout() is None
+
+
+@given(
+    st.floats(0, 2e9, allow_nan=False),
+    st.integers(0, 2**32 - 1) | st.integers(0x0A0D00 - 3, 0x0A0D00 + 300) | st.integers(0x0A0D, 0x0A0E),
+    st.lists(st.floats(0, 1), min_size=1, max_size=5),
+)
+def test_a_host_never_sends_the_marker(epoch: float, sn: int, steps: list[float]) -> None:
+    h = host(dialect=1, epoch=epoch)
+    h.sn = sn
+    now = 0.0
+    for i, step in enumerate(steps):
+        now += step
+        h.request(Command.READ, read(i), now)
+        (data,) = h.data_to_send()
+        assert b"\r\n" not in data[4:-2]
+        receive(h, [answer(i)], now)
+        assert isinstance(events(h)[0], Reply)
+
+
+def test_hours_of_polling_never_stop_at_a_number() -> None:
+    # sn 0x0A0D00 comes after six and a half hours at the chapter's rate, and used up its whole range of 256.
+    h = one()
+    h.sn = 0x0A0CF0
+    numbers = []
+    for i in range(400):
+        h.request(Command.READ, read(0), i * 0.036)
+        numbers += [frame.sn for frame in sent(h)]
+        receive(h, [answer(0)], i * 0.036)
+        assert isinstance(events(h)[0], Reply)
+    assert all(b > a for a, b in pairwise(numbers))
+    assert not any(b"\r\n" in n.to_bytes(4, "little") for n in numbers)
+
+
+def test_on_a_network_link_the_serial_limit_holds_too() -> None:
+    h = host(dialect=1, max_frame=8192)
+    with pytest.raises(LocalProtocolError, match="208 is the most"):
+        h.request(Command.SYNC_WRITE, sp.make_sync_write(0x2A, {i: bytes(4) for i in range(48)}), 0.0)

@@ -1,0 +1,64 @@
+"""Bounded events: what gives way, and what never does."""
+
+from __future__ import annotations
+
+from hexwire.session.event_queue import EventQueue
+from hexwire.session.events import ConnectionCounters, Event, Garbage, Reply, Report, TimedOut
+from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
+
+
+def frame(sn: int) -> Frame:
+    return parse_frame(
+        serialize_frame(
+            proto=2, cmd=0x11, body=b"", seq=1, sn=sn, src=8, dst=7, type=8, time_sec=0, time_nsec=0, cmd_ext=0x40
+        )
+    )
+
+
+def drain(queue: EventQueue) -> list[Event]:
+    return list(iter(queue.pop, None))  # type: ignore[arg-type]
+
+
+def test_in_order() -> None:
+    queue = EventQueue(ConnectionCounters())
+    events = [Garbage(1, b"x"), TimedOut(1, 2, 3, ""), Garbage(2, b"yy")]
+    for event in events:
+        queue.add(event)
+    assert drain(queue) == events
+    assert queue.pop() is None
+
+
+def test_the_oldest_report_makes_room_for_the_newest() -> None:
+    counters = ConnectionCounters()
+    queue = EventQueue(counters)
+    queue.add(Garbage(1, b"x"))
+    for sn in range(1000):
+        queue.add_report(Report(frame(sn)))
+    found = drain(queue)
+    assert found[0] == Garbage(1, b"x")
+    assert [event.frame.sn for event in found[1:] if isinstance(event, Report)] == list(range(936, 1000))
+    assert counters.reports_dropped == 936
+    # Once taken, there is room again.
+    queue.add_report(Report(frame(5)))
+    assert counters.reports_dropped == 936
+
+
+def test_noise_never_pushes_out_an_outcome() -> None:
+    counters = ConnectionCounters()
+    queue = EventQueue(counters)
+    reply, timed_out = Reply(1, 2, 0, b"", None, 0.0, 1), TimedOut(2, 2, 3, "")
+    queue.add(reply)
+    queue.add_report(Report(frame(1)))
+    queue.add(timed_out)
+    for i in range(5000):
+        queue.add(Garbage(i + 1, b""))
+    found = drain(queue)
+    assert found[:2] == [reply, timed_out]
+    assert len(found) == 4096
+    assert found[-1] == Garbage(5000, b"")
+    assert counters.events_dropped == 5003 - 4096
+    # The report that was dropped on the way does not count as waiting.
+    for sn in range(64):
+        queue.add_report(Report(frame(sn)))
+    assert len(drain(queue)) == 64
+    assert counters.reports_dropped == 0

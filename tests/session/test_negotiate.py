@@ -1,0 +1,248 @@
+"""Which dialect? Every kind of board, a booting one, a silent one, and a line full of noise."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.session.wires import Line, bad_line, board, events, host
+
+from hexwire.session.connection import Connection
+from hexwire.session.dialect1 import UNKNOWN_COMMAND_PACKET
+from hexwire.session.events import Request
+from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
+from hexwire.wire import servo_packet as sp
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Status, parse_frame
+from hexwire.wire.commands import Identity, JointRow
+
+IDENTITY = Identity(2, (2, 0, 1), 77, 0x1FF, 253, 0, tuple(JointRow(i, 1, True) for i in range(7)))
+Answer = Callable[[Connection, Request, float], None]
+
+
+def dialect2_board(b: Connection, request: Request, now: float) -> None:
+    frame = request.frame
+    if frame.proto == 1:
+        chapter_ping(b, request, now)
+    elif frame.cmd == Command.IDENTIFY:
+        b.reply(request, 0, IDENTITY.serialize(), now)
+    else:
+        b.reply(request, Status.UNKNOWN_COMMAND, b"", now)
+
+
+def chapter_board(b: Connection, request: Request, now: float) -> None:
+    """What the chapter's sketch answers: it knows no proto and no dst."""
+    if request.frame.cmd == Command.PING:
+        chapter_ping(b, request, now)
+    else:
+        b.reply_dialect1(UNKNOWN_COMMAND_PACKET, now)
+
+
+def chapter_ping(b: Connection, request: Request, now: float) -> None:
+    servo_id = request.frame.body[2]
+    silent = servo_id > 6
+    b.reply_dialect1(sp.make_board_error(5, servo_id) if silent else sp.make_legacy_ping_status(servo_id), now)
+
+
+def shy_board(b: Connection, request: Request, now: float) -> None:
+    """Knows dialect 1 and ignores what it does not know."""
+    if request.frame.proto == 1:
+        chapter_ping(b, request, now)
+
+
+def mute(_b: Connection, _request: Request, _now: float) -> None:
+    return
+
+
+class Negotiation:
+    """A negotiator over a line in fake time; the board may be deaf at first."""
+
+    def __init__(
+        self,
+        answer: Answer,
+        *,
+        boots_at: float = 0.0,
+        mangle: Callable[[bytes], list[bytes]] = lambda data: [data],
+        boot_window: float = tables.BOOT_WINDOW,
+        dialect: int | None = None,
+        ping_ids: tuple[int, ...] = (0,),
+        delay: float = 0.001,
+    ) -> None:
+        def hear(b: Connection, request: Request, now: float) -> None:
+            if now >= boots_at:
+                answer(b, request, now)
+
+        self.host = host()
+        self.sent: list[bytes] = []
+
+        def note(data: bytes) -> list[bytes]:
+            if parse_frame(data).src == 7:
+                self.sent.append(data)
+            return mangle(data)
+
+        self.line = Line(self.host, board(), hear, mangle=note, delay=delay)
+        self.negotiator = Negotiator(self.host, 0.0, boot_window=boot_window, dialect=dialect, ping_ids=ping_ids)
+
+    def run(self, until: float = 20.0) -> Negotiated | NegotiationFailed:
+        while self.negotiator.outcome is None and self.line.now < until:
+            seen = len(self.line.seen)
+            self.line.run(until, stop=lambda seen=seen: len(self.line.seen) > seen)
+            for event in self.line.seen[seen:]:
+                self.negotiator.handle(event, self.line.now)
+        assert self.negotiator.outcome is not None
+        # Whoever listens, no frame of a negotiation holds what an old board would cut at.
+        assert all(b"\r\n" not in data[4:-2] for data in self.sent)
+        return self.negotiator.outcome
+
+
+def test_a_dialect_2_board_at_once() -> None:
+    n = Negotiation(dialect2_board)
+    assert n.run() == Negotiated(2, IDENTITY)
+    assert (n.host.dialect, n.host.cautious) == (2, False)
+    assert len(n.sent) == 1
+    assert n.line.now < 0.01
+
+
+def test_the_chapters_board_says_unknown_command() -> None:
+    n = Negotiation(chapter_board)
+    assert n.run() == Negotiated(1, None)
+    assert (n.host.dialect, n.host.cautious) == (1, True)
+    assert len(n.sent) == 1
+    # The first request goes out at once.
+    n.host.request(Command.READ, sp.make_read(0, 0x38, 2), n.line.now)
+    assert len(n.host.data_to_send()) == 1
+
+
+def test_a_board_that_ignores_identify_and_answers_a_ping() -> None:
+    n = Negotiation(shy_board)
+    assert n.run() == Negotiated(1, None)
+    assert n.line.now < 1.5
+    # What it had queued may still come: the line rests first.
+    n.host.request(Command.READ, sp.make_read(0, 0x38, 2), n.line.now)
+    assert n.host.data_to_send() == []
+    assert n.host.next_timeout() == pytest.approx(n.line.now + tables.DIALECT1_REPLY_WINDOW)
+
+
+def test_a_ping_to_a_silent_servo_is_answered_by_the_board_all_the_same() -> None:
+    assert Negotiation(shy_board, ping_ids=(99,)).run() == Negotiated(1, None)
+
+
+def test_a_silent_board() -> None:
+    n = Negotiation(mute)
+    outcome = n.run()
+    assert isinstance(outcome, NegotiationFailed)
+    assert (outcome.bytes_received, outcome.frames) == (0, 0)
+    assert outcome.attempts == len(n.sent) > 10
+    assert tables.BOOT_WINDOW <= n.line.now < tables.BOOT_WINDOW + 1
+
+
+@pytest.mark.parametrize("boots_at", [i / 10 for i in range(1, 45)])
+@pytest.mark.parametrize(("answer", "dialect"), [(dialect2_board, 2), (chapter_board, 1), (shy_board, 1)])
+def test_a_board_that_is_booting_is_waited_for(boots_at: float, answer: Answer, dialect: int) -> None:
+    # Whichever question it hears first: a dialect-2 board answers a ping too, and must not be taken for less.
+    n = Negotiation(answer, boots_at=boots_at)
+    outcome = n.run()
+    assert isinstance(outcome, Negotiated)
+    assert outcome.dialect == dialect
+    assert n.line.now < boots_at + 1.5
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_only_one_dialect_is_asked_for_when_told_so(dialect: int) -> None:
+    n = Negotiation(dialect2_board, dialect=dialect)
+    outcome = n.run()
+    assert isinstance(outcome, Negotiated)
+    assert outcome.dialect == dialect
+    assert {parse_frame(data).proto for data in n.sent} == {dialect}
+    n = Negotiation(mute, dialect=dialect, boot_window=1.0)
+    assert isinstance(n.run(), NegotiationFailed)
+    assert {parse_frame(data).proto for data in n.sent} == {dialect}
+
+
+def test_dialect_2_only_is_not_given_up_for_an_old_board() -> None:
+    assert isinstance(Negotiation(chapter_board, dialect=2, boot_window=1.0).run(), NegotiationFailed)
+
+
+def test_a_board_that_is_busy_is_asked_again() -> None:
+    times = 0
+
+    def busy_at_first(b: Connection, request: Request, now: float) -> None:
+        nonlocal times
+        times += 1
+        if times < 4 and request.frame.proto == 2:
+            b.reply(request, Status.BUSY, b"", now)
+        else:
+            dialect2_board(b, request, now)
+
+    outcome = Negotiation(busy_at_first).run()
+    assert isinstance(outcome, Negotiated)
+    assert outcome.dialect == 2
+
+
+def test_an_identity_that_cannot_be_read_is_asked_for_again() -> None:
+    bodies = [b"", IDENTITY.serialize()[:-1]]
+
+    def garbled(b: Connection, request: Request, now: float) -> None:
+        if request.frame.proto == 2:
+            b.reply(request, 0, bodies.pop() if bodies else IDENTITY.serialize(), now)
+
+    assert Negotiation(garbled).run() == Negotiated(2, IDENTITY)
+
+
+def test_noise_and_nothing_else_is_counted() -> None:
+    h, rng = host(), random.Random(1)
+    n = Negotiator(h, 0.0, boot_window=1.0)
+    now = 0.0
+    while n.outcome is None:
+        assert now < 5.0
+        h.data_to_send()
+        now += 0.01
+        h.receive(rng.randbytes(100), now)
+        if (due := h.next_timeout()) is not None and due <= now:
+            h.handle_timeout(now)
+        for event in events(h):
+            n.handle(event, now)
+    assert isinstance(n.outcome, NegotiationFailed)
+    assert n.outcome.bytes_received > 5000
+    assert n.outcome.frames == 0
+
+
+@pytest.mark.parametrize(("answer", "dialect"), [(dialect2_board, 2), (chapter_board, 1), (shy_board, 1)])
+@pytest.mark.parametrize("delay", [0.001, 0.06])
+def test_every_byte_split(answer: Answer, dialect: int, delay: float) -> None:
+    for cut in range(1, 60):
+        n = Negotiation(
+            answer, mangle=lambda f, cut=cut: [f[i : i + cut] for i in range(0, len(f), cut)], delay=delay
+        )
+        outcome = n.run()
+        assert isinstance(outcome, Negotiated)
+        assert outcome.dialect == dialect
+
+
+@given(st.integers(0, 2**32), st.sampled_from(((dialect2_board, 2), (chapter_board, 1))))
+def test_a_line_that_loses_and_doubles_still_finds_the_dialect(seed: int, which: tuple[Answer, int]) -> None:
+    answer, dialect = which
+    n = Negotiation(answer, mangle=bad_line(random.Random(seed), loss=0.1, double=0.1))
+    outcome = n.run()
+    # Four questions in a row would have to be lost to take a dialect-2 board for less.
+    assert isinstance(outcome, Negotiated)
+    assert outcome.dialect in (dialect, 1)
+    if dialect == 1:
+        assert n.host.dialect == 1
+
+
+@given(st.floats(0, 2e9), st.integers(0, 2**32 - 1) | st.integers(0x0A0D00, 0x0A0D40))
+def test_no_clock_puts_the_marker_into_a_question(epoch: float, sn: int) -> None:
+    h = host(epoch=epoch)
+    h.sn = sn
+    n = Negotiator(h, 0.0, boot_window=3.0)
+    while n.outcome is None:
+        assert all(b"\r\n" not in data[4:-2] for data in h.data_to_send())
+        now = h.next_timeout()
+        assert now is not None
+        h.handle_timeout(now)
+        for event in events(h):
+            n.handle(event, now)
