@@ -42,8 +42,10 @@ def run() -> list[str]:
         lines += _unpaced(emulator, peers)
         for baud in (1_000_000, 115_200):
             lines += _paced(emulator, peers, baud)
-        lines += _faulty(emulator, peers)
-        lines += _mute(emulator, peers)
+        # The bare loop has no time-out: a lost answer ends it.
+        patient = [peer for peer in peers if peer != "bare Python"]
+        lines += _faulty(emulator, patient)
+        lines += _mute(emulator, patient)
         lines += _echo(emulator, peers)
         return lines
 
@@ -138,8 +140,8 @@ def _outcome(peer: str, result: dict[str, float] | None) -> str:
         return f"{peer} cannot connect"
     n = result["calls"]
     return (
-        f"{peer} whole {result['whole'] / n:.1%}, partial {result['partial'] / n:.1%}, raised {result['raised'] / n:.1%}, "
-        f"wrong values {result['wrong']:.0f}, p99 {result['p99'] / 1000:.2f} ms, {result['rate']:.0f}/s"
+        f"{peer} whole {result['whole'] / n:.1%}, partial {result['partial'] / n:.1%}, "
+        f"raised {result['raised'] / n:.1%}, wrong values {result['wrong']:.0f}, p99 {result['p99'] / 1000:.2f} ms, {result['rate']:.0f}/s"
     )
 
 

@@ -9,18 +9,16 @@ raises for those who want that. Only the link raises by itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Self
 
-from hexwire.errors import NotSupportedError, UsageError
+from hexwire.errors import UsageError
 from hexwire.session.servo_plan import ReadPlan, SyncReadPlan, SyncWritePlan, WritePlan
-from hexwire.session.servo_timing import LineTiming
 from hexwire.session.servo_values import SILENT, Answer, Reading, Readings, ServoBlock
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
-from hexwire.wire.servo_packet import BROADCAST_ID, iter_status
 
-from .bus_line import BusLine
+from .bus_orders import BusOrders, why
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -31,11 +29,10 @@ __all__ = ["ServoBus"]
 
 _new = tuple.__new__
 _LEGACY_READ = 2
-_BROADCAST_PING_BYTES = 6
 _WRITE_TIME = 1.0
 
 
-class ServoBus(BusLine):
+class ServoBus(BusOrders):
     """Servos on one half-duplex wire behind a link. Constructing one does no I/O; `open` or ``with`` does.
 
     One bus object owns its link; several threads may use the object, one transaction at a time.
@@ -57,17 +54,13 @@ class ServoBus(BusLine):
         baud: int | None = None,
         retries: int = 2,
     ) -> None:
-        super().__init__(link, baud=baud, retries=retries)
-        self.series = _series(series)
-        self._servos = {servo_id: _series(kind) for servo_id, kind in (servos or {}).items()}
+        super().__init__(link, series=series, servos=servos, baud=baud, retries=retries)
         self._reads: dict[tuple[int, str], tuple[ReadPlan, Register]] = {}
         self._syncs: dict[tuple[str, tuple[int, ...]], SyncReadPlan | None] = {}
         self._blocks: dict[tuple[int, int, tuple[int, ...]], SyncReadPlan] = {}
         self._sync_writes: dict[tuple[str, tuple[int, ...]], SyncWritePlan] = {}
         self._recent: dict[tuple[str, int], tuple[int, float]] = {}
         self._newest: dict[str, Readings] = {}
-        self._unacknowledged: set[int] = set()
-        self._known_level: set[int] = set()
 
     # --- opening -----------------------------------------------------------------------------------------------
 
@@ -92,35 +85,6 @@ class ServoBus(BusLine):
 
     def __repr__(self) -> str:
         return f"<ServoBus {self.link.url} {self.series.value}>"
-
-    # --- series ------------------------------------------------------------------------------------------------
-
-    def series_of(self, servo_id: int) -> Series:
-        """Series of a servo."""
-        return self._servos.get(servo_id, self.series)
-
-    _series_of = series_of
-
-    def set_series(self, servo_id: int, series: Series | str) -> None:
-        """Say what a servo is."""
-        with self._lock:
-            self._servos[servo_id] = _series(series)
-            self._forget_plans()
-
-    def set_return_delay(self, servo_id: int, seconds: float) -> None:
-        """Say how long a servo takes to begin its answer; `servo_setup.identify` reads it."""
-        with self._lock:
-            self._return_delays[servo_id] = seconds
-            self._forget_plans()
-
-    def set_acknowledges(self, servo_id: int, acknowledges: bool) -> None:
-        """Say whether a servo answers writes (status_return_level 1). Learned by itself from a silent one."""
-        with self._lock:
-            (self._unacknowledged.discard if acknowledges else self._unacknowledged.add)(servo_id)
-
-    def acknowledges(self, servo_id: int) -> bool:
-        """Whether a servo answers writes, as far as is known."""
-        return servo_id not in self._unacknowledged and self.series_of(servo_id) is not Series.SEVEN_BOT
 
     def _forget_plans(self) -> None:
         for cache in (self._reads, self._syncs, self._blocks, self._sync_writes):
@@ -274,13 +238,6 @@ class ServoBus(BusLine):
         request = packets.make_reg_write(servo_id, register.address, register.encode(raw))
         return self._acknowledged(self._order(servo_id, request), f"a delayed write of {name}")
 
-    def action(self, servo_id: int = BROADCAST_ID) -> Answer | None:
-        """Let `reg_write` take effect, in one servo or, unanswered, in all."""
-        if servo_id == BROADCAST_ID:
-            self._send(packets.make_action())
-            return None
-        return self._acknowledged(self._order(servo_id, packets.make_action(servo_id)), "action", repeat=False)
-
     def sync_write(self, name: str, values: Mapping[int, float]) -> None:
         """Write a register of several servos in its SI unit: one packet a series, which nobody answers."""
         self.sync_write_raw(name, {i: self._writable(i, name).from_si(value) for i, value in values.items()})
@@ -306,117 +263,7 @@ class ServoBus(BusLine):
         """Write neighbouring registers of several servos in one packet. Nothing is checked but that it fits."""
         self._send(packets.make_sync_write(address, data))
 
-    # --- the other instructions -----------------------------------------------------------------------------
-
-    def ping(self, servo_id: int) -> Answer:
-        """Ask a servo whether it is there."""
-        with self._lock:
-            request = packets.make_ping(servo_id)
-            base = self._base(12, (servo_id,))
-            status, collector = self._ask_one(servo_id, request, 0, base=base)
-            if status is None and collector.only_echo and self.series_of(servo_id) is not Series.SEVEN_BOT:
-                # The answer of a servo with a low supply equals its ping.
-                request = packets.make_read(servo_id, self.series_of(servo_id).register("id").address, 1)
-                status, collector = self._ask_one(servo_id, request, 1, base=self._base(15, (servo_id,)))
-            if status is None:
-                return Answer(servo_id, "ping", 0, _why(collector.in_words()), False)
-            return Answer(servo_id, "ping", status.error)
-
-    def broadcast_ping(self, most: int = 254) -> tuple[tuple[int, ...], int]:
-        """Ping all servos at once. Only a lone servo is sure to be understood: several answer together.
-
-        Args:
-            most: How many answers to wait for.
-
-        Returns:
-            Ids heard, and the number of bytes that made no sense (a collision, for one).
-        """
-        with self._lock:
-            request = packets.make_ping(BROADCAST_ID)
-            base = self._base(6 + _BROADCAST_PING_BYTES * most, range(min(most, 8)))
-            self.link.flush_input()
-            data = self._exchange(request, base + self.timing.allowance)
-            deadline = self._clock() + base
-            while more := self.link.read(deadline):
-                data += more
-            data = packets.strip_echo(data, request)
-        found = [status.servo_id for status in iter_status(data) if not status.params]
-        return tuple(dict.fromkeys(found)), max(0, len(data) - _BROADCAST_PING_BYTES * len(found))
-
-    def restore(self, servo_id: int) -> Answer:
-        """Factory settings, id kept on Feetech servos.
-
-        Raises:
-            NotSupportedError: A legacy servo would lose its id; see `servo_setup.factory_reset`.
-        """
-        self._must_know(servo_id, "RESTORE")
-        if self.series_of(servo_id) is Series.SEVEN_BOT:
-            raise NotSupportedError(f"servo {servo_id} is a legacy one: a factory reset would make it servo 1")
-        return self._acknowledged(
-            self._order(servo_id, packets.make_restore(servo_id)), "factory reset", repeat=False
-        )
-
-    def reboot(self, servo_id: int) -> None:
-        """Restart a servo; unanswered. It is silent for 0.8 s, and its torque is off."""
-        self._must_know(servo_id, "REBOOT")
-        self._send(packets.make_reboot(servo_id))
-
-    def backup(self, servo_id: int) -> Answer:
-        """Have a servo store its present settings as those of `restore`."""
-        self._must_know(servo_id, "BACKUP")
-        return self._acknowledged(self._order(servo_id, packets.make_backup(servo_id)), "backup")
-
-    def reset_turns(self, servo_id: int) -> Answer:
-        """Clear a servo's turn counter."""
-        self._must_know(servo_id, "RESET_STATE")
-        return self._acknowledged(self._order(servo_id, packets.make_reset_state(servo_id)), "reset of turns")
-
-    def calibrate(self, servo_id: int, position: int | None = None) -> Answer:
-        """Make the present position 2048, or the given count where the firmware takes one. Nothing moves."""
-        self._must_know(servo_id, "CALIBRATE")
-        register = self.series_of(servo_id).register("goal_position")
-        data = None if position is None else register.encode(position)
-        return self._acknowledged(
-            self._order(servo_id, packets.make_calibrate(servo_id, data)), "calibration", repeat=False
-        )
-
-    def raw(self, request: bytes, servo_ids: Sequence[int] = (), params: int = 0) -> dict[int, bytes]:
-        """Send any packet and return the parameters of the answers by servo id."""
-        if not servo_ids:
-            self._send(request)
-            return {}
-        with self._lock:
-            total = len(request) + len(servo_ids) * (6 + params)
-            collector = self._collect(request, servo_ids, params, self._base(total, servo_ids))
-        return {servo_id: status.params for servo_id, status in collector.answers.items()}
-
-    def set_baud(self, baud: int) -> None:
-        """Follow the servos to another rate. The servos are not told.
-
-        Raises:
-            NotSupportedError: This link has no rate.
-        """
-        with self._lock:
-            change = getattr(self.link, "set_baud", None)
-            if change is None:
-                raise NotSupportedError(f"{self.link.url} has no line rate to change")
-            change(baud)
-            if self.link.is_open:
-                self.link.flush_input()
-            self._own_baud = None
-            self._own_baud_again()
-
     # --- inside ------------------------------------------------------------------------------------------------
-
-    def _own_baud_again(self) -> None:
-        """The link may have been opened at another rate than before."""
-        baud = getattr(self.link, "baud", 0) if self._own_baud is None else self._own_baud
-        if baud != self.timing.baud:
-            self.timing = LineTiming(baud)
-            self._measured = 0
-        self._doubts.clear()
-        self._mute.clear()
-        self._forget_plans()
 
     def _new_read(self, servo_id: int, address: int, count: int, take: int | None = None) -> ReadPlan:
         plan = ReadPlan(servo_id, self.series_of(servo_id), address, count, take)
@@ -445,7 +292,7 @@ class ServoBus(BusLine):
         if status is None or block is None:
             last = self._last(register.name, servo_id)
             age = float("inf") if last is None else now - last[1]
-            error = _why(collector.in_words())
+            error = why(collector.in_words())
             return Reading(servo_id, register, None, 0, age, error, None if last is None else last[0])
         raw = register.decode(block[: register.size])
         self._recent[register.name, servo_id] = (raw, now)
@@ -564,10 +411,6 @@ class ServoBus(BusLine):
 
     # --- inside: writing ---------------------------------------------------------------------------------------
 
-    def _send(self, packet: bytes) -> None:
-        with self._lock:
-            self.link.write(packet, self._clock() + _WRITE_TIME)
-
     def _writable(self, servo_id: int, name: str) -> Register:
         register = self.series_of(servo_id).register(name)
         if register.access != "rw":
@@ -586,59 +429,6 @@ class ServoBus(BusLine):
         data = register.encode(self._in_range(servo_id, register, raw))
         plan = WritePlan(servo_id, self.series_of(servo_id), register.address, data)
         return self._acknowledged(plan, f"a write of {register.name}")
-
-    def _order(self, servo_id: int, request: bytes) -> WritePlan:
-        return WritePlan(servo_id, self.series_of(servo_id), 0, b"", request)
-
-    def _must_know(self, servo_id: int, instruction: str) -> None:
-        series = self.series_of(servo_id)
-        if instruction not in series.instructions:
-            raise NotSupportedError(f"servo {servo_id} is a {series.value} one and knows no {instruction.lower()}")
-
-    def _acknowledged(self, plan: WritePlan, what: str, *, repeat: bool = True) -> Answer:
-        """Send a write and take its acknowledgement, if the servo gives any."""
-        servo_id = plan.servo_id
-        if servo_id == BROADCAST_ID:
-            self._send(plan.request)
-            return Answer(servo_id, what, confirmed=False)
-        with self._lock:
-            plan.base = self._base(plan.total, (servo_id,))
-            if not self.acknowledges(servo_id):
-                self.link.write(plan.request, self._clock() + _WRITE_TIME)
-                # If it does answer after all, that must not pass for the answer to the next ping or write.
-                self._doubt(servo_id, 0)
-                return Answer(servo_id, what, confirmed=False)
-            if self._doubts and self._doubted(servo_id, 0) and not self._settle(servo_id):
-                return Answer(servo_id, what, 0, SILENT, False)
-            start = self._clock()
-            data = self._exchange(plan.request, plan.base + self.timing.allowance)
-            self.counters.requests += 1
-            if data == plan.acknowledgement:
-                self.counters.answers += 1
-                self._known_level.add(servo_id)
-                self._measure(plan, self._clock() - start)
-                return _new(Answer, (servo_id, what, 0, "", True))
-            retries = self.retries
-            try:
-                self.retries = retries if repeat else 0
-                status, collector = self._ask_one(servo_id, plan.request, 0, base=plan.base, data=data)
-            finally:
-                self.retries = retries
-            if status is not None:
-                self._known_level.add(servo_id)
-                return Answer(servo_id, what, status.error)
-            if servo_id in self._known_level:
-                return Answer(servo_id, what, 0, _why(collector.in_words()), False)
-            return self._unconfirmed(servo_id, what, collector.in_words())
-
-    def _unconfirmed(self, servo_id: int, what: str, instead: str) -> Answer:
-        """A write was not acknowledged: is the servo silent, or set not to acknowledge?"""
-        series = self.series_of(servo_id)
-        level = self.read(servo_id, "status_return_level") if "status_return_level" in series.registers else None
-        if level is not None and level.raw == 0:
-            self._unacknowledged.add(servo_id)
-            return Answer(servo_id, what, level.status, confirmed=False)
-        return Answer(servo_id, what, 0, _why(instead), False)
 
     def _plan_sync_write(self, name: str, ids: tuple[int, ...]) -> SyncWritePlan | None:
         if not ids:
@@ -659,15 +449,3 @@ class ServoBus(BusLine):
             rows.setdefault((register.address, register.size), {})[servo_id] = data
         for (address, _), data_of in rows.items():
             self._send(packets.make_sync_write(address, data_of))
-
-
-def _series(series: Series | str) -> Series:
-    try:
-        return Series(series)
-    except ValueError:
-        known = ", ".join(kind.value for kind in Series)
-        raise UsageError(f"no servo series {series!r}; there are {known}") from None
-
-
-def _why(instead: str) -> str:
-    return f"{SILENT}, but {instead}" if instead else SILENT

@@ -25,8 +25,8 @@ _LATENCY_TIMER = 0.004
 """Overhead of every answer that only an adapter's timer explains."""
 _ENOUGH_ANSWERS = 16
 _SHORTEST_NAP = 0.0004
-_NAP_MARGIN = 0.000_150
-_NAP_SHARE = 0.12
+_NAP_MARGIN = 0.000_250
+_NAP_SHARE = 0.15
 
 
 class LineTiming:

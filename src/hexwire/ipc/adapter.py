@@ -1,0 +1,92 @@
+"""What the USB adapter adds: its latency timer, found, reported and set where the system lets us.
+
+Owns the paths of the kernel's setting and the advice. Must not know what is spoken on the line.
+
+An FTDI chip hands bytes over when its buffer is full or its timer ends, 16 ms by default; every answer of a servo
+waits for it, so nothing gets above 61 requests a second. CH340, CP210x and CDC-ACM adapters have no such timer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["AdapterReport", "inspect_adapter", "set_latency"]
+
+_SYSFS = Path("/sys/bus/usb-serial/devices")
+_GOOD_MS = 2
+_UDEV_RULE = 'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"'
+
+
+@dataclass(frozen=True, slots=True)
+class AdapterReport:
+    """What is known of an adapter's latency.
+
+    Attributes:
+        device: Path of the port.
+        driver: Kernel driver, as in ``ftdi_sio``; empty if unknown.
+        latency_ms: Its latency timer; None if it has none.
+        overhead: Measured seconds an answer takes beyond the line's own time; NaN if nothing was measured.
+        held_back: The measured times look like a latency timer, whatever the system says.
+        advice: What to do, one line; empty if all is well.
+    """
+
+    device: str
+    driver: str
+    latency_ms: int | None
+    overhead: float
+    held_back: bool
+    advice: str
+
+
+def _timer(device: str, sysfs: Path) -> Path:
+    return sysfs / Path(device).resolve().name / "latency_timer"
+
+
+def set_latency(device: str, milliseconds: int = 1, *, sysfs: Path = _SYSFS) -> bool:
+    """Set an adapter's latency timer; False where it has none or this user may not."""
+    try:
+        _timer(device, sysfs).write_text(f"{milliseconds}\n", encoding="ascii")
+    except OSError:
+        return False
+    return True
+
+
+def inspect_adapter(
+    device: str, overhead: float = float("nan"), held_back: bool = False, *, sysfs: Path = _SYSFS
+) -> AdapterReport:
+    """Look at an adapter's latency timer, set it low if that is allowed, and say what is left to do.
+
+    Args:
+        device: Path of the port.
+        overhead: `LineTiming.overhead` of a bus on it.
+        held_back: `LineTiming.holds_back` of it.
+        sysfs: Where the kernel keeps the setting.
+    """
+    latency = _read(device, sysfs)
+    if latency is not None and latency > _GOOD_MS and set_latency(device, sysfs=sysfs):
+        latency = _read(device, sysfs)
+    try:
+        driver = (sysfs / Path(device).resolve().name / "driver").resolve(strict=True).name
+    except OSError:
+        driver = ""
+    advice = ""
+    if latency is not None and latency > _GOOD_MS:
+        timer = _timer(device, sysfs)
+        advice = (
+            f"the adapter holds every answer back for up to {latency} ms: 'echo 1 | sudo tee {timer}' now, and "
+            f"for good this line in /etc/udev/rules.d/99-servo-adapter.rules: {_UDEV_RULE}"
+        )
+    elif held_back:
+        advice = (
+            f"every answer takes {overhead * 1000:.0f} ms longer than the line needs: an adapter's latency timer, "
+            "a hub, or a program between; try another adapter or port"
+        )
+    return AdapterReport(device, driver, latency, overhead, held_back, advice)
+
+
+def _read(device: str, sysfs: Path) -> int | None:
+    try:
+        return int(_timer(device, sysfs).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
