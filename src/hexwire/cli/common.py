@@ -6,7 +6,6 @@ Owns the options that say which robot is meant, and the form of what is printed.
 from __future__ import annotations
 
 import functools
-import inspect
 import json
 import math
 import sys
@@ -47,6 +46,9 @@ __all__ = [
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+
+DEFAULT_ROBOT = "hex7bot"
+_TYPED = click.core.ParameterSource.COMMANDLINE
 
 _PATIENCE = 1.0
 """Seconds without an answer after which a person is told what is being waited for."""
@@ -136,16 +138,22 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
     def packed(
         *args: Any,
         port: str | None,
-        robot: str,
+        robot: str | None,
         baud: int | None,
         dialect: int | None,
         timeout: float | None,
         **rest: Any,
     ) -> Any:
+        # Both may stand before the command as well: `hexwire --robot puma260 state`.
+        early = click.get_current_context().find_root().params
+        robot = robot or early.get("robot") or DEFAULT_ROBOT
+        # On the command line, before the environment.
+        if early.get("port") and click.get_current_context().get_parameter_source("port") is not _TYPED:
+            port = early["port"]
         return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
 
     robot_option = click.option(
-        "--robot", default="hex7bot", show_default=True, metavar="NAME", help="Which robot is behind the port."
+        "--robot", metavar="NAME", help=f"Which robot is behind the port.  [default: {DEFAULT_ROBOT}]"
     )
     return port_option(robot_option(line_options(packed)))
 
@@ -185,18 +193,10 @@ def make_robot(options: RobotOptions) -> RobotDriver:
         LinkNotFoundError: No port was named and no likely board is plugged in.
     """
     from hexwire.drivers.registry import load_driver
-    from hexwire.ipc.handle import IpcHandle
-    from hexwire.ipc.session import Session
 
-    driver = load_driver(options.robot)
     wanted = {"boot_window": options.timeout, "dialect": options.dialect}
     given = {name: value for name, value in wanted.items() if value is not None}
-    known = inspect.signature(driver).parameters
-    for name in given:
-        if name not in known:
-            option = "--timeout" if name == "boot_window" else f"--{name}"
-            raise UsageError(f"{option} makes no sense for robot {options.robot}")
-    return driver(Session(IpcHandle.from_url(resolve_url(options.port, options.baud))), **given)
+    return load_driver(options.robot).from_url(resolve_url(options.port, options.baud), **given)
 
 
 @contextmanager

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["PlainView", "Sample", "View", "demo", "turning_pose"]
 
 _SWING = math.radians(30.0)
-_RATES = {1: 2.5, 2: 20.0}
-"""Cycles a second by dialect: at 115200 baud a cycle takes 0.03 s in dialect 2, and 0.35 s in dialect 1."""
+_RATES = {1: 1.5, 2: 20.0}
+"""Cycles a second by dialect: at 115200 baud a cycle takes 0.03 s in dialect 2, and 0.6 s in dialect 1."""
 _WATCHDOG = 1.0
 """Seconds after which the board takes the torque away by itself if we should be killed."""
 _SETTLE = 1.0
@@ -118,7 +118,7 @@ class PlainView:
     "--rate",
     type=FiniteFloat("hz", above=0),
     metavar="HZ",
-    help="Cycles a second (20, in dialect 1 2.5).",
+    help="Cycles a second (20, in dialect 1 1.5).",
 )
 def demo(
     port: str | None,
@@ -174,8 +174,8 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
     robot = Hex7BotDriver.from_url(url, dialect=dialect)
     with attached(robot):
         report = robot.probe()
-        firmware = f", firmware {report.firmware}" if report.firmware else ""
-        view.say("identified", f"dialect {report.dialect}{firmware} on {url}")
+        who = f", firmware {report.firmware}" if report.firmware else ", the chapter's"
+        view.say("identified", f"dialect {report.dialect}{who}")
         ids = [joint.servo_id for joint in robot.model.joints]
         silent = [servo_id for servo_id in ids if robot.ping(servo_id) is None]
         view.say("pinged", f"{len(ids) - len(silent)} of {len(ids)} servos answer")

@@ -50,6 +50,11 @@ def _cell(cell: str | Text, style: str) -> Text:
     return cell if isinstance(cell, Text) else Text(cell, style=style or ("dim" if cell == "-" else ""))
 
 
+def _plain(value: float) -> float:
+    # To one digit, and never "-0.0", which would have a reader look for a meaning.
+    return round(value, 1) + 0.0
+
+
 class LiveView:
     """The demo on a terminal: a live table and a progress bar.
 
@@ -85,9 +90,9 @@ class LiveView:
             rows.append(
                 (
                     joint.name,
-                    f"{math.degrees(target):.1f}",
-                    f"{math.degrees(joint.position):.1f}",
-                    Text(f"{off:+.1f}", style=style),
+                    f"{_plain(math.degrees(target)):.1f}",
+                    f"{_plain(math.degrees(joint.position)):.1f}",
+                    Text(f"{_plain(off):+.1f}", style=style),
                     f"{100 * joint.load:+.0f}" if math.isfinite(joint.load) else "-",
                     f"{1000 * joint.age:.0f}" if math.isfinite(joint.age) else "-",
                 )
@@ -101,7 +106,7 @@ class LiveView:
         way = "there" if sample.time < sample.duration / 2 else "back"
         line.add_row(
             Text(f"{way:5}", style="bold"),
-            ProgressBar(total=sample.duration, completed=sample.time, width=26),
+            ProgressBar(total=sample.duration, completed=sample.time, width=18),
             Text(f"{sample.time:4.1f}/{sample.duration:.1f} s"),
             Text(
                 f"{sample.rate:.1f} Hz, round trip {1000 * sample.round_trip:.1f} ms, {sample.retries} retries",

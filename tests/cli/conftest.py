@@ -1,0 +1,80 @@
+"""A command line whose port is an emulated board in this process, in simulated time."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from hexwire.cli.main import cli
+from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
+from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.ipc import open as ipc_open
+from hexwire.motion import loop as motion_loop
+
+START = 1000.0
+
+
+class Bench:
+    """Runs `hexwire` commands against one board."""
+
+    def __init__(self, board: EmulatedBoard, link: BoardLink, clock: FakeClock) -> None:
+        self.board = board
+        self.link = link
+        self.clock = clock
+        self.urls: list[str] = []
+
+    def run(self, *words: str, port: str | None = "/dev/ttyTEST") -> Result:
+        args = [*words, *(["--port", port] if port else [])]
+        return CliRunner().invoke(cli, args)
+
+    def ok(self, *words: str) -> str:
+        """Run what must succeed without a word on standard error; returns the output."""
+        result = self.run(*words)
+        assert (result.exit_code, result.stderr) == (0, ""), result.output
+        return result.stdout
+
+    def json(self, *words: str) -> Any:
+        return json.loads(self.ok(*words, "--json"))
+
+    def positions(self) -> dict[str, float]:
+        return {joint["name"]: joint["position_deg"] for joint in self.json("state")["joints"]}
+
+    def torque(self) -> list[str]:
+        return [joint["name"] for joint in self.json("state")["joints"] if joint["torque_on"]]
+
+
+MakeBench = Callable[..., Bench]
+
+
+@pytest.fixture
+def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
+    def make(*faults: str, dialect: int = 2) -> Bench:
+        clock = FakeClock(START)
+        board = make_hex7bot_board(dialect=dialect, baud=115200, faults=faults, start=START)
+        link = BoardLink(board, clock, baud=115200)
+        bench = Bench(board, link, clock)
+
+        def make_link(url: str) -> BoardLink:
+            bench.urls.append(url)
+            return link
+
+        def sleep(seconds: float) -> None:
+            # The board lives on while the program sleeps.
+            clock.advance(seconds)
+
+        monkeypatch.setattr(ipc_open, "make_link", make_link)
+        paced = functools.partial(motion_loop.RateLoop, clock=clock, sleep=sleep)
+        monkeypatch.setattr(motion_loop, "RateLoop", paced)
+        return bench
+
+    return make
+
+
+@pytest.fixture
+def bench(make_bench: MakeBench) -> Bench:
+    return make_bench()

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from rich.console import Console
+
+from hexwire.cli.demo import Sample
+from hexwire.cli.draw import LiveView, joint_table
+from hexwire.model.state import JointFlag, JointState
+
+NAN = math.nan
+HEAD = ("joint", "deg", "condition")
+
+
+def state(position: tuple[float, ...], load: tuple[float, ...], flags: tuple[int, ...]) -> JointState:
+    n = len(position)
+    names = tuple(f"J{i + 1}" for i in range(n))
+    nan = (NAN,) * n
+    return JointState(names, position, nan, load, nan, nan, nan, flags, (0.004,) * n, 1.0)
+
+
+def drawn(what: object, *, width: int = 80, colour: bool = False) -> str:
+    console = Console(width=width, force_terminal=colour, color_system="standard" if colour else None)
+    with console.capture() as capture:
+        console.print(what)
+    return capture.get()
+
+
+def sample(**changes: object) -> Sample:
+    joints = state((math.radians(10.0), math.radians(-0.02)), (0.05, NAN), (0, int(JointFlag.OVERLOAD)))
+    values: dict[str, object] = {
+        "time": 1.5,
+        "duration": 6.0,
+        "state": joints,
+        "target": (math.radians(11.5), 0.0),
+        "rate": 20.0,
+        "round_trip": 0.0203,
+        "retries": 3,
+    }
+    return Sample(**(values | changes))  # type: ignore[arg-type]
+
+
+def test_a_table_has_a_row_a_joint() -> None:
+    text = drawn(
+        joint_table(("joint", "deg", "condition"), [("J1", "-4.5", "ok"), ("J2", "-", "hot")], [False, True])
+    )
+    lines = [line.split() for line in text.splitlines() if line.strip()]
+    assert lines[0] == ["joint", "deg", "condition"]
+    assert lines[2:] == [["J1", "-4.5", "ok"], ["J2", "-", "hot"]]
+
+
+def test_a_faulty_row_is_red() -> None:
+    rows = [("J1", "1.0", "ok"), ("J2", "2.0", "overload")]
+    text = drawn(joint_table(HEAD, rows, [False, True]), colour=True)
+    one, two = [line for line in text.splitlines() if "J" in line]
+    assert "\x1b[1;31m" not in one
+    assert "\x1b[1;31m" in two
+
+
+def test_the_demo_shows_target_position_error_load_and_age() -> None:
+    view = LiveView(Console(width=80))
+    view.show(sample())
+    text = drawn(view.render())
+    rows = [line.split() for line in text.splitlines() if line.strip()]
+    assert rows[0] == ["joint", "target", "deg", "position", "deg", "error", "deg", "load", "%", "age", "ms"]
+    assert rows[2] == ["J1", "11.5", "10.0", "-1.5", "+5", "4"]
+    assert rows[3] == ["J2", "0.0", "0.0", "+0.0", "-", "4"], "never -0.0"
+    assert rows[4][0] == "there"
+    assert "20.0 Hz, round trip 20.3 ms, 3 retries" in text
+    assert "1.5/6.0 s" in text
+
+
+def test_it_says_which_way_it_is_going() -> None:
+    view = LiveView(Console(width=80))
+    view.show(sample(time=4.5))
+    assert "back" in drawn(view.render())
+
+
+@pytest.mark.parametrize(("off", "code"), [(0.5, "32"), (3.0, "33"), (9.0, "31")])
+def test_the_error_is_coloured_by_its_size(off: float, code: str) -> None:
+    view = LiveView(Console(width=80))
+    joints = state((math.radians(off),), (0.0,), (0,))
+    view.show(sample(state=joints, target=(0.0,)))
+    assert f"\x1b[{code}m" in drawn(view.render(), colour=True)
+
+
+def test_before_the_first_sample_there_is_nothing() -> None:
+    assert drawn(LiveView(Console(width=80)).render()).strip() == ""
+
+
+def test_everything_fits_into_eighty_columns() -> None:
+    view = LiveView(Console(width=80))
+    view.show(sample(time=9.9, duration=60.0, rate=100.0, round_trip=0.0999, retries=99))
+    assert max(len(line) for line in drawn(view.render(), width=200).rstrip().splitlines()) <= 80
+
+
+def test_a_phase_is_a_line() -> None:
+    console = Console(width=40, color_system=None, force_terminal=True)
+    view = LiveView(console)
+    with console.capture() as capture:
+        view.say("pinged", "7 of 7 servos answer, and this line is longer than the terminal is wide")
+    assert capture.get() == "    pinged  7 of 7 servos answer, and this line is longer than the terminal is wide\n"

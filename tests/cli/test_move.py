@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from hexwire.cli.move import check_targets, hold_on_ctrl_c, parse_targets
+from hexwire.errors import LinkLostError, UsageError
+from hexwire.model.hex7bot import HEX7BOT
+
+# --- what a person types ---------------------------------------------------------------------------------
+
+
+def test_targets_are_taken_apart() -> None:
+    assert parse_targets(["J1=10", "J3=-5.5", "wrist=1e1"]) == [("J1", 10.0), ("J3", -5.5), ("wrist", 10.0)]
+
+
+def test_all_malformed_targets_are_named_at_once() -> None:
+    with pytest.raises(UsageError) as caught:
+        parse_targets(["J1=1", "J2", "=3", "J4=", "J5=x", "J6=nan", "J7=inf"])
+    text = str(caught.value)
+    for word in ("'J2'", "'=3'", "'J4='", "'J5=x'", "'J6=nan'", "'J7=inf'"):
+        assert word in text
+    assert "'J1=1'" not in text
+
+
+def test_targets_get_the_arms_own_names_and_radians() -> None:
+    assert check_targets(HEX7BOT, [("j4", 90.0)]) == pytest.approx({"J4": 1.5707963})
+
+
+def test_everything_that_is_wrong_is_told_at_once() -> None:
+    with pytest.raises(UsageError) as caught:
+        check_targets(HEX7BOT, [("J1", 200.0), ("J9", 0.0), ("J2", 50.0), ("j2", 51.0), ("J4", 1.0)])
+    text = str(caught.value)
+    assert "J1=200 deg is outside its limits -85 to 75 deg" in text
+    assert "no joint 'J9' (hex7bot has J1," in text
+    assert "J2 is named twice" in text
+    assert "J4" not in text.replace("J1, J2, J3, J4", "")
+    assert text.endswith("nothing was sent")
+
+
+@pytest.mark.parametrize(
+    "words", [["J1"], ["J1=x"], ["J9=1"], ["J1=200"], ["J1=1", "J1=2"], [], ["J1=1", "--duration", "nan"]]
+)
+def test_a_wrong_target_is_one_line_and_nothing_is_sent(bench: Any, words: list[str]) -> None:
+    result = bench.run("move", *words)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert bench.link.written == []
+
+
+# --- moving ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_a_move_switches_the_torque_on_where_it_is_missing_and_says_so(make_bench: Any, dialect: int) -> None:
+    bench = make_bench(dialect=dialect)
+    bench.ok("torque", "on", "J1")
+    lines = bench.ok("move", "J1=10", "J5=-5.5", "--wait").splitlines()
+    assert lines[0] == ("torque on: J5" if dialect == 2 else "torque on: J1 J5")
+    assert lines[1].startswith("moving to: J1 10.0")
+    assert lines[1].endswith(" deg in 1.00 s")
+    assert lines[2] == "arrived"
+    after = bench.positions()
+    assert after["J1"] == pytest.approx(10.0, abs=1.0)
+    assert after["J5"] == pytest.approx(-5.5, abs=1.0)
+    assert after["J4"] == pytest.approx(-0.7, abs=0.2)
+
+
+def test_without_wait_it_returns_at_once_and_the_arm_goes_on(bench: Any) -> None:
+    bench.ok("move", "J4=30", "--duration", "2")
+    assert bench.positions()["J4"] < 10
+    bench.clock.advance(3.0)
+    assert bench.positions()["J4"] == pytest.approx(30.0, abs=0.5)
+
+
+def test_a_move_that_is_too_fast_gets_more_time(bench: Any) -> None:
+    text = bench.ok("move", "J4=80", "--duration", "0.01")
+    seconds = float(text.split(" deg in ")[1].split()[0])
+    assert seconds == pytest.approx(80.7 / 149, rel=0.05)
+
+
+def test_json_tells_what_was_sent_and_that_it_arrived(bench: Any) -> None:
+    answer = bench.json("move", "J4=20", "--wait")
+    assert answer["sent"][0]["name"] == "J4"
+    assert answer["sent"][0]["position_deg"] == pytest.approx(20.0, abs=0.1)
+    assert answer["torque_switched_on"] == ["J4"]
+    assert answer["arrived"] is True
+    assert len(answer["joints"]) == 7
+    assert answer["duration_s"] == pytest.approx(1.0)
+    answer = bench.json("move", "J4=10")
+    assert answer["arrived"] is None
+    assert answer["joints"] is None
+    assert answer["torque_switched_on"] == []
+
+
+def test_a_move_of_a_silent_servo_is_an_error_before_anything_moves(make_bench: Any) -> None:
+    bench = make_bench("silent:4")
+    result = bench.run("move", "J1=5", "J5=20", "--wait")
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert result.stderr == "error: servo 4 (J5) does not answer: check cable, power and id\n"
+    bench.clock.advance(2.0)
+    state = json.loads(bench.run("state", "--json").stdout)
+    assert state["joints"][0]["position_deg"] == pytest.approx(-4.47, abs=0.1)
+
+
+def test_a_joint_that_falls_short_is_an_error_with_its_reason(make_bench: Any) -> None:
+    # This servo protects itself from heat by giving up.
+    bench = make_bench("hot:4")
+    result = bench.run("move", "J4=20", "J5=20", "--wait")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: not arrived after 3.0 s: J5 is 16.")
+    assert result.stderr.endswith(" deg away (temperature)\n")
+    assert "arrived" not in result.stdout
+    result = bench.run("move", "J5=20", "--wait", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["arrived"] is False
+
+
+def test_a_board_reset_on_the_way_is_told(make_bench: Any) -> None:
+    bench = make_bench("brownout:3:0.1")
+    result = bench.run("move", "J4=80", "--duration", "5", "--wait")
+    assert result.exit_code == 1
+    assert "lost the torque before it arrived" in result.stderr
+
+
+def test_a_stop_on_the_way_is_told(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    step = bench.board.step
+
+    def stopped(now: float) -> None:
+        step(now)
+        if now > 1002.0:
+            bench.board.state.stopped = True
+
+    monkeypatch.setattr(bench.board, "step", stopped)
+    result = bench.run("move", "J4=80", "--duration", "5", "--wait")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: the arm was stopped before it arrived")
+
+
+# --- Ctrl-C ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_ctrl_c_while_waiting_stops_the_arm_where_it_is(
+    make_bench: Any, monkeypatch: pytest.MonkeyPatch, dialect: int
+) -> None:
+    bench = make_bench(dialect=dialect)
+    bench.ok("torque", "on")
+    started = bench.clock()
+    receive, hit = bench.board.receive, []
+
+    def interrupted(data: bytes, now: float) -> None:
+        if now > started + 2.0 and not hit:
+            hit.append(now)
+            raise KeyboardInterrupt
+        receive(data, now)
+
+    monkeypatch.setattr(bench.board, "receive", interrupted)
+    result = bench.run("move", "J4=80", "--duration", "6", "--wait")
+    assert result.exit_code == 130
+    note = result.stderr.strip()
+    assert note == "stopped: the arm holds" + ("; 'hexwire resume' ends that" if dialect == 2 else "")
+    there = bench.positions()["J4"]
+    assert 5 < there < 60
+    bench.clock.advance(5.0)
+    assert bench.positions()["J4"] == pytest.approx(there, abs=1.0)
+    if dialect == 2:
+        assert bench.json("state")["stopped"] is True
+
+
+def test_a_stop_that_fails_on_ctrl_c_is_told_and_it_still_counts_as_interrupted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Gone:
+        def stop(self) -> None:
+            raise LinkLostError("the port went away")
+
+    with pytest.raises(KeyboardInterrupt), hold_on_ctrl_c(Gone()):  # type: ignore[arg-type]
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == "warning: the arm could not be stopped: the port went away\n"
