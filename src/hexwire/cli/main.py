@@ -18,7 +18,12 @@ from .exits import ends_like_ctrl_c, run, show_more, warnings_shown
 __all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "cert": ("hexwire.cli.cert:cert", "Make certificates for a lab, for links with TLS."),
+    "conf": ("hexwire.cli.conf:conf", "Check and convert files of channels (ipc_msg.conf)."),
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
+    "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send it over a channel."),
+    "doctor": ("hexwire.cli.doctor:doctor", "Look for what is wrong, from the plug to the servos."),
+    "loopback": ("hexwire.cli.loopback:loopback", "Prove a cable and adapter: TX wired to RX."),
     "model": ("hexwire.cli.model:model", "Compute with the arm's geometry; no robot needed."),
     "move": ("hexwire.cli.move:move", "Move joints to angles in degrees."),
     "ping": ("hexwire.cli.look:ping", "Ask each servo whether it is there."),
@@ -28,8 +33,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
-    "trace": ("hexwire.cli.trace:trace", "Explain traffic that was written down before."),
+    "teleop": ("hexwire.cli.teleop:teleop", "Move an arm by joystick."),
     "torque": ("hexwire.cli.power:torque", "Switch the torque on, without moving, or off."),
+    "trace": ("hexwire.cli.trace:trace", "Explain traffic that was written down before."),
 }
 """Name -> where the command is (module:attribute), and its help in one line."""
 
@@ -87,9 +93,11 @@ class LazyGroup(click.Group):
 @click.option("-v", "--verbose", count=True, help="Say what happens on the line; twice for every detail.")
 @click.option("--trace", is_flag=True, envvar="HEXWIRE_TRACE", help="Print every byte that goes over the line.")
 @click.option("--explain", is_flag=True, help="The same, and what each byte means, layer by layer.")
+@click.option("--robot", metavar="NAME", help="Which robot, for every command that takes --robot.")
+@click.option("--port", metavar="URL", help="Where it is, for every command that takes --port.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
 @click.pass_context
-def cli(ctx: click.Context, verbose: int, trace: bool, explain: bool) -> None:
+def cli(ctx: click.Context, verbose: int, trace: bool, explain: bool, robot: str | None, port: str | None) -> None:
     """Talk to a robot arm: from a joint command to a moving servo, and back.
 
     Exit status: 0 done, 1 the device or the line is at fault, 2 the command makes no sense, 130 interrupted.

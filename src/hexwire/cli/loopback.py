@@ -1,0 +1,67 @@
+"""`hexwire loopback`: is the cable good, at which rates?
+
+Owns arguments and printing; the test itself is `hexwire.ipc.loopback`'s.
+"""
+
+from __future__ import annotations
+
+import time
+
+import click
+
+from hexwire.errors import LinkError, UsageError
+
+from .common import format_table, json_option, on_terminal, port_option, print_json, resolve_url
+from .exits import note
+
+__all__ = ["loopback"]
+
+_RATES = (38400, 57600, 76800, 115200, 128000, 250000, 500000, 1000000)
+
+
+@click.command()
+@port_option
+@click.option("--baud", "rates", type=click.IntRange(min=300), multiple=True, metavar="N", help="Only this rate.")
+@click.option("--bytes", "count", type=click.IntRange(64, 10_000_000), default=2048, show_default=True)
+@json_option
+def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool) -> None:
+    """Prove a cable and adapter: wire TX to RX, and every byte must come back.
+
+    Tries the rates that servos and boards use, slowest first. Ends with status 1 if one of them fails.
+    """
+    from hexwire.ipc.loopback import try_loopback
+    from hexwire.ipc.open import make_link
+    from hexwire.ipc.url import parse_url
+
+    url = resolve_url(port)
+    if parse_url(url).scheme != "serial":
+        raise UsageError(f"a loopback plug is for serial ports, not for {url}")
+    if "baud=" in url:
+        raise UsageError("name the rate with --baud, not in the port")
+    results = []
+    for baud in sorted(set(rates or _RATES)):
+        if on_terminal() and not as_json:
+            note(f"{baud} baud ...")
+        with make_link(f"{url}{'&' if '?' in url else '?'}baud={baud}") as link:
+            results.append(try_loopback(link, baud, count, time.monotonic))
+    if as_json:
+        print_json(
+            [
+                {
+                    "baud": r.baud,
+                    "sent": r.sent,
+                    "returned": r.returned,
+                    "wrong": r.wrong,
+                    "wrong_bits": r.wrong_bits,
+                    "good": r.good,
+                    "seconds": r.seconds,
+                }
+                for r in results
+            ]
+        )
+    else:
+        rows = [[str(r.baud), str(r.sent), str(r.returned), str(r.wrong), r.verdict] for r in results]
+        print(format_table(["baud", "sent", "back", "wrong", "verdict"], rows))
+    bad = [str(r.baud) for r in results if not r.good]
+    if bad:
+        raise LinkError(f"the loopback fails at {', '.join(bad)} baud", url=url)

@@ -1,0 +1,207 @@
+"""What can be wrong between a program and its port, found without opening it: chip, rights, rules, rivals, rate.
+
+Owns the looking and the advice, each finding with what to do. Reads the system only; `write_udev_rule` is the one
+thing that writes, and only when asked. Must not know frames or servos.
+"""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+import stat
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from hexwire.errors import LinkPermissionError
+
+from .adapter import inspect_adapter
+from .ports import PortInfo
+
+__all__ = [
+    "RULE_PATH",
+    "Finding",
+    "Level",
+    "avr_baud_error",
+    "diagnose_baud",
+    "diagnose_port",
+    "diagnose_system",
+    "udev_rule",
+    "write_udev_rule",
+]
+
+RULE_PATH = Path("etc/udev/rules.d/70-hexwire.rules")
+"""Where the rule belongs, below the root folder."""
+
+_RULE_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
+_CH340 = "1a86:7523"
+_AVR_CLOCK = 16_000_000
+_GOOD_BAUD_ERROR = 0.015
+"""Recommended limit for 8N1 with U2X (ATmega2560 datasheet); up to 3.9 % the receiver still copes."""
+
+
+class Level(Enum):
+    """How much a finding matters."""
+
+    OK = "ok"
+    HINT = "hint"
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        level: How much it matters.
+        about: What was looked at.
+        text: What was found.
+        advice: What to do; empty if nothing.
+    """
+
+    level: Level
+    about: str
+    text: str
+    advice: str = ""
+
+
+def udev_rule(usb_ids: Iterable[str]) -> str:
+    """Text of a udev rule that gives these devices to the people who may use serial ports, and to no others.
+
+    Args:
+        usb_ids: As ``1a86:7523``.
+    """
+    lines = [
+        "# Servo boards and adapters: group dialout and whoever sits at the machine may use them, and ModemManager",
+        "# leaves them alone.",
+    ]
+    for usb_id in sorted(set(usb_ids)):
+        vid, pid = usb_id.split(":")
+        lines.append(
+            f'SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vid}", ATTRS{{idProduct}}=="{pid}", MODE="0660", '
+            f'GROUP="dialout", TAG+="uaccess", ENV{{ID_MM_DEVICE_IGNORE}}="1"'
+        )
+    return "\n".join(lines) + "\n"
+
+
+def write_udev_rule(usb_ids: Iterable[str], root: Path = Path("/")) -> Path:
+    """Write the rule.
+
+    Raises:
+        LinkPermissionError: This user may not.
+    """
+    path = root / RULE_PATH
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(udev_rule(usb_ids), encoding="utf-8")
+    except OSError as error:
+        raise LinkPermissionError(f"{path} cannot be written ({error.strerror}); run it with sudo") from error
+    return path
+
+
+def diagnose_port(port: PortInfo, root: Path = Path("/")) -> list[Finding]:
+    """Look at one port: its chip, who may open it, its rules, its latency timer."""
+    findings = [Finding(Level.OK, port.device, port.guess + (f", USB {port.usb_id}" if port.usb_id else ""))]
+    findings.append(_permission(port.device))
+    if port.usb_id:
+        ruled = _mentioned_in_rules(port.usb_id, root)
+        if ruled:
+            findings.append(Finding(Level.OK, port.device, f"udev rule in {ruled}"))
+        else:
+            advice = "hexwire doctor --fix writes one; then unplug and plug in"
+            findings.append(Finding(Level.HINT, port.device, f"no udev rule for USB {port.usb_id}", advice))
+    report = inspect_adapter(port.device) if root == Path("/") else None
+    if report is not None and report.latency_ms is not None:
+        level = Level.BAD if report.advice else Level.OK
+        findings.append(Finding(level, port.device, f"latency timer {report.latency_ms} ms", report.advice))
+    return findings
+
+
+def diagnose_system(ports: Iterable[PortInfo], root: Path = Path("/")) -> list[Finding]:
+    """Look at programs that are known to grab serial ports."""
+    findings = []
+    ids = {port.usb_id for port in ports if port.usb_id}
+    if ids and "ModemManager" in _running(root):
+        ignored = all(_mentioned_in_rules(usb_id, root, also="ID_MM_DEVICE_IGNORE") for usb_id in ids)
+        if ignored:
+            findings.append(Finding(Level.OK, "ModemManager", "runs, and is told to leave these ports alone"))
+        else:
+            advice = "hexwire doctor --fix tells it not to by a rule, or: sudo systemctl disable ModemManager"
+            findings.append(Finding(Level.BAD, "ModemManager", "runs, and talks to every new serial port", advice))
+    if _CH340 in ids:
+        rule = _mentioned_in_rules(_CH340, root, named="brltty")
+        if rule or "brltty" in _running(root):
+            advice = "sudo apt-get remove brltty, or mask its rule for 1a86:7523"
+            findings.append(Finding(Level.BAD, "brltty", "takes CH340 ports for a braille display", advice))
+    return findings
+
+
+def avr_baud_error(baud: int, clock: int = _AVR_CLOCK) -> float:
+    """How far an AVR's UART (double speed) is off a rate, as a signed fraction."""
+    divisor = max(1, round(clock / 8 / baud))
+    return clock / 8 / divisor / baud - 1.0
+
+
+def diagnose_baud(baud: int) -> Finding:
+    """Judge a rate for a 16 MHz Mega 2560."""
+    error = avr_baud_error(baud)
+    text = f"a 16 MHz board is {error:+.1%} off {baud} baud"
+    if abs(error) <= _GOOD_BAUD_ERROR:
+        return Finding(Level.OK, "baud rate", text)
+    advice = "fine with a good partner; 250000, 500000 and 1000000 are exact"
+    return Finding(Level.HINT if abs(error) < 0.039 else Level.BAD, "baud rate", text, advice)
+
+
+def _permission(device: str) -> Finding:
+    try:
+        status = Path(device).stat()
+    except OSError as error:
+        return Finding(Level.BAD, device, f"cannot be looked at: {error.strerror}", "is it still plugged in?")
+    group = _group(status.st_gid)
+    mode = stat.filemode(status.st_mode)
+    if os.access(device, os.R_OK | os.W_OK):
+        level = Level.HINT if status.st_mode & stat.S_IWOTH else Level.OK
+        advice = "everybody may write to it; a udev rule is better than chmod 777" if level is Level.HINT else ""
+        return Finding(level, device, f"this user may open it ({mode}, group {group})", advice)
+    user = pwd.getpwuid(os.geteuid()).pw_name
+    advice = f"sudo usermod -aG {group} {user}, then log out and in"
+    return Finding(Level.BAD, device, f"this user may not open it ({mode}, group {group})", advice)
+
+
+def _group(gid: int) -> str:
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
+
+
+def _mentioned_in_rules(usb_id: str, root: Path, *, also: str = "", named: str = "") -> str:
+    """The first udev rule file that speaks of a device, or empty."""
+    vid, pid = usb_id.split(":")
+    for folder in _RULE_FOLDERS:
+        for path in sorted((root / folder).glob("*.rules")):
+            if named not in path.name:
+                continue
+            try:
+                text = path.read_text(encoding="utf-8", errors="replace").lower()
+            except OSError:
+                continue
+            for line in text.splitlines():
+                if line.lstrip().startswith("#"):
+                    continue
+                if vid in line and pid in line and also.lower() in line:
+                    return str(path)
+    return ""
+
+
+def _running(root: Path) -> set[str]:
+    """Names of the processes there are."""
+    names = set()
+    for path in (root / "proc").glob("[0-9]*/comm"):
+        try:
+            names.add(path.read_text(encoding="utf-8", errors="replace").strip())
+        except OSError:
+            continue  # it ended meanwhile
+    return names
