@@ -27,6 +27,9 @@ def split_time(seconds: float) -> tuple[int, int]:
     """
     if seconds <= 0:
         return 0, 0
+    whole = int(seconds)
     # Rounded, so that 14.356 s is 356 ms and not a nanosecond less, which would cut to 355.
-    whole, nsec = divmod(round(seconds * NSEC), NSEC)
+    nsec = round((seconds - whole) * NSEC)
+    if nsec == NSEC:
+        whole, nsec = whole + 1, 0
     return whole & 0xFFFFFFFF, nsec

@@ -209,6 +209,16 @@ def test_doubles_do_not_keep_a_message_alive() -> None:
     assert receiver.expired == 1
 
 
+def test_asking_early_asks_once() -> None:
+    receiver = FragmentReceiver()
+    receiver.receive(fragment(0, 3, b"x"), 0.0)
+    assert receiver.handle_timeout(ASK_AGAIN / 2) == []
+    assert len(receiver.handle_timeout(ASK_AGAIN)) == 1
+    # Called for another deadline meanwhile, it waits for the answer first.
+    assert receiver.handle_timeout(ASK_AGAIN * 1.5) == []
+    assert len(receiver.handle_timeout(ASK_AGAIN * 2)) == 1
+
+
 def test_the_largest_message_of_the_smallest_chunks_asks_in_linear_time() -> None:
     # 65535 chunks of a byte: every ask starts where the last gap was.
     sender, receiver = FragmentSender(1), FragmentReceiver()

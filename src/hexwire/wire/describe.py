@@ -41,6 +41,13 @@ from .tables import MAX_NETWORK_FRAME, PROTO_CHAPTER
 __all__ = ["describe", "describe_body", "describe_frame", "describe_servo", "describe_status"]
 
 _ERROR_BITS = ((0x01, "voltage"), (0x02, "encoder"), (0x04, "temperature"), (0x08, "current"), (0x20, "overload"))
+_BOARD_ERRORS = {
+    "frame_short": "frame too short",
+    "command_unknown": "unknown command",
+    "ping_silent": "ping not answered",
+    "read_silent": "read not answered",
+}
+_STOP_MODES = ("hold", "torque off")
 _SAMPLE = 24
 _INSTRUCTIONS = {member.value: member for member in Instruction}
 
@@ -76,7 +83,7 @@ def describe_servo(data: bytes, series: Series | None = None, *, reply: bool | N
         What it says, or what is wrong with it. Never raises.
     """
     problems = []
-    if not reply and data[:2] == tables.SERVO_HEADER:
+    if reply is False or (reply is None and data[:2] == tables.SERVO_HEADER):
         try:
             packet = parse_packet(data)
             if reply is False or packet.instruction in _INSTRUCTIONS:
@@ -101,7 +108,9 @@ def describe_status(status: StatusPacket, series: Series | None = None, address:
     """
     named = board_error_name(status)
     if named is not None:
-        return f"board error: {named}" + ("" if status.servo_id == 0xFF else f" (servo {status.servo_id})")
+        return f"board error: {_BOARD_ERRORS[named]}" + (
+            "" if status.servo_id == 0xFF else f" (servo {status.servo_id})"
+        )
     who = f"servo {status.servo_id}" + (" (legacy)" if status.legacy else "")
     faults = [word for bit, word in _ERROR_BITS if status.error & bit]
     condition = f"error {', '.join(faults) or f'0x{status.error:02X}'}" if status.error else "ok"
@@ -179,8 +188,20 @@ def _known_body(frame: Frame, body: bytes) -> str:
         return f"sent {rows or 'nothing'} in {sent.duration_ms} ms"
     if cmd == Command.TORQUE or (cmd == Command.STOP and reply):
         mode, mask = parse_stop_reply(body)
-        words = ("off", "on") if cmd == Command.TORQUE else ("hold", "torque off")
+        words = ("off", "on") if cmd == Command.TORQUE else _STOP_MODES
         return f"{words[min(mode, 1)]}, joints {mask:07b}"
+    if cmd == Command.STOP and len(body) == 1:
+        return _STOP_MODES[min(body[0], 1)]
+    if cmd in (Command.REPORT, Command.WATCHDOG) and len(body) == 3:
+        every, last = int.from_bytes(body[:2], "little"), body[2]
+        if not every:
+            return "off"
+        words = (
+            (f"every {every} ms", f"fields {last:02X}")
+            if cmd == Command.REPORT
+            else (f"after {every} ms", _STOP_MODES[min(last, 1)])
+        )
+        return ", ".join(words)
     if cmd == Command.LIMITS and reply:
         return ", ".join(f"{lo}..{hi}" for lo, hi, _ in LimitTable.parse(body).rows)
     if cmd == Command.TRANSACT and not reply:
