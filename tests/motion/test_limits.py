@@ -1,0 +1,81 @@
+"""What is refused, and what is slowed, before anything is sent."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import LimitError, UsageError
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointTarget
+from hexwire.motion.limits import check_target, needed_duration
+
+ZERO = dict.fromkeys(HEX7BOT.names, 0.0)
+
+
+def test_a_target_inside_its_limits_goes_as_it_is() -> None:
+    target = JointTarget.of({"J1": 0.1, "J6": -0.2}, 1.0)
+    assert check_target(HEX7BOT, target, ZERO) == target
+
+
+def test_names_come_back_as_the_arm_spells_them() -> None:
+    assert check_target(HEX7BOT, JointTarget.of({"j1": 0.1}), ZERO).positions == (("J1", 0.1),)
+
+
+def test_one_bad_joint_refuses_all() -> None:
+    with pytest.raises(LimitError, match="J4="):
+        check_target(HEX7BOT, JointTarget.of({"J1": 0.0, "J4": 3.0}), ZERO)
+    with pytest.raises(UsageError, match="no joint 'J8'"):
+        check_target(HEX7BOT, JointTarget.of({"J8": 0.0}), ZERO)
+    with pytest.raises(UsageError, match="names J1 twice"):
+        check_target(HEX7BOT, JointTarget.of({"J1": 0.0, "j1": 0.1}), ZERO)
+
+
+def test_a_motion_that_would_be_too_fast_is_given_more_time() -> None:
+    target = check_target(HEX7BOT, JointTarget.of({"J1": 1.3, "J5": 0.1}, 0.1), ZERO)
+    assert target.duration == pytest.approx(1.3 / HEX7BOT.joint("J1").max_speed)
+    slow = JointTarget.of({"J1": 1.3}, 5.0)
+    assert check_target(HEX7BOT, slow, ZERO).duration == 5.0
+
+
+def test_the_slowest_joint_counts_and_unknown_starts_do_not() -> None:
+    goal = {"J1": 1.0, "J2": 2.0, "J5": 1.0}
+    assert needed_duration(HEX7BOT, {"J1": 0.0, "J5": 0.0}, goal) == pytest.approx(1.0 / 2.6)
+    assert needed_duration(HEX7BOT, {}, goal) == 0.0
+    assert needed_duration(HEX7BOT, ZERO, {}) == 0.0
+    # A silent servo's position is not a number; the limits of the others still hold.
+    for silent in ("J1", "J2", "J5"):
+        start = ZERO | {silent: math.nan}
+        rest = max(abs(goal[n]) / HEX7BOT.joint(n).max_speed for n in goal if n != silent)
+        assert needed_duration(HEX7BOT, start, goal) == pytest.approx(rest)
+        assert check_target(HEX7BOT, JointTarget.of({"J1": 1.0}, 0.0), start).duration < math.inf
+
+
+ANGLES = st.floats(-4, 4)
+STARTS = st.dictionaries(st.sampled_from(HEX7BOT.names), ANGLES | st.just(math.nan))
+GOALS = st.dictionaries(st.sampled_from(HEX7BOT.names), ANGLES, min_size=1)
+
+
+@given(GOALS, st.floats(0, 10), STARTS)
+def test_whatever_passes_is_inside_and_slow_enough(
+    goal: dict[str, float], duration: float, start: dict[str, float]
+) -> None:
+    try:
+        target = check_target(HEX7BOT, JointTarget.of(goal, duration), start)
+    except LimitError:
+        assert any(not _inside(name, angle) for name, angle in goal.items())
+        return
+    assert dict(target.positions) == goal
+    assert target.duration >= duration
+    for name, angle in goal.items():
+        assert _inside(name, angle)
+        moved = abs(angle - start.get(name, math.nan))
+        assert not moved > target.duration * HEX7BOT.joint(name).max_speed * (1 + 1e-9)
+
+
+def _inside(name: str, angle: float) -> bool:
+    joint = HEX7BOT.joint(name)
+    return joint.minimum - joint.scale / 2 <= angle <= joint.maximum + joint.scale / 2
