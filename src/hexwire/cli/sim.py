@@ -13,6 +13,7 @@ import time
 import click
 
 from .exits import note
+from .sim_puma import puma260
 
 __all__ = ["sim"]
 
@@ -22,7 +23,10 @@ _SERVO_BAUD = 115200
 
 @click.group()
 def sim() -> None:
-    """Emulate hardware on a pseudo-terminal."""
+    """Emulate hardware for other programs to talk to."""
+
+
+sim.add_command(puma260)
 
 
 @sim.command()

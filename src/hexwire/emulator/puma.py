@@ -7,16 +7,21 @@ each a `PumaPeer` with a session of its own; all see one robot. Time comes in as
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 
 from hexwire.errors import RemoteProtocolError
+from hexwire.model.arm import JointModel
 from hexwire.model.puma260 import PUMA260, angles_to_counts
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.commands import Identity, JointRow
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import EncoderRow, EncoderStates, JointCommands, RobotStatus, TrajectoryPoints
+
+from .puma_motion import Gains, Path, gains_of
 
 __all__ = ["EmulatedPuma", "PumaPeer"]
 
@@ -28,6 +33,9 @@ _REST_EFFORT = 0.02
 _MODE_POSITION, _MODE_TEACH = 0, 1
 _STOP, _STOP_TORQUE_OFF, _RESUME, _TORQUE_ON, _TORQUE_OFF = 1, 2, 3, 4, 5
 _SCALE = tuple(joint.scale for joint in PUMA260.joints)
+_RUN_ON = 0.5
+"""Seconds that a velocity without a position is followed: a host that falls silent leaves no joint running."""
+_FIRMWARE = (1, 0, 0)
 
 
 class EmulatedPuma:
@@ -39,21 +47,25 @@ class EmulatedPuma:
     Attributes:
         position: Radians.
         velocity: Radians per second.
-        executed: JOINT_COMMANDS and JOINT_TRAJECTORY that were taken, for tests.
+        executed: The last JOINT_COMMANDS and JOINT_TRAJECTORY that were taken.
     """
 
     def __init__(self, *, start: float = 0.0) -> None:
+        n = len(PUMA260.joints)
         self.start = start
         self.boot_id = 1
         self.mode = _MODE_POSITION
         self.stopped = False
         self.power = False
-        self.position = [0.0] * len(PUMA260.joints)
-        self.velocity = [0.0] * len(PUMA260.joints)
-        self.executed: list[JointCommands | TrajectoryPoints] = []
+        self.position = [0.0] * n
+        self.velocity = [0.0] * n
+        self.executed: deque[JointCommands | TrajectoryPoints] = deque(maxlen=256)
         self._setpoint = list(self.position)
-        self._trajectory: TrajectoryPoints | None = None
+        self._path: Path | None = None
         self._began = 0.0
+        self._running = [0.0] * n
+        self._run_until = 0.0
+        self._gains: list[Gains | None] = [None] * n
         self._ticks = 0
 
     def connect(self, max_frame: int = tables.MAX_NETWORK_FRAME) -> PumaPeer:
@@ -65,7 +77,7 @@ class EmulatedPuma:
     @property
     def moving(self) -> bool:
         """Whether a joint moves or is about to."""
-        if any(abs(v) > 1e-6 for v in self.velocity) or self._trajectory is not None:
+        if self._path is not None or any(self._running) or any(abs(v) > 1e-6 for v in self.velocity):
             return True
         return self.power and any(
             abs(goal - at) > scale for goal, at, scale in zip(self._setpoint, self.position, _SCALE, strict=True)
@@ -84,7 +96,7 @@ class EmulatedPuma:
     def step(self, now: float) -> None:
         """Let time pass, in whole ticks."""
         target = int((now - self.start) / TICK + 1e-9)
-        if not self.moving:
+        if not self.moving and not any(self._gains):
             self._ticks = target
         while self._ticks < target:
             self._ticks += 1
@@ -92,29 +104,49 @@ class EmulatedPuma:
 
     def hold(self) -> None:
         """Make the present position the target."""
-        self._trajectory = None
+        n = len(self.position)
+        self._path = None
         self._setpoint = list(self.position)
-        self.velocity = [0.0] * len(self.velocity)
+        self._running = [0.0] * n
+        self._gains = [None] * n
+        self.velocity = [0.0] * n
 
     def _tick(self, now: float) -> None:
-        if not self.power:
-            self.hold()
-            return
-        if self._trajectory is not None:
-            self._setpoint = list(_sample(self._trajectory, self._origin, now - self._began))
-            if now - self._began >= self._trajectory.times[-1]:
-                self._trajectory = None
+        # Twice the speed limit on a path: following it at the limit needs something in reserve.
+        reserve = 1.0
+        if self._path is not None:
+            reserve = 2.0
+            self._setpoint = list(self._path.at(now - self._began))
+            if now - self._began >= self._path.duration:
+                self._path = None
+        if any(self._running) and now > self._run_until:
+            self._running = [0.0] * len(self._running)
         for i, joint in enumerate(PUMA260.joints):
-            error = self._setpoint[i] - self.position[i]
-            # Twice the speed limit: following a trajectory at its limit needs something in reserve.
-            wanted = max(-2 * joint.max_speed, min(2 * joint.max_speed, _GAIN * error))
-            change = max(-_ACCELERATION * TICK, min(_ACCELERATION * TICK, wanted - self.velocity[i]))
-            self.velocity[i] += change
-            if abs(error) < 0.25 * joint.scale and abs(self.velocity[i]) < joint.scale / TICK / 50:
-                self.velocity[i] = 0.0
-                self.position[i] = self._setpoint[i]
-            else:
-                self.position[i] += self.velocity[i] * TICK
+            if self._running[i]:
+                goal = self._setpoint[i] + self._running[i] * TICK
+                self._setpoint[i] = max(joint.minimum, min(joint.maximum, goal))
+            self._move(i, joint, reserve * joint.max_speed)
+
+    def _move(self, i: int, joint: JointModel, fastest: float) -> None:
+        error = self._setpoint[i] - self.position[i]
+        gains = self._gains[i]
+        if gains is not None:
+            pull = gains.acceleration(error, self.velocity[i], TICK)
+            wanted = max(-fastest, min(fastest, self.velocity[i] + pull * TICK))
+        else:
+            wanted = max(-fastest, min(fastest, _GAIN * error))
+        change = max(-_ACCELERATION * TICK, min(_ACCELERATION * TICK, wanted - self.velocity[i]))
+        self.velocity[i] += change
+        there = abs(error) < 0.25 * joint.scale and abs(self.velocity[i]) < joint.scale / TICK / 50
+        if there and gains is None:
+            self.velocity[i] = 0.0
+            self.position[i] = self._setpoint[i]
+            return
+        moved = self.position[i] + self.velocity[i] * TICK
+        self.position[i] = max(joint.minimum, min(joint.maximum, moved))
+        if self.position[i] != moved:
+            # The end of its way.
+            self.velocity[i] = 0.0
 
     # -- what hosts ask -----------------------------------------------------------------------------
 
@@ -141,6 +173,8 @@ class EmulatedPuma:
         elif number == _TORQUE_ON:
             if self.stopped:
                 return Status.STOPPED
+            if self.mode != _MODE_POSITION:
+                return Status.NOT_SUPPORTED
             if not self.power:
                 self.hold()
             self.power = True
@@ -155,13 +189,15 @@ class EmulatedPuma:
         """Position or teach mode; both begin where the joints are."""
         if mode not in (_MODE_POSITION, _MODE_TEACH):
             return Status.BAD_RANGE
+        if self.stopped:
+            return Status.STOPPED
         self.mode = mode
         self.hold()
         self.power = self.power and mode == _MODE_POSITION
         return Status.OK
 
-    def command(self, commands: JointCommands) -> Status:
-        """Set-points for some joints."""
+    def command(self, commands: JointCommands, now: float) -> Status:
+        """Set-points, speeds, efforts and gains for some joints; the others go on."""
         refusal = self._refusal()
         if refusal is not Status.OK:
             return refusal
@@ -173,8 +209,14 @@ class EmulatedPuma:
             goal[names.index(name)] = angle
         if not self._inside(goal):
             return Status.BAD_RANGE
-        self._trajectory = None
+        self._path = None
         self._setpoint = goal
+        self._run_until = now + _RUN_ON
+        for k, name in enumerate(commands.name):
+            i = names.index(name)
+            speed = commands.velocity[k] if commands.velocity and not commands.position else 0.0
+            self._running[i] = max(-PUMA260.joints[i].max_speed, min(PUMA260.joints[i].max_speed, speed))
+            self._gains[i] = gains_of(commands, k)
         self.executed.append(commands)
         return Status.OK
 
@@ -185,8 +227,9 @@ class EmulatedPuma:
             return refusal
         if len(trajectory.positions[0]) != len(PUMA260.joints) or not all(map(self._inside, trajectory.positions)):
             return Status.BAD_RANGE
-        self._trajectory = trajectory
-        self._origin = tuple(self.position)
+        n = len(self.position)
+        self._running, self._gains = [0.0] * n, [None] * n
+        self._path = Path(trajectory, self.position, self.velocity)
         self._began = now
         self.executed.append(trajectory)
         return Status.OK
@@ -204,39 +247,6 @@ class EmulatedPuma:
             joint.minimum - joint.scale <= angle <= joint.maximum + joint.scale
             for joint, angle in zip(PUMA260.joints, angles, strict=True)
         )
-
-
-def _sample(trajectory: TrajectoryPoints, origin: Sequence[float], t: float) -> tuple[float, ...]:
-    """Cubic between waypoints; speeds at waypoints as given, else at rest at both ends and mean in between."""
-    times = (0.0, *trajectory.times) if trajectory.times[0] > 0 else trajectory.times
-    points = (tuple(origin), *trajectory.positions) if trajectory.times[0] > 0 else trajectory.positions
-    if t >= times[-1]:
-        return tuple(points[-1])
-    k = max(i for i in range(len(times)) if times[i] <= t) if t > times[0] else 0
-    span = times[k + 1] - times[k] if k + 1 < len(times) else 1.0
-    u = (t - times[k]) / span
-    given = trajectory.velocities
-    if given and len(given) < len(times):
-        given = ((0.0,) * len(origin), *given)
-    values = []
-    for i in range(len(origin)):
-        a, b = points[k][i], points[min(k + 1, len(points) - 1)][i]
-        va = given[k][i] if given else _slope(times, points, k, i)
-        vb = given[k + 1][i] if given else _slope(times, points, k + 1, i)
-        values.append(
-            a * (2 * u**3 - 3 * u**2 + 1)
-            + b * (3 * u**2 - 2 * u**3)
-            + span * (va * (u**3 - 2 * u**2 + u) + vb * (u**3 - u**2))
-        )
-    return tuple(values)
-
-
-def _slope(times: Sequence[float], points: Sequence[Sequence[float]], k: int, i: int) -> float:
-    if k <= 0 or k >= len(times) - 1:
-        return 0.0
-    before, after = points[k][i] - points[k - 1][i], points[k + 1][i] - points[k][i]
-    # A turning point is passed at rest, so that no joint overshoots its waypoint.
-    return 0.0 if before * after <= 0 else (before + after) / (times[k + 1] - times[k - 1])
 
 
 class PumaPeer:
@@ -293,12 +303,24 @@ class PumaPeer:
             if isinstance(event, Request) and event.frame.proto == tables.PROTO_HEXWIRE:
                 try:
                     status, body = self._answer(event, now)
-                except (RemoteProtocolError, IndexError):
+                except RemoteProtocolError:
                     status, body = Status.BAD_LENGTH, b""
-                self.connection.reply(event, status, body, now)
+                self.connection.reply(event, status, body if status is Status.OK else b"", now)
 
     def _answer(self, request: Request, now: float) -> tuple[Status, bytes]:
         robot, cmd, body = self.robot, request.frame.cmd, request.frame.body
+        if cmd == Command.JOINT_COMMANDS:
+            return robot.command(JointCommands.parse(body), now), b""
+        if cmd == Command.JOINT_TRAJECTORY:
+            trajectory = TrajectoryPoints.parse(body)
+            return robot.follow(trajectory, now), len(trajectory.times).to_bytes(2, "little")
+        if cmd not in _BODY_SIZE:
+            return Status.UNKNOWN_COMMAND, b""
+        if len(body) != _BODY_SIZE[cmd]:
+            return Status.BAD_LENGTH, b""
+        if cmd == Command.IDENTIFY:
+            self._report_due = None
+            return Status.OK, self._identity().serialize()
         if cmd == Command.ROBOT_PROBE:
             n = len(PUMA260.joints)
             return Status.OK, RobotStatus(robot.boot_id, robot.mode, robot.flags, n).serialize()
@@ -308,15 +330,31 @@ class PumaPeer:
             return robot.signal(body[0]), bytes((robot.mode, robot.flags))
         if cmd == Command.ROBOT_MODE:
             return robot.set_mode(body[0]), bytes((robot.mode, robot.flags))
-        if cmd == Command.JOINT_COMMANDS:
-            return robot.command(JointCommands.parse(body)), b""
-        if cmd == Command.JOINT_TRAJECTORY:
-            trajectory = TrajectoryPoints.parse(body)
-            return robot.follow(trajectory, now), len(trajectory.times).to_bytes(2, "little")
-        if cmd == Command.REPORT:
-            period = int.from_bytes(body[:2], "little") / 1000
-            if len(body) != 3 or (period and not 0.005 <= period <= 10):
-                return Status.BAD_RANGE, b""
-            self._report_period, self._report_due = period, now + period if period else None
-            return Status.OK, body
-        return Status.UNKNOWN_COMMAND, b""
+        return self._report(body, now, request.frame.src)
+
+    def _report(self, body: bytes, now: float, src: int) -> tuple[Status, bytes]:
+        period = int.from_bytes(body[:2], "little") / 1000
+        if period and not 0.005 <= period <= 10:
+            return Status.BAD_RANGE, b""
+        self._report_period = period
+        self._report_due = now + period if period else None
+        self.connection.remote = src
+        return Status.OK, body
+
+    def _identity(self) -> Identity:
+        rows = tuple(JointRow(joint.servo_id, tables.SERIES_CODES["unknown"], True) for joint in PUMA260.joints)
+        can = tables.CAPABILITY_REPORT | tables.CAPABILITY_FRAGMENTS
+        flags = tables.BOARD_FLAGS_STOPPED if self.robot.stopped else 0
+        boot_id, longest = self.robot.boot_id, self.connection.max_frame
+        return Identity(tables.PROTO_HEXWIRE, _FIRMWARE, boot_id, can, longest, flags, rows)
+
+
+_BODY_SIZE = {
+    Command.IDENTIFY: 0,
+    Command.ROBOT_PROBE: 0,
+    Command.JOINT_STATES: 0,
+    Command.ROBOT_SIGNAL: 1,
+    Command.ROBOT_MODE: 1,
+    Command.REPORT: 3,
+}
+"""Bytes of the requests whose body has one length."""

@@ -21,13 +21,13 @@ __all__ = ["serve_puma"]
 
 _IDLE = 0.25
 _MAX_PEERS = 64
-_WRITE_TIME = 1.0
 
 
 @dataclass(slots=True)
 class _Caller:
     link: PollLink
     peer: PumaPeer
+    heard: float
 
 
 def serve_puma(
@@ -39,7 +39,7 @@ def serve_puma(
     announce: Callable[[str], None],
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Serve until told to stop.
+    """Serve until told to stop. Nobody is waited for: a host that does not take its answers is hung up on.
 
     Args:
         robot: The robot that all hosts share.
@@ -51,12 +51,11 @@ def serve_puma(
     """
     callers: dict[int, _Caller] = {}
     with listener:
-        if udp is not None:
-            udp.open()
-            callers[udp.fileno()] = _Caller(udp, robot.connect())
         try:
             announce(listener.url)
             if udp is not None:
+                udp.open()
+                callers[udp.fileno()] = _Caller(udp, robot.connect(), clock())
                 announce(udp.url)
             while not stop():
                 _turn(robot, listener, callers, clock)
@@ -76,23 +75,36 @@ def _turn(robot: EmulatedPuma, listener: Listener, callers: dict[int, _Caller], 
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
     now = clock()
     robot.step(now)
-    if listener.fileno() in ready:
-        link = listener.accept(now)
-        if link is not None:
-            if len(callers) < _MAX_PEERS:
-                callers[link.fileno()] = _Caller(link, robot.connect())
-            else:
-                link.close()
+    link = listener.accept(now) if listener.fileno() in ready else None
+    if link is not None:
+        if len(callers) >= _MAX_PEERS:
+            _make_room(callers)
+        callers[link.fileno()] = _Caller(link, robot.connect(), now)
     for fd, caller in list(callers.items()):
         try:
-            if fd in ready:
-                data = caller.link.read(now)
-                if data:
-                    caller.peer.receive(data, now, end_of_message=caller.link.kind is LinkKind.DATAGRAM)
-            caller.peer.step(now)
-            for frame in caller.peer.frames_to_send():
-                caller.link.write(frame, clock() + _WRITE_TIME)
+            _serve(caller, fd in ready, clock)
         except LinkError:
-            # A host that went away, or takes nothing, must not hold the others up.
-            caller.link.close()
             del callers[fd]
+            caller.link.close()
+            if isinstance(caller.link, UdpListenLink):
+                # One datagram that could not go must not end UDP for good.
+                caller.link.open()
+                callers[caller.link.fileno()] = _Caller(caller.link, robot.connect(), now)
+
+
+def _serve(caller: _Caller, readable: bool, clock: Callable[[], float]) -> None:
+    now = clock()
+    if readable:
+        data = caller.link.read(now)
+        if data:
+            caller.heard = now
+            caller.peer.receive(data, now, end_of_message=caller.link.kind is LinkKind.DATAGRAM)
+    caller.peer.step(now)
+    for frame in caller.peer.frames_to_send():
+        caller.link.write(frame, now)
+
+
+def _make_room(callers: dict[int, _Caller]) -> None:
+    """Hang up on the host that has been silent the longest: the machine behind it may be gone."""
+    silent = [(caller.heard, fd) for fd, caller in callers.items() if not isinstance(caller.link, UdpListenLink)]
+    callers.pop(min(silent)[1]).link.close()

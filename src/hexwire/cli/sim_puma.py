@@ -1,0 +1,73 @@
+"""`sim puma260`: an emulated PUMA 260 controller for other programs to talk to.
+
+Owns its addresses and when it ends. Must not know how the controller works.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import click
+
+from .exits import note
+
+__all__ = ["parse_address", "puma260"]
+
+_PORT = 15030
+"""The chapter's."""
+
+
+@click.command()
+@click.option(
+    "--tcp",
+    metavar="HOST:PORT",
+    default=f"127.0.0.1:{_PORT}",
+    show_default=True,
+    help="Where TCP hosts call; port 0 takes a free one.",
+)
+@click.option("--udp", metavar="HOST:PORT", help="Where one host on this machine may speak UDP.")
+@click.option("--peer", metavar="HOST", help="With --udp on an address that others reach: the host that is heard.")
+def puma260(tcp: str, udp: str | None, peer: str | None) -> None:
+    """Emulate a PUMA 260 controller: prints its URLs, and runs until it is stopped.
+
+    It has the four channels of the chapter's configuration file on one port, for any number of hosts.
+    """
+    from hexwire.emulator.puma import EmulatedPuma
+    from hexwire.emulator.serve_puma import serve_puma
+    from hexwire.errors import UsageError
+    from hexwire.ipc.listener import Listener
+    from hexwire.ipc.udp import UdpListenLink
+
+    if peer and not udp:
+        raise UsageError("--peer makes no sense without --udp")
+    listener = Listener(*parse_address(tcp))
+    link = UdpListenLink(*parse_address(udp), peer=peer or "") if udp else None
+    serve_puma(
+        EmulatedPuma(start=time.monotonic()),
+        listener=listener,
+        udp=link,
+        stop=lambda: False,
+        announce=_announce,
+    )
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Take ``host:port`` or ``:port`` apart; without a host it is loopback.
+
+    Raises:
+        UsageError: It is neither.
+    """
+    from hexwire.ipc.listener import LOOPBACK
+    from hexwire.ipc.url import split_host_port
+
+    host, port = split_host_port(f"{LOOPBACK}{text}" if text.startswith(":") else text, text)
+    return host, port
+
+
+def _announce(url: str) -> None:
+    # Ours to hear on, the other side's to call.
+    url = url.replace("-listen://", "://").partition("?")[0]
+    print(url, flush=True)
+    if sys.stdout.isatty():
+        note(f"try 'hexwire --robot puma260 state --port {url}' in another terminal; Ctrl-C ends it")

@@ -1,0 +1,95 @@
+"""`hexwire sim puma260` as a process, and the other commands against it."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from click.testing import CliRunner, Result
+
+from hexwire.cli.main import cli
+from hexwire.cli.sim_puma import parse_address
+from hexwire.errors import UsageError
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(cli, list(words))
+
+
+@pytest.fixture(scope="module")
+def urls() -> Iterator[list[str]]:
+    command = [sys.executable, "-m", "hexwire.cli", "sim", "puma260", "--tcp", ":0", "--udp", "127.0.0.1:0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    try:
+        yield [process.stdout.readline().strip(), process.stdout.readline().strip()]
+    finally:
+        process.terminate()
+        assert process.wait(20) == 130
+        assert process.stderr.read() == ""
+        process.stdout.close()
+        process.stderr.close()
+
+
+@pytest.mark.system
+def test_it_prints_urls_to_call(urls: list[str]) -> None:
+    assert re.fullmatch(r"tcp://127\.0\.0\.1:\d+", urls[0])
+    assert re.fullmatch(r"udp://127\.0\.0\.1:\d+", urls[1])
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("which", [0, 1])
+def test_state_move_and_stop_as_for_the_other_arm(urls: list[str], which: int) -> None:
+    port = urls[which]
+    early = ("--robot", "puma260")
+    result = run(*early, "move", "J1=4", "j5=10", "--wait", "--port", port)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.endswith("arrived\n")
+    state = json.loads(run("state", *early, "--port", port, "--json").stdout)
+    angles = {joint["name"]: joint["position_deg"] for joint in state["joints"]}
+    assert angles["J1"] == pytest.approx(4, abs=1)
+    assert angles["J5"] == pytest.approx(10, abs=1)
+    assert run(*early, "--port", port, "stop").stdout == "stopped, holding: J1 J2 J3 J4 J5 J6\n"
+    refused = run(*early, "--port", port, "move", "J1=0")
+    assert (refused.exit_code, "the arm is stopped" in refused.stderr) == (1, True)
+    assert run(*early, "--port", port, "resume").stdout == "resumed; torque on: J1 J2 J3 J4 J5 J6\n"
+    assert run(*early, "--port", port, "torque", "off").stdout == "torque off: J1 J2 J3 J4 J5 J6\n"
+    assert "puma260" in run(*early, "--port", port, "probe").stdout
+
+
+@pytest.mark.system
+def test_the_option_behind_the_command_wins(urls: list[str]) -> None:
+    result = run(
+        "--robot", "hex7bot", "--port", "tcp://127.0.0.1:1", "state", "--robot", "puma260", "--port", urls[0]
+    )
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "text"),
+    [
+        (("--robot", "puma", "state", "--port", "udp://127.0.0.1:9"), 2, "no robot 'puma'; installed are"),
+        (("--robot", "puma260", "state", "--dialect", "1", "--port", "udp://127.0.0.1:9"), 2, "no option dialect"),
+        (("--robot", "puma260", "state", "--timeout", "0.1", "--port", "udp://127.0.0.1:9"), 1, "no answer to"),
+        (("sim", "puma260", "--tcp", "nowhere"), 2, "the port is missing"),
+        (("sim", "puma260", "--tcp", ":0", "--udp", "0.0.0.0:0"), 2, "name the host that is heard"),
+        (("sim", "puma260", "--peer", "127.0.0.1"), 2, "--peer makes no sense without --udp"),
+    ],
+)
+def test_mistakes(words: tuple[str, ...], status: int, text: str) -> None:
+    result = run(*words)
+    assert result.exit_code == status
+    assert text in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_addresses() -> None:
+    assert parse_address(":15030") == ("127.0.0.1", 15030)
+    assert parse_address("[::1]:0") == ("::1", 0)
+    with pytest.raises(UsageError):
+        parse_address("host")

@@ -1,0 +1,138 @@
+"""The emulated PUMA 260 behind sockets, with hosts that behave badly."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+from tests.drivers.puma_server import Served, served_puma
+
+from hexwire.drivers.puma260 import Puma260Driver
+from hexwire.errors import HexwireError
+from hexwire.wire.command_frame import Command, serialize_frame
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with served_puma() as server:
+        yield server
+
+
+def request(cmd: int, seq: int, body: bytes = b"") -> bytes:
+    return serialize_frame(
+        proto=2, cmd=cmd, body=body, seq=seq & 0xFF, sn=seq, src=2, dst=3, type=1, time_sec=0, time_nsec=0
+    )  # fmt: skip
+
+
+def call(served: Served) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", served.listener.port), timeout=10)
+
+
+def worst_round_trip(driver: Puma260Driver, seconds: float) -> float:
+    worst, end = 0.0, time.monotonic() + seconds
+    while time.monotonic() < end:
+        began = time.monotonic()
+        driver.read()
+        worst = max(worst, time.monotonic() - began)
+    return worst
+
+
+def test_it_announces_where_it_is(served: Served) -> None:
+    assert [url.partition(":")[0] for url in served.urls] == ["tcp-listen", "udp-listen"]
+    assert str(served.listener.port) in served.urls[0]
+
+
+def test_tcp_and_udp_hosts_share_the_robot(served: Served) -> None:
+    with Puma260Driver.from_url(served.tcp) as one, Puma260Driver.from_url(served.udp) as other:
+        one.torque(True)
+        assert other.read().torque_on == one.model.names
+
+
+def test_a_host_that_reads_nothing_is_hung_up_on_and_holds_nobody(served: Served) -> None:
+    with call(served) as deaf, Puma260Driver.from_url(served.tcp) as driver:
+        deaf.setblocking(False)
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        ask, sent, seq = b"", 0, 0
+        end = time.monotonic() + 20
+        gone = False
+        while time.monotonic() < end and not gone:
+            if not ask:
+                ask = b"".join(request(Command.JOINT_STATES, seq + i) for i in range(200))
+                seq += 200
+            try:
+                sent = deaf.send(ask)
+                ask = ask[sent:]
+            except BlockingIOError:
+                driver.read()
+            except ConnectionError:
+                gone = True
+        assert gone, "it still listens to somebody who takes no answers"
+        # Nobody waited a second for it, as the deadline of a read is a fifth.
+        assert worst_round_trip(driver, 0.3) < 1.0
+        assert driver.session.connection.counters.timeouts == 0
+
+
+def test_hosts_that_say_nonsense_or_half_a_frame_hold_nobody(served: Served) -> None:
+    rude = [call(served) for _ in range(5)]
+    try:
+        rude[0].sendall(bytes(range(256)) * 200)
+        rude[1].sendall(request(Command.ROBOT_PROBE, 1)[:-3])
+        rude[2].sendall(b"GET / HTTP/1.1\r\n\r\n")
+        rude[3].sendall(bytes.fromhex("5AFAFA5A") + bytes(24) + b"\xff\xff\xff\xff")
+        with Puma260Driver.from_url(served.tcp) as driver:
+            assert worst_round_trip(driver, 0.5) < 1.0
+            assert driver.session.connection.counters.timeouts == 0
+        # And who was rude may still become polite.
+        rude[1].sendall(request(Command.ROBOT_PROBE, 2))
+        rude[1].settimeout(10)
+        assert rude[1].recv(4096).startswith(bytes.fromhex("5AFAFA5A"))
+    finally:
+        for link in rude:
+            link.close()
+
+
+def test_hosts_that_come_and_go_leave_nothing_behind(served: Served) -> None:
+    for i in range(200):
+        with call(served) as link:
+            if i % 2:
+                link.sendall(request(Command.REPORT, i, b"\x05\0\0"))
+    with Puma260Driver.from_url(served.tcp) as driver:
+        assert driver.probe().robot == "puma260"
+
+
+def test_the_most_silent_host_makes_room(served: Served) -> None:
+    silent = [call(served) for _ in range(70)]
+    try:
+        with Puma260Driver.from_url(served.tcp) as driver:
+            assert driver.read().names == driver.model.names
+            silent[0].settimeout(10)
+            assert silent[0].recv(1) == b""
+    finally:
+        for link in silent:
+            link.close()
+
+
+def test_a_udp_host_is_not_confused_with_the_one_before(served: Served) -> None:
+    # Each starts counting at one and asks the same: only asking who is there tells them apart.
+    for _ in range(4):
+        for on in (True, False):
+            with Puma260Driver.from_url(served.udp) as driver:
+                driver.torque(on)
+            assert served.robot.power is on
+
+
+def test_noise_on_udp_ends_nothing(served: Served) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.connect(("127.0.0.1", served.udp_link.port))
+        for size in (0, 1, 43, 44, 500, 8192, 9000):
+            link.send(bytes(size))
+        link.send(request(Command.JOINT_STATES, 1)[:-1])
+    with Puma260Driver.from_url(served.udp) as driver:
+        try:
+            driver.read()
+        except HexwireError as error:  # pragma: no cover
+            pytest.fail(str(error))
