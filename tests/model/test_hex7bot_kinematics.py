@@ -18,7 +18,7 @@ from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.hex7bot_links import LINK_SETS
-from hexwire.model.pose import IDENTITY, Pose
+from hexwire.model.pose import IDENTITY, Pose, column, multiply, rotation_z
 
 MODELS = {name: Hex7BotModel(links) for name, links in LINK_SETS.items()}
 A = MODELS["A"]
@@ -222,6 +222,21 @@ def test_points_that_may_hit_the_table() -> None:
     assert points["tool"] == pytest.approx((0, 0.227553506, 0.249073506))
     with pytest.raises(UsageError, match="no position of J2, J3"):
         A.from_joints({"J1": 0.0, "J4": 0.0, "J5": 0.0, "J6": 0.0})
+
+
+def test_tool_down_and_carried() -> None:
+    angles = rad([90, 95, 90, 90, 60, 110])
+    place = (0.1, 0.18, 0.05)
+    down = Pose(place, A.tool_down(place, angles))
+    solution = A.best(down, angles)
+    assert column(A.forward(solution.angles).rotation, 2) == pytest.approx((0, 0, -1), abs=1e-9)
+    assert solution.angles[3] == pytest.approx(math.pi / 2, abs=1e-9)
+    assert solution.angles[5] == pytest.approx(angles[5], abs=1e-9)
+    tilted = rad([90, 95, 90, 75, 60, 110])
+    solution = A.best(Pose(place, A.carried(place, tilted)), tilted)
+    turned = solution.angles[0] - tilted[0]
+    expected = multiply(rotation_z(turned), A.rotation(tilted))
+    assert pose_error(Pose(place, A.rotation(solution.angles)), Pose(place, expected)) < 1e-9
 
 
 def test_wrong_number_of_angles() -> None:

@@ -125,3 +125,11 @@ def test_joints_are_the_drivers_and_points_are_on_the_arm() -> None:
     points = MODEL.points((0.0,) * 6)
     assert points["elbow"] == pytest.approx((7.8 * 0.0254, -4.9 * 0.0254, 12.25 * 0.0254))
     assert points["wrist"] == pytest.approx((7.8 * 0.0254, -4.9 * 0.0254, 4.25 * 0.0254))
+
+
+def test_tool_down_and_carried() -> None:
+    angles = rad([20, -60, 30, 50, 40, 10])
+    place = (0.3, 0.1, 0.2)
+    down = MODEL.tool_down(place, angles)
+    assert [row[0] for row in down] == pytest.approx([0, 0, -1], abs=1e-12)
+    assert MODEL.carried(place, angles) == MODEL.forward(angles).rotation

@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from .exits import ends_like_ctrl_c, run, show_more, warnings_shown
+from .exits import INTERRUPTED, ends_like_ctrl_c, note, run, show_more, warnings_shown
 
 __all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
 
@@ -21,18 +21,25 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "cert": ("hexwire.cli.cert:cert", "Make certificates for a lab, for links with TLS."),
     "conf": ("hexwire.cli.conf:conf", "Check and convert files of channels (ipc_msg.conf)."),
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
-    "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send it over a channel."),
+    "firmware": ("hexwire.cli.firmware:firmware", "Build, flash and identify the board's firmware."),
     "doctor": ("hexwire.cli.doctor:doctor", "Look for what is wrong, from the plug to the servos."),
+    "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a place, the quickest way."),
+    "grip": ("hexwire.cli.tool:grip", "Open or close the gripper."),
+    "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send it over a channel."),
+    "line": ("hexwire.cli.motion:line", "Move the tool tip on a straight line."),
     "loopback": ("hexwire.cli.loopback:loopback", "Prove a cable and adapter: TX wired to RX."),
     "model": ("hexwire.cli.model:model", "Compute with the arm's geometry; no robot needed."),
     "move": ("hexwire.cli.move:move", "Move joints to angles in degrees."),
     "ping": ("hexwire.cli.look:ping", "Ask each servo whether it is there."),
+    "play": ("hexwire.cli.motion:play", "Play a recording or waypoints."),
     "ports": ("hexwire.cli.look:ports", "List serial ports and what is probably behind them."),
     "probe": ("hexwire.cli.look:probe", "Show who the board and its servos are and how they do."),
+    "pump": ("hexwire.cli.tool:pump", "Suction cup: hold, let go, off."),
     "resume": ("hexwire.cli.power:resume", "End a stop; nothing moves by it."),
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
+    "teach": ("hexwire.cli.motion:teach", "Record what a hand does with the arm."),
     "teleop": ("hexwire.cli.teleop:teleop", "Move an arm by joystick."),
     "torque": ("hexwire.cli.power:torque", "Switch the torque on, without moving, or off."),
     "trace": ("hexwire.cli.trace:trace", "Explain traffic that was written down before."),
@@ -74,6 +81,14 @@ class LazyGroup(click.Group):
             near = difflib.get_close_matches(args[0], COMMANDS, n=1)
             ctx.fail(f"no command {args[0]!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            if sys.stderr.isatty():
+                note("")  # behind the terminal's own ^C
+            raise click.exceptions.Exit(INTERRUPTED) from None
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program: ends with SystemExit and the exit status."""

@@ -244,6 +244,21 @@ class Hex7BotModel(KinematicModel):
             "tool": self.forward(angles).position,
         }
 
+    def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
+        # With the roll neutral R = Rz(t0) Ry(p + t4) Rz(-t5); down is p + t4 = 180 deg, and t5 stays.
+        heading = math.atan2(position[1], position[0])
+        return multiply(rotation_z(heading), rotation_y(math.pi), rotation_z(-angles[5]))
+
+    def carried(self, position: Vector, angles: Sequence[float]) -> Matrix:
+        # The tool turns with the base and keeps its angle to the arm's plane. Where the base will point depends on
+        # the wrist, and that on the tool: a few rounds settle it, since the tool is short.
+        first = self.rotation(angles)
+        turned = first
+        for _ in range(30):
+            wrist = _plus(position, column(turned, 2), -self.links.f)
+            turned = multiply(rotation_z(math.atan2(wrist[1], wrist[0]) - angles[0]), first)
+        return turned
+
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         self._six(angles)
         k = self.links

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import LimitError, UsageError
 
-from .pose import Pose, Vector
+from .pose import Matrix, Pose, Vector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -205,6 +205,14 @@ class KinematicModel(ABC):
     @abstractmethod
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
         """Joint positions for the driver of the model's angles, radians."""
+
+    @abstractmethod
+    def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
+        """A rotation with the tool pointing straight down at a place in metres, its turn as near as can be."""
+
+    def carried(self, position: Vector, angles: Sequence[float]) -> Matrix:
+        """The tool's rotation at `angles` when the arm carries it to a place in metres."""
+        return self.forward(angles).rotation
 
     # -- shared -------------------------------------------------------------------------------------
 

@@ -237,6 +237,10 @@ class Puma260Model(KinematicModel):
         self._six(angles)
         return dict(zip(PUMA260.names, angles, strict=True))
 
+    def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
+        # The tool is the x axis; its turn about the vertical is that of the base.
+        return multiply(rotation_z(angles[0]), rotation_y(math.pi / 2))
+
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         pose = self.forward(angles)
         q1, q2, q3, q4, q5, _ = angles

@@ -1,0 +1,396 @@
+"""`goto`, `line`, `play` and `teach`: poses and recordings instead of joints.
+
+Owns what a person types as a motion. Must not know how a motion is planned, checked or run.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hexwire.errors import UsageError
+
+from .common import FiniteFloat, RobotOptions, attached, make_robot, open_robot, robot_options
+from .exits import note
+from .model import NEGATIVE_NUMBERS, ROBOTS, links_option, make_kinematics
+from .run_motion import MotionOptions, dialect_rate, run_motion, torque_up
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.pose import Pose, Vector
+    from hexwire.motion.teach import Taught
+    from hexwire.motion.waypoints import Trajectory
+
+__all__ = ["goto", "line", "play", "teach"]
+
+_ACCELERATION = 6.0
+"""Radians per second squared: a 7Bot joint is at full speed after 0.4 s."""
+_PLACE = FiniteFloat("coordinate")
+
+
+def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--table``, ``--plot``, ``--dry-run`` and ``--rate``; the command gets them as ``run: MotionOptions``."""
+
+    @functools.wraps(command)
+    def packed(
+        *args: Any, table: float, no_table: bool, plot: str | None, dry_run: bool, rate: float | None, **rest: Any
+    ) -> Any:
+        run = MotionOptions(None if no_table else table / 1000, plot, dry_run, rate)
+        return command(*args, run=run, **rest)
+
+    for option in (
+        click.option(
+            "--rate",
+            type=FiniteFloat("hz", above=0),
+            metavar="HZ",
+            help="Cycles a second (20; 1.5 with a board of dialect 1).",
+        ),
+        click.option("--dry-run", is_flag=True, help="Check, and draw if asked to; move nothing."),
+        click.option("--plot", metavar="FILE", help="Draw joints and path as .png, .svg or .pdf."),
+        click.option("--no-table", is_flag=True, help="There is no table that the arm could hit."),
+        click.option(
+            "--table",
+            type=FiniteFloat("mm"),
+            default=0.0,
+            show_default=True,
+            metavar="MM",
+            help="Height of the table above the arm's base.",
+        ),
+    ):
+        packed = option(packed)
+    return packed
+
+
+def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    for option in (
+        click.option("--relative", is_flag=True, help="X Y Z counts from where the tip is."),
+        click.option(
+            "--rpy",
+            nargs=3,
+            type=FiniteFloat("degrees"),
+            metavar="R P Y",
+            help="Tool's roll, pitch, yaw in degrees.",
+        ),
+        click.option("--down", is_flag=True, help="The tool points straight down."),
+    ):
+        command = option(command)
+    return command
+
+
+@click.command(context_settings=NEGATIVE_NUMBERS)
+@click.argument("place", nargs=3, type=_PLACE, metavar="X Y Z")
+@_pose_options
+@click.option(
+    "--speed",
+    type=FiniteFloat("percent", above=0),
+    default=50.0,
+    show_default=True,
+    metavar="PERCENT",
+    help="Of the joints' speed limits.",
+)
+@links_option
+@_motion_options
+@robot_options
+def goto(
+    place: Vector,
+    down: bool,
+    rpy: Vector | None,
+    relative: bool,
+    speed: float,
+    links: str,
+    run: MotionOptions,
+    options: RobotOptions,
+) -> None:
+    """Move the tool tip to X Y Z the quickest way: millimetres for the 7Bot, metres for the PUMA 260.
+
+    Without --down or --rpy the tool keeps its direction against the arm.
+    """
+    from hexwire.motion.checks import InJoints
+    from hexwire.motion.optimal import time_optimal
+
+    model = make_kinematics(options.robot, links)
+    with open_robot(options) as robot:
+        start = _where(robot)
+        angles = model.from_joints(start)
+        goal = _goal(model, angles, place, down, rpy, relative)
+        solution = model.best(goal, angles)
+        names = [r.name for r in model.ranges]
+        joints = list(model.to_joints(angles))
+        limits = [min(1.0, speed / 100) * robot.model.joint(n).max_speed for n in joints]
+        way = time_optimal(names, angles, solution.angles, limits, [_ACCELERATION] * len(names))
+        title = f"goto {_place_words(model, goal)}"
+        run_motion(robot, [(title, InJoints(way, model))], model, start, run, title)
+
+
+@click.command(context_settings=NEGATIVE_NUMBERS)
+@click.argument("place", nargs=3, type=_PLACE, metavar="X Y Z")
+@_pose_options
+@click.option(
+    "--speed",
+    type=FiniteFloat("mm/s", above=0),
+    default=50.0,
+    show_default=True,
+    metavar="MM/S",
+    help="Of the tip.",
+)
+@links_option
+@_motion_options
+@robot_options
+def line(
+    place: Vector,
+    down: bool,
+    rpy: Vector | None,
+    relative: bool,
+    speed: float,
+    links: str,
+    run: MotionOptions,
+    options: RobotOptions,
+) -> None:
+    """Move the tool tip to X Y Z on a straight line: millimetres for the 7Bot, metres for the PUMA 260.
+
+    Without --down or --rpy the tool keeps its direction in space.
+    """
+    from hexwire.model.pose import Pose
+    from hexwire.motion.checks import InJoints
+    from hexwire.motion.line import Line
+
+    model = make_kinematics(options.robot, links)
+    with open_robot(options) as robot:
+        start = _where(robot)
+        angles = model.from_joints(start)
+        goal = _goal(model, angles, place, down, rpy, relative)
+        if not down and rpy is None:
+            goal = Pose(goal.position, model.forward(angles).rotation)
+        way = Line(model, angles, goal, speed=speed / 1000, acceleration=max(0.1, 4 * speed / 1000))
+        title = f"line to {_place_words(model, goal)}"
+        run_motion(robot, [(title, InJoints(way, model))], model, start, run, title)
+
+
+@click.command()
+@click.argument("file", metavar="FILE")
+@click.option(
+    "--speed",
+    type=FiniteFloat("factor", above=0),
+    default=1.0,
+    show_default=True,
+    metavar="FACTOR",
+    help="2 plays twice as fast.",
+)
+@click.option(
+    "--from", "begin", type=FiniteFloat("seconds", minimum=0), default=0.0, metavar="SECONDS", help="Begin here."
+)
+@click.option("--to", "end", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End here.")
+@click.option(
+    "--smooth",
+    type=FiniteFloat("seconds", minimum=0),
+    default=0.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Take tremor away that is shorter than this.",
+)
+@click.option("--trim", is_flag=True, help="Leave out stillness at both ends.")
+@click.option(
+    "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="So many times."
+)
+@links_option
+@_motion_options
+@robot_options
+def play(
+    file: str,
+    speed: float,
+    begin: float,
+    end: float | None,
+    smooth: float,
+    trim: bool,
+    repeat: int,
+    links: str,
+    run: MotionOptions,
+    options: RobotOptions,
+) -> None:
+    """Play a recording (.mcap), or waypoints (.json in the form of ROS's JointTrajectory).
+
+    The arm first goes carefully to where it begins.
+    """
+    from hexwire.motion.teach import approach
+    from hexwire.motion.waypoints import Scaled
+
+    way: Trajectory
+    if file.lower().endswith(".json"):
+        if begin or end is not None or smooth or trim:
+            raise UsageError("--from, --to, --smooth and --trim are for recordings; edit the waypoints instead")
+        way = Scaled(_read_waypoints(file), speed)
+    else:
+        taught = _read_taught(file)
+        if begin or end is not None:
+            taught = taught.trimmed(begin, math.inf if end is None else end)
+        if trim:
+            taught = taught.without_stillness()
+        way = taught.smoothed(smooth).faster(speed).trajectory()
+    model = make_kinematics(options.robot, links) if options.robot in ROBOTS else None
+    robot = make_robot(options)
+    unknown = [name for name in way.names if name not in robot.model.names]
+    if unknown:
+        raise UsageError(
+            f"{file} moves {', '.join(unknown)}; {robot.model.name} has {', '.join(robot.model.names)}"
+        )
+    with attached(robot):
+        start = _where(robot)
+        legs: list[tuple[str, Trajectory]] = []
+        here: Sequence[float] = [start[name] for name in way.names]
+        for _ in range(repeat):
+            first = approach(robot.model, way.names, here, way.start)
+            if first.duration:
+                legs.append(("approach", first))
+            legs.append((f"play {Path(file).name}", way))
+            here = way.goal
+        run_motion(robot, legs, model, start, run, f"play {Path(file).name}")
+
+
+@click.command()
+@click.argument("file", metavar="FILE.mcap")
+@click.option(
+    "--rate", type=FiniteFloat("hz", above=0), metavar="HZ", help="States a second (20; 1.5 with dialect 1)."
+)
+@click.option(
+    "--duration", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End by itself; else Ctrl-C."
+)
+@click.option("--limp", is_flag=True, help="Leave the torque off at the end; else the arm holds where it is then.")
+@click.option("--yes", is_flag=True, help="Do not ask whether somebody holds the arm.")
+@robot_options
+def teach(
+    file: str, rate: float | None, duration: float | None, limp: bool, yes: bool, options: RobotOptions
+) -> None:
+    """Record what a hand does with the arm, for `hexwire play`.
+
+    The torque goes off, so the arm sinks unless it is held.
+    """
+    from hexwire.motion.loop import RateLoop
+    from hexwire.trace.recording import RecordingWriter
+
+    if Path(file).suffix.lower() != ".mcap":
+        raise UsageError(f"{file}: a recording's name ends in .mcap")
+    with open_robot(options) as robot:
+        if not yes:
+            if not sys.stdin.isatty():
+                raise UsageError("the arm sinks when the torque goes off: hold it, and say so with --yes")
+            click.confirm("The torque goes off and the arm sinks. Do you hold it?", abort=True, err=True)
+        recording = RecordingWriter(file)
+        with recording:
+            robot.torque(False)
+            note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
+            loop = RateLoop(dialect_rate(robot, rate))
+            try:
+                for _ in loop.ticks(math.inf if duration is None else duration):
+                    state = robot.read()
+                    recording.joint_state(state, time.time() - (time.monotonic() - state.stamp))
+            except KeyboardInterrupt:
+                # The usual end. What follows must not be lost to a second one.
+                pass
+            finally:
+                if not limp:
+                    torque_up(robot, robot.model.names)
+        print(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
+
+
+def _where(robot: RobotDriver) -> dict[str, float]:
+    """Where the joints are, radians.
+
+    Raises:
+        ServoError: One does not say.
+    """
+    from hexwire.errors import ServoError
+
+    state = robot.read()
+    if state.silent:
+        raise ServoError(
+            f"it is not known where {', '.join(state.silent)} is: no answer; check cable, power and id"
+        )
+    return state.positions
+
+
+def _goal(
+    model: KinematicModel, angles: Sequence[float], place: Vector, down: bool, rpy: Vector | None, relative: bool
+) -> Pose:
+    from hexwire.model.pose import Pose, rotation_from_rpy
+
+    if down and rpy is not None:
+        raise UsageError("--down and --rpy: say the tool's direction once")
+    unit = _unit(model)
+    where: Vector = (place[0] * unit, place[1] * unit, place[2] * unit)
+    if relative:
+        here = model.forward(angles).position
+        where = (where[0] + here[0], where[1] + here[1], where[2] + here[2])
+    if down:
+        return Pose(where, model.tool_down(where, angles))
+    if rpy is not None:
+        return Pose(where, rotation_from_rpy(*(math.radians(d) for d in rpy)))
+    return Pose(where, model.carried(where, angles))
+
+
+def _unit(model: KinematicModel) -> float:
+    return 1e-3 if model.name == "hex7bot" else 1.0
+
+
+def _place_words(model: KinematicModel, goal: Pose) -> str:
+    unit = _unit(model)
+    return " ".join(f"{v / unit:.4g}" for v in goal.position) + (" mm" if unit == 1e-3 else " m")
+
+
+def _read_taught(file: str) -> Taught:
+    from hexwire.motion.teach import Taught
+    from hexwire.trace.recording import read_joint_states
+
+    rows = list(read_joint_states(file))
+    if not rows:
+        raise UsageError(f"{file} has no joint states")
+    # A joint that is missing once, as from a silent servo, is missing in that row only.
+    names = max((row.names for row in rows), key=len)
+    return Taught.of(names, ((row.time, row.position) for row in rows if row.names == names))
+
+
+def _read_waypoints(file: str) -> Trajectory:
+    from hexwire.motion.waypoints import Spline, Waypoint
+
+    try:
+        data = json.loads(Path(file).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise UsageError(f"{file} is no JSON: {error}") from None
+    try:
+        names = [str(name) for name in data["joint_names"]]
+        points = [
+            Waypoint(
+                _seconds(point["time_from_start"]),
+                _values(point["positions"]) or (),
+                _values(point.get("velocities")),
+                _values(point.get("accelerations")),
+            )
+            for point in data["points"]
+        ]
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UsageError(
+            f"{file} is no trajectory: it needs joint_names, and points with time_from_start, positions ({error!r})"
+        ) from None
+    return Spline(names, points)
+
+
+def _seconds(value: float | Mapping[str, float]) -> float:
+    """ROS writes a duration as seconds and nanoseconds; people write a number."""
+    if isinstance(value, Mapping):
+        return (
+            float(value.get("secs", value.get("sec", 0))) + float(value.get("nsecs", value.get("nanosec", 0))) / 1e9
+        )
+    return float(value)
+
+
+def _values(value: Sequence[float] | None) -> tuple[float, ...] | None:
+    """ROS writes an empty list for what is not given."""
+    return tuple(float(v) for v in value) if value else None

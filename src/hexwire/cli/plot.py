@@ -1,0 +1,102 @@
+"""`--plot FILE`: pictures of a motion that a person can read.
+
+Owns the drawing. Needs matplotlib, imported on first use. Must not know robots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hexwire.errors import UsageError
+
+__all__ = ["MotionPlot"]
+
+FORMATS = (".png", ".svg", ".pdf")
+# Told apart by people who see colours differently (Okabe and Ito).
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+@dataclass
+class MotionPlot:
+    """Collects a motion and draws it.
+
+    Attributes:
+        names: Joint names.
+        planned: Pairs of seconds and joint angles in radians.
+        measured: The same, as it came out; may be empty.
+        path: Places of the tip as planned, metres.
+        way: Places of the tip as measured, metres.
+        title: Above the picture.
+    """
+
+    names: tuple[str, ...]
+    title: str = ""
+    planned: list[tuple[float, Sequence[float]]] = field(default_factory=list)
+    measured: list[tuple[float, Sequence[float]]] = field(default_factory=list)
+    path: list[Sequence[float]] = field(default_factory=list)
+    way: list[Sequence[float]] = field(default_factory=list)
+
+    @staticmethod
+    def check(file: str) -> None:
+        """Refuse a file that could not be drawn, before anything moves.
+
+        Raises:
+            UsageError: An unknown kind of picture, or matplotlib is not installed.
+        """
+        if Path(file).suffix.lower() not in FORMATS:
+            raise UsageError(f"--plot {file}: the picture's name must end in {', '.join(FORMATS)}")
+        try:
+            import matplotlib  # noqa: F401  # only whether it is there
+        except ImportError:
+            raise UsageError("--plot needs matplotlib: pip install 'hexwire[plots]'") from None
+
+    def draw(self, file: str) -> None:
+        """Write the picture; the file's name says which kind."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(11, 7), layout="constrained")
+        figure.suptitle(self.title)
+        grid = figure.add_gridspec(2, 2, width_ratios=(3, 2))
+        joints = figure.add_subplot(grid[:, 0])
+        for i, name in enumerate(self.names):
+            colour = _COLOURS[i % len(_COLOURS)]
+            joints.plot(
+                [t for t, _ in self.planned],
+                [math.degrees(q[i]) for _, q in self.planned],
+                color=colour,
+                lw=1.5,
+                label=name,
+            )
+            if self.measured:
+                joints.plot(
+                    [t for t, _ in self.measured],
+                    [math.degrees(q[i]) for _, q in self.measured],
+                    color=colour,
+                    lw=0,
+                    marker=".",
+                    ms=4,
+                )
+        joints.set_xlabel("time, s")
+        joints.set_ylabel("joint angle, deg" + (" (line: planned, dots: measured)" if self.measured else ""))
+        joints.grid(alpha=0.3)
+        joints.legend(ncols=4, loc="best", fontsize="small")
+        views = ((0, 1, "from above", "x, mm", "y, mm"), (1, 2, "from the side", "y, mm", "z, mm"))
+        for row, (a, b, name, x_label, y_label) in enumerate(views):
+            view = figure.add_subplot(grid[row, 1])
+            for places, style in (
+                (self.path, {"lw": 1.5, "color": _COLOURS[0]}),
+                (self.way, {"lw": 0, "marker": ".", "ms": 4, "color": _COLOURS[1]}),
+            ):
+                if places:
+                    view.plot([1e3 * p[a] for p in places], [1e3 * p[b] for p in places], **style)
+            if self.path:
+                view.plot([1e3 * self.path[0][a]], [1e3 * self.path[0][b]], marker="o", color="black", ms=6)
+            view.set_title(f"tip {name} (o: start)", fontsize="medium")
+            view.set_xlabel(x_label)
+            view.set_ylabel(y_label)
+            view.set_aspect("equal", adjustable="datalim")
+            view.grid(alpha=0.3)
+        figure.savefig(file, dpi=120)

@@ -1,0 +1,219 @@
+"""How the motion commands run a trajectory: checked as a whole, guarded, drawn, told.
+
+Owns the order: check, torque, watchdog, motion, watchdog off. Must not know where a trajectory comes from.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hexwire.errors import NotSupportedError, ServoError, UsageError
+
+from .exits import note
+from .move import hold_on_ctrl_c
+from .plot import MotionPlot
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.state import JointState
+    from hexwire.motion.checks import MotionReport
+    from hexwire.motion.loop import MotionLoop
+    from hexwire.motion.waypoints import Trajectory
+
+__all__ = ["MotionOptions", "dialect_rate", "run_motion", "torque_up"]
+
+_RATES = {1: 1.5, 2: 20.0}
+"""Cycles a second by dialect, as the line allows at 115200 baud."""
+_WATCHDOG = 1.0
+"""Seconds of silence after which the board stops the arm by itself."""
+_SETTLE = 3.0
+_ARRIVED = math.radians(1.5)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionOptions:
+    """What all motion commands share.
+
+    Attributes:
+        table: Height of the table above the base, metres; None for none.
+        plot: File for a picture, or None.
+        dry_run: Check and draw only.
+        rate: Cycles a second; by dialect if None.
+    """
+
+    table: float | None
+    plot: str | None
+    dry_run: bool
+    rate: float | None
+
+
+def dialect_rate(robot: RobotDriver, rate: float | None) -> float:
+    """The rate asked for, or what the robot's line allows."""
+    return rate or _RATES.get(getattr(robot, "dialect", 2), _RATES[2])
+
+
+def torque_up(robot: RobotDriver, names: Sequence[str]) -> None:
+    """Give torque to those joints that have none; nothing moves by it.
+
+    Raises:
+        ServoError: A joint did not confirm it.
+    """
+    have = robot.read().torque_on
+    missing = [name for name in names if name not in have]
+    if missing:
+        confirmed = robot.torque(True, missing)
+        limp = [name for name in missing if name not in confirmed]
+        if limp:
+            raise ServoError(f"no torque on {', '.join(limp)}: check cable, power and id")
+
+
+@contextmanager
+def _watched(robot: RobotDriver) -> Iterator[None]:
+    """The board stops the arm by itself if this program dies."""
+    watchdog = getattr(robot, "watchdog", None)
+    if watchdog is not None:
+        try:
+            watchdog(_WATCHDOG)
+        except NotSupportedError:
+            watchdog = None
+    try:
+        yield
+    finally:
+        if watchdog is not None:
+            watchdog(0.0)
+
+
+def run_motion(
+    robot: RobotDriver,
+    legs: Sequence[tuple[str, Trajectory]],
+    model: KinematicModel | None,
+    start: Mapping[str, float],
+    options: MotionOptions,
+    title: str,
+) -> None:
+    """Check every leg, then run them one after the other.
+
+    Args:
+        robot: Attached.
+        legs: Pairs of what it is and the trajectory, in driver joints; each begins where the one before ends.
+        model: Kinematics for gates, table and path; None without.
+        start: Where all joints are, radians.
+        options: As typed.
+        title: For the picture.
+
+    Raises:
+        LimitError: A leg must not be run; nothing was sent.
+        ServoError: The arm was stopped, or did not arrive.
+    """
+    from hexwire.motion.checks import check_trajectory
+
+    if options.plot is not None:
+        MotionPlot.check(options.plot)
+    where = dict(start)
+    for name, leg in legs:
+        report = check_trajectory(leg, robot.model, model, others=where, table=options.table).require()
+        print(f"{name}: {_in_words(report)}")
+        where.update(zip(leg.names, leg.goal, strict=True))
+    plot = _planned(legs, model, start, title)
+    try:
+        if not options.dry_run:
+            _drive(robot, legs, model, options, plot)
+    finally:
+        if options.plot is not None:
+            plot.draw(options.plot)
+            print(f"drawn: {options.plot}")
+
+
+def _in_words(report: MotionReport) -> str:
+    fastest = max(report.peak_speed, key=lambda name: report.peak_speed[name])
+    text = f"{report.duration:.2f} s, fastest {fastest} at {math.degrees(report.peak_speed[fastest]):.0f} deg/s"
+    if math.isfinite(report.lowest):
+        text += f", lowest point {1e3 * report.lowest:.0f} mm"
+    return text
+
+
+def _planned(
+    legs: Sequence[tuple[str, Trajectory]], model: KinematicModel | None, start: Mapping[str, float], title: str
+) -> MotionPlot:
+    names = legs[0][1].names
+    plot = MotionPlot(names, title)
+    begin = 0.0
+    for _, leg in legs:
+        if leg.names != names:
+            raise UsageError("the legs of a motion must move the same joints")
+        for t, sample in leg.samples(max(leg.duration / 200, 1e-3)):
+            plot.planned.append((begin + t, sample.position))
+            if model is not None:
+                angles = model.from_joints({**start, **dict(zip(names, sample.position, strict=True))})
+                plot.path.append(model.forward(angles).position)
+        begin += leg.duration
+    return plot
+
+
+def _drive(
+    robot: RobotDriver,
+    legs: Sequence[tuple[str, Trajectory]],
+    model: KinematicModel | None,
+    options: MotionOptions,
+    plot: MotionPlot,
+) -> None:
+    from hexwire.motion.follower import Follower
+    from hexwire.motion.loop import MotionLoop
+    from hexwire.motion.safety import SafetyLimits
+
+    names = legs[0][1].names
+    rate = dialect_rate(robot, options.rate)
+    period = 1.0 / rate
+    # A slow line makes states old and commands late without anything being wrong.
+    usual = SafetyLimits()
+    limits = SafetyLimits(lag=max(usual.lag, 2.5 * period), max_age=max(usual.max_age, 3 * period))
+    loop = MotionLoop(robot, Follower(robot.model, limits), rate)
+    began = time.monotonic()
+
+    def seen(state: JointState) -> None:
+        positions = state.positions
+        plot.measured.append((state.stamp - began, [positions[name] for name in names]))
+        if model is not None:
+            plot.way.append(model.forward(model.from_joints(positions)).position)
+
+    with hold_on_ctrl_c(robot):
+        torque_up(robot, names)
+        with _watched(robot):
+            loop.cycle()
+            began = time.monotonic()
+            for _, leg in legs:
+                loop.follow(leg)
+                reason = loop.run(until_done=True, each=seen)
+                if reason is None:
+                    reason = loop.run(loop.lead, each=seen)
+                if reason is not None:
+                    raise ServoError(f"stopped: {reason}; 'hexwire resume' ends that")
+            off = _settle(loop, names, legs[-1][1].goal)
+    counters = loop.timing.counters
+    if counters.skipped:
+        note(f"warning: the line is too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
+    if off:
+        raise ServoError(f"did not arrive: {off}")
+    print("arrived")
+
+
+def _settle(loop: MotionLoop, names: Sequence[str], goal: Sequence[float]) -> str:
+    """Wait until the joints stand at the goal; returns which do not."""
+    off: dict[str, float] = {}
+    for _ in loop.timing.ticks(_SETTLE):
+        loop.cycle()
+        if loop.state is None or loop.follower.reason is not None:
+            break
+        positions = loop.state.positions
+        off = {n: positions[n] - g for n, g in zip(names, goal, strict=True) if abs(positions[n] - g) > _ARRIVED}
+        if not off:
+            return ""
+    if loop.follower.reason is not None:
+        return str(loop.follower.reason)
+    return ", ".join(f"{name} is {math.degrees(angle):.1f} deg off" for name, angle in off.items())

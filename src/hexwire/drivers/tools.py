@@ -1,0 +1,111 @@
+"""Tools at the end of the arm: a gripper, and a suction cup with its pump.
+
+Owns what the outputs and the gripper's joint mean. Must not know how a command reaches the board.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hexwire.errors import UsageError
+from hexwire.model.arm import JointModel
+from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.wire.command_frame import Command
+
+from .base import RobotDriver
+
+__all__ = ["Gripper", "Suction"]
+
+_PUMP = 0x01
+_VALVE = 0x02
+_GRIPPER_JOINT = "J7"
+
+
+class Suction:
+    """The pump (pin 40) and valve (pin 36) of the 7Bot's board, through the firmware's IO command.
+
+    Args:
+        robot: An attached robot whose board has outputs.
+    """
+
+    def __init__(self, robot: RobotDriver) -> None:
+        self._robot = robot
+
+    def suck(self) -> None:
+        """Pump on, valve shut: the cup holds.
+
+        Raises:
+            NotSupportedError: The board speaks dialect 1 and has no such command.
+            StoppedError: A stop is latched.
+        """
+        self._set(_PUMP)
+
+    def release(self) -> None:
+        """Pump off, valve open: air comes in and the cup lets go; call `off` when it has."""
+        self._set(_VALVE)
+
+    def off(self) -> None:
+        """Both off; neither gets warm."""
+        self._set(0)
+
+    def read(self) -> tuple[bool, bool]:
+        """Whether the pump is on, and whether the valve is open."""
+        _, value = self._robot.ioctl(Command.IO, bytes((0, 0)))
+        return bool(value & _PUMP), bool(value & _VALVE)
+
+    def _set(self, value: int) -> None:
+        self._robot.ioctl(Command.IO, bytes((_PUMP | _VALVE, value)))
+
+
+class Gripper:
+    """A gripper that a joint of the arm opens and closes.
+
+    Args:
+        robot: An attached robot.
+        joint: Name of the joint.
+        held: Drive effort from which a jaw that stands still holds something, fraction of full.
+    """
+
+    def __init__(self, robot: RobotDriver, joint: str = _GRIPPER_JOINT, *, held: float = 0.25) -> None:
+        self._robot = robot
+        self.joint: JointModel = robot.model.joint(joint)
+        self._held = held
+
+    def move(self, share: float, duration: float = 0.8) -> SentTarget:
+        """Open to a share: 0 is shut, 1 wide open.
+
+        Raises:
+            UsageError: Not within 0..1.
+            HexwireError: As `RobotDriver.write`.
+        """
+        return self._robot.write(JointTarget.of({self.joint.name: self.angle(share)}, duration))
+
+    def angle(self, share: float) -> float:
+        """Angle of the joint for a share, radians: shut at its upper limit, as servo angles count."""
+        if not 0 <= share <= 1:
+            raise UsageError(f"a gripper opens from 0 (shut) to 1 (wide open), not {share:g}")
+        return self.joint.maximum + share * (self.joint.minimum - self.joint.maximum)
+
+    def share(self, state: JointState) -> float:
+        """How far it is open: 0 is shut, 1 wide open."""
+        angle = state[self.joint.name].position
+        return (angle - self.joint.maximum) / (self.joint.minimum - self.joint.maximum)
+
+    def holds(self, state: JointState, goal: float) -> bool:
+        """Whether something is between the jaws: they press, stand still, and are not where they were sent.
+
+        Args:
+            state: As read.
+            goal: Share that it was sent to.
+        """
+        joint = state[self.joint.name]
+        short = abs(joint.position - self.angle(goal)) > math.radians(2.0)
+        if abs(joint.velocity) > math.radians(3.0):
+            return False
+        return short and math.isfinite(joint.load) and abs(joint.load) >= self._held
+
+    def keep(self, state: JointState, squeeze: float = math.radians(3.0)) -> SentTarget:
+        """Hold what is between the jaws with a little pressure, not with all the servo has."""
+        here = state[self.joint.name].position
+        goal = min(self.joint.maximum, here + squeeze)
+        return self._robot.write(JointTarget.of({self.joint.name: goal}, 0.2))

@@ -1,0 +1,262 @@
+"""What calibration finds of each joint: its middle and its ends in counts, when, and on which servo.
+
+Owns the value, its TOML text, the import of LeRobot's files, and the bookkeeping of the two steps people know: put
+the arm in the middle, then move every joint through its range. Reads and writes text, no files; knows no servo.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hexwire.errors import ConfigError, UsageError
+
+from .arm import ArmModel
+
+__all__ = ["Calibration", "JointCalibration", "RangeSweep"]
+
+_TURN = 4096
+_LEAST_RANGE = 20
+"""Counts that a joint must have moved in a sweep; less is a joint that was forgotten."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointCalibration:
+    """One joint.
+
+    Attributes:
+        name: Joint name.
+        servo_id: Id of its servo.
+        middle: Count of the middle position.
+        low: Lowest count it may go to.
+        high: Highest count it may go to.
+        sign: 1, or -1 where the joint counts the other way.
+        servo_offset: Position offset that was stored in the servo then; None if it has none.
+        model: Servo model, as in ``sts3215``.
+        firmware: As in ``3.10``.
+    """
+
+    name: str
+    servo_id: int
+    middle: int
+    low: int
+    high: int
+    sign: int = 1
+    servo_offset: int | None = None
+    model: str = ""
+    firmware: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.middle <= self.high:
+            raise UsageError(f"{self.name}: middle {self.middle} is not between {self.low} and {self.high}")
+        if self.sign not in (1, -1):
+            raise UsageError(f"{self.name}: sign {self.sign} is neither 1 nor -1")
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """All joints of one arm.
+
+    Attributes:
+        arm: Name of the arm's model.
+        taken: When, ISO 8601; empty if unknown.
+        joints: One row a joint.
+    """
+
+    arm: str
+    taken: str
+    joints: tuple[JointCalibration, ...]
+
+    def apply(self, model: ArmModel) -> ArmModel:
+        """The model with these middles and limits in place of its own.
+
+        Raises:
+            UsageError: A joint has another servo id in the model, or does not exist there.
+        """
+        rows = {row.name: row for row in self.joints}
+        for name in rows:
+            model.joint(name)
+        joints = []
+        for joint in model.joints:
+            row = rows.get(joint.name)
+            if row is None:
+                joints.append(joint)
+                continue
+            if row.servo_id != joint.servo_id:
+                raise UsageError(
+                    f"{joint.name} was calibrated on servo {row.servo_id}, but {model.name} has servo "
+                    f"{joint.servo_id} there: calibrate again, or put the servo's id right"
+                )
+            joint = replace(joint, neutral=row.middle, sign=joint.sign * row.sign)
+            ends = sorted((joint.counts_to_angle(row.low), joint.counts_to_angle(row.high)))
+            joints.append(replace(joint, minimum=ends[0], maximum=ends[1]))
+        return ArmModel(model.name, tuple(joints))
+
+    def serialize(self) -> str:
+        """As TOML text."""
+        lines = [f"arm = {json.dumps(self.arm)}", f"taken = {json.dumps(self.taken)}"]
+        for row in self.joints:
+            lines += ["", "[[joints]]"]
+            for key in row.__slots__:
+                value = getattr(row, key)
+                if value is not None:
+                    lines.append(f"{key} = {json.dumps(value)}")
+        return "\n".join(lines) + "\n"
+
+    @classmethod
+    def parse(cls, text: str, *, file: str = "") -> Calibration:
+        """Read the TOML text.
+
+        Raises:
+            ConfigError: It is none, or a key is unknown, missing or wrong; the text names it.
+        """
+        try:
+            content = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError(f"not TOML: {error}", file=file) from None
+        _only(content, {"arm": str, "taken": str, "joints": list}, "", file)
+        return cls(content["arm"], content["taken"], tuple(_row(row, file) for row in content["joints"]))
+
+    @classmethod
+    def from_lerobot(cls, text: str, *, arm: str, taken: str = "", file: str = "") -> Calibration:
+        """Take a LeRobot calibration file over.
+
+        LeRobot's middle is the middle of its range, its `homing_offset` is stored in the servo, and `drive_mode` 1
+        turns a joint round.
+
+        Raises:
+            ConfigError: It is no such file.
+        """
+        try:
+            content: Any = json.loads(text)
+            rows = []
+            for name, row in content.items():
+                low, high = int(row["range_min"]), int(row["range_max"])
+                rows.append(
+                    JointCalibration(
+                        str(name),
+                        int(row["id"]),
+                        (low + high) // 2,
+                        low,
+                        high,
+                        -1 if row["drive_mode"] else 1,
+                        int(row["homing_offset"]),
+                    )
+                )
+        except (json.JSONDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ConfigError(f"no LeRobot calibration: {type(error).__name__} {error}", file=file) from None
+        if not rows:
+            raise ConfigError("no LeRobot calibration: it has no joint", file=file)
+        return cls(arm, taken, tuple(rows))
+
+
+_ROW: dict[str, type] = {
+    "name": str,
+    "servo_id": int,
+    "middle": int,
+    "low": int,
+    "high": int,
+    "sign": int,
+    "servo_offset": int,
+    "model": str,
+    "firmware": str,
+}
+_NEEDED = ("name", "servo_id", "middle", "low", "high")
+
+
+def _row(row: Any, file: str) -> JointCalibration:
+    if not isinstance(row, dict):
+        raise ConfigError("joints must be tables", file=file)
+    _only(row, {key: kind for key, kind in _ROW.items() if key in row or key in _NEEDED}, "joints: ", file)
+    try:
+        return JointCalibration(**row)
+    except UsageError as error:
+        raise ConfigError(str(error), file=file) from None
+
+
+def _only(table: Mapping[str, Any], keys: Mapping[str, type], where: str, file: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise ConfigError(f"{where}unknown key {key!r}", file=file)
+    for key, kind in keys.items():
+        if key not in table:
+            raise ConfigError(f"{where}{key} is missing", file=file)
+        if not isinstance(table[key], kind) or isinstance(table[key], bool):
+            raise ConfigError(f"{where}{key} is no {kind.__name__}", file=file)
+
+
+class RangeSweep:
+    """Takes positions while a person moves the joints, and finds the ends of each.
+
+    Args:
+        middles: Count of each joint's middle, by name.
+    """
+
+    def __init__(self, middles: Mapping[str, int]) -> None:
+        self.middles = dict(middles)
+        self._last = dict(middles)
+        self._low = dict(middles)
+        self._high = dict(middles)
+
+    def receive(self, positions: Mapping[str, int | None]) -> None:
+        """Take positions in; a joint whose servo did not answer is None or left out."""
+        for name, raw in positions.items():
+            if raw is None or name not in self._last:
+                continue
+            last = self._last[name]
+            # A single-turn sensor jumps from 4095 to 0: the shorter way is the one the joint took.
+            counts = last + (raw - last + _TURN // 2) % _TURN - _TURN // 2
+            self._last[name] = counts
+            self._low[name] = min(self._low[name], counts)
+            self._high[name] = max(self._high[name], counts)
+
+    @property
+    def ranges(self) -> dict[str, tuple[int, int]]:
+        """Lowest and highest count of each joint so far."""
+        return {name: (self._low[name], self._high[name]) for name in self.middles}
+
+    @property
+    def unmoved(self) -> tuple[str, ...]:
+        """Joints that were not moved yet."""
+        return tuple(name for name, (low, high) in self.ranges.items() if high - low < _LEAST_RANGE)
+
+    @property
+    def wrapped(self) -> tuple[str, ...]:
+        """Joints that passed the end of the sensor's turn: their middle must be set in the servo first."""
+        return tuple(name for name, (low, high) in self.ranges.items() if low < 0 or high >= _TURN)
+
+    def finish(
+        self, model: ArmModel, taken: str, servos: Mapping[str, tuple[int | None, str, str]] | None = None
+    ) -> Calibration:
+        """The calibration.
+
+        Args:
+            model: The arm.
+            taken: When, ISO 8601.
+            servos: Offset, model and firmware of each joint's servo.
+
+        Raises:
+            UsageError: A joint was not moved, or passed the end of a turn; the text names it.
+        """
+        _none_of(self.unmoved, "was not moved", "move every joint to both ends")
+        _none_of(
+            self.wrapped, "passed the end of the sensor's turn", "centre its servo first (`hexwire bus center`)"
+        )
+        rows: list[JointCalibration] = []
+        for joint in model.joints:
+            if joint.name not in self.middles:
+                continue
+            low, high = self.ranges[joint.name]
+            offset, kind, firmware = (servos or {}).get(joint.name, (None, "", ""))
+            middle = self.middles[joint.name]
+            rows.append(JointCalibration(joint.name, joint.servo_id, middle, low, high, 1, offset, kind, firmware))
+        return Calibration(model.name, taken, tuple(rows))
+
+
+def _none_of(names: Iterable[str], what: str, advice: str) -> None:
+    listed = ", ".join(names)
+    if listed:
+        raise UsageError(f"{listed} {what}: {advice}")
