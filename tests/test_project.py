@@ -42,8 +42,8 @@ def test_lock_names_public_hosts_only() -> None:
 def test_lock_needs_no_compiler() -> None:
     """Every locked package has a wheel: a bare machine has no compiler to build one."""
     packages = tomllib.loads((ROOT / "uv.lock").read_text(encoding="utf-8"))["package"]
-    bare = [p["name"] for p in packages if "registry" in p["source"] and not p.get("wheels")]
-    assert bare == []
+    bare = {p["name"] for p in packages if "registry" in p["source"] and not p.get("wheels")}
+    assert bare <= {"feetech-servo-sdk"}, "published as source only, but pure Python"
 
 
 def test_makefile_takes_extras_that_exist() -> None:

@@ -29,9 +29,17 @@ def robot_names() -> tuple[str, ...]:
 def load_driver(name: str) -> type[RobotDriver]:
     """The driver class of a robot.
 
+    Args:
+        name: Name of an installed robot, or path of a TOML file that describes an arm on a servo bus.
+
     Raises:
         UsageError: No such robot is installed; the text lists those that are.
+        ConfigError: The file is wrong.
     """
+    if name.endswith(".toml"):
+        from .bus_arm import arm_class
+
+        return arm_class(name)
     for point in entry_points(group=_GROUP):
         if point.name == name:
             driver = point.load()

@@ -112,6 +112,10 @@ class BusLine:
         self._mute: dict[int, float] = {}
         self._measured = 0
 
+    def now(self) -> float:
+        """The link's clock: monotonic seconds."""
+        return self._clock()
+
     # --- what a plan needs ------------------------------------------------------------------------------------
 
     def _base(self, total: int, servo_ids: Sequence[int]) -> float:

@@ -1,0 +1,142 @@
+"""Arms on a servo bus as TOML files: joints, ids, series, signs, neutral counts, limits, gearing.
+
+Owns the form of the file and the profiles that come with hexwire. Must not know what is done with an arm.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hexwire.errors import ConfigError, UsageError
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.wire.registers import Series
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+__all__ = ["BusArmFile", "load_arm_file", "load_profile", "profile_names"]
+
+
+@dataclass(frozen=True, slots=True)
+class BusArmFile:
+    """What an arm's file says.
+
+    Attributes:
+        model: The joints.
+        baud: Rate of its bus.
+    """
+
+    model: ArmModel
+    baud: int
+
+
+def profile_names() -> tuple[str, ...]:
+    """Names of the profiles that come with hexwire."""
+    folder = resources.files("hexwire.drivers") / "profiles"
+    return tuple(
+        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    )
+
+
+def load_profile(name: str) -> BusArmFile:
+    """An arm that comes with hexwire.
+
+    Raises:
+        UsageError: There is none of this name; the text lists them.
+    """
+    if name not in profile_names():
+        raise UsageError(f"no arm profile {name!r}; there are {', '.join(profile_names())}")
+    file = resources.files("hexwire.drivers") / "profiles" / f"{name}.toml"
+    return _parse(file.read_text(encoding="utf-8"), f"{name}.toml")
+
+
+def load_arm_file(path: str | Path) -> BusArmFile:
+    """An arm from a file.
+
+    Raises:
+        ConfigError: The file is wrong; every fault is named, with its place.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=str(path)) from None
+    return _parse(text, str(path))
+
+
+@cache
+def _schema() -> type[BaseModel]:
+    """The form of the file; pydantic is imported only where a file is read."""
+    from pydantic import BaseModel, ConfigDict, Field
+
+    class Joint(BaseModel):
+        model_config = ConfigDict(extra="forbid", strict=True)
+
+        name: str = Field(min_length=1)
+        servo_id: int = Field(ge=0, le=253)
+        series: str
+        neutral: int | None = None
+        sign: int = 1
+        offset_deg: float = Field(default=0.0, allow_inf_nan=False)
+        minimum_deg: float = Field(allow_inf_nan=False)
+        maximum_deg: float = Field(allow_inf_nan=False)
+        max_speed_deg_per_s: float = Field(default=90.0, gt=0, allow_inf_nan=False)
+        gearing: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+        degrees_per_count: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+    class Arm(BaseModel):
+        model_config = ConfigDict(extra="forbid", strict=True)
+
+        name: str = Field(min_length=1)
+        baud: int = Field(default=1_000_000, ge=1200)
+        joints: list[Joint] = Field(min_length=1)
+
+    return Arm
+
+
+def _parse(text: str, file: str) -> BusArmFile:
+    from pydantic import ValidationError
+
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not TOML: {error}", file=file) from None
+    try:
+        arm: Any = _schema().model_validate(content)
+    except ValidationError as error:
+        faults = [f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}" for fault in error.errors()]
+        raise ConfigError("; ".join(faults), file=file) from None
+    try:
+        return BusArmFile(ArmModel(arm.name, tuple(_joint(joint) for joint in arm.joints)), arm.baud)
+    except UsageError as error:
+        raise ConfigError(str(error), file=file) from None
+
+
+def _joint(row: Any) -> JointModel:
+    try:
+        series = Series(row.series)
+    except ValueError:
+        known = ", ".join(kind.value for kind in Series)
+        raise UsageError(f"{row.name}: no servo series {row.series!r}; there are {known}") from None
+    if row.sign not in (1, -1):
+        raise UsageError(f"{row.name}: sign {row.sign} is neither 1 nor -1")
+    if row.minimum_deg >= row.maximum_deg:
+        raise UsageError(f"{row.name}: minimum_deg {row.minimum_deg} is not below maximum_deg {row.maximum_deg}")
+    per_count = row.degrees_per_count or series.range_deg / series.counts_per_rev
+    return JointModel(
+        name=row.name,
+        servo_id=row.servo_id,
+        series=series.value,
+        neutral=series.neutral if row.neutral is None else row.neutral,
+        sign=row.sign,
+        offset=math.radians(row.offset_deg),
+        scale=math.radians(per_count / row.gearing),
+        minimum=math.radians(row.minimum_deg),
+        maximum=math.radians(row.maximum_deg),
+        max_speed=math.radians(row.max_speed_deg_per_s),
+    )

@@ -1,0 +1,395 @@
+"""`BusArm`: an arm whose servos hang on an adapter, without a controller board.
+
+Owns the translation between joints and servo registers on a bus: one sync read for the state, one packet a series
+for a motion, torque, and a stop that is kept on this side. Must not know links, packets or who asks.
+
+A goal written to an STS servo switches its torque on, so no goal is ever written to a joint without torque: that is
+refused. There is no board that would stop by itself if this program dies: the servos hold their last goal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from hexwire.errors import CommandRefusedError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
+from hexwire.ipc import servo_setup
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.serial import DEFAULT_BAUD
+from hexwire.ipc.servo_bus import ServoBus
+from hexwire.ipc.session import Session
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.calibration import Calibration
+from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.motion.limits import check_target
+from hexwire.session.servo_values import ServoBlock
+from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.registers import Series
+
+from .arm_file import BusArmFile, load_arm_file, load_profile
+from .base import JointProbe, ProbeReport, RobotDriver, StopMode
+
+__all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
+
+_LIVE_FIRST, _LIVE_COUNT = 56, 15
+_DEFAULT_CEILING = 154
+"""1.0 A in units of 6.5 mA, for an HLS servo that does not tell its protection current."""
+_PHASE_SPEED_UNIT = 0x04
+"""Bit of STS register phase: speeds count single steps instead of 50."""
+_RESERVED_FAULTS = int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
+_MIN_DURATION = 0.02
+_ADVICE = "check power and cable; `hexwire bus scan` tells who is there"
+
+
+class BusArm(RobotDriver):
+    """An arm on a servo bus.
+
+    `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus knows how long) and a servo
+    packet, and returns the parameters of the answer.
+
+    Args:
+        session: Holds the link; nothing but the link is used of it.
+        arm: What the arm is; the class's profile if None.
+        calibration: Middles and limits in place of the arm's own.
+    """
+
+    profile: ClassVar[str] = "chain"
+    _file: ClassVar[Path | None] = None
+
+    def __init__(
+        self, session: Session, *, arm: BusArmFile | None = None, calibration: Calibration | None = None
+    ) -> None:
+        super().__init__(session)
+        if arm is None:
+            arm = load_profile(self.profile) if self._file is None else load_arm_file(self._file)
+        self.model: ArmModel = arm.model if calibration is None else calibration.apply(arm.model)
+        self.calibration = calibration
+        link = session.ipc.link
+        # A link that was not told a rate has the serial ports' usual one.
+        self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
+        self.bus = ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
+        self._attached = False
+        self._stopped = False
+        self._torque: list[bool | None] = [None] * len(self.model.joints)
+        self._speed_units: dict[int, float] = {}
+        self._ceilings: dict[int, int] = {}
+        self._positions: dict[str, float] = {}
+        self._sampled: dict[str, float] = {}
+
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        """A driver over the adapter that `url` names; options as in the constructor."""
+        unknown = set(options) - {"arm", "calibration"}
+        if unknown:
+            raise UsageError(f"an arm on a servo bus has no option {', '.join(sorted(unknown))}")
+        return cls(Session(IpcHandle.from_url(url)), **options)
+
+    # -- coming and going ---------------------------------------------------------------------------
+
+    def attach(self) -> None:
+        """Open the bus and ask every servo who it is. Nothing moves.
+
+        Raises:
+            LinkError: The port cannot be opened.
+            ReplyTimeoutError: No servo answers at all.
+        """
+        bus = self.bus
+        if self._baud is not None and hasattr(bus.link, "set_baud"):
+            bus.set_baud(self._baud)
+        bus.open()
+        try:
+            here = [joint for joint in self.model.joints if not bus.ping(joint.servo_id).error]
+            if not here:
+                ids = ", ".join(str(joint.servo_id) for joint in self.model.joints)
+                raise ReplyTimeoutError(f"pings of servos {ids}", attempts=1 + bus.retries, advice=_ADVICE)
+            for joint in here:
+                self._learn(joint)
+            for i, joint in enumerate(self.model.joints):
+                self._torque[i] = self._read_torque(joint) if joint in here else None
+        except BaseException:
+            bus.close()
+            raise
+        self._attached, self._stopped = True, False
+
+    def detach(self, *, torque_off: bool = False) -> None:
+        was, self._attached = self._attached, False
+        try:
+            if was and torque_off and self.bus.link.is_open:
+                servo_setup.torque_off(self.bus, [joint.servo_id for joint in self.model.joints])
+        finally:
+            self.bus.close()
+
+    def _learn(self, joint: JointModel) -> None:
+        bus, servo_id = self.bus, joint.servo_id
+        series = Series(joint.series)
+        if series is Series.STS_SMS:
+            phase = bus.read(servo_id, "phase").raw
+            self._speed_units[servo_id] = 1.0 if phase is not None and phase & _PHASE_SPEED_UNIT else 50.0
+        elif series is Series.HLS:
+            self._ceilings[servo_id] = bus.read(servo_id, "protection_current").raw or _DEFAULT_CEILING
+
+    def probe(self) -> ProbeReport:
+        self._check_attached()
+        rows = []
+        for i, joint in enumerate(self.model.joints):
+            info = servo_setup.identify(self.bus, joint.servo_id)
+            if info is None:
+                rows.append(JointProbe(joint.name, joint.servo_id, "unknown", False))
+                continue
+            series = "unknown" if info.series is None else info.series.value
+            notes = [] if series == joint.series else [f"answers as {series}, the arm's file says {joint.series}"]
+            notes += self._at_odds(joint)
+            if info.firmware:
+                notes.append(f"{info.model_name} {info.firmware}")
+            rows.append(JointProbe(joint.name, joint.servo_id, series, True, ", ".join(notes)))
+            self._torque[i] = self._read_torque(joint)
+        return ProbeReport(
+            robot=self.model.name,
+            link=self.bus.link.url,
+            dialect=0,
+            firmware="",
+            boot_id=None,
+            capabilities=("servo bus",),
+            stopped=self._stopped,
+            joints=tuple(rows),
+            counters=self.bus.counters.as_dict(),
+        )
+
+    def _at_odds(self, joint: JointModel) -> list[str]:
+        """A servo whose stored offset is not the one it was calibrated with gives positions that are all wrong."""
+        rows = () if self.calibration is None else self.calibration.joints
+        for row in rows:
+            if row.name == joint.name and row.servo_offset is not None:
+                now = self.bus.read(joint.servo_id, "position_offset").raw
+                if now != row.servo_offset:
+                    return [f"its offset is {now}, but it was calibrated with {row.servo_offset}: calibrate again"]
+        return []
+
+    # -- reading ------------------------------------------------------------------------------------
+
+    def read(self) -> JointState:
+        self._check_attached()
+        bus, joints = self.bus, self.model.joints
+        able = tuple(joint.servo_id for joint in joints if joint.series != "seven_bot")
+        blocks: dict[int, ServoBlock] = {}
+        if able:
+            blocks = {block.servo_id: block for block in bus.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, able)}
+        rows = []
+        for i, joint in enumerate(joints):
+            block = blocks.get(joint.servo_id)
+            if block is None:
+                # A legacy servo reports nothing but its position.
+                reading = bus.read(joint.servo_id, "present_position")
+                rows.append(self._row(i, joint, reading.raw, reading.status, [math.nan] * 5))
+            else:
+                rows.append(self._live(i, joint, block))
+        now = bus.now()
+        columns = list(zip(*rows, strict=True))
+        for joint, angle, condition in zip(joints, columns[0], columns[6], strict=True):
+            if not condition & JointFlag.SILENT:
+                self._positions[joint.name], self._sampled[joint.name] = angle, now
+        position, velocity, load, current, voltage, temperature, flags = columns
+        ages = tuple(now - self._sampled.get(joint.name, -math.inf) for joint in joints)
+        return JointState(
+            self.model.names,
+            position,
+            velocity,
+            load,
+            current,
+            voltage,
+            temperature,
+            flags,
+            ages,
+            now,
+            stopped=self._stopped,
+        )
+
+    def _live(self, i: int, joint: JointModel, block: ServoBlock) -> tuple[Any, ...]:
+        registers = Series(joint.series).registers
+        step = joint.scale / registers["present_position"].si_factor
+        speed = block.value(registers["present_speed"])
+        if joint.series == "sts_sms":
+            speed *= self._speed_units.get(joint.servo_id, 50.0) / 50.0
+        values = [
+            joint.sign * step * speed,
+            joint.sign * block.value(registers["present_load"]),
+            block.value(registers["present_current"]) if registers["present_current"].si_unit == "A" else math.nan,
+            block.value(registers["present_voltage"]),
+            block.value(registers["present_temperature"]),
+        ]
+        return self._row(i, joint, block.raw(registers["present_position"]), block.status, values)
+
+    def _row(
+        self, i: int, joint: JointModel, counts: int | None, status: int, values: list[float]
+    ) -> tuple[Any, ...]:
+        if counts is None:
+            position, flags = self._positions.get(joint.name, math.nan), int(JointFlag.SILENT)
+        else:
+            position, flags = joint.counts_to_angle(counts), status & _RESERVED_FAULTS
+        return position, *values, flags | (int(JointFlag.TORQUE_ON) if self._torque[i] else 0)
+
+    # -- moving -------------------------------------------------------------------------------------
+
+    def write(self, target: JointTarget) -> SentTarget:
+        self._check_attached()
+        self._refuse_if_stopped("a move")
+        joints = [self.model.joint(name) for name, _ in target.positions]
+        self._refuse_without_torque(joints)
+        if any(joint.name not in self._positions for joint in joints):
+            self.read()
+        checked = check_target(self.model, target, self._positions)
+        duration = max(checked.duration, _MIN_DURATION)
+        goals = {name: self.model.joint(name).angle_to_counts(angle) for name, angle in checked.positions}
+        self._send(goals, duration)
+        # Where the next move starts from, until a read says better.
+        self._positions.update(checked.positions)
+        sent = tuple((name, self.model.joint(name).counts_to_angle(counts)) for name, counts in goals.items())
+        return SentTarget(sent, duration)
+
+    def _send(self, goals: Mapping[str, int], duration: float) -> None:
+        """One packet for each place and length of the goal registers."""
+        packets: dict[int, dict[int, bytes]] = {}
+        for name, counts in goals.items():
+            joint = self.model.joint(name)
+            address, data = self._goal(joint, counts, duration)
+            packets.setdefault(address << 8 | len(data), {})[joint.servo_id] = data
+        if self._stopped:
+            raise StoppedError("a move", int(Status.STOPPED), "the arm was stopped; `hexwire resume` ends that")
+        for key, rows in packets.items():
+            self.bus.sync_write_bytes(key >> 8, rows)
+
+    def _goal(self, joint: JointModel, counts: int, duration: float) -> tuple[int, bytes]:
+        """Address and bytes that send a servo to a position in a time."""
+        series = Series(joint.series)
+        milliseconds = min(round(duration * 1000), 0x7FFE)
+        if series is Series.SEVEN_BOT:
+            position, time = series.register("target_position"), series.register("run_time")
+            return position.address, position.encode(max(counts, 0)) + time.encode(max(milliseconds, 9))
+        position = series.register("goal_position")
+        if series is Series.SCS:
+            # Position, time, speed: neighbours, and the speed is not used where there is a time.
+            goal = position.encode(max(counts, 0)) + series.register("goal_time").encode(milliseconds)
+            return position.address, goal + b"\0\0"
+        start = self._positions.get(joint.name)
+        distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
+        unit = self._speed_units.get(joint.servo_id, 50.0)
+        speed = min(max(1, math.ceil(distance / duration / unit)), 0x7FFF)
+        ceiling = self._ceilings.get(joint.servo_id, _DEFAULT_CEILING) if series is Series.HLS else 0
+        data = b"\0" + position.encode(counts) + ceiling.to_bytes(2, "little")
+        return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
+
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        self._check_attached()
+        if on:
+            self._refuse_if_stopped("torque on")
+        wanted = [self.model.index(name) for name in (self.model.names if joints is None else joints)]
+        ids = [self.model.joints[i].servo_id for i in wanted]
+        if not on:
+            unsure = servo_setup.torque_off(self.bus, ids)
+            for i in wanted:
+                self._torque[i] = self.model.joints[i].servo_id in unsure and None
+            return tuple(self.model.joints[i].name for i in wanted if self._torque[i] is False)
+        for i in wanted:
+            joint = self.model.joints[i]
+            # Its goal first: torque must hold the joint where it is, not drive it to an old goal.
+            if self._hold(joint):
+                self.bus.write_raw(joint.servo_id, "torque_enable", 1)
+                self._torque[i] = self._read_torque(joint)
+        return tuple(self.model.joints[i].name for i in wanted if self._torque[i])
+
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        self._check_attached()
+        self._stopped = True
+        if mode is StopMode.TORQUE_OFF:
+            return self.torque(False)
+        held = []
+        for i, joint in enumerate(self.model.joints):
+            # A joint without torque stays limp: a goal would switch it on.
+            if self._torque[i] is False or self._hold(joint):
+                held.append(joint.name)
+        return tuple(held)
+
+    def resume(self) -> None:
+        self._stopped = False
+
+    def _hold(self, joint: JointModel) -> bool:
+        """Make the present position of a joint its goal."""
+        bus, servo_id = self.bus, joint.servo_id
+        counts = bus.read(servo_id, "present_position").raw
+        if counts is None:
+            return False
+        self._positions[joint.name] = joint.counts_to_angle(counts)
+        address, data = self._goal(joint, counts, _MIN_DURATION)
+        if joint.series == "seven_bot":
+            # Goal and time count as one only in a sync write.
+            bus.sync_write_bytes(address, {servo_id: data})
+            return True
+        return not bus.write_bytes(servo_id, address, data).error
+
+    def _read_torque(self, joint: JointModel) -> bool | None:
+        raw = self.bus.read(joint.servo_id, "torque_enable").raw
+        return None if raw is None else bool(raw)
+
+    def _refuse_if_stopped(self, what: str) -> None:
+        if self._stopped:
+            raise StoppedError(what, int(Status.STOPPED), "the arm is stopped; `hexwire resume` ends that")
+
+    def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
+        limp = []
+        for joint in joints:
+            i = self.model.index(joint.name)
+            if self._torque[i] is None:
+                self._torque[i] = self._read_torque(joint)
+            if not self._torque[i]:
+                limp.append(joint.name)
+        if limp:
+            advice = f"{', '.join(limp)} has no torque; `hexwire torque on` first"
+            raise CommandRefusedError("a move", int(Status.TORQUE_OFF), advice)
+
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        self._check_attached()
+        if sub_cmd != Command.TRANSACT or len(data) < 8:
+            raise NotSupportedError(f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; TRANSACT takes a packet")
+        packet, length = data[2:], data[0]
+        answers = self.bus.raw(packet, (packet[2],) if length else (), max(0, length - 6))
+        return answers.get(packet[2], b"")
+
+    def _check_attached(self) -> None:
+        if not self._attached:
+            raise UsageError("the driver is not attached; call attach() first")
+
+
+class So100Arm(BusArm):
+    """The SO-100 arm."""
+
+    profile = "so100"
+
+
+class So101Arm(BusArm):
+    """The SO-101 arm."""
+
+    profile = "so101"
+
+
+class SevenBotArm(BusArm):
+    """The Hex7Bot's bus on an adapter, without its board."""
+
+    profile = "sevenbot"
+
+
+class ChainArm(BusArm):
+    """A plain chain of STS servos."""
+
+    profile = "chain"
+
+
+def arm_class(path: str | Path) -> type[BusArm]:
+    """The driver class of an arm in a file.
+
+    Raises:
+        ConfigError: The file is wrong.
+    """
+    load_arm_file(path)
+    return type("FileArm", (BusArm,), {"_file": Path(path), "__doc__": f"The arm of {path}."})
