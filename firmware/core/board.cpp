@@ -115,6 +115,7 @@ void Board::accept(const Frame& frame) {
   heard_ms_ = ms_;
   fed_ = true;
   if (frame.proto == gen::PROTO_HEXWIRE) {
+    if (frame.cmd == gen::CMD_IDENTIFY) stored_.forget(frame.src);
     const ReplyStore::Entry* entry = stored_.find(frame, ms_);
     if (entry != nullptr) {
       ++stats_.repeats;

@@ -134,6 +134,13 @@ class ReplyStore {
     memcpy(entry.reply, reply, size);
   }
 
+  // A module that starts anew counts from the beginning: nothing it asks may pass for a repeat.
+  void forget(int32_t src) {
+    for (uint8_t i = 0; i < gen::STORED_REPLIES; ++i) {
+      if (entries_[i].src == src) entries_[i].used = false;
+    }
+  }
+
   const Entry* find(const Frame& frame, uint32_t now_ms) const {
     for (uint8_t i = 0; i < gen::STORED_REPLIES; ++i) {
       const Entry& entry = entries_[i];
