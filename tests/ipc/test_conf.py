@@ -11,15 +11,7 @@ from hexwire.ipc.conf import ChannelConf, Direction, link_url, load_conf, parse_
 from hexwire.wire.modules import IpcType, ModuleType
 
 # As printed in the chapter, section 9.2, the comment that goes on in an indented line included.
-CHAPTER = """\
-# module_name | direction | destination module(enum) | interface type |
-    device handle (address) | port number
-
-PUMA260_HOST_IO_TRX      CLIENT_TRX
-    PUMA260_RBT_IO_SVR TCP 192.168.1.175 15030
-PUMA260_HOST_JNT_CMD_TX CLIENT_TRX
-    PUMA260_RBT_IO_SVR TCP 192.168.2.35 15030
-"""
+CHAPTER = Path(__file__).with_name("ipc_msg.conf").read_text()
 IO = ChannelConf(
     ModuleType.PUMA260_HOST_IO_TRX,
     Direction.CLIENT_TRX,

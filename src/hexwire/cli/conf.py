@@ -1,0 +1,91 @@
+"""`conf`: files of channels, checked and converted.
+
+Owns how channels are shown and which form a file gets. Must not know what a channel means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import format_table, json_option, print_json
+
+if TYPE_CHECKING:
+    from hexwire.ipc.channel import ChannelConf
+
+__all__ = ["conf"]
+
+
+@click.group()
+def conf() -> None:
+    """Check and convert files of channels: ipc_msg.conf, or the same in TOML."""
+
+
+@conf.command()
+@click.argument("file", metavar="FILE")
+@json_option
+def check(file: str, as_json: bool) -> None:
+    """Show the channels that a file names; an error has file, line and column."""
+    from hexwire.ipc.conf import link_url, load_conf
+
+    channels = load_conf(file)
+    if as_json:
+        print_json([_as_json(channel) | {"url": link_url(channel)} for channel in channels])
+        return
+    if channels:
+        print(_table(channels))
+        print()
+    print(f"{file}: {len(channels)} channel{'s' if len(channels) != 1 else ''}, no error")
+
+
+@conf.command()
+@click.argument("source", metavar="IN")
+@click.argument("target", metavar="OUT")
+@click.option("--force", is_flag=True, help="Write over OUT if it is there.")
+def convert(source: str, target: str, force: bool) -> None:
+    """Write the channels of IN to OUT: TOML if OUT ends in .toml, the chapter's form otherwise.
+
+    Comments are not carried over. OUT may be - for standard output, which gets the form that IN has not.
+    """
+    from hexwire.errors import UsageError
+    from hexwire.ipc.conf import load_conf, to_conf, to_toml
+
+    channels = load_conf(source)
+    wanted = Path(target).suffix if target != "-" else ("" if Path(source).suffix == ".toml" else ".toml")
+    text = to_toml(channels) if wanted == ".toml" else to_conf(channels)
+    if target == "-":
+        print(text, end="")
+        return
+    try:
+        with Path(target).open("w" if force else "x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise UsageError(f"{target} is there already; --force writes over it") from None
+    except OSError as error:
+        raise UsageError(f"cannot write {target}: {error.strerror}") from error
+
+
+def _table(channels: Sequence[ChannelConf]) -> str:
+    from hexwire.ipc.conf import link_url
+
+    rows = [
+        (str(c.line or "-"), c.module.name, c.direction.value, c.destination.name, c.interface.name, link_url(c))
+        for c in channels
+    ]
+    return format_table(("line", "module", "direction", "destination", "interface", "opens"), rows)
+
+
+def _as_json(channel: ChannelConf) -> dict[str, object]:
+    fields = asdict(channel)
+    return fields | {
+        "module": channel.module.name,
+        "direction": channel.direction.value,
+        "destination": channel.destination.name,
+        "interface": channel.interface.name,
+        "peer": channel.peer or None,
+        "line": channel.line or None,
+    }
