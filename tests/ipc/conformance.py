@@ -230,6 +230,19 @@ class LinkConformance:
         near.write(b"y", float("inf"))
         assert far.read(time.monotonic() + 1e12) == b"y"
 
+    def test_an_exchange_sends_a_request_and_takes_the_answer(self, ends: tuple[Link, Link]) -> None:
+        near, far = ends
+        answerer = Background(lambda: far.write(self.take(far, 7)[::-1], soon()))
+        data = near.exchange(b"request", PATIENCE)
+        answerer.outcome()
+        while len(data) < 7:
+            data += near.read(soon())
+        assert data == b"tseuqer"
+        start = time.monotonic()
+        assert near.exchange(b"request", 0.05) == b""
+        assert time.monotonic() >= start + 0.05
+        assert self.take(far, 7) == b"request"
+
     # --- waking and closing -----------------------------------------------------------------------
 
     def test_wake_ends_a_waiting_read(self, ends: tuple[Link, Link]) -> None:

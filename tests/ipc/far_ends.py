@@ -8,7 +8,8 @@ import tty
 from pathlib import Path
 
 from hexwire.errors import LinkLostError
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
+from hexwire.ipc.poll_link import PollLink
 
 
 class PtyEnd(PollLink):

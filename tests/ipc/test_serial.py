@@ -131,6 +131,25 @@ def test_settings_that_fail_are_told(line: PtyEnd, device: str, monkeypatch: pyt
         SerialLink(device).open()
 
 
+def test_the_rate_of_an_open_port_can_be_changed(
+    line: PtyEnd, device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = SerialLink(device)
+    port.set_baud(57600)
+    with port:
+        for baud in (1_000_000, 12_345):
+            port.set_baud(baud)
+            assert struct.unpack_from("=2I", fcntl.ioctl(port.fileno(), 0x802C542A, bytes(44)), 36) == (baud, baud)
+            assert (port.baud, port.url) == (baud, f"serial://{device}?baud={baud}")
+            line.write(b"x", soon())
+            assert port.read(soon()) == b"x"
+        with pytest.raises(UsageError, match="baud must be from 50"):
+            port.set_baud(1)
+        line.close()
+        with pytest.raises(LinkLostError, match="unplugged"):
+            port.set_baud(9600)
+
+
 # --- one owner ----------------------------------------------------------------------------------------
 
 OTHER_PROGRAM = """

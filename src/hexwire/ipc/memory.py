@@ -12,7 +12,8 @@ import socket
 import threading
 
 from hexwire.errors import LinkLostError
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
+from hexwire.ipc.poll_link import PollLink
 
 __all__ = ["MemoryLink", "memory_pair"]
 

@@ -26,8 +26,9 @@ from hexwire.errors import (
     LinkPermissionError,
     UsageError,
 )
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
 from hexwire.ipc.owner import lock_owner
+from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
 
 if TYPE_CHECKING:

@@ -29,7 +29,8 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.ipc import owner, ports
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
+from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
 
 __all__ = ["DEFAULT_BAUD", "SerialLink"]
@@ -125,13 +126,14 @@ class SerialLink(PollLink):
 
         Raises:
             UsageError: The port's driver cannot do that rate.
+            LinkLostError: The port went away.
         """
         if not _BAUD_LOW <= baud <= _BAUD_HIGH:
             raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
         self.baud = baud
         self.url = f"serial://{self.device}?baud={baud}"
         if self.is_open:
-            self._configure()
+            self._apply_settings()
 
     def flush_input(self) -> int:
         count = super().flush_input()
@@ -154,15 +156,7 @@ class SerialLink(PollLink):
         if not stat.S_ISCHR(os.fstat(self._port).st_mode) or not os.isatty(self._port):
             raise self._no_port("is not a serial port")
         self._claim()
-        try:
-            taken = self._configure()
-        except (OSError, termios.error) as error:
-            raise LinkLostError(
-                f"{self.device} does not take its settings ({error.args[-1]}){self._lost_advice}",
-                url=self.url,
-            ) from error
-        if not taken:
-            raise LinkError(f"{self.device} refuses raw mode with 8 data bits: use another port", url=self.url)
+        self._apply_settings()
         if self._low_latency:
             self._ask_low_latency()
 
@@ -194,6 +188,17 @@ class SerialLink(PollLink):
             raise self._busy() from error
         with contextlib.suppress(OSError):
             fcntl.ioctl(self._port, termios.TIOCEXCL)
+
+    def _apply_settings(self) -> None:
+        try:
+            taken = self._configure()
+        except (OSError, termios.error) as error:
+            raise LinkLostError(
+                f"{self.device} does not take its settings ({error.args[-1]}){self._lost_advice}",
+                url=self.url,
+            ) from error
+        if not taken:
+            raise LinkError(f"{self.device} refuses raw mode with 8 data bits: use another port", url=self.url)
 
     def _configure(self) -> bool:
         """Set raw mode and the rate; False if the port kept something of its own."""

@@ -21,7 +21,8 @@ from hexwire.errors import (
     LinkPermissionError,
     LinkTimeoutError,
 )
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
+from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
 
 if TYPE_CHECKING:

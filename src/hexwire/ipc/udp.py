@@ -11,8 +11,9 @@ import socket
 
 from hexwire.errors import LinkNotFoundError, LinkTimeoutError, UsageError
 from hexwire.ipc.channel import is_loopback
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
 from hexwire.ipc.listener import LOOPBACK, explain_bind, listen_address
+from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.tcp import find_addresses, host_and_port
 from hexwire.ipc.url import LinkUrl, split_host_port
 
