@@ -79,12 +79,11 @@ def move(
     goal = check_targets(robot.model, angles)
     say: Callable[[str], object] = (lambda _: None) if as_json else print
     shortfall = ""
-    with attached(robot):
-        with hold_on_ctrl_c(robot):
-            switched_on = _torque_on(robot, list(goal))
-            if switched_on:
-                say(f"torque on: {' '.join(switched_on)}")
-            sent = robot.write(JointTarget.of(goal, duration))
+    with attached(robot), hold_on_ctrl_c(robot):
+        switched_on = _torque_on(robot, list(goal))
+        if switched_on:
+            say(f"torque on: {' '.join(switched_on)}")
+        sent = robot.write(JointTarget.of(goal, duration))
         words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
         say(f"moving to: {words} deg in {sent.duration:.2f} s")
         if sent.clamped:
@@ -190,7 +189,7 @@ def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, *, draw: bool)
     goal = dict(sent.positions)
     way = 0.0
     state: JointState | None = None
-    with _progress() if draw else nullcontext(lambda *_: None) as show, hold_on_ctrl_c(robot):
+    with _progress() if draw else nullcontext(lambda *_: None) as show:
         for _ in RateLoop(_RATE).ticks(sent.duration + _GRACE):
             state = robot.read()
             left = {name: abs(goal[name] - state[name].position) for name in goal}

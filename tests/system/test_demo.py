@@ -1,0 +1,141 @@
+"""The demo as a person runs it: to its end, interrupted, killed; with a terminal and without."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import time
+
+import pytest
+from tests.system.programs import ANSI, PATIENCE, Terminal, board, children_of, gone, hexwire, read_until, start
+
+pytestmark = pytest.mark.system
+
+SUMMARY = re.compile(
+    r"dialect \d, \d+ cycles at [\d.]+ Hz \(\d+ late, \d+ skipped\), round trip p50 [\d.]+ ms p99 [\d.]+ ms, "
+    r"\d+ retries, \d+ dropped frames"
+)
+
+
+def state(path: str) -> dict[str, object]:
+    done = hexwire("state", "--json", "--port", path)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)  # type: ignore[no-any-return]
+
+
+def torque(path: str) -> list[bool]:
+    return [joint["torque_on"] for joint in state(path)["joints"]]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("options", [[], ["--baud", "0", "--rate", "50"], ["--dialect", "1"]])
+def test_without_a_terminal_it_prints_plain_lines(options: list[str]) -> None:
+    done = hexwire("demo", "--duration", "2", *options, env={"FORCE_COLOR": "1"})
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+    assert not ANSI.search(done.stdout)
+    assert "\r" not in done.stdout
+    lines = done.stdout.splitlines()
+    for phase in ("started", "identified", "pinged", "read", "torque on", "torque off", "summary"):
+        assert sum(line.startswith(f"{phase}: ") for line in lines) == 1, phase
+    assert SUMMARY.search(lines[-1])
+
+
+def test_on_a_terminal_it_draws_a_table_and_a_bar() -> None:
+    with Terminal("demo", "--duration", "2") as terminal:
+        assert terminal.wait() == 0
+    text = terminal.plain
+    assert terminal.text != text, "it is drawn"
+    for word in ("target deg", "position deg", "error deg", "load %", "age ms", "there", "back", "2.0/2.0 s"):
+        assert word in text
+    assert (
+        max(len(line) for line in text.replace("\r", "").splitlines() if "J7" in line and "read" not in line) <= 90
+    )
+    assert SUMMARY.search(" ".join(text.split()))
+    assert terminal.text.count("\x1b[?25l") == terminal.text.count("\x1b[?25h"), "the cursor is shown again"
+
+
+def test_a_faulty_line_is_lived_with_and_counted() -> None:
+    done = hexwire("demo", "--duration", "3", "--fault", "host.flip:0.03")
+    assert done.returncode == 0, done.stderr
+    retries = re.search(r"(\d+) retries", done.stdout.splitlines()[-1])
+    assert retries is not None
+    assert int(retries[1]) > 0
+
+
+def test_a_fault_that_does_not_exist_is_a_usage_error() -> None:
+    done = hexwire("demo", "--fault", "silly:1")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "silly" in done.stderr
+
+
+def test_a_missing_servo_ends_it() -> None:
+    done = hexwire("demo", "--fault", "silent:4")
+    assert done.returncode == 1
+    assert done.stderr == "error: servo 4 (J5) does not answer: check cable, power and id\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_it_leaves_no_process(number: signal.Signals) -> None:
+    demo = start("demo", "--duration", "30")
+    assert demo.stdout is not None
+    read_until(demo.stdout, "1.0 s")
+    children = children_of(demo.pid)
+    assert children
+    demo.send_signal(number)
+    _, err = demo.communicate(timeout=PATIENCE)
+    assert demo.returncode == (-signal.SIGKILL if number == signal.SIGKILL else 130)
+    assert err.strip() == ("" if number == signal.SIGKILL else "torque off: all joints")
+    assert all(gone(child) for child in children)
+
+
+def test_ctrl_c_on_a_terminal_leaves_no_process_and_a_usable_terminal() -> None:
+    with Terminal("demo", "--duration", "30") as terminal:
+        terminal.read_until("there")
+        children = children_of(terminal.process.pid)
+        assert children
+        terminal.type(b"\x03")
+        assert terminal.wait() == 130
+    assert "torque off: all joints" in terminal.plain
+    assert "Traceback" not in terminal.plain
+    assert terminal.text.count("\x1b[?25l") == terminal.text.count("\x1b[?25h"), "the cursor is shown again"
+    assert all(gone(child) for child in children)
+
+
+@pytest.mark.parametrize("dialect", ["1", "2"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: str) -> None:
+    with board("--dialect", dialect) as path:
+        demo = start("demo", "--port", path, "--yes-move-the-arm", "--duration", "30")
+        assert demo.stdout is not None
+        read_until(demo.stdout, "torque on")
+        read_until(demo.stdout, " s: ")
+        demo.send_signal(number)
+        _, err = demo.communicate(timeout=PATIENCE)
+        assert demo.returncode == 130
+        assert "torque off: all joints" in err
+        # Dialect 1 has no flag for it: the command reads the registers back and says what it found on.
+        if dialect == "2":
+            assert not any(torque(path))
+            assert state(path)["stopped"] is False
+        else:
+            assert "torque on: J1 J4 J5" in hexwire("move", "J1=-4", "J4=0", "J5=3", "--port", path).stdout
+
+
+def test_a_killed_demo_leaves_no_torque_either() -> None:
+    with board() as path:
+        demo = start("demo", "--port", path, "--yes-move-the-arm", "--duration", "30")
+        assert demo.stdout is not None
+        read_until(demo.stdout, "torque on")
+        assert any(torque_while_running(demo.stdout))
+        demo.kill()
+        demo.communicate(timeout=PATIENCE)
+        # The board's own watchdog acts after a second without us; asking it any earlier would feed it.
+        time.sleep(2.0)
+        assert state(path)["watchdog_tripped"] is True
+        assert not any(torque(path))
+
+
+def torque_while_running(stream: object) -> list[bool]:
+    """The demo is moving: wait for its line of the first second."""
+    return ["1.0 s" in read_until(stream, "1.0 s")]
