@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hexwire.errors import LinkError
-from hexwire.ipc.link import LinkKind, PollLink
+from hexwire.ipc.link import LinkKind
 from hexwire.ipc.listener import Listener
+from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.udp import UdpListenLink
 
 from .puma import EmulatedPuma, PumaPeer
