@@ -100,12 +100,13 @@ def make_hls_block(servo_id: int, counts: int, speed: int, ceiling: int) -> tupl
         LocalProtocolError: No block without 0D 0A inside can be built.
     """
     hls = Series.HLS
-    for nudge in range(4):
+    # A unit of current less where it stands beside a position's high byte, which no small step changes.
+    for less, nudge in ((0, 0), (0, 1), (1, 0), (1, 1)):
         for faster in range(4):
             block = (
                 b"\0"
                 + hls.register("goal_position").encode(counts + nudge)
-                + hls.register("goal_torque").encode(ceiling)
+                + hls.register("goal_torque").encode(ceiling - less)
                 + hls.register("goal_speed").encode(speed + faster)
             )
             packet = make_write(servo_id, _BLOCK, block)
