@@ -1,0 +1,147 @@
+"""`firmware`: build, flash and identify what runs on the controller board.
+
+Owns how this is asked for and shown. Must not know which tools do it.
+"""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from .common import (
+    RobotOptions,
+    attached,
+    json_option,
+    make_robot,
+    print_json,
+    resolve_url,
+    robot_options,
+)
+from .exits import note
+
+__all__ = ["firmware"]
+
+_RATES = (115200, 250000, 500000, 1000000)
+
+source_option = click.option(
+    "--source", type=click.Path(file_okay=False), metavar="FOLDER", help="Folder of the firmware's sources."
+)
+rate_option = click.option(
+    "--host-baud",
+    type=click.Choice([str(rate) for rate in _RATES]),
+    default="115200",
+    show_default=True,
+    help="Rate of the line to the host. The servo line stays at 115200.",
+)
+
+
+@click.group()
+def firmware() -> None:
+    """Build, flash and identify the controller board's firmware."""
+
+
+@firmware.command()
+@source_option
+@rate_option
+@json_option
+def build(source: str | None, host_baud: str, as_json: bool) -> None:
+    """Build the firmware for an Arduino Mega 2560."""
+    from hexwire.drivers import firmware as tools
+
+    report = tools.build(tools.find_sources(source), host_baud=int(host_baud))
+    if as_json:
+        print_json(asdict(report) | {"hex_file": str(report.hex_file)})
+    else:
+        print(f"{report.hex_file}\nversion {report.version}, host line at {report.host_baud}\n{report.size}")
+
+
+@firmware.command()
+@click.option(
+    "--hex", "hex_file", type=click.Path(dir_okay=False), metavar="FILE", help="Flash this, build nothing."
+)
+@click.option("--any-port", is_flag=True, help="Do not look at the port's USB identity.")
+@click.option("--dry-run", is_flag=True, help="Check everything and show the command, but write nothing.")
+@source_option
+@rate_option
+@robot_options
+def flash(
+    options: RobotOptions,
+    hex_file: str | None,
+    any_port: bool,
+    dry_run: bool,
+    source: str | None,
+    host_baud: str,
+) -> None:
+    """Build the firmware, write it into the board, and read its version back.
+
+    The joints keep the torque they have, but for seconds nobody commands them: support the arm.
+    """
+    from hexwire.drivers import firmware as tools
+
+    device = tools.device_of(resolve_url(options.port))
+    guess = "not looked at" if any_port else tools.check_board(device)
+    version = None
+    if hex_file is None:
+        report = tools.build(tools.find_sources(source), host_baud=int(host_baud))
+        image, version = report.hex_file, report.version
+    else:
+        image = Path(hex_file)
+    command = tools.flash_command(device, image)
+    note(f"board: {device} ({guess})")
+    if dry_run:
+        print(shlex.join(command))
+        return
+    tools.run_flash(command)
+    note("written and verified; waiting for the board")
+    running = _version_of(RobotOptions(device, options.robot, int(host_baud), 2, options.timeout))
+    if version is not None and running != version:
+        from hexwire.errors import DeviceError
+
+        raise DeviceError(f"the board runs {running} after version {version} was written; is it the same board?")
+    print(f"the board runs version {running}")
+
+
+@firmware.command()
+@source_option
+@robot_options
+@json_option
+def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
+    """Show which firmware runs on the board, and which one the sources are."""
+    from hexwire.drivers import firmware as tools
+    from hexwire.errors import UsageError
+
+    with attached(make_robot(options)) as robot:
+        report = robot.probe()
+    try:
+        available = tools.source_version(tools.find_sources(source))
+    except UsageError:
+        if source is not None:
+            raise
+        available = ""
+    if as_json:
+        print_json(
+            {
+                "firmware": report.firmware or None,
+                "dialect": report.dialect,
+                "boot_id": report.boot_id,
+                "capabilities": list(report.capabilities),
+                "sources": available or None,
+            }
+        )
+        return
+    if not report.firmware:
+        print("the board speaks the chapter's dialect only and does not say its version")
+    else:
+        print(f"version {report.firmware}, boot id {report.boot_id:08x}")
+        print(f"can {', '.join(report.capabilities).replace('_', ' ')}")
+    if available:
+        same = " (the same)" if available == report.firmware else ""
+        print(f"sources {available}{same}")
+
+
+def _version_of(options: RobotOptions) -> str:
+    with attached(make_robot(options)) as robot:
+        return robot.probe().firmware

@@ -1,0 +1,196 @@
+"""Building the controller board's firmware and writing it into the board.
+
+Owns which tools are run and how, which boards are refused, and what the tools' failures mean in words. Must not
+know what the firmware does, nor print.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexwire.errors import DeviceError, UsageError
+from hexwire.ipc.ports import list_ports
+from hexwire.ipc.url import parse_url
+
+__all__ = [
+    "BuildReport",
+    "build",
+    "check_board",
+    "device_of",
+    "find_sources",
+    "flash_command",
+    "run_flash",
+    "source_version",
+]
+
+PART = "atmega2560"
+_SIGNATURE = "1e 98 01"
+_BUILD_TOOLS = {"avr-g++": "gcc-avr", "avr-objcopy": "binutils-avr", "make": "make"}
+_CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino")
+_HEX = "mega2560/hexwire.hex"
+_TAIL = 3  # lines of a tool's output that go into an error text
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """What a build made.
+
+    Attributes:
+        hex_file: For the flasher.
+        size: The Makefile's line on flash and RAM.
+        version: As in ``1.0.0``.
+        host_baud: Rate of the host line it was built for.
+    """
+
+    hex_file: Path
+    size: str
+    version: str
+    host_baud: int
+
+
+def find_sources(folder: str | os.PathLike[str] | None = None) -> Path:
+    """The folder with the firmware's Makefile.
+
+    Args:
+        folder: As the user named it; the one of this checkout if None.
+
+    Raises:
+        UsageError: There is none.
+    """
+    if folder is not None:
+        path = Path(folder)
+        if not (path / "Makefile").is_file() or not (path / "core/board.h").is_file():
+            raise UsageError(f"{path} is not the folder of the firmware; it has a Makefile and core/board.h")
+        return path
+    path = Path(__file__).resolve().parents[3] / "firmware"
+    if not (path / "Makefile").is_file():
+        raise UsageError(
+            "no firmware sources beside this package; clone the repository and name them with --source"
+        )
+    return path
+
+
+def source_version(sources: Path) -> str:
+    """The version that these sources build, as in ``1.0.0``.
+
+    Raises:
+        UsageError: They do not say.
+    """
+    text = (sources / "core/board.h").read_text(encoding="utf-8")
+    parts = [re.search(rf"kVersion{part} = (\d+)", text) for part in ("Major", "Minor", "Patch")]
+    if not all(parts):
+        raise UsageError(f"{sources / 'core/board.h'} does not say which version it is")
+    return ".".join(part.group(1) for part in parts if part)
+
+
+def build(sources: Path, *, host_baud: int = 115200) -> BuildReport:
+    """Build the firmware for the Mega 2560.
+
+    Args:
+        sources: See `find_sources`.
+        host_baud: Rate of the host line.
+
+    Raises:
+        UsageError: A tool is missing; the text names its Debian package.
+        DeviceError: The build failed, or the firmware is too large.
+    """
+    missing = [package for tool, package in _BUILD_TOOLS.items() if shutil.which(tool) is None]
+    missing += [] if _CORE.is_dir() else ["arduino-core-avr"]
+    if missing:
+        raise UsageError(f"missing to build: sudo apt-get install {' '.join(missing)} avr-libc")
+    # A folder for each rate: the files of one are no use to the other.
+    folder = "build" if host_baud == 115200 else f"build/{host_baud}"
+    command = ["make", "-C", str(sources), "mega2560", f"HOST_BAUD={host_baud}", f"BUILD={folder}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=_clean_environment())
+    if done.returncode != 0:
+        raise DeviceError(f"the build failed: {_tail(done.stderr or done.stdout)}")
+    size = next((line for line in done.stdout.splitlines() if line.startswith("flash ")), "")
+    return BuildReport(sources / folder / _HEX, size, source_version(sources), host_baud)
+
+
+def device_of(port: str) -> str:
+    """The device behind a port as typed: a path, or a serial URL.
+
+    Raises:
+        UsageError: Flashing goes through a serial port, and this is none.
+    """
+    url = parse_url(port)
+    if url.scheme != "serial":
+        raise UsageError(f"{port}: a board is flashed through its serial port, as /dev/ttyUSB0")
+    return url.path
+
+
+def check_board(device: str) -> str:
+    """Refuse a port behind which there is surely no Mega 2560.
+
+    A converter chip can belong to a clone or to a servo adapter: such a port passes, and the flasher's look at
+    the chip's signature decides.
+
+    Returns:
+        What is probably there, in words.
+
+    Raises:
+        UsageError: It is a known other thing, or nothing that is known.
+    """
+    real = os.path.realpath(device)
+    for port in list_ports():
+        if os.path.realpath(port.device) != real:
+            continue
+        if not port.likely_board:
+            raise UsageError(f"{device} is no Mega 2560 but {port.guess}; use --any-port if you know better")
+        return port.guess
+    raise UsageError(f"{device} is no USB serial port of this machine; use --any-port if you know better")
+
+
+def flash_command(device: str, hex_file: Path, *, verify: bool = True) -> list[str]:
+    """The flasher's command line: STK500v2 over the boot loader, no chip erase.
+
+    Raises:
+        UsageError: There is no such file.
+    """
+    if not hex_file.is_file():
+        raise UsageError(f"no firmware at {hex_file}; build it first: hexwire firmware build")
+    command = ["avrdude", "-q", "-p", PART, "-c", "wiring", "-P", device, "-b", "115200", "-D"]
+    return [*command, *([] if verify else ["-V"]), "-U", f"flash:w:{hex_file}:i"]
+
+
+def run_flash(command: Sequence[str]) -> None:
+    """Run the flasher. It compares the chip's signature before it writes anything.
+
+    Raises:
+        UsageError: The flasher is not installed.
+        DeviceError: Another chip, no answer from the boot loader, or a write that did not verify.
+    """
+    if shutil.which(command[0]) is None:
+        raise UsageError(f"{command[0]} is not installed: sudo apt-get install {command[0]}")
+    done = subprocess.run(list(command), capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return
+    said = done.stdout + done.stderr
+    if "expected signature" in said.lower():
+        found = re.search(
+            r"[Dd]evice signature = (?:0x)?([0-9A-Fa-f]{2}) ?([0-9A-Fa-f]{2}) ?([0-9A-Fa-f]{2})", said
+        )
+        chip = " ".join(found.groups()) if found else "another one"
+        raise DeviceError(f"the chip is no {PART}: its signature is {chip}, not {_SIGNATURE}; nothing was written")
+    if any(sign in said for sign in ("timeout", "stk500v2_getsync", "not responding", "programmer is not")):
+        raise DeviceError(
+            "the boot loader does not answer: is it a Mega 2560, is the port free, is there a capacitor at RESET? "
+            "nothing was written"
+        )
+    raise DeviceError(f"flashing failed: {_tail(said)}")
+
+
+def _tail(text: str) -> str:
+    return " / ".join([line.strip() for line in text.splitlines() if line.strip()][-_TAIL:]) or "no output"
+
+
+def _clean_environment() -> dict[str, str]:
+    """Without what a surrounding make would tell the inner one."""
+    return {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}

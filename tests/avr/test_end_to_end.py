@@ -1,0 +1,64 @@
+"""The ELF on the simulated chip behind a pseudo-terminal, asked by the real driver and the real command line."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+
+import pytest
+from tests.avr.machines import ChipBoard
+from tests.avr.pty import PtyBoard, on_pty
+
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.model.state import JointTarget
+
+pytestmark = pytest.mark.system
+
+
+def hexwire(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "hexwire.cli", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
+def test_the_driver_moves_a_joint() -> None:
+    with on_pty(PtyBoard(ChipBoard())) as board, Hex7BotDriver.from_url(board.path) as robot:
+        report = robot.probe()
+        assert (report.dialect, report.firmware, report.missing) == (2, "1.0.0", ())
+        state = robot.read()
+        angles = dict(zip(state.names, map(math.degrees, state.position), strict=True))
+        assert angles["J1"] == pytest.approx(-4.47257, abs=1e-4)
+        assert angles["J5"] == pytest.approx(3.1641, abs=1e-4)
+        assert robot.torque(True) == tuple(angles)
+        sent = robot.write(JointTarget((("J1", 0.0), ("J5", 0.1)), duration=0.2))
+        assert (sent.clamped, sent.silent) == ((), ())
+
+
+def test_the_command_line() -> None:
+    with on_pty(PtyBoard(ChipBoard())) as board:
+        probe = hexwire("probe", "--port", board.path, "--json")
+        assert probe.returncode == 0, probe.stderr
+        assert json.loads(probe.stdout)["firmware"] == "1.0.0"
+        assert hexwire("torque", "on", "--port", board.path).returncode == 0
+        moved = hexwire("move", "J4=10", "--wait", "--tolerance", "0.3", "--port", board.path)
+        assert moved.returncode == 0, moved.stderr
+        state = hexwire("state", "--port", board.path, "--json")
+        joints = {joint["name"]: joint for joint in json.loads(state.stdout)["joints"]}
+        assert joints["J4"]["position_deg"] == pytest.approx(10, abs=0.3)
+        assert hexwire("stop", "--port", board.path).returncode == 0
+        refused = hexwire("move", "J4=0", "--port", board.path)
+        assert refused.returncode == 1
+        assert "stopped" in refused.stderr
+        assert hexwire("resume", "--port", board.path).returncode == 0
+        info = hexwire("firmware", "info", "--port", board.path)
+        assert "version 1.0.0" in info.stdout
+        assert "(the same)" in info.stdout
+
+
+def test_the_chapters_dialect_alone() -> None:
+    with on_pty(PtyBoard(ChipBoard())) as board:
+        probe = hexwire("probe", "--port", board.path, "--dialect", "1", "--json")
+        assert probe.returncode == 0, probe.stderr
+        assert json.loads(probe.stdout)["dialect"] == 1
+        assert hexwire("ping", "--port", board.path, "--dialect", "1").returncode == 0

@@ -1,0 +1,103 @@
+"""The firmware as a whole: what it is built from, how large it is, and that no input breaks it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from tests.avr import machines
+from tests.avr.machines import BUILD, FIRMWARE, CoreBoard
+
+CORE = sorted((FIRMWARE / "core").glob("*.cpp")) + sorted((FIRMWARE / "core").glob("*.h"))
+
+
+def without_comments(file: Path) -> str:
+    return re.sub(r"//.*", "", file.read_text())
+
+
+@pytest.mark.parametrize("baud", [115200, 500000])
+def test_it_fits_with_room_to_spare(baud: int) -> None:
+    build = "build" if baud == 115200 else f"build/{baud}"
+    printed = machines.make("mega2560", BUILD=build, HOST_BAUD=baud)
+    found = re.search(r"flash (\d+) of at most (\d+) bytes, RAM (\d+) of at most (\d+) bytes", printed)
+    assert found, printed
+    flash, flash_limit, ram, ram_limit = map(int, found.groups())
+    assert flash < flash_limit == 32768
+    assert ram < ram_limit == 6144
+
+
+def test_a_firmware_that_is_too_large_is_an_error() -> None:
+    done = subprocess.run(
+        ["make", "-C", str(FIRMWARE), "size", "FLASH_LIMIT=1000"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    assert "of at most 1000 bytes" in done.stdout
+
+
+@pytest.mark.parametrize("file", CORE, ids=lambda file: file.name)
+def test_the_core_stays_portable(file: Path) -> None:
+    text = without_comments(file)
+    includes = set(re.findall(r'#include [<"]([^>"]+)', text))
+    own = {other.name for other in CORE}
+    assert includes - own <= {"stdint.h", "string.h"}
+    for forbidden in ("new ", "malloc", "delete ", "float", "double", "delay", "std::", "throw", "virtual ~"):
+        assert forbidden not in text, f"{forbidden.strip()} in {file.name}"
+
+
+def test_no_loop_of_the_core_waits_for_hardware() -> None:
+    # The only loops without a bound of their own empty a ring or a frame.
+    loops = re.findall(r"while \((.*)\) ?[{;]", "".join(without_comments(f) for f in CORE))
+    assert not [loop for loop in loops if "bus_sending" in loop or "storage_ready" in loop or "micros" in loop]
+
+
+def test_the_sketch_folder_is_what_the_arduino_ide_wants() -> None:
+    folder = FIRMWARE / "boards/mega2560"
+    sketch = (folder / "mega2560.ino").read_text()
+    assert "void setup()" in sketch
+    assert "void loop()" in sketch
+    # The IDE compiles the sketch's folder and src below it, and nothing else.
+    assert {f.name for f in (folder / "src/core").iterdir()} >= {f.name for f in CORE}
+    for include in re.findall(r'#include "([^"]+)"', sketch):
+        assert (folder / include).is_file()
+
+
+def test_the_core_under_the_sanitizers() -> None:
+    machines.make("sanitized")
+    done = subprocess.run([str(BUILD / "host/test_core")], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "0 failures\n"), done.stdout + done.stderr
+
+
+def test_no_input_breaks_the_core(tmp_path: Path) -> None:
+    machines.make("fuzz")
+    corpus = tmp_path / "corpus"
+    corpus.mkdir()
+    for cmd in (*range(1, 4), *range(0x10, 0x1F)):
+        for size in (0, 1, 3, 43):
+            piece = bytes((cmd,)) + bytes(range(size))
+            (corpus / f"{cmd:02x}-{size}").write_bytes(bytes((0x52, len(piece))) + piece)
+    command = [str(BUILD / "host/fuzz_board"), str(corpus), "-runs=1200", "-seed=1", "-max_len=600", "-verbosity=0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+def test_storage_that_is_broken_is_reported() -> None:
+    board = CoreBoard()
+    try:
+        from tests.avr.client import Client
+
+        from hexwire.wire.command_frame import Command, Status
+
+        client = Client(board)
+        board.settle()
+        board.break_storage(True)
+        reply = client.ask(Command.LIMITS, b"\7" + b"\x64\0\xb8\x0b\xe8\3" * 7, within=1.0)
+        assert reply.cmd_ext & 0x3F == Status.STORAGE
+        assert client.ask(Command.LIMITS).body[1:] == b"\7" + b"\0\0\xff\x0f\0\x10" * 7
+        board.break_storage(False)
+        assert (
+            client.ask(Command.LIMITS, b"\7" + b"\x64\0\xb8\x0b\xe8\3" * 7, within=1.0).cmd_ext & 0x3F == Status.OK
+        )
+    finally:
+        board.close()

@@ -1,0 +1,143 @@
+"""`hexwire firmware`, with the real compiler and the real flasher against an emulated boot loader."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from tests.avr.machines import CoreBoard, make
+from tests.avr.pty import FlashableBoard, on_pty
+
+from hexwire.cli.main import cli
+from hexwire.drivers import firmware as tools
+from hexwire.ipc.ports import PortInfo
+
+Ports = Callable[..., None]
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(cli, ["firmware", *words])
+
+
+@pytest.fixture
+def ports(monkeypatch: pytest.MonkeyPatch) -> Ports:
+    def pretend(*found: PortInfo) -> None:
+        monkeypatch.setattr(tools, "list_ports", lambda: list(found))
+
+    return pretend
+
+
+def test_build() -> None:
+    built = run("build", "--json")
+    assert built.exit_code == 0, built.output
+    report = json.loads(built.stdout)
+    assert Path(report["hex_file"]).read_text().startswith(":")
+    assert report["version"] == "1.0.0"
+    assert report["size"].startswith("flash ")
+
+
+def test_build_without_a_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    built = run("build")
+    assert built.exit_code == 2
+    assert "apt-get install gcc-avr binutils-avr make" in built.stderr
+
+
+def test_build_from_a_folder_without_firmware(tmp_path: Path) -> None:
+    built = run("build", "--source", str(tmp_path))
+    assert built.exit_code == 2
+    assert "is not the folder of the firmware" in built.stderr
+
+
+def test_a_build_that_fails_says_why(tmp_path: Path) -> None:
+    (tmp_path / "core").mkdir()
+    (tmp_path / "core/board.h").write_text("constexpr kVersionMajor = 1; kVersionMinor = 2; kVersionPatch = 3;")
+    (tmp_path / "Makefile").write_text("mega2560:\n\t@echo no such register >&2; exit 1\n")
+    built = run("build", "--source", str(tmp_path))
+    assert built.exit_code == 1
+    assert "the build failed: no such register" in built.stderr
+    assert tools.source_version(tmp_path) == "1.2.3"
+
+
+def test_a_dry_run_shows_the_command_and_writes_nothing(ports: Ports) -> None:
+    ports(PortInfo("/dev/ttyACM7", 0x2341, 0x0042, guess="Arduino Mega 2560", likely_board=True))
+    done = run("flash", "--port", "/dev/ttyACM7", "--dry-run")
+    assert done.exit_code == 0, done.output
+    words = shlex.split(done.stdout)
+    assert words[0] == "avrdude"
+    assert words[words.index("-p") + 1] == "atmega2560"
+    assert words[words.index("-P") + 1] == "/dev/ttyACM7"
+    assert words[words.index("-c") + 1] == "wiring"
+    assert "-F" not in words  # which would override the look at the signature
+    assert words[-1].startswith("flash:w:/")
+
+
+@pytest.mark.parametrize(
+    ("port", "why"),
+    [
+        (
+            PortInfo("/dev/ttyACM7", 0x1A86, 0x55D3, guess="CH343: a newer servo adapter"),
+            "is no Mega 2560 but CH343",
+        ),
+        (PortInfo("/dev/ttyACM7", 0x1234, 0x5678, guess="unknown USB device 1234:5678"), "is no Mega 2560"),
+        (PortInfo("/dev/ttyS9"), "is no USB serial port"),
+    ],
+)
+def test_a_wrong_board_is_refused(ports: Ports, port: PortInfo, why: str) -> None:
+    ports(port)
+    done = run("flash", "--port", "/dev/ttyACM7", "--dry-run")
+    assert done.exit_code == 2
+    assert why in done.stderr
+    assert run("flash", "--port", "/dev/ttyACM7", "--dry-run", "--any-port").exit_code == 0
+
+
+def test_only_a_serial_port_can_be_flashed() -> None:
+    done = run("flash", "--port", "tcp://arm:15030", "--dry-run")
+    assert done.exit_code == 2
+    assert "through its serial port" in done.stderr
+
+
+def test_no_such_image(ports: Ports, tmp_path: Path) -> None:
+    ports(PortInfo("/dev/ttyACM7", 0x2341, 0x0042, likely_board=True))
+    done = run("flash", "--port", "/dev/ttyACM7", "--hex", str(tmp_path / "none.hex"))
+    assert done.exit_code == 2
+    assert "build it first" in done.stderr
+
+
+@pytest.mark.system
+def test_flash_and_read_the_version_back() -> None:
+    with on_pty(FlashableBoard(CoreBoard())) as board:
+        assert isinstance(board, FlashableBoard)
+        done = run("flash", "--port", board.path, "--any-port")
+        assert done.exit_code == 0, done.output
+        assert "the board runs version 1.0.0" in done.stdout
+        assert board.writes > 50
+        make("mega2560")
+        image = tools.find_sources() / "build/mega2560/hexwire.hex"
+        first = bytes.fromhex(image.read_text().splitlines()[0][9:-2])
+        assert board.flash.startswith(first)
+        info = run("info", "--port", board.path, "--json")
+        assert json.loads(info.stdout)["firmware"] == "1.0.0"
+
+
+@pytest.mark.system
+def test_another_chip_is_refused_before_anything_is_written() -> None:
+    with on_pty(FlashableBoard(CoreBoard(), "1E950F")) as board:
+        assert isinstance(board, FlashableBoard)
+        done = run("flash", "--port", board.path, "--any-port")
+        assert done.exit_code == 1
+        assert "its signature is 1e 95 0f, not 1e 98 01; nothing was written" in done.stderr
+        assert board.writes == 0
+
+
+def test_without_the_flasher(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    image = tmp_path / "some.hex"
+    image.write_text(":00000001FF\n")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    done = run("flash", "--port", "/dev/ttyACM7", "--any-port", "--hex", str(image))
+    assert done.exit_code == 2
+    assert "avrdude is not installed" in done.stderr
