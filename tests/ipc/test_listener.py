@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import errno
-import os
+import select
 import signal
 import socket
 import threading
@@ -58,8 +58,19 @@ def test_it_binds_to_loopback_unless_told() -> None:
     with Listener() as listener:
         assert listener.url == f"tcp-listen://127.0.0.1:{listener.port}"
         assert listener.port > 0
-        with socket.socket(fileno=os.dup(listener.fileno())) as view:
-            assert view.getsockname()[0] == "127.0.0.1"
+        assert listener._socket is not None
+        assert listener._socket.getsockname()[0] == "127.0.0.1"
+
+
+def test_its_descriptor_says_when_there_is_something_to_do() -> None:
+    with Listener() as listener:
+        assert not select.select([listener.fileno()], [], [], 0.0)[0]
+        with TcpLink("127.0.0.1", listener.port):
+            assert select.select([listener.fileno()], [], [], PATIENCE)[0]
+            peer = listener.accept(0.0)
+            assert peer is not None
+            peer.close()
+        assert not select.select([listener.fileno()], [], [], 0.0)[0]
 
 
 def test_accept_has_a_deadline_and_can_be_woken_and_closed() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import select
 import socket
 import ssl
 from collections.abc import Callable
@@ -393,3 +394,39 @@ def test_a_caller_who_says_nothing_is_dropped_in_time(lab: Path) -> None:
             assert listener.accept(in_a_moment()) is None
         assert "no TLS handshake in time" in listener.last_refusal
         assert silent.recv(1) == b""
+
+
+def test_a_server_may_watch_the_listeners_descriptor(lab: Path) -> None:
+    with Listener(tls=files(lab, "server")) as listener:
+        link = TcpLink("127.0.0.1", listener.port, tls=files(lab, "client"))
+        opener = Background(link.open)
+        peer = None
+        while peer is None:
+            assert select.select([listener.fileno()], [], [], PATIENCE)[0]
+            peer = listener.accept(0.0)
+        opener.outcome()
+        link.write(b"x", soon())
+        assert peer.read(soon()) == b"x"
+        assert not select.select([listener.fileno()], [], [], 0.0)[0], "who was let in is no business of the door"
+        link.close()
+        peer.close()
+
+
+def test_the_line_between_two_turns_away_who_is_still_shaking_hands(lab: Path) -> None:
+    with TcpListenLink(tls=files(lab, "server")) as waiting:
+        port = waiting.listener.port
+        early = [socket.create_connection(("127.0.0.1", port), PATIENCE) for _ in range(3)]
+        caller = TcpLink("127.0.0.1", port, tls=files(lab, "client"))
+        opener = Background(caller.open)
+        while waiting._meet(in_a_moment()) is None:
+            pass
+        opener.outcome()
+        late = socket.create_connection(("127.0.0.1", port), PATIENCE)
+        assert waiting.read(in_a_moment()) == b""
+        for other in (*early, late):
+            assert other.recv(1) == b""
+            other.close()
+        assert waiting.listener.refused == 4
+        caller.write(b"x", soon())
+        assert waiting.read(soon()) == b"x"
+        caller.close()

@@ -129,6 +129,8 @@ class TcpListenLink(Link):
                 raise LinkLostError(self._lost, url=self.url)
             if self._peer is None:
                 self._peer = self._listener.accept(deadline, watched=self._doorbell)
+                if self._peer is not None:
+                    self._listener.turn_away()
             if not self.is_open:  # closed meanwhile, by a thread that did not see this peer
                 self._part()
                 raise LinkClosedError(f"{self.url} is closed", url=self.url)

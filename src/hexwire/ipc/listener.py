@@ -6,6 +6,7 @@ bytes mean. Binds to loopback unless told otherwise.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import select
 import socket
@@ -87,7 +88,10 @@ class Listener:
         self._max_handshakes = max_handshakes
         self._handshakes: dict[int, _Handshake] = {}
         self._socket: socket.socket | None = None
+        # The socket and the handshakes under way, as one descriptor that others can watch as well.
+        self._doors: select.epoll | None = None
         self._waker = Waker()
+        self._wait = select.poll()
         self._closing = False
         self._close_pending = False
         self._context: ssl.SSLContext | None = None
@@ -112,7 +116,11 @@ class Listener:
             raise LinkBusyError(f"{self.url} listens already", url=self.url)
         context = self._tls.server_context() if self._tls else None
         family, address = find_addresses(self.host, self._wanted_port, self.url, passive=True)[0]
-        listening = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            doors = select.epoll()
+            listening = socket.socket(family, socket.SOCK_STREAM)
+        except OSError as error:
+            raise explain_bind(error, self.url) from error
         try:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.setblocking(False)
@@ -121,8 +129,14 @@ class Listener:
             self._waker.open()
         except OSError as error:
             listening.close()
+            doors.close()
             raise explain_bind(error, self.url) from error
+        doors.register(listening, select.EPOLLIN)
+        self._wait = select.poll()
+        self._wait.register(doors, select.POLLIN)
+        self._wait.register(self._waker.fileno(), select.POLLIN)
         self._context = context
+        self._doors = doors
         self.port = listening.getsockname()[1]
         self._closing = False
         self._socket = listening
@@ -139,16 +153,20 @@ class Listener:
             for handshake in self._handshakes.values():
                 handshake.stream.close()
             self._handshakes.clear()
-            if self._socket is not None:
+            if self._socket is not None and self._doors is not None:
+                self._doors.close()
                 self._socket.close()
-                self._socket = None
+                self._doors = self._socket = None
             self._waker.close()
 
     def fileno(self) -> int:
-        """Descriptor that turns readable when somebody calls."""
-        if self._socket is None:
+        """Descriptor that turns readable when `accept` has something to do, for servers that watch many links.
+
+        Under TLS that is also a handshake under way, so `accept` may come back without a caller.
+        """
+        if self._doors is None:
             raise self._closed()
-        return self._socket.fileno()
+        return self._doors.fileno()
 
     def wake(self) -> None:
         """Make the `accept` that waits now, or else the next one, return None. Allowed from any thread."""
@@ -175,11 +193,11 @@ class Listener:
         self._accepter = threading.get_ident()
         woken = False
         try:
-            while self._socket is not None and not self._closing:
+            while self._socket is not None and self._doors is not None and not self._closing:
                 if woken:
                     self._waker.clear()
                     return None
-                peer, woken = self._step(self._socket, deadline, watched)
+                peer, woken = self._step(self._socket, self._doors, deadline, watched)
                 if peer is not None:
                     return peer
                 # Woken by wake(), or because the listener was closed: look again.
@@ -193,48 +211,53 @@ class Listener:
                 self.close()
 
     def turn_away(self) -> None:
-        """Hang up on everybody who calls at this moment."""
-        listening = self._socket
-        while listening is not None:
-            try:
-                caller, _ = listening.accept()
-            except OSError:
-                return
-            caller.close()
-            self._refuse("busy with another client")
+        """Hang up on everybody who calls at this moment, handshakes under way included."""
+        with self._accepting:
+            self._accepter = threading.get_ident()
+            for fd in list(self._handshakes):
+                self._drop(fd, "busy with another client")
+            with contextlib.suppress(OSError):  # nobody else is there
+                while self._socket is not None:
+                    self._socket.accept()[0].close()
+                    self._refuse("busy with another client")
+            self._accepter = 0
+        if self._close_pending:
+            self.close()
 
     def _step(
         self,
         listening: socket.socket,
+        doors: select.epoll,
         deadline: float | None,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> tuple[PeerLink | None, bool]:
         """Wait once for a caller, a handshake or the deadline, and serve what came; True if woken."""
-        poll = select.poll()
-        poll.register(listening, select.POLLIN)
-        poll.register(self._waker.fileno(), select.POLLIN)
-        until = [self._handshakes[fd].deadline for fd in self._handshakes]
+        until = [handshake.deadline for handshake in self._handshakes.values()]
         if deadline is not None:
             until.append(deadline)
-        for fd, handshake in self._handshakes.items():
-            poll.register(fd, handshake.stream.wants)
         wait = max(0.0, min(min(until) - monotonic(), _LONGEST_POLL)) * 1000.0 if until else None
-        ready = [fd for fd, _ in poll.poll(wait)]
+        ready = [fd for fd, _ in self._wait.poll(wait)]
         woken = self._waker.fileno() in ready
         if self._closing:
             return None, woken
-        for fd in ready:
-            if fd in self._handshakes:
-                peer = self._shake(fd, watched)
-                if peer is not None:
-                    return peer, woken
+        peer = None
+        called = False
+        for fd, _ in doors.poll(0.0) if doors.fileno() in ready else ():
+            if fd == listening.fileno():
+                called = True
+            elif peer is None and fd in self._handshakes:
+                peer = self._shake(fd, doors, watched)
         for fd in [fd for fd, shake in self._handshakes.items() if shake.deadline <= monotonic()]:
             self._drop(fd, "no TLS handshake in time")
-        peer = self._greet(listening, watched) if listening.fileno() in ready else None
+        if called and peer is None:
+            peer = self._greet(listening, doors, watched)
         return peer, woken
 
     def _greet(
-        self, listening: socket.socket, watched: Callable[[], dict[int, Callable[[], None]]]
+        self,
+        listening: socket.socket,
+        doors: select.epoll,
+        watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> PeerLink | None:
         """Take a new caller in: as a link, or under TLS into the handshake."""
         try:
@@ -260,17 +283,22 @@ class Listener:
             self._drop(next(iter(self._handshakes)), "too many TLS handshakes at once")
         stream = TlsStream(caller, self._context)
         self._handshakes[caller.fileno()] = _Handshake(stream, peer, monotonic() + self._handshake_timeout)
-        return self._shake(caller.fileno(), watched)
+        doors.register(caller, stream.wants)
+        return self._shake(caller.fileno(), doors, watched)
 
-    def _shake(self, fd: int, watched: Callable[[], dict[int, Callable[[], None]]]) -> PeerLink | None:
+    def _shake(
+        self, fd: int, doors: select.epoll, watched: Callable[[], dict[int, Callable[[], None]]]
+    ) -> PeerLink | None:
         """Take a handshake one step on."""
         handshake = self._handshakes[fd]
         try:
             if not handshake.stream.handshake():
+                doors.modify(fd, handshake.stream.wants)
                 return None
         except OSError as error:
             self._drop(fd, str(error))
             return None
+        doors.unregister(fd)
         del self._handshakes[fd]
         return self._admit(handshake.stream, handshake.peer, watched)
 
