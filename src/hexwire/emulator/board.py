@@ -37,6 +37,8 @@ _POLL_PAUSE = 0.0005
 """Seconds between two background polls of a paced bus: what the firmware's own loop costs."""
 _MAX_QUEUE = 16
 _BITS = 10
+_TURNAROUND = 0.001
+"""Seconds after which an answer counts as late: four times a servo's usual delay."""
 
 
 @dataclass(slots=True)
@@ -80,7 +82,6 @@ class EmulatedBoard:
         self.time = start
         self._now = start
         self._out: list[bytes] = []
-        self._bus_free = start
         self._bus_input: list[tuple[float, bytes]] = []
         self.reset(start)
 
@@ -285,11 +286,8 @@ class EmulatedBoard:
             self.read_bus()
         self.state.bus_transactions += 1
         heard, finish = self.wire.transact(wait.packet, self.time)
-        sent = self.time
         byte = _BITS / self.wire.baud if self.paced else 0.0
-        if self.paced:
-            sent = max(self.time, self._bus_free) + len(wait.packet) * byte
-        self._bus_free = finish
+        sent = self.time + len(wait.packet) * byte
         if heard:
             self._bus_input.append((finish, heard))
         self._busy_until = sent
@@ -297,6 +295,8 @@ class EmulatedBoard:
             deadline = sent + wait.reply_length * byte + wait.timeout
             whole = len(heard) - len(wait.packet) * self.wire.echo >= wait.reply_length
             self._busy_until = deadline if finish > deadline or (self.paced and not whole) else finish
+        # An answer that comes too late leaves the line to others until then.
+        self.wire.free_at = min(finish, max(self._busy_until, sent + len(heard) * byte + _TURNAROUND))
 
     def _sketch_loop(self) -> bool:
         """The sketch's idle loop: read on; with nothing to read, send the last reply. True if a command came."""

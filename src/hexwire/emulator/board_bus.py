@@ -124,6 +124,7 @@ class BoardBus:
         """Any packet from a host; the answers of all who should, a write sent once only."""
         request = parse_packet(packet)
         expected = expected_answer(request)
+        self._mark_written(request)
         if request.instruction != Instruction.SYNC_READ:
             tries = _TRIES if request.instruction in READ_ONLY else 1
             status = yield from self.ask(packet, tries=tries)
@@ -146,7 +147,7 @@ class BoardBus:
 
     def recheck(self, joint: JointSlot) -> Job:
         """Read what the board must know before it writes a target: the torque switch, an HLS servo's ceiling."""
-        joint.unsure = not (yield from self.read_torque(joint))
+        yield from self.read_torque(joint)
         if joint.series is Series.HLS and not joint.ceiling:
             register = Series.HLS.register("goal_torque")
             found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
@@ -160,6 +161,7 @@ class BoardBus:
         if status is None:
             return 0
         joint.torque_on = status.params[0] == 1
+        joint.unsure = False
         return 1
 
     # -- state --------------------------------------------------------------------------------------
@@ -306,6 +308,7 @@ class BoardBus:
             for joint in missing:
                 # From here on a hold must not write it a target, which could switch it on again.
                 joint.torque_on = joint.torque_on and on
+                joint.unsure = True
             yield Transaction(make_sync_write(_TORQUE, {j.servo_id: bytes((int(on),)) for j in missing}), 0)
             mask |= yield from self.confirm(missing, on)
         return mask
@@ -320,11 +323,15 @@ class BoardBus:
 
     def raw(self, packet: bytes, reply_length: int, timeout: float) -> Raw:
         """Any packet; the bytes that came back, echo removed."""
+        self._mark_written(parse_packet(packet))
         answer = yield Transaction(packet, reply_length, timeout)
         return strip_echo(answer or b"", packet)
 
-    def mark_written(self, packet: ServoPacket) -> None:
-        """A packet went through that may have changed torque switches: read them again when polling."""
+    def _mark_written(self, packet: ServoPacket) -> None:
+        """A packet that may change torque switches goes out: they must be read before they are believed.
+
+        Before, not after: a stop may come between the packet and its answer.
+        """
         if packet.instruction in READ_ONLY:
             return
         for joint in self._joints:

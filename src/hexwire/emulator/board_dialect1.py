@@ -137,7 +137,6 @@ class Dialect1:
             self._send(self.no_answer(packet.servo_id, ping=ping))
             return
         answers = yield from self._board.bus.ask_all(body)
-        self._board.bus.mark_written(packet)
         if answers:
             self._send(b"".join(self.status_bytes(packet, status) for status in answers))
         else:
@@ -174,10 +173,10 @@ class Dialect1:
         for run_time, group in targets.items():
             named = [(state.joint(i), p) for i, p in group]
             clamped = [(j, self._board.dialect2.clamp(j, p)) for j, p in named if j is not None]
-            yield from self._board.bus.move(clamped, max(run_time, self._board.dialect2.slowest(clamped)))
             for joint, _ in clamped:
-                # A target may have switched its torque on.
+                # A target may switch its torque on.
                 joint.unsure = True
+            yield from self._board.bus.move(clamped, max(run_time, self._board.dialect2.slowest(clamped)))
 
     def _chapter_move(self, rows: list[tuple[int, int, int]]) -> Job:
         for servo_id, position, run_time in rows:

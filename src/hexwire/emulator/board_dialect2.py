@@ -114,7 +114,11 @@ class Dialect2:
         board = self._board
         if not board.paced:
             yield from board.bus.poll_all()
-        if board.state.report_due is not None:
+        state = board.state
+        if state.report_due is not None:
+            if state.report_due - board.time < state.report_period / 2:
+                # This one is late: the next must not follow on its heels.
+                state.report_due += state.report_period
             board.report(board.state.report(board.state.report_fields, board.time).serialize())
 
     def refuse(self, request: Request, status: Status) -> None:
@@ -266,9 +270,15 @@ class Dialect2:
             state.torque_off_stop = True
             return (yield from bus.torque(state.joints, on=False))
         yield from bus.poll_all()
-        # A joint without torque stays without: writing it a target could switch it on.
-        limp = sum(1 << i for i, j in enumerate(state.joints) if j.present and not j.torque_on)
-        return limp | (yield from bus.hold_checked([j for j in state.joints if j.present and j.torque_on]))
+        present = [j for j in state.joints if j.present]
+        for joint in present:
+            if joint.unsure:
+                yield from bus.recheck(joint)
+        # A joint without torque stays without: writing it a target could switch it on. Where a write went out and
+        # the servo does not say what became of it, it may be moving, and is held.
+        limp = [j for j in present if not j.torque_on and not j.unsure]
+        held = yield from bus.hold_checked([j for j in present if j not in limp])
+        return held | sum(1 << i for i, j in enumerate(state.joints) if j in limp)
 
     def _resume(self, request: Request) -> Job:
         self._body(request, 0)
@@ -286,6 +296,7 @@ class Dialect2:
         state = self._board.state
         state.watchdog_timeout, state.watchdog_mode = timeout / 1000, mode
         state.watchdog_due = None
+        state.watchdog_tripped = False
         state.feed_watchdog(self._board.time)
         self._reply(request, Status.OK, body)
         yield from ()
@@ -326,7 +337,6 @@ class Dialect2:
         """PING and READ in a dialect-2 frame: as dialect 1, but a silent servo is a status."""
         packet = self._parse_packet(request.frame.body)
         answers = yield from self._board.bus.ask_all(request.frame.body)
-        self._board.bus.mark_written(packet)
         if not answers:
             raise RefusedError(Status.SERVO_SILENT)
         status_bytes = self._board.dialect1.status_bytes
@@ -341,13 +351,12 @@ class Dialect2:
 
     def _transact(self, request: Request) -> Job:
         transact = TransactRequest.parse(request.frame.body)
-        packet = self._parse_packet(transact.packet)
+        self._parse_packet(transact.packet)
         if transact.reply_length > _MAX_REPLY:
             raise RefusedError(Status.BAD_RANGE)
         timeout = (transact.timeout_ms or _DEFAULT_TRANSACT_MS) / 1000
         bus = self._board.bus
         answer = yield from bus.raw(transact.packet, transact.reply_length, timeout)
-        bus.mark_written(packet)
         if transact.reply_length and not answer:
             raise RefusedError(Status.SERVO_SILENT)
         self._reply(request, Status.OK, answer[: transact.reply_length])

@@ -27,6 +27,9 @@ class ServoWire:
         baud: Line rate. A servo set to another does not hear. 0 costs no time and all hear.
         echo: The sender hears itself, as with a plain one-wire adapter.
         faults: Scripted faults of the bus.
+
+    Attributes:
+        free_at: When the line is quiet again. A sender that does not wait for a late answer may put this back.
     """
 
     def __init__(
@@ -43,7 +46,7 @@ class ServoWire:
         self.baud = baud
         self.faults = faults or FaultPlan()
         self.echo = echo or self.faults.bus_echo
-        self._free_at = 0.0
+        self.free_at = 0.0
 
     def __getitem__(self, servo_id: int) -> EmulatedServo:
         """The first servo that answers to an id now.
@@ -72,7 +75,7 @@ class ServoWire:
         Returns:
             What the sender hears (its echo too, if there is one), and when the last bit of it is over.
         """
-        start = max(now, self._free_at) if self.baud else now
+        start = max(now, self.free_at) if self.baud else now
         end = start + self._time(len(packet))
         self._power(end)
         heard = bytearray(packet if self.echo else b"")
@@ -80,7 +83,7 @@ class ServoWire:
             for request in iter_packets(self.faults.bus_request(packet)):
                 answer, end = self._answer(request, end)
                 heard += answer
-        self._free_at = end
+        self.free_at = end
         return bytes(heard), end
 
     def _time(self, count: int) -> float:
