@@ -48,4 +48,4 @@ def test_a_position_high_byte_beside_a_ceiling_low_byte() -> None:
     # 0x0D00 and 0x010A: no nearby position helps, a unit of current does.
     packet, sent = make_hls_block(4, 0x0D00, 1, 0x010A)
     assert sent == 0x0D00
-    assert packet[8:10] == b"\x09\x01"
+    assert packet[9:11] == b"\x09\x01"
