@@ -18,6 +18,7 @@ from .exits import INTERRUPTED, ends_like_ctrl_c, note, run, show_more, warnings
 __all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "bus": ("hexwire.cli.bus:bus", "Talk to bus servos through an adapter, without a board."),
     "cert": ("hexwire.cli.cert:cert", "Make certificates for a lab, for links with TLS."),
     "conf": ("hexwire.cli.conf:conf", "Check and convert files of channels (ipc_msg.conf)."),
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),

@@ -12,7 +12,11 @@ import time
 
 import click
 
+from hexwire.errors import UsageError
+
+from .common import FiniteFloat
 from .exits import note
+from .sim_bus import bus
 from .sim_puma import puma260
 
 __all__ = ["sim"]
@@ -26,6 +30,7 @@ def sim() -> None:
     """Emulate hardware for other programs to talk to."""
 
 
+sim.add_command(bus)
 sim.add_command(puma260)
 
 
@@ -49,6 +54,13 @@ sim.add_command(puma260)
 )
 @click.option("--fault", "faults", multiple=True, metavar="SPEC", help="What goes wrong, as silent:4; repeatable.")
 @click.option("--seed", type=int, default=0, metavar="N", help="For everything random.")
+@click.option("--physics", is_flag=True, help="Give the arm weight, sag and a table to hit, by MuJoCo.")
+@click.option(
+    "--payload",
+    type=FiniteFloat("grams", minimum=0),
+    metavar="GRAMS",
+    help="With --physics, what the tool carries.",
+)
 @click.option("--reset-on-open", is_flag=True, help="Opening the port resets the board, as it does a real Mega.")
 @click.option("--until-eof", is_flag=True, help="End when standard input does, so that no board outlives its user.")
 def board(
@@ -57,6 +69,8 @@ def board(
     dialect: int,
     faults: tuple[str, ...],
     seed: int,
+    physics: bool,
+    payload: float | None,
     reset_on_open: bool,
     until_eof: bool,
 ) -> None:
@@ -71,6 +85,13 @@ def board(
         seed=seed,
         start=time.monotonic(),
     )
+    if physics:
+        from hexwire.emulator.physics import PhysicsTwin
+        from hexwire.model.hex7bot_kinematics import Hex7BotModel
+
+        PhysicsTwin(device.wire.servos, Hex7BotModel(), payload=(payload or 0.0) / 1000)
+    elif payload is not None:
+        raise UsageError("--payload needs --physics")
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()

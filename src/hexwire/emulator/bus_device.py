@@ -109,6 +109,11 @@ class BusDevice:
             out.append(self._answers.popleft()[1])
         return b"".join(out)
 
+    @property
+    def answer_due(self) -> float | None:
+        """When the next bytes for the host are there; None if there are none to come."""
+        return self._answers[0][0] if self._answers else None
+
     def next_event_time(self) -> float | None:
         """When the next bytes are there, or the servos want to move on."""
         if self._answers:

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BusCounters", "BusLine"]
 
+_WRITE_TIME = 1.0
+"""Seconds after which a line that takes no bytes is given up."""
 _DOUBT_TIME = 1.0
 """Seconds after which no answer is on the way any more: no adapter holds bytes back that long."""
 _MUTE_REST = 0.5
@@ -111,6 +113,7 @@ class BusLine:
         self._doubts: dict[int, _Doubt] = {}
         self._mute: dict[int, float] = {}
         self._measured = 0
+        self._busy_until = 0.0
 
     def now(self) -> float:
         """The link's clock: monotonic seconds."""
@@ -125,6 +128,17 @@ class BusLine:
 
     def _series_of(self, servo_id: int) -> Series:
         raise NotImplementedError
+
+    def _post(self, packet: bytes) -> None:
+        """Send what nobody answers. The line is busy with it for a while, and what is asked next waits that long."""
+        now = self._clock()
+        self.link.write(packet, now + _WRITE_TIME)
+        busy = self._busy_until
+        self._busy_until = (busy if busy > now else now) + len(packet) * self.timing.byte_time
+
+    def _backlog(self) -> float:
+        """Seconds until the line has carried what was sent before."""
+        return max(0.0, self._busy_until - self._clock())
 
     def _measure(self, plan: ReadPlan | SyncReadPlan | WritePlan, elapsed: float) -> None:
         """Take in how long a transaction took; every one in the beginning, then now and then."""
@@ -148,7 +162,7 @@ class BusLine:
             data: What has arrived already, if the request is sent; None sends it.
         """
         counters = self.counters
-        window = base + self.timing.allowance
+        window = base + self.timing.allowance + self._backlog()
         collector = AnswerCollector(request, servo_ids, params)
         if data is None:
             counters.requests += 1

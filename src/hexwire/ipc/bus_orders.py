@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["BusOrders", "as_series", "why"]
 
 _BROADCAST_PING_BYTES = 6
-_WRITE_TIME = 1.0
 _new = tuple.__new__
 
 
@@ -224,7 +223,7 @@ class BusOrders(BusLine):
 
     def _send(self, packet: bytes) -> None:
         with self._lock:
-            self.link.write(packet, self._clock() + _WRITE_TIME)
+            self._post(packet)
 
     def _order(self, servo_id: int, request: bytes) -> WritePlan:
         return WritePlan(servo_id, self.series_of(servo_id), 0, b"", request)
@@ -243,7 +242,7 @@ class BusOrders(BusLine):
         with self._lock:
             plan.base = self._base(plan.total, (servo_id,))
             if not self.acknowledges(servo_id):
-                self.link.write(plan.request, self._clock() + _WRITE_TIME)
+                self._post(plan.request)
                 # If it does answer after all, that must not pass for the answer to the next ping or write.
                 self._doubt(servo_id, 0)
                 return Answer(servo_id, what, confirmed=False)

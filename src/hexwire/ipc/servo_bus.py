@@ -29,7 +29,6 @@ __all__ = ["ServoBus"]
 
 _new = tuple.__new__
 _LEGACY_READ = 2
-_WRITE_TIME = 1.0
 
 
 class ServoBus(BusOrders):
@@ -115,7 +114,10 @@ class ServoBus(BusOrders):
                 return self._read_carefully(plan, register, None)
             clock = self._clock
             start = clock()
-            data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            window = plan.base + self.timing.allowance
+            if self._busy_until > start:
+                window += self._busy_until - start
+            data = self._exchange(plan.request, window, plan.nap.seconds)
             self.counters.requests += 1
             block = plan.glance(data)
             if block is None:
@@ -165,7 +167,10 @@ class ServoBus(BusOrders):
                 return self._sync_carefully(plan, register, None)
             clock = self._clock
             start = clock()
-            data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            window = plan.base + self.timing.allowance
+            if self._busy_until > start:
+                window += self._busy_until - start
+            data = self._exchange(plan.request, window, plan.nap.seconds)
             self.counters.requests += 1
             if len(data) < plan.length:
                 data = self._rest(plan, data)
@@ -256,7 +261,7 @@ class ServoBus(BusOrders):
                 return self._sync_write_mixed(name, values)
         packet = plan.serialize(tuple(values.values()))
         with self._lock:
-            self.link.write(packet, self._clock() + _WRITE_TIME)
+            self._post(packet)
         return None
 
     def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:

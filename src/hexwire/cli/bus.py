@@ -1,0 +1,363 @@
+"""`bus`: servos on a bus adapter, without a board in between. Finding, reading and writing them.
+
+Owns the group and what its commands share: which port, which series. The commands that set servos up are in
+`bus_setup`, those that go on for a while in `bus_live`. Must not know packets.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hexwire.errors import ServoError, UsageError
+
+from .common import format_table, json_option, on_terminal, port_option, print_json, resolve_url
+from .exits import note
+from .sim_bus import parse_ids
+
+if TYPE_CHECKING:
+    from hexwire.ipc.servo_bus import ServoBus
+    from hexwire.ipc.servo_setup import Found, ServoInfo
+
+__all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "with_unit"]
+
+_RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
+
+
+@dataclass(frozen=True, slots=True)
+class BusOptions:
+    """Which bus, and what is on it.
+
+    Attributes:
+        port: URL or path; the only likely adapter if None.
+        series: What every servo is; they are asked if None.
+        baud: Line rate; the series' usual one if None and the URL names none.
+    """
+
+    port: str | None
+    series: str | None
+    baud: int | None
+
+
+def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--port``, ``--series`` and ``--baud``; the command gets them as ``options: BusOptions``."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, port: str | None, series: str | None, baud: int | None, **rest: Any) -> Any:
+        return command(*args, options=BusOptions(port, series, baud), **rest)
+
+    baud_option = click.option(
+        "--baud", type=click.IntRange(min=1), metavar="N", help="Line rate (1000000; 115200 for seven_bot)."
+    )
+    series_option = click.option(
+        "--series", metavar="S", help="seven_bot, scs, sts_sms or hls. Not needed: servos are asked."
+    )
+    return port_option(series_option(baud_option(packed)))
+
+
+@contextmanager
+def open_bus(options: BusOptions) -> Iterator[ServoBus]:
+    """Open the bus that the options name.
+
+    Raises:
+        UsageError: The port or series makes no sense.
+        LinkError: The port cannot be opened.
+    """
+    from hexwire.ipc.bus_orders import as_series
+    from hexwire.ipc.open import make_link
+    from hexwire.ipc.servo_bus import ServoBus
+    from hexwire.ipc.url import parse_url
+    from hexwire.wire.registers import Series
+
+    series = as_series(options.series) if options.series else Series.STS_SMS
+    port = options.port or _only_adapter()
+    url, baud = parse_url(port), options.baud
+    if baud is None and url.scheme == "serial" and "baud" not in url.query:
+        baud = series.baud
+    with ServoBus(make_link(resolve_url(port, baud)), series=series) as opened:
+        yield opened
+        _warn_of_latency(opened)
+
+
+def _only_adapter() -> str:
+    from hexwire.errors import LinkNotFoundError
+    from hexwire.ipc.ports import list_ports
+
+    found = [port for port in list_ports() if port.likely_adapter]
+    if len(found) == 1:
+        return found[0].device
+    if found:
+        raise UsageError(f"several likely adapters: {', '.join(map(str, found))}; name one with --port")
+    raise LinkNotFoundError("no likely servo adapter here: plug it in, or name a port with --port")
+
+
+def _warn_of_latency(opened: ServoBus) -> None:
+    from hexwire.ipc.adapter import inspect_adapter
+
+    device = getattr(opened.link, "device", "")
+    if device:
+        report = inspect_adapter(device, opened.timing.overhead, opened.timing.holds_back)
+        if report.advice:
+            note(f"warning: {report.advice}")
+
+
+def known_servo(opened: ServoBus, servo_id: int, options: BusOptions) -> None:
+    """Ask a servo what it is, unless the user said so.
+
+    Raises:
+        ServoError: It does not answer.
+    """
+    if options.series:
+        return
+    from hexwire.ipc.servo_setup import identify
+
+    if identify(opened, servo_id) is None:
+        raise ServoError(
+            f"servo {servo_id} does not answer: check cable, power, id and --baud; `hexwire bus scan` looks "
+            "for it everywhere",
+            servo_id=servo_id,
+        )
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A value for a person: angles in degrees, the rest in SI."""
+    import math
+
+    if unit.startswith("rad"):
+        return f"{math.degrees(value):.4g} deg{unit[3:]}"
+    return f"{value:.4g} {unit}".rstrip() if unit != "fraction" else f"{value:.1%}"
+
+
+@click.group()
+def bus() -> None:
+    """Talk to bus servos through an adapter: find, read, write, set up, watch, test."""
+
+
+@bus.command()
+@click.option("--all-rates", is_flag=True, help="Try every rate that servos can be set to.")
+@click.option("--ids", default="0-253", show_default=True, metavar="IDS", help="Ids to try.")
+@bus_options
+@json_option
+def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
+    """Find servos: every id, at every rate with --all-rates. Says which ids two servos share."""
+    from hexwire.ipc.servo_setup import scan as scan_bus
+
+    wanted = parse_ids(ids)
+    with open_bus(options) as opened:
+        rates = _RATES if all_rates else (opened.timing.baud,)
+        if on_terminal() and not as_json:
+            found = _scan_with_bar(opened, rates, wanted)
+        else:
+            found = scan_bus(opened, bauds=rates, ids=wanted)
+    if as_json:
+        print_json([_found_json(row) for row in found])
+    elif found:
+        print(format_table(_FOUND_HEAD, [_found_cells(row) for row in found]))
+    for row in found:
+        if row.shared:
+            note(f"several servos seem to have id {row.servo_id}: connect one alone and `hexwire bus set-id`")
+    if not found:
+        tried = "any rate" if all_rates else f"{opened.timing.baud} baud (--all-rates tries the others)"
+        raise ServoError(f"no servo answers at {tried}: check power and cable")
+
+
+_FOUND_HEAD = ("id", "baud", "series", "model", "firmware", "delay us", "acks", "condition")
+
+
+def _found_cells(row: Found) -> tuple[str, ...]:
+    from hexwire.session.servo_values import fault_words
+
+    info = row.info
+    if info is None:
+        return (str(row.servo_id), str(row.baud), "?", "", "", "-", "-", "answers collide" if row.shared else "?")
+    condition = ", ".join(fault_words(info.status)) or "ok"
+    return (
+        str(row.servo_id),
+        str(row.baud),
+        info.series.value if info.series else "unknown",
+        info.model_name,
+        info.firmware,
+        f"{info.return_delay * 1e6:.0f}",
+        "yes" if info.acknowledges else "no",
+        f"{condition}, id shared" if row.shared else condition,
+    )
+
+
+def _found_json(row: Found) -> dict[str, object]:
+    return {"id": row.servo_id, "baud": row.baud, "shared": row.shared, **_info_json(row.info)}
+
+
+def _info_json(info: ServoInfo | None) -> dict[str, object]:
+    if info is None:
+        return {"series": None}
+    return {
+        "series": info.series.value if info.series else None,
+        "model": info.model_name,
+        "firmware": info.firmware,
+        "set_baud": info.baud,
+        "acknowledges": info.acknowledges,
+        "return_delay_s": info.return_delay,
+        "status": info.status,
+    }
+
+
+def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> list[Found]:
+    from rich.progress import Progress
+
+    from hexwire.ipc.servo_setup import scan as scan_bus
+
+    with Progress(transient=True) as progress:
+        task = progress.add_task("scanning", total=len(rates) * len(ids))
+
+        def show(baud: int, servo_id: int, found: int) -> None:
+            progress.update(task, advance=1, description=f"{baud} baud, id {servo_id}, {found} found")
+
+        return scan_bus(opened, bauds=rates, ids=ids, progress=show)
+
+
+@bus.command()
+@click.argument("ids")
+@bus_options
+def ping(ids: str, options: BusOptions) -> None:
+    """Ask servos whether they are there, as in `ping 1-6`."""
+    from hexwire.ipc.servo_setup import identify
+
+    silent = []
+    with open_bus(options) as opened:
+        for servo_id in parse_ids(ids):
+            answer = opened.ping(servo_id)
+            if answer.error:
+                silent.append(servo_id)
+                print(f"{servo_id}: {answer.error}")
+                continue
+            info = identify(opened, servo_id)
+            words = "" if info is None else f" {info.series.value if info.series else '?'} {info.model_name}"
+            firmware = f" firmware {info.firmware}" if info and info.firmware else ""
+            print(f"{servo_id}: {', '.join(answer.faults) or 'ok'}{words}{firmware}")
+    if silent:
+        raise ServoError(f"no answer from {', '.join(map(str, silent))}: check cable, power, id and --baud")
+
+
+@bus.command()
+@click.argument("ids")
+@click.argument("names", nargs=-1, required=True, metavar="REGISTER...")
+@bus_options
+@json_option
+def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -> None:
+    """Read registers by name, as in `read 1-6 present_position present_voltage`."""
+    rows: list[tuple[str, ...]] = []
+    data = []
+    errors = []
+    with open_bus(options) as opened:
+        for servo_id in parse_ids(ids):
+            known_servo(opened, servo_id, options)
+            for name in names:
+                reading = opened.read(servo_id, name)
+                unit = reading.register.si_unit
+                value = "-" if reading.raw is None else with_unit(reading.value, unit)
+                condition = reading.error or ", ".join(reading.faults) or "ok"
+                rows.append(
+                    (str(servo_id), name, "-" if reading.raw is None else str(reading.raw), value, condition)
+                )
+                data.append(
+                    {
+                        "id": servo_id,
+                        "register": name,
+                        "raw": reading.raw,
+                        "value": reading.value,
+                        "unit": unit,
+                        "faults": reading.faults,
+                        "error": reading.error,
+                    }
+                )
+                if reading.error:
+                    errors.append(reading)
+    if as_json:
+        print_json(data)
+    else:
+        print(format_table(("id", "register", "raw", "value", "condition"), rows))
+    if errors:
+        errors[0].check()
+
+
+@bus.command()
+@click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
+@click.argument("name", metavar="REGISTER")
+@click.argument("value")
+@click.option("--si", is_flag=True, help="VALUE is in the SI unit (radians, seconds ...), not in counts.")
+@click.option("--yes", is_flag=True, help="Do not ask before what moves the servo.")
+@bus_options
+def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions) -> None:
+    """Write a register by name and read it back; stored settings are unlocked, written and locked again.
+
+    A goal position switches the torque on and moves the servo: it is asked for first.
+    """
+    from hexwire.ipc.servo_setup import write_setting
+
+    with open_bus(options) as opened:
+        known_servo(opened, servo_id, options)
+        register = opened.series_of(servo_id).register(name)
+        try:
+            raw = register.from_si(float(value)) if si else int(value, 0)
+        except ValueError as error:
+            if isinstance(error, UsageError):
+                raise
+            raise UsageError(f"{value!r} is no {'number' if si else 'whole number'}") from None
+        if name in ("goal_position", "target_position", "torque_enable", "mode") and not yes:
+            click.confirm(f"writing {name} may move servo {servo_id}. Go on?", abort=True)
+        if register.area == "eeprom":
+            write_setting(opened, servo_id, name, raw)
+        else:
+            answer = opened.write_raw(servo_id, name, raw)
+            if answer.error:
+                answer.check()
+        now = opened.read(servo_id, name)
+        shown = "-" if now.raw is None else f"{now.raw} ({with_unit(now.value, register.si_unit)})"
+        print(f"servo {servo_id} {name}: {shown}")
+        if now.faults:
+            note(f"warning: servo {servo_id} reports {', '.join(now.faults)}")
+
+
+@bus.command()
+@click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
+@bus_options
+@json_option
+def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
+    """Show every register of a servo; a * marks stored settings that differ from the factory's."""
+    rows = []
+    data = []
+    with open_bus(options) as opened:
+        known_servo(opened, servo_id, options)
+        series = opened.series_of(servo_id)
+        for register in series.registers.values():
+            reading = opened.read(servo_id, register.name)
+            if reading.error:
+                reading.check()
+            raw = reading.raw
+            changed = register.default is not None and register.area == "eeprom" and raw != register.default
+            rows.append(
+                (
+                    "*" if changed and register.name != "id" else "",
+                    str(register.address),
+                    register.name,
+                    str(raw),
+                    with_unit(reading.value, register.si_unit) if register.si_unit else "",
+                    "" if register.default is None else str(register.default),
+                    register.access,
+                    register.area,
+                )
+            )
+            data.append({"address": register.address, "register": register.name, "raw": raw, "changed": changed})
+    if as_json:
+        print_json(data)
+    else:
+        print(format_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows))
+
+
+# The other commands join the group on import.
+from . import bus_live, bus_setup  # noqa: E402, F401

@@ -1,0 +1,396 @@
+"""The `bus` commands that go on for a while: watching, waving, testing under load.
+
+Owns their loops and what they draw or save. A wave moves a servo, so it is confirmed, bounded by the servo's own
+limits, stopped by any key, and ends where it began.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hexwire.errors import ServoError, UsageError
+
+from .bus import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
+from .common import FiniteFloat, format_table, on_terminal
+from .exits import note
+from .sim_bus import parse_ids
+
+if TYPE_CHECKING:
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.ipc.servo_bus import ServoBus
+
+__all__ = ["histogram", "wave_angle"]
+
+_LIVE_FIRST, _LIVE_COUNT = 56, 15
+_SHOWN = ("present_position", "present_speed", "present_load", "present_voltage", "present_temperature")
+_HEAD = ("id", "position deg", "speed deg/s", "load %", "V", "degC", "mA", "condition")
+_WAVE_RATE = 50.0
+_MOST_AMPLITUDE = 45.0
+_MOST_ROWS = 1_000_000
+_Row = tuple[float, ...]
+
+
+def _files(command: Callable[..., object]) -> Callable[..., object]:
+    command = click.option("--csv", "csv_file", type=click.Path(dir_okay=False), help="Save the samples here.")(
+        command
+    )
+    return click.option("--plot", type=click.Path(dir_okay=False), help="Draw the samples here, as .svg or .png.")(
+        command
+    )
+
+
+@bus.command()
+@click.argument("ids")
+@click.option(
+    "--rate", type=FiniteFloat("hz", above=0), default=10.0, show_default=True, metavar="HZ", help="How often."
+)
+@click.option(
+    "--seconds", type=FiniteFloat("seconds", above=0), metavar="S", help="End after so long; else Ctrl-C."
+)
+@_files
+@bus_options
+def monitor(
+    ids: str, rate: float, seconds: float | None, csv_file: str | None, plot: str | None, options: BusOptions
+) -> None:
+    """Watch servos live: position, speed, load, voltage, temperature, current. Ctrl-C ends it."""
+    wanted = tuple(parse_ids(ids))
+    _check_files(csv_file, plot)
+    samples: list[_Row] = []
+    with open_bus(options) as opened:
+        for servo_id in wanted:
+            known_servo(opened, servo_id, options)
+        start = time.monotonic()
+        try:
+            with _screen() as show:
+                while seconds is None or time.monotonic() - start < seconds:
+                    begin = time.monotonic()
+                    rows = _sample(opened, wanted)
+                    for row in rows:
+                        if len(samples) < _MOST_ROWS:
+                            samples.append((begin - start, *row[1]))
+                    show([row[0] for row in rows])
+                    time.sleep(max(0.0, begin + 1 / rate - time.monotonic()))
+        except KeyboardInterrupt:
+            note("ended")
+    _save(samples, ("time_s", "id", *_SHOWN, "present_current"), csv_file, plot, "present_position")
+
+
+def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], _Row]]:
+    """Cells and SI values of each servo."""
+    rows = []
+    for block in opened.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, ids):
+        registers = opened.series_of(block.servo_id).registers
+        values = [block.value(registers[name]) for name in _SHOWN]
+        current = registers.get("present_current")
+        values.append(block.value(current) if current is not None and current.si_unit == "A" else math.nan)
+        from hexwire.session.servo_values import fault_words
+
+        condition = block.error or ", ".join(fault_words(block.status)) or "ok"
+        position, speed, load, volts, celsius, amperes = values
+        cells = (
+            str(block.servo_id),
+            _number(math.degrees(position), 2),
+            _number(math.degrees(speed), 1),
+            _number(load * 100, 1),
+            _number(volts, 1),
+            _number(celsius, 0),
+            _number(amperes * 1000, 0),
+            condition,
+        )
+        rows.append((cells, (float(block.servo_id), *values)))
+    return rows
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+@contextmanager
+def _screen() -> Iterator[Callable[[list[tuple[str, ...]]], None]]:
+    """A table that is drawn in place on a terminal, and printed each time elsewhere."""
+    if not on_terminal():
+        yield lambda rows: print(format_table(_HEAD, rows), flush=True)
+        return
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(auto_refresh=False) as live:
+        yield lambda rows: live.update(Text(format_table(_HEAD, rows)), refresh=True)
+
+
+def _check_files(csv_file: str | None, plot: str | None) -> None:
+    for file in (csv_file, plot):
+        if file is not None and not Path(file).resolve().parent.is_dir():
+            raise UsageError(f"{file}: there is no such folder")
+    if plot is not None and not plot.endswith((".svg", ".png", ".pdf")):
+        raise UsageError(f"{plot}: a plot ends with .svg, .png or .pdf")
+
+
+def _save(samples: Sequence[_Row], head: Sequence[str], csv_file: str | None, plot: str | None, what: str) -> None:
+    if csv_file is not None:
+        with Path(csv_file).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(head)
+            writer.writerows(samples)
+        note(f"{len(samples)} samples saved to {csv_file}")
+    if plot is not None:
+        _plot(samples, head, plot, what)
+        note(f"drawn to {plot}")
+
+
+def _plot(samples: Sequence[_Row], head: Sequence[str], file: str, what: str) -> None:
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise UsageError("--plot needs matplotlib: pip install 'hexwire[plots]'") from None
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(10, 5))
+    column = head.index(what)
+    for servo_id in sorted({row[1] for row in samples}):
+        rows = [row for row in samples if row[1] == servo_id]
+        axes.plot(
+            [row[0] for row in rows], [math.degrees(row[column]) for row in rows], label=f"servo {servo_id:.0f}"
+        )
+        if "target" in head:
+            goal = head.index("target")
+            axes.plot([row[0] for row in rows], [math.degrees(row[goal]) for row in rows], "--", label="target")
+    axes.set_xlabel("s")
+    axes.set_ylabel("deg")
+    axes.legend()
+    axes.grid(True)
+    figure.savefig(file)
+    plt.close(figure)
+
+
+# --- wave ------------------------------------------------------------------------------------------------------
+
+
+def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
+    """Angle off the start at a time: a sine from zero, or steps to one side and the other."""
+    phase = t / period % 1.0
+    if shape == "sine":
+        return amplitude * math.sin(2 * math.pi * phase)
+    return amplitude * (1 if phase < 0.5 else -1)
+
+
+@bus.command()
+@click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
+@click.option(
+    "--shape", type=click.Choice(["sine", "step"]), default="sine", show_default=True, help="How it moves."
+)
+@click.option(
+    "--amplitude",
+    type=FiniteFloat("deg", above=0),
+    default=10.0,
+    show_default=True,
+    metavar="DEG",
+    help=f"To either side of where it is; at most {_MOST_AMPLITUDE:g}.",
+)
+@click.option("--period", type=FiniteFloat("seconds", minimum=0.2), default=2.0, show_default=True, metavar="S")
+@click.option("--seconds", type=FiniteFloat("seconds", above=0), default=6.0, show_default=True, metavar="S")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@_files
+@bus_options
+def wave(
+    servo_id: int,
+    shape: str,
+    amplitude: float,
+    period: float,
+    seconds: float,
+    yes: bool,
+    csv_file: str | None,
+    plot: str | None,
+    options: BusOptions,
+) -> None:
+    """Move one servo to and fro about where it stands, and back. Any key stops it.
+
+    Its torque is switched on for this, and off again if it was off.
+    """
+    if amplitude > _MOST_AMPLITUDE:
+        raise UsageError(f"an amplitude of {amplitude:g} deg is more than {_MOST_AMPLITUDE:g}")
+    _check_files(csv_file, plot)
+    if not yes:
+        click.confirm(f"servo {servo_id} will move {amplitude:g} deg to either side. Is it free to?", abort=True)
+    with _one_servo(servo_id, amplitude, options) as arm:
+        name = arm.model.names[0]
+        start = arm.read()[name].position
+        had_torque = bool(arm.read().torque_on)
+        samples: list[_Row] = []
+        if not arm.torque(True):
+            raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
+        try:
+            samples = _wave(arm, name, servo_id, start, (shape, math.radians(amplitude), period), seconds)
+        except KeyboardInterrupt:
+            note("stopped")
+        finally:
+            _end_wave(arm, name, start, keep_torque=had_torque)
+    head = ("time_s", "id", "target", "position", "velocity", "load")
+    _save(samples, head, csv_file, plot, "position")
+    if samples:
+        off = max(abs(row[2] - row[3]) for row in samples)
+        print(f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}")
+
+
+@contextmanager
+def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator[BusArm]:
+    """The servo as an arm of one joint, limited to the wave and to the servo's own limits."""
+    from hexwire.drivers.arm_file import BusArmFile
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.ipc.handle import IpcHandle
+    from hexwire.ipc.session import Session
+    from hexwire.model.arm import ArmModel, JointModel
+
+    with open_bus(options) as opened:
+        known_servo(opened, servo_id, options)
+        series = opened.series_of(servo_id)
+        reading = opened.read(servo_id, "present_position").check()
+        scale = reading.register.si_factor
+        counts = reading.raw or 0
+        reach = math.ceil(math.radians(amplitude) / scale) + 2
+        low, high = counts - reach, counts + reach
+        names = [name for name in ("min_position_limit", "min_angle_limit") if name in series.registers]
+        if names:
+            least = opened.read(servo_id, names[0]).raw
+            most = opened.read(servo_id, names[0].replace("min", "max")).raw
+            if least is not None and most is not None and most > least and (low < least or high > most):
+                raise UsageError(
+                    f"servo {servo_id} stands at {counts} and may go from {least} to {most}: "
+                    f"{amplitude:g} deg to either side do not fit"
+                )
+        joint = JointModel(
+            f"servo {servo_id}",
+            servo_id,
+            series.value,
+            counts,
+            1,
+            0.0,
+            scale,
+            -reach * scale,
+            reach * scale,
+            math.inf,
+        )
+        url, baud = opened.link.url, opened.timing.baud
+    arm = BusArmFile(ArmModel("one servo", (joint,)), baud)
+    driver = BusArm(Session(IpcHandle.from_url(url)), arm=arm)
+    with driver:
+        yield driver
+
+
+def _wave(
+    arm: BusArm, name: str, servo_id: int, start: float, shape: tuple[str, float, float], seconds: float
+) -> list[_Row]:
+    from hexwire.model.state import JointTarget
+
+    samples: list[_Row] = []
+    begin = time.monotonic()
+    with _any_key() as pressed:
+        while (t := time.monotonic() - begin) < seconds and not pressed():
+            target = start + wave_angle(*shape, t)
+            arm.write(JointTarget.of({name: target}, duration=1 / _WAVE_RATE))
+            joint = arm.read()[name]
+            if joint.flags.faults:
+                raise ServoError(f"servo {servo_id} stopped: {joint.flags.faults}", servo_id=servo_id)
+            samples.append((t, float(servo_id), target, joint.position, joint.velocity, joint.load))
+            time.sleep(max(0.0, begin + t + 1 / _WAVE_RATE - time.monotonic()))
+    return samples
+
+
+def _end_wave(arm: BusArm, name: str, start: float, *, keep_torque: bool) -> None:
+    from hexwire.model.state import JointTarget
+
+    from .exits import shielded
+
+    with shielded():
+        arm.write(JointTarget.of({name: start}, duration=0.5))
+        time.sleep(0.7)
+        if not keep_torque and not arm.torque(False):
+            note("warning: the servo does not confirm that its torque is off again")
+
+
+@contextmanager
+def _any_key() -> Iterator[Callable[[], bool]]:
+    """Tells whether a key was pressed, where there is a keyboard."""
+    if not sys.stdin.isatty():
+        yield lambda: False
+        return
+    import select
+    import termios
+    import tty
+
+    before = termios.tcgetattr(sys.stdin)
+    tty.setcbreak(sys.stdin)
+    try:
+        yield lambda: bool(select.select([sys.stdin], [], [], 0)[0])
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, before)
+
+
+# --- stress ----------------------------------------------------------------------------------------------------
+
+
+@bus.command()
+@click.argument("ids")
+@click.option("-n", "--count", type=click.IntRange(min=1), default=1000, show_default=True, metavar="N")
+@click.option("--register", "name", default="present_position", show_default=True, metavar="REGISTER")
+@bus_options
+def stress(ids: str, count: int, name: str, options: BusOptions) -> None:
+    """Read N times as fast as it goes; errors and a histogram of how long it took. Nothing moves."""
+    wanted = tuple(parse_ids(ids))
+    took: list[float] = []
+    missing = dict.fromkeys(wanted, 0)
+    with open_bus(options) as opened:
+        for servo_id in wanted:
+            known_servo(opened, servo_id, options)
+        start = time.monotonic()
+        try:
+            for _ in range(count):
+                begin = time.perf_counter()
+                readings = opened.sync_read(name, wanted)
+                took.append(time.perf_counter() - begin)
+                for servo_id in readings.missing:
+                    missing[servo_id] += 1
+        except KeyboardInterrupt:
+            note("ended")
+        total = time.monotonic() - start
+        counters = opened.counters.as_dict()
+        overhead = opened.timing.overhead
+    if not took:
+        return
+    print(histogram(took))
+    failed = sum(missing.values())
+    values = len(took) * len(wanted)
+    print(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} a second")
+    print(f"values missing: {failed} of {values} ({failed / values:.3%})")
+    print(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
+    print(", ".join(f"{key} {value}" for key, value in counters.items() if value))
+    if failed:
+        worst = max(missing, key=lambda servo_id: missing[servo_id])
+        raise ServoError(f"{failed} values are missing, most of them of servo {worst}: check its cable and power")
+
+
+def histogram(seconds: Sequence[float], width: int = 40) -> str:
+    """How long something took, as text: a bar for each class of duration, and the percentiles."""
+    ordered = sorted(seconds)
+    low = ordered[0]
+    step = max((ordered[len(ordered) * 99 // 100] - low) / 10, 1e-6)
+    counts = [0] * 11
+    for value in ordered:
+        counts[min(int((value - low) / step), 10)] += 1
+    lines = []
+    for i, count in enumerate(counts):
+        label = f"{(low + i * step) * 1e6:8.0f} us" if i < 10 else f"above {(low + i * step) * 1e6:.0f}".rjust(11)
+        lines.append(f"{label} {'#' * round(width * count / max(counts))} {count}".rstrip())
+    p50, p99 = ordered[len(ordered) // 2], ordered[len(ordered) * 99 // 100]
+    lines.append(f"p50 {p50 * 1e6:.0f} us, p99 {p99 * 1e6:.0f} us, longest {ordered[-1] * 1e6:.0f} us")
+    return "\n".join(lines)

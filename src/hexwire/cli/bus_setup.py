@@ -1,0 +1,256 @@
+"""The `bus` commands that set servos up: ids, rates, the middle, stored settings, recovery, calibration.
+
+Owns the questions that are asked before something is changed. Must not know how a step is made safe: that is
+`servo_setup`'s.
+"""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hexwire.errors import ServoError, UsageError
+
+from .bus import BusOptions, bus, bus_options, known_servo, open_bus
+from .common import format_table
+from .exits import note
+from .sim_bus import parse_ids
+
+if TYPE_CHECKING:
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.model.calibration import Calibration
+
+__all__ = ["calibrate"]
+
+_ID = click.IntRange(0, 253)
+_YES = click.option("--yes", is_flag=True, help="Do not ask.")
+
+
+def _now() -> str:
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+
+
+@bus.command("set-id")
+@click.argument("old", type=_ID)
+@click.argument("new", type=_ID)
+@_YES
+@bus_options
+def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
+    """Give a servo another id. Refused if the new id is taken or two servos share the old one."""
+    from hexwire.ipc import servo_setup
+
+    with open_bus(options) as opened:
+        known_servo(opened, old, options)
+        if not yes:
+            click.confirm(f"servo {old} becomes servo {new}. Go on?", abort=True)
+        info = servo_setup.set_id(opened, old, new)
+    print(f"servo {old} is servo {info.servo_id} now, and answers")
+
+
+@bus.command("set-baud")
+@click.argument("servo_id", type=_ID, metavar="ID")
+@click.argument("rate", type=click.IntRange(min=1))
+@_YES
+@bus_options
+def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions) -> None:
+    """Set a servo to another line rate; set back if it does not answer there."""
+    from hexwire.ipc import servo_setup
+
+    with open_bus(options) as opened:
+        known_servo(opened, servo_id, options)
+        if not yes:
+            click.confirm(f"servo {servo_id} will be heard at {rate} baud only. Go on?", abort=True)
+        servo_setup.set_baud(opened, servo_id, rate)
+    print(f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on")
+
+
+@bus.command()
+@click.argument("servo_id", type=_ID, metavar="ID")
+@_YES
+@bus_options
+def center(servo_id: int, yes: bool, options: BusOptions) -> None:
+    """Make the present position of a servo its middle. Nothing moves; its torque must be off."""
+    from hexwire.ipc import servo_setup
+
+    with open_bus(options) as opened:
+        known_servo(opened, servo_id, options)
+        if not yes:
+            click.confirm(f"the present position of servo {servo_id} becomes its middle. Go on?", abort=True)
+        position = servo_setup.center(opened, servo_id)
+    print(f"servo {servo_id} reports {position} here now")
+
+
+@bus.command()
+@click.argument("ids")
+@bus_options
+def recover(ids: str, options: BusOptions) -> None:
+    """Bring servos out of overload protection: torque off, wait until the fault is gone. Hold the arm!"""
+    from hexwire.ipc import servo_setup
+
+    left = []
+    with open_bus(options) as opened:
+        for servo_id in parse_ids(ids):
+            known_servo(opened, servo_id, options)
+            faults = servo_setup.recover(opened, servo_id)
+            print(f"servo {servo_id}: {', '.join(faults) or 'ok'}, torque off")
+            if faults:
+                left.append(servo_id)
+    if left:
+        raise ServoError(f"faults remain on {', '.join(map(str, left))}: remove their cause and try again")
+
+
+@bus.command()
+@click.argument("ids")
+@click.argument("file", type=click.Path(dir_okay=False))
+@click.option("--force", is_flag=True, help="Overwrite the file.")
+@bus_options
+def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
+    """Save the stored settings of servos to a file."""
+    from hexwire.ipc.servo_backup import save_backup, take_backup
+
+    if Path(file).exists() and not force:
+        raise UsageError(f"{file} exists: choose another name, or --force")
+    with open_bus(options) as opened:
+        rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in parse_ids(ids)]
+    save_backup(file, rows)
+    print(f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}")
+
+
+@bus.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False))
+@click.option("--ids", metavar="IDS", help="Only these servos of the file.")
+@_YES
+@bus_options
+def restore(file: str, ids: str | None, yes: bool, options: BusOptions) -> None:
+    """Put saved settings back, all but id and line rate, and verify them."""
+    from hexwire.ipc.servo_backup import load_backup, restore_backup
+
+    rows = load_backup(file)
+    wanted = None if ids is None else parse_ids(ids)
+    chosen = [row for row in rows if wanted is None or row.servo_id in wanted]
+    if not chosen:
+        raise UsageError(
+            f"{file} has no such servo; it has {', '.join(str(row.servo_id) for row in rows) or 'none'}"
+        )
+    with open_bus(options) as opened:
+        if not yes:
+            names = ", ".join(str(row.servo_id) for row in chosen)
+            click.confirm(f"settings of servo {names} will be overwritten. Go on?", abort=True)
+        for row in chosen:
+            changed = restore_backup(opened, row.servo_id, row)
+            print(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
+
+
+@bus.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False))
+@bus_options
+def diff(file: str, options: BusOptions) -> None:
+    """Compare servos with their saved settings. Exit status 1 if they differ."""
+    from hexwire.ipc.servo_backup import compare, load_backup, take_backup
+
+    rows = []
+    with open_bus(options) as opened:
+        for saved in load_backup(file):
+            now = take_backup(opened, saved.servo_id)
+            for name, here, there in compare(now, saved):
+                rows.append((str(saved.servo_id), name, _cell(here), _cell(there)))
+    if not rows:
+        print("no differences")
+        return
+    print(format_table(("id", "register", "servo", "file"), rows))
+    raise ServoError(f"{len(rows)} settings differ from {file}" if len(rows) > 1 else f"one setting differs from {file}")
+
+
+def _cell(value: int | None) -> str:
+    return "-" if value is None else str(value)
+
+
+@bus.command()
+@click.argument("robot")
+@click.argument("file", type=click.Path(dir_okay=False))
+@click.option(
+    "--lerobot", type=click.Path(exists=True, dir_okay=False), help="Take this LeRobot file over instead."
+)
+@click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="End the sweep by itself after so long.")
+@click.option("--force", is_flag=True, help="Overwrite the file.")
+@bus_options
+def calibrate(
+    robot: str, file: str, lerobot: str | None, seconds: int | None, force: bool, options: BusOptions
+) -> None:
+    """Find middle and range of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
+
+    The torque is switched off: hold the arm. Put it in the middle of its range, press Enter, then move every joint
+    through its range and press Enter again.
+    """
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.drivers.registry import load_driver
+    from hexwire.model.calibration import Calibration
+
+    from .common import resolve_url
+
+    if Path(file).exists() and not force:
+        raise UsageError(f"{file} exists: choose another name, or --force")
+    driver = load_driver(robot)
+    if not issubclass(driver, BusArm):
+        raise UsageError(f"{robot} is no arm on a servo bus")
+    if lerobot is not None:
+        text = Path(lerobot).read_text(encoding="utf-8", errors="replace")
+        taken = datetime.datetime.fromtimestamp(Path(lerobot).stat().st_mtime).astimezone()
+        found = Calibration.from_lerobot(text, arm=robot, taken=taken.isoformat(timespec="seconds"), file=lerobot)
+    else:
+        with driver.from_url(resolve_url(options.port, options.baud)) as arm:
+            assert isinstance(arm, BusArm)
+            found = _wizard(arm, seconds)
+    Path(file).write_text(found.serialize(), encoding="utf-8")
+    print(f"{len(found.joints)} joints saved to {file}")
+
+
+def _wizard(arm: BusArm, seconds: int | None) -> Calibration:
+    import time
+
+    from hexwire.ipc.servo_setup import identify
+    from hexwire.model.calibration import RangeSweep
+
+    note("the torque goes off: hold the arm")
+    click.pause("press Enter when you hold it ", err=True)
+    missing = set(arm.model.names) - set(arm.torque(False))
+    if missing:
+        raise ServoError(f"{', '.join(sorted(missing))} did not confirm that the torque is off; nothing was saved")
+    click.pause("put every joint in the middle of its range, then press Enter ", err=True)
+    ids = tuple(joint.servo_id for joint in arm.model.joints)
+    readings = arm.bus.sync_read("present_position", ids).check()
+    middles = {joint.name: reading.raw or 0 for joint, reading in zip(arm.model.joints, readings, strict=True)}
+    sweep = RangeSweep(middles)
+    note(
+        "now move every joint to both ends; Enter ends it"
+        if seconds is None
+        else "now move every joint to both ends"
+    )
+    end = None if seconds is None else time.monotonic() + seconds
+    while not _entered(0.02) if end is None else time.monotonic() < end:
+        now = arm.bus.sync_read("present_position", ids)
+        sweep.receive(dict(zip(arm.model.names, now.raw, strict=True)))
+        if end is not None:
+            time.sleep(0.02)
+    servos = {}
+    for joint in arm.model.joints:
+        info = identify(arm.bus, joint.servo_id)
+        has_offset = "position_offset" in arm.bus.series_of(joint.servo_id).registers
+        offset = arm.bus.read(joint.servo_id, "position_offset").raw if has_offset else None
+        servos[joint.name] = (offset, info.model_name if info else "", info.firmware if info else "")
+    rows = [(name, str(low), str(middles[name]), str(high)) for name, (low, high) in sweep.ranges.items()]
+    note(format_table(("joint", "low", "middle", "high"), rows))
+    return sweep.finish(arm.model, _now(), servos)
+
+
+def _entered(seconds: float) -> bool:
+    import select
+    import sys
+
+    ready, _, _ = select.select([sys.stdin], [], [], seconds)
+    if ready:
+        sys.stdin.readline()
+    return bool(ready)

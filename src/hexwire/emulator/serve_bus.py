@@ -1,0 +1,72 @@
+"""Emulated servos on a pseudo-terminal: a bus adapter that other people's programs can open.
+
+Owns the loop that keeps to the line's time finer than `serve` needs to, and the rate at which the host has set the
+terminal: servos set to another rate do not hear it. Must not know who is on the other side.
+"""
+
+from __future__ import annotations
+
+import termios
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .bus_device import BusDevice
+from .faults import FaultPlan
+from .serve import PtyServer
+from .servo import EmulatedServo
+
+__all__ = ["serve_bus", "terminal_rate"]
+
+_IDLE = 0.02
+_RATES = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[:1] == "B" and name[1:].isdigit()}
+
+
+def terminal_rate(fd: int, otherwise: int) -> int:
+    """Rate that the other side of a pseudo-terminal has set; `otherwise` if it is none with a name."""
+    try:
+        return _RATES.get(termios.tcgetattr(fd)[4], otherwise) or otherwise
+    except (termios.error, OSError):
+        return otherwise
+
+
+def serve_bus(
+    servos: Sequence[EmulatedServo],
+    *,
+    baud: int,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+    link: str | Path | None = None,
+    faults: FaultPlan | None = None,
+    echo: bool = False,
+) -> None:
+    """Serve a bus until told to stop.
+
+    Args:
+        servos: Who is on it.
+        baud: Rate of the servos; 0 costs no time, and every servo hears at any rate.
+        stop: Asked at least every 20 ms.
+        announce: Told the path when the terminal is there.
+        link: Path of a symbolic link to make to the terminal.
+        faults: Scripted faults.
+        echo: The adapter hears itself.
+    """
+    server: PtyServer | None = None
+
+    def host_baud() -> int:
+        return baud if server is None else terminal_rate(server.fileno(), baud)
+
+    device = BusDevice(servos, paced=bool(baud), faults=faults, echo=echo, host_baud=host_baud)
+    server = PtyServer(device, link=link)
+    path = server.open()
+    try:
+        announce(path)
+        while not stop():
+            due = device.answer_due
+            if due is None:
+                server.run_once(_IDLE)
+            else:
+                time.sleep(max(0.0, due - time.monotonic()))
+                server.run_once(0.0)
+    finally:
+        server.close()
