@@ -70,6 +70,8 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
         monkeypatch.setattr(ipc_open, "make_link", make_link)
         paced = functools.partial(motion_loop.RateLoop, clock=clock, sleep=sleep)
         monkeypatch.setattr(motion_loop, "RateLoop", paced)
+        moving = functools.partial(motion_loop.MotionLoop, clock=clock, sleep=sleep)
+        monkeypatch.setattr(motion_loop, "MotionLoop", moving)
         return bench
 
     return make

@@ -233,6 +233,7 @@ def test_tool_down_and_carried() -> None:
     assert solution.angles[3] == pytest.approx(math.pi / 2, abs=1e-9)
     assert solution.angles[5] == pytest.approx(angles[5], abs=1e-9)
     tilted = rad([90, 95, 90, 75, 60, 110])
+    place = (0.1, 0.18, 0.2)
     solution = A.best(Pose(place, A.carried(place, tilted)), tilted)
     turned = solution.angles[0] - tilted[0]
     expected = multiply(rotation_z(turned), A.rotation(tilted))

@@ -6,7 +6,6 @@ Owns the order: check, torque, watchdog, motion, watchdog off. Must not know whe
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -174,7 +173,7 @@ def _drive(
     usual = SafetyLimits()
     limits = SafetyLimits(lag=max(usual.lag, 2.5 * period), max_age=max(usual.max_age, 3 * period))
     loop = MotionLoop(robot, Follower(robot.model, limits), rate)
-    began = time.monotonic()
+    began = 0.0
 
     def seen(state: JointState) -> None:
         positions = state.positions
@@ -186,15 +185,17 @@ def _drive(
         torque_up(robot, names)
         with _watched(robot):
             loop.cycle()
-            began = time.monotonic()
+            began = loop.state.stamp if loop.state else 0.0
             for _, leg in legs:
                 loop.follow(leg)
                 reason = loop.run(until_done=True, each=seen)
                 if reason is None:
                     reason = loop.run(loop.lead, each=seen)
                 if reason is not None:
-                    raise ServoError(f"stopped: {reason}; 'hexwire resume' ends that")
+                    break
             off = _settle(loop, names, legs[-1][1].goal)
+    if loop.follower.reason is not None:
+        raise ServoError(f"stopped: {loop.follower.reason}; 'hexwire resume' ends that")
     counters = loop.timing.counters
     if counters.skipped:
         note(f"warning: the line is too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
@@ -214,6 +215,4 @@ def _settle(loop: MotionLoop, names: Sequence[str], goal: Sequence[float]) -> st
         off = {n: positions[n] - g for n, g in zip(names, goal, strict=True) if abs(positions[n] - g) > _ARRIVED}
         if not off:
             return ""
-    if loop.follower.reason is not None:
-        return str(loop.follower.reason)
     return ", ".join(f"{name} is {math.degrees(angle):.1f} deg off" for name, angle in off.items())

@@ -1,0 +1,230 @@
+"""The physics twin: emulated servos that move one body in MuJoCo, from the same URDF as everywhere.
+
+Owns the coupling: servos give torques, MuJoCo moves links under gravity and contact, servos read where they are.
+So load, sag and collisions show up in the registers. Masses are the URDF's estimates, and so is what the motors
+can give. Must not know a board or a line. Needs the package ``mujoco-core``, imported on first use.
+
+Unlike the usual shafts, which are exact profiles, these are held by a proportional controller as in real servos:
+a load lets them sag a little.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from hexwire.errors import UsageError
+from hexwire.model.arm import JointModel
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.urdf import LEVEL_JOINT, make_urdf
+
+from .servo import EmulatedServo
+from .servo_motion import TICK, Drive, Motion
+
+__all__ = ["PhysicsTwin"]
+
+_STALL = {"seven_bot": 3.0, "hls": 0.588}
+"""Newton metres at full drive: 6 kg cm of the small ones is published; the large ones are taken to lift the arm."""
+_ARMATURE = {"seven_bot": 0.02, "hls": 0.002}
+"""Inertia of motor and gears at the joint, kg m^2: an estimate."""
+_GAIN = 1 / 64
+"""Share of full drive a count of error, about a position gain of 32: full drive at 5.6 degrees."""
+_WIND_UP = 1.5 / _GAIN
+"""Counts that the profile may be ahead of the shaft."""
+_PAYLOAD_RADIUS = 0.01
+_WALL = 1.0
+"""Share of full drive a count beyond an obstacle set by hand."""
+
+
+class PhysicsTwin:
+    """Couples servos to a simulated body. From construction on they move in it.
+
+    Args:
+        servos: Those of the arm, by the bus ids of its model; others are left alone.
+        model: Geometry and joints.
+        payload: Kilograms at the tool.
+        table: There is a table at the height of the base's foot.
+
+    Raises:
+        UsageError: The package ``mujoco-core`` is not installed, or the payload makes no sense.
+    """
+
+    def __init__(
+        self, servos: Sequence[EmulatedServo], model: Hex7BotModel, *, payload: float = 0.0, table: bool = True
+    ) -> None:
+        if not 0 <= payload < 100:
+            raise UsageError(f"a payload of {payload:g} kg makes no sense")
+        self._mujoco = _load_mujoco()
+        self._model = self._compile(model, payload, table)
+        self._data = self._mujoco.MjData(self._model)
+        self.ticks = 0
+        self.shafts: list[_Shaft] = []
+        for servo in servos:
+            joint = model.arm.by_servo(servo.servo_id)
+            if joint is not None:
+                shaft = _Shaft(self, servo.motion, joint, self._address(joint.name))
+                servo.motion = shaft
+                self.shafts.append(shaft)
+        self._place()
+
+    def _compile(self, model: Hex7BotModel, payload: float, table: bool) -> Any:
+        mujoco = self._mujoco
+        spec = mujoco.MjSpec.from_string(make_urdf(model))
+        spec.option.timestep = TICK
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        for geom in spec.geoms:
+            # Links touch the table, not one another: the coupling gate is the planner's affair.
+            geom.contype, geom.conaffinity = 1, 0
+        if table:
+            spec.worldbody.add_geom(
+                name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], contype=0, conaffinity=1
+            )
+        if payload:
+            k = model.links
+            # A body of its own: the URDF's links say their masses, so MuJoCo ignores those of their shapes.
+            inertia = 0.4 * payload * _PAYLOAD_RADIUS**2
+            ball = spec.body("flange").add_body(
+                name="payload", pos=[0.0, 0.0, k.f], mass=payload, inertia=[inertia] * 3, explicitinertial=True
+            )
+            ball.add_geom(
+                name="payload",
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[_PAYLOAD_RADIUS, 0.0, 0.0],
+                contype=1,
+                conaffinity=0,
+            )
+        level = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name="parallelogram")
+        level.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        level.name1, level.name2 = LEVEL_JOINT, "J2"
+        level.data[:2] = [0.0, -1.0]
+        level.solref = [2 * TICK, 1.0]
+        for joint in model.arm.joints:
+            spec.joint(joint.name).armature = _ARMATURE[joint.series]
+        return spec.compile()
+
+    def _address(self, name: str) -> tuple[int, int]:
+        joint = self._mujoco.mj_name2id(self._model, self._mujoco.mjtObj.mjOBJ_JOINT, name)
+        return int(self._model.jnt_qposadr[joint]), int(self._model.jnt_dofadr[joint])
+
+    def _place(self) -> None:
+        """Put the body where the servos say they are."""
+        for shaft in self.shafts:
+            self._data.qpos[shaft.place] = shaft.angle
+        level, _ = self._address(LEVEL_JOINT)
+        upper, _ = self._address("J2")
+        self._data.qpos[level] = -self._data.qpos[upper]
+        self._mujoco.mj_forward(self._model, self._data)
+
+    def advance(self) -> None:
+        """One tick of everything."""
+        data = self._data
+        for shaft in self.shafts:
+            if shaft.moved_by_hand():
+                data.qpos[shaft.place], data.qvel[shaft.rate] = shaft.angle, 0.0
+            data.qfrc_applied[shaft.rate] = shaft.push()
+            self._model.dof_frictionloss[shaft.rate] = shaft.friction()
+        self._mujoco.mj_step(self._model, data)
+        for shaft in self.shafts:
+            shaft.take(float(data.qpos[shaft.place]), float(data.qvel[shaft.rate]))
+        self.ticks += 1
+
+    @property
+    def contacts(self) -> int:
+        """How many points of the arm touch the table now."""
+        return int(self._data.ncon)
+
+
+class _Shaft(Motion):
+    """A servo's shaft that is a joint of the body."""
+
+    def __init__(self, twin: PhysicsTwin, before: Motion, joint: JointModel, address: tuple[int, int]) -> None:
+        super().__init__(before.mechanics, before.position)
+        self.place, self.rate = address
+        self._twin = twin
+        self._joint = joint
+        self._stall = _STALL[joint.series]
+        self._ticks = 0
+        # The profile that the controller follows, counts and counts a second.
+        self._ahead = self.position
+        self._pace = 0.0
+        self._taken = self.position
+        # Damping that just does not let the joint swing, for the inertia of motor, gears and some of the arm.
+        inertia = 2.0 * _ARMATURE[joint.series]
+        stiffness = self._stall * _GAIN / joint.scale
+        self._damping = 2.0 * math.sqrt(stiffness * inertia) * joint.scale / self._stall
+
+    @property
+    def angle(self) -> float:
+        """Joint angle, radians."""
+        return self._joint.counts_to_angle(self.position)
+
+    def moved_by_hand(self) -> bool:
+        """Whether somebody set the position since the last tick, as a calibration does by whole turns."""
+        return self.position != self._taken
+
+    def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
+        if self._drive is not Drive.POSITION or drive is not Drive.POSITION:
+            self._ahead, self._pace = self.position, self.velocity
+        super().command(drive, target=target, speed=speed, acceleration=acceleration, ceiling=ceiling)
+
+    def tick(self) -> None:
+        # Servos are stepped one after the other; the first to ask moves all of them.
+        if self._ticks >= self._twin.ticks:
+            self._twin.advance()
+        self._ticks += 1
+        self.settled = False
+
+    def push(self) -> float:
+        """Torque on the joint, newton metres; keeps what the load register shows."""
+        if self._drive is Drive.POSITION:
+            self._follow_profile()
+            wanted = _GAIN * (self._ahead - self.position) + self._damping * (self._pace - self.velocity)
+        elif self._drive is Drive.SPEED:
+            wanted = 4 * self._damping * (self._speed - self.velocity)
+        elif self._drive is Drive.TORQUE:
+            wanted = self._target
+        else:
+            wanted = 0.0
+        self.torque = max(-self._ceiling, min(self._ceiling, wanted))
+        outside = self.external_torque
+        if self._drive is Drive.DAMPED:
+            outside -= self._damping * self.velocity
+        low, high = self.obstacle
+        self.blocked = False
+        for bound, side in ((low, 1.0), (high, -1.0)):
+            if bound is not None and (bound - self.position) * side > 0:
+                outside += _WALL * (bound - self.position) - self._damping * self.velocity
+                self.blocked = True
+        return self._joint.sign * (self.torque + outside) * self._stall
+
+    def friction(self) -> float:
+        """Dry friction now, newton metres."""
+        powered = self._drive not in {Drive.FREE, Drive.DAMPED} and self._ceiling > 0
+        share = self.mechanics.friction if powered else self.mechanics.holding_friction
+        return share * self._stall
+
+    def take(self, angle: float, speed: float) -> None:
+        """Take place and speed from the body."""
+        joint = self._joint
+        self.position = joint.sign * (angle - joint.offset) / joint.scale + joint.neutral
+        self.velocity = joint.sign * speed / joint.scale
+        self._taken = self.position
+
+    def _follow_profile(self) -> None:
+        step = self._acceleration * TICK
+        error = self._target - self._ahead
+        slowing = (math.sqrt(step * step + 8 * self._acceleration * abs(error)) - step) / 2
+        wanted = math.copysign(min(self._speed, slowing, abs(error) / TICK), error)
+        self._pace += max(-step, min(step, wanted - self._pace))
+        # What holds the shaft back holds the profile back too, or it would leap when it is let go.
+        low, high = self.position - _WIND_UP, self.position + _WIND_UP
+        self._ahead = max(low, min(high, self._ahead + self._pace * TICK))
+
+
+def _load_mujoco() -> Any:
+    try:
+        import mujoco
+    except ImportError:
+        raise UsageError("the physics twin needs MuJoCo: pip install 'hexwire[sim]'") from None
+    return mujoco

@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.motion.arms import HOME, state
+
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.trace.recording import RecordingWriter, read_joint_states
+
+A = Hex7BotModel()
+
+
+def tip(bench: Any) -> list[float]:
+    """Where the tip is by the board's own joint angles, millimetres."""
+    angles = A.from_joints({name: math.radians(deg) for name, deg in bench.positions().items()})
+    return [1e3 * v for v in A.forward(angles).position]
+
+
+def tool(bench: Any) -> list[float]:
+    """Direction of the tool."""
+    angles = A.from_joints({name: math.radians(deg) for name, deg in bench.positions().items()})
+    return [row[2] for row in A.forward(angles).rotation]
+
+
+def test_goto_takes_the_tip_there(bench: Any) -> None:
+    out = bench.ok("goto", "0", "220", "200")
+    assert out.startswith("goto 0 220 200 mm: ")
+    assert out.endswith("arrived\n")
+    assert tip(bench) == pytest.approx([0, 220, 200], abs=1.0)
+
+
+def test_goto_negative_and_down(bench: Any) -> None:
+    bench.ok("goto", "-60", "180", "100", "--down")
+    assert tip(bench) == pytest.approx([-60, 180, 100], abs=1.0)
+    assert tool(bench) == pytest.approx([0, 0, -1], abs=0.02)
+
+
+def test_goto_relative(bench: Any) -> None:
+    bench.ok("goto", "0", "220", "200")
+    bench.ok("goto", "--relative", "20", "0", "-30")
+    assert tip(bench) == pytest.approx([20, 220, 170], abs=1.5)
+
+
+def test_line_keeps_to_the_line_and_the_tools_direction(bench: Any) -> None:
+    bench.ok("goto", "0", "200", "180", "--down")
+    bench.ok("line", "60", "200", "100", "--speed", "60")
+    assert tip(bench) == pytest.approx([60, 200, 100], abs=1.0)
+    assert tool(bench) == pytest.approx([0, 0, -1], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("goto", "0", "600", "100"), "out of reach: the wrist would be"),
+        (("line", "0", "0", "-300", "--relative"), "of the line: "),
+        (("goto", "0", "200", "40", "--down", "--table", "50"), "below the table at 50 mm; nothing was sent"),
+        (("goto", "0", "200", "100", "--down", "--rpy", "0", "0", "0"), "say the tool's direction once"),
+        (("goto", "0", "200"), "takes 3 values"),
+        (("goto", "0", "220", "200", "--plot", "a.txt"), "must end in .png, .svg, .pdf"),
+        (("goto", "0", "220", "200", "--links", "Z"), "no link set 'Z'"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_moves(bench: Any, words: tuple[str, ...], error: str) -> None:
+    before = bench.positions()
+    result = bench.run(*words)
+    assert result.exit_code == 2
+    assert error in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert bench.positions() == before
+    assert bench.torque() == []
+
+
+def test_dry_run_moves_nothing(bench: Any) -> None:
+    before = bench.positions()
+    assert "arrived" not in bench.ok("goto", "0", "220", "200", "--dry-run")
+    assert bench.positions() == before
+    assert bench.torque() == []
+
+
+def test_a_silent_servo_is_said_and_nothing_moves(make_bench: Any) -> None:
+    bench = make_bench("silent:2")
+    result = bench.run("goto", "0", "220", "200")
+    assert result.exit_code == 1
+    assert "it is not known where J3 is" in result.stderr
+
+
+def recording(path: Path, goal: float) -> None:
+    with RecordingWriter(path) as writer:
+        for i in range(41):
+            share = 0.5 - 0.5 * math.cos(math.pi * i / 40)
+            moved = {"J1": HOME["J1"] + goal * share}
+            writer.joint_state(state(moved), 1700000000.0 + 0.05 * i)
+
+
+def test_play_goes_to_the_start_and_along(bench: Any, tmp_path: Path) -> None:
+    recording(tmp_path / "a.mcap", 0.4)
+    out = bench.ok("play", str(tmp_path / "a.mcap"), "--speed", "2")
+    assert "approach: " in out
+    assert "play a.mcap: 1.00 s" in out
+    expected = math.degrees(HOME["J1"] + 0.4)
+    assert bench.positions()["J1"] == pytest.approx(expected, abs=0.5)
+
+
+def test_play_a_part_twice(bench: Any, tmp_path: Path) -> None:
+    recording(tmp_path / "a.mcap", 0.4)
+    out = bench.ok("play", str(tmp_path / "a.mcap"), "--to", "1.0", "--smooth", "0.1", "--trim", "--repeat", "2")
+    assert out.count("play a.mcap") == 2
+    assert out.count("approach") == 2
+    assert bench.positions()["J1"] == pytest.approx(math.degrees(HOME["J1"] + 0.2), abs=1.0)
+
+
+def waypoints(path: Path, **change: Any) -> Path:
+    here = [HOME["J1"], HOME["J4"]]
+    data: dict[str, Any] = {
+        "joint_names": ["J1", "J4"],
+        "points": [
+            {"time_from_start": 0, "positions": here, "velocities": [0, 0]},
+            {"time_from_start": {"secs": 1, "nsecs": 500000000}, "positions": [0.3, 0.5], "velocities": [0, 0]},
+        ],
+    }
+    path.write_text(json.dumps(data | change), encoding="utf-8")
+    return path
+
+
+def test_play_waypoints_as_ros_writes_them(bench: Any, tmp_path: Path) -> None:
+    out = bench.ok("play", str(waypoints(tmp_path / "w.json")))
+    assert "play w.json: 1.50 s" in out
+    assert bench.positions()["J4"] == pytest.approx(math.degrees(0.5), abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"joint_names": ["J1", "J9"]}, "moves J9; hex7bot has J1, J2"),
+        ({"points": 7}, "is no trajectory"),
+        ({"points": []}, "a trajectory without a point"),
+        ({"joint_names": ["J1"]}, "2 values for 1 joints"),
+    ],
+)
+def test_waypoints_with_a_mistake(bench: Any, tmp_path: Path, change: dict[str, Any], error: str) -> None:
+    result = bench.run("play", str(waypoints(tmp_path / "w.json", **change)))
+    assert result.exit_code == 2
+    assert error in result.stderr
+
+
+def test_play_too_fast_is_refused(bench: Any, tmp_path: Path) -> None:
+    recording(tmp_path / "a.mcap", 0.4)
+    result = bench.run("play", str(tmp_path / "a.mcap"), "--speed", "20")
+    assert result.exit_code == 2
+    assert "J1 would turn at" in result.stderr
+    assert bench.torque() == []
+
+
+def test_teach_and_play_back(bench: Any, tmp_path: Path) -> None:
+    file = tmp_path / "t.mcap"
+    out = bench.run("teach", str(file), "--duration", "1", "--yes")
+    assert out.exit_code == 0
+    assert "20 states in" in out.stdout
+    assert "the arm holds" in out.stdout
+    rows = list(read_joint_states(file))
+    assert len(rows) == 20
+    assert rows[0].names == HEX7BOT.names
+    assert bench.torque() == list(HEX7BOT.names)
+    assert "arrived" in bench.ok("play", str(file))
+
+
+def test_teach_leaves_the_arm_limp_if_asked(bench: Any, tmp_path: Path) -> None:
+    bench.run("torque", "on")
+    result = bench.run("teach", str(tmp_path / "t.mcap"), "--duration", "0.2", "--yes", "--limp", "--rate", "10")
+    assert "2 states" in result.stdout
+    assert bench.torque() == []
+
+
+def test_teach_wants_somebody_to_hold_the_arm(bench: Any, tmp_path: Path) -> None:
+    result = bench.run("teach", str(tmp_path / "t.mcap"))
+    assert result.exit_code == 2
+    assert "hold it, and say so with --yes" in result.stderr
+    assert not (tmp_path / "t.mcap").exists()
+    assert bench.run("teach", str(tmp_path / "t.txt"), "--yes").exit_code == 2
+
+
+def test_dialect_1_moves_slowly_but_arrives(make_bench: Any) -> None:
+    bench = make_bench(dialect=1)
+    out = bench.run("goto", "0", "220", "200", "--speed", "20")
+    assert out.exit_code == 0, out.stderr
+    assert tip(bench) == pytest.approx([0, 220, 200], abs=1.5)

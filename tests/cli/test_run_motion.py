@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from hexwire.cli.run_motion import dialect_rate
+
+
+def test_rate_by_dialect_unless_one_is_asked_for() -> None:
+    class Robot:
+        dialect = 1
+
+    robot: Any = Robot()
+    assert dialect_rate(robot, None) == 1.5
+    assert dialect_rate(robot, 7.0) == 7.0
+    robot.dialect = 2
+    assert dialect_rate(robot, None) == 20.0
+    assert dialect_rate(object(), None) == 20.0  # type: ignore[arg-type]
+
+
+def test_the_watchdog_stands_by_while_the_arm_moves_and_is_off_after(bench: Any) -> None:
+    seen: list[float] = []
+    state = bench.board.state
+    usual = type(bench.board).step
+
+    def step(board: Any, now: float) -> None:
+        seen.append(state.watchdog_timeout)
+        usual(board, now)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(bench.board), "step", step)
+        bench.ok("goto", "0", "220", "200")
+    assert max(seen) == pytest.approx(1.0)
+    assert seen[-1] == 0
+
+
+def test_a_stop_from_elsewhere_ends_the_motion(bench: Any) -> None:
+    bench.run("stop")
+    result = bench.run("goto", "0", "220", "200")
+    assert result.exit_code == 1
+    assert "stopped" in result.stderr
+    assert "hexwire resume" in result.stderr
+
+
+def test_an_obstacle_in_the_way_of_a_servo_without_load_reading_stops_the_arm(bench: Any) -> None:
+    bench.ok("goto", "0", "220", "200")
+    shaft = bench.board.wire.servos[0].motion
+    shaft.obstacle = (shaft.position - 30, None)
+    result = bench.run("goto", "150", "160", "200")
+    assert result.exit_code == 1
+    assert "stopped: J1 is" in result.stderr
+    assert "off its way" in result.stderr
+    assert bench.json("state")["stopped"]
+
+
+def test_a_collision_is_told_by_load_and_error_together(bench: Any) -> None:
+    bench.ok("goto", "0", "220", "200")
+    shaft = bench.board.wire.servos[4].motion
+    shaft.obstacle = (shaft.position - 10, shaft.position + 10)
+    result = bench.run("goto", "0", "220", "200", "--down", "--table", "-500")
+    assert result.exit_code == 1
+    assert "stopped: J5 met something: load" in result.stderr
+    assert bench.json("state")["stopped"]

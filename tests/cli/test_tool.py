@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+
+def test_pump(bench: Any) -> None:
+    assert bench.ok("pump", "suck") == "pump on, valve shut\n"
+    assert bench.ok("pump", "state") == "pump on, valve shut\n"
+    assert bench.ok("pump", "release", "--time", "0") == "pump off, valve shut\n"
+    assert bench.ok("pump", "off") == "pump off, valve shut\n"
+    assert bench.board.state.io == 0
+
+
+def test_grip(bench: Any) -> None:
+    assert bench.ok("grip", "close") == "0 % open\n"
+    assert bench.ok("grip", "open") == "100 % open\n"
+    assert bench.ok("grip", "40%") == "40 % open\n"
+    assert bench.positions()["J7"] == pytest.approx(45 - 0.4 * 90, abs=1.0)
+
+
+def test_grip_wants_a_share(bench: Any) -> None:
+    assert bench.run("grip", "130").exit_code == 2
+    assert bench.run("grip", "wide").exit_code == 2
+
+
+def test_no_pump_without_the_firmware(make_bench: Any) -> None:
+    result = make_bench(dialect=1).run("pump", "suck")
+    assert result.exit_code == 1
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+
+import pytest
+from click.testing import CliRunner
+from tests.motion.arms import HOME
+
+from hexwire.cli.main import cli
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator.arms import HEX7BOT_START
+from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.physics import PhysicsTwin
+from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.errors import UsageError
+from hexwire.ipc import open as ipc_open
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.state import JointState, JointTarget
+
+MODEL = Hex7BotModel()
+
+
+class Arm:
+    """A driver on a board whose servos move a body, in simulated time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, payload: float = 0.0, table: bool = True) -> None:
+        self.clock = FakeClock(1000.0)
+        self.board = make_hex7bot_board(baud=115200, start=1000.0)
+        self.twin = PhysicsTwin(self.board.wire.servos, MODEL, payload=payload, table=table)
+        link = BoardLink(self.board, self.clock, baud=115200)
+        monkeypatch.setattr(ipc_open, "make_link", lambda url: link)
+        self.driver = Hex7BotDriver(Session(IpcHandle.from_url("/dev/ttyTEST")))
+        self.driver.attach()
+
+    def move(self, change: Mapping[str, float], seconds: float = 1.5) -> JointState:
+        self.driver.torque(True)
+        goal = {**HOME, **{name: HOME[name] + math.radians(deg) for name, deg in change.items()}}
+        self.driver.write(JointTarget.of(goal, seconds))
+        return self.wait(seconds + 1.0)
+
+    def wait(self, seconds: float) -> JointState:
+        """Let time pass while the board polls its servos; the state then."""
+        for _ in range(round(seconds / 0.1)):
+            self.clock.advance(0.1)
+            self.driver.read()
+        return self.driver.read()
+
+    def torque(self, name: str) -> float:
+        return self.board.wire.servos[MODEL.arm.index(name)].motion.torque
+
+    def tip(self, state: JointState) -> tuple[float, ...]:
+        return MODEL.forward(MODEL.from_joints(state.positions)).position
+
+
+def test_at_rest_the_arm_stays_where_the_servos_stood(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm(monkeypatch)
+    arm.driver.torque(True)
+    arm.wait(0.5)
+    for servo, start in zip(arm.board.wire.servos, HEX7BOT_START, strict=True):
+        # Gears and controller give way a little under the weight: under three degrees.
+        assert servo.motion.position == pytest.approx(start, abs=32)
+
+
+def test_weight_shows_as_load_and_sag_and_grows_with_the_payload(monkeypatch: pytest.MonkeyPatch) -> None:
+    stretched = {"J2": -45.0, "J3": -10.0}
+    light = Arm(monkeypatch)
+    state = light.move(stretched)
+    empty = light.torque("J2")
+    height = light.tip(state)[2]
+    assert empty > 0.05, "the shoulder holds the arm up"
+    heavy = Arm(monkeypatch, payload=0.3)
+    loaded = heavy.move(stretched)
+    # 0.3 kg some 0.3 m out, shared by shoulder and elbow; drive is a share of 3 Nm.
+    assert heavy.torque("J2") - empty > 0.08
+    assert heavy.tip(loaded)[2] < height - 0.003, "and sags under it"
+
+
+def test_load_register_of_the_small_servos_shows_the_tools_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    level = {"J5": -80.0}
+    empty = Arm(monkeypatch).move(level)["J5"].load
+    loaded = Arm(monkeypatch, payload=0.5).move(level)["J5"].load
+    assert abs(loaded) > abs(empty) + 0.03
+
+
+def test_the_body_is_where_the_kinematics_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    import mujoco
+
+    arm = Arm(monkeypatch, payload=0.01)
+    state = arm.move({"J1": 30.0, "J2": -20.0, "J3": 15.0, "J4": 25.0, "J5": 40.0, "J6": -50.0})
+    ball = mujoco.mj_name2id(arm.twin._model, mujoco.mjtObj.mjOBJ_GEOM, "payload")
+    mujoco.mj_forward(arm.twin._model, arm.twin._data)
+    # A millimetre: half a count of each joint, and the give of the parallelogram.
+    assert list(arm.twin._data.geom_xpos[ball]) == pytest.approx(arm.tip(state), abs=2e-3)
+
+
+def test_the_table_stops_the_arm_and_the_load_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Without a table the tip would be well under the arm's foot.
+    through = {"J2": -50.0, "J3": 70.0}
+    free = Arm(monkeypatch, table=False)
+    below = free.tip(free.move(through))[2]
+    assert below < -0.02
+    arm = Arm(monkeypatch)
+    state = arm.move(through)
+    assert arm.twin.contacts > 0
+    assert arm.tip(state)[2] > -0.01
+    pressed = abs(arm.torque("J2") - free.torque("J2")) + abs(arm.torque("J3") - free.torque("J3"))
+    assert pressed > 0.3
+
+
+def test_without_torque_a_heavy_arm_falls_onto_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm(monkeypatch, payload=1.0)
+    before = arm.tip(arm.move({"J2": -30.0}))[2]
+    arm.driver.torque(False)
+    after = arm.tip(arm.wait(3.0))[2]
+    assert after < before - 0.05
+
+
+def test_obstacles_and_pushes_set_by_hand_work_as_with_the_usual_shafts(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm(monkeypatch)
+    shaft = arm.board.wire.servos[0].motion
+    shaft.obstacle = (None, shaft.position + 100)
+    state = arm.move({"J1": 30.0})
+    assert shaft.blocked
+    assert state["J1"].position < HOME["J1"] + math.radians(12)
+    shaft.obstacle = (None, None)
+    shaft.external_torque = -0.2
+    pushed = arm.move({"J1": 0.0})["J1"].position
+    assert pushed < HOME["J1"] - math.radians(0.5)
+
+
+def test_a_payload_must_make_sense() -> None:
+    with pytest.raises(UsageError, match="payload of -1 kg"):
+        PhysicsTwin([], MODEL, payload=-1.0)
+
+
+def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(UsageError, match=r"pip install 'hexwire\[sim\]'"):
+        PhysicsTwin([], MODEL)
+
+
+@pytest.mark.system
+def test_on_the_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = CliRunner().invoke(cli, ["sim", "board", "--payload", "10"])
+    assert result.exit_code == 2
+    assert "--payload needs --physics" in result.stderr
