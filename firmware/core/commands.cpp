@@ -263,7 +263,8 @@ uint8_t Board::put_state(uint8_t fields) {
     }
     if (fields & gen::STATE_FIELD_AGE) {
       const uint32_t age = ms_ - joint.sampled_ms;
-      put16(row, !joint.known ? kNever : age >= kNever ? static_cast<uint16_t>(kNever - 1) : static_cast<uint16_t>(age));
+      const uint16_t shown = age < kNever ? static_cast<uint16_t>(age) : kNever - 1;
+      put16(row, joint.known ? shown : kNever);
       row += 2;
     }
   }

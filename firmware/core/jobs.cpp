@@ -20,8 +20,9 @@ const Board::Step Board::kMove[] = {Step::kReadCeiling, Step::kAimMove, Step::kS
                                     Step::kReplyMove};
 const Board::Step Board::kSyncWrite[] = {Step::kReadCeiling, Step::kAimSyncWrite, Step::kSendLegacy, Step::kSendHls,
                                          Step::kReplySyncWrite};
-const Board::Step Board::kTorqueOn[] = {Step::kReadPosition, Step::kReadCeiling, Step::kAimPresent, Step::kSendLegacy,
-                                        Step::kSendHls,      Step::kSendTorque,  Step::kReadTorque, Step::kConfirmTorque};
+const Board::Step Board::kTorqueOn[] = {Step::kReadPosition, Step::kReadCeiling, Step::kAimPresent,
+                                        Step::kSendLegacy,   Step::kSendHls,     Step::kSendTorque,
+                                        Step::kReadTorque,   Step::kConfirmTorque};
 const Board::Step Board::kTorqueOff[] = {Step::kSendTorque, Step::kReadTorque, Step::kConfirmTorque};
 const Board::Step Board::kHold[] = {Step::kReadPosition, Step::kReadCeiling, Step::kAimIfTorque,  Step::kSendLegacy,
                                     Step::kSendHls,      Step::kReadTarget,  Step::kConfirmTarget};

@@ -123,7 +123,8 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
   switch (item) {
     case Item::kMotion:
       if (!old) {
-        const int16_t units = decode_signed(get16(p + motion_at(gen::HLS_REG_PRESENT_SPEED)), gen::HLS_REG_PRESENT_SPEED_SIGN);
+        const uint16_t speed = get16(p + motion_at(gen::HLS_REG_PRESENT_SPEED));
+        const int16_t units = decode_signed(speed, gen::HLS_REG_PRESENT_SPEED_SIGN);
         joint.speed = narrow(static_cast<int32_t>(units) * kHlsSpeedUnit);
         joint.load = decode_signed(get16(p + motion_at(gen::HLS_REG_PRESENT_LOAD)), gen::HLS_REG_PRESENT_LOAD_SIGN);
         joint.voltage = p[motion_at(gen::HLS_REG_PRESENT_VOLTAGE)];

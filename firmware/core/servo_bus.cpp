@@ -138,7 +138,10 @@ void ServoBus::send() {
   // All but the last byte: they are looked at before it is there.
   uint8_t bytes = echo_seen_ ? size_ : 0;
   if (kind_ == Kind::kRaw) bytes = static_cast<uint8_t>(bytes + raw_length_ - 1);
-  if (kind_ == Kind::kPackets) bytes = static_cast<uint8_t>(bytes + wanted_ * (expect_.parameters + kStatusOverhead) - 1);
+  if (kind_ == Kind::kPackets) {
+    const uint8_t parameters = expect_.parameters == kAnyLength ? 0 : expect_.parameters;
+    bytes = static_cast<uint8_t>(bytes + wanted_ * (parameters + kStatusOverhead) - 1);
+  }
   platform_.bus_expect(bytes);
   platform_.bus_write(packet_, size_);
   state_ = State::kSending;

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import select
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
-from tests.avr.machines import ChipBoard
+from tests.avr.machines import BUILD, ChipBoard, make
 from tests.avr.pty import PtyBoard, on_pty
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator.arms import make_hex7bot_servos
+from hexwire.emulator.servo_wire import ServoWire
 from hexwire.model.state import JointTarget
 
 pytestmark = pytest.mark.system
@@ -62,3 +69,56 @@ def test_the_chapters_dialect_alone() -> None:
         assert probe.returncode == 0, probe.stderr
         assert json.loads(probe.stdout)["dialect"] == 1
         assert hexwire("ping", "--port", board.path, "--dialect", "1").returncode == 0
+
+
+@contextmanager
+def servos_on(path: str) -> Iterator[None]:
+    """Emulated servos at the end of a terminal; they take no time."""
+    line = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    wire = ServoWire(make_hex7bot_servos())
+    ended = threading.Event()
+
+    def serve() -> None:
+        held, now = b"", 0.0
+        while not ended.is_set():
+            ready, _, _ = select.select([line], [], [], 0.05)
+            held += os.read(line, 4096) if ready else b""
+            while len(held) >= 4 and len(held) >= held[3] + 4:
+                packet, held = held[: held[3] + 4], held[held[3] + 4 :]
+                now += 0.001
+                os.write(line, wire.transact(packet, now)[0])
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(timeout=10)
+        os.close(line)
+
+
+def test_the_core_as_a_program() -> None:
+    make("host")
+    with subprocess.Popen([str(BUILD / "host/pty_board")], stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout
+        lines = dict(program.stdout.readline().split() for _ in range(2))
+        try:
+            with servos_on(lines["bus"]):
+                probe = hexwire("probe", "--port", lines["host"], "--json")
+                assert probe.returncode == 0, probe.stderr
+                report = json.loads(probe.stdout)
+                assert report["firmware"] == "1.0.0"
+                assert all(joint["present"] for joint in report["joints"])
+        finally:
+            program.terminate()
+    assert program.returncode == 0
+
+
+def test_the_program_refuses_what_it_does_not_know() -> None:
+    make("host")
+    done = subprocess.run(
+        [str(BUILD / "host/pty_board"), "--nonsense"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "usage" in done.stderr

@@ -323,6 +323,8 @@ def test_watchdog(boards: Callable[..., Trio]) -> None:
     state = same(trio, Command.JOINT_STATE, b"\0")
     assert b"'00 00 00 00 00 07 07 00" in state  # stopped, tripped, torque taken away
     same(trio, Command.JOINT_MOVE, move(100, (0, 2000)))
+    same(trio, Command.WATCHDOG, b"\0\0\0")
+    same(trio, Command.JOINT_STATE, b"\0")
     same(trio, Command.RESUME)
     same(trio, Command.JOINT_STATE, b"\0")
 

@@ -34,7 +34,9 @@ class Mega : public hexwire::Platform {
   bool bus_sending() override { return bus_uart_sending(); }
   void host_expect(uint8_t bytes) override { host_uart_expect(bytes); }
   void bus_expect(uint8_t bytes) override { bus_uart_expect(bytes); }
-  uint8_t storage_read(uint16_t address) override { return eeprom_read_byte(reinterpret_cast<const uint8_t*>(address)); }
+  uint8_t storage_read(uint16_t address) override {
+    return eeprom_read_byte(reinterpret_cast<const uint8_t*>(address));
+  }
   bool storage_ready() override { return eeprom_is_ready(); }
   void storage_write(uint16_t address, uint8_t value) override {
     eeprom_write_byte(reinterpret_cast<uint8_t*>(address), value);

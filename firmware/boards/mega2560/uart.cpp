@@ -9,13 +9,13 @@ volatile bool uart_work;
 namespace {
 
 // Sizes are powers of two, so that an index wraps by a mask.
-constexpr uint16_t kHostIn = 256;
+constexpr uint16_t kHostIn = 512;
 constexpr uint16_t kHostOut = 512;
 constexpr uint8_t kBusIn = 128;
 
 uint8_t host_in[kHostIn];
-volatile uint8_t host_in_head;  // wraps by itself at 256
-volatile uint8_t host_in_tail;
+volatile uint16_t host_in_head;
+volatile uint16_t host_in_tail;
 
 uint8_t host_out[kHostOut];
 volatile uint16_t host_out_head;
@@ -47,9 +47,10 @@ uint16_t host_out_used() {
 // A byte that finds its ring full is lost; the frame check or the servo checksum tells.
 ISR(USART0_RX_vect) {
   const uint8_t byte = UDR0;
-  const uint8_t next = static_cast<uint8_t>(host_in_head + 1);
+  const uint16_t head = host_in_head;
+  const uint16_t next = (head + 1) & (kHostIn - 1);
   if (next == host_in_tail) return;
-  host_in[host_in_head] = byte;
+  host_in[head] = byte;
   host_in_head = next;
   if (host_in_wanted > 1) {
     --host_in_wanted;
@@ -83,13 +84,14 @@ ISR(USART1_RX_vect) {
 
 ISR(USART1_UDRE_vect) {
   const uint8_t* p = bus_out;
-  if (--bus_out_left == 0) {
-    // The line is busy until the last stop bit: the transmit-complete interrupt tells.
-    UCSR1B = static_cast<uint8_t>((UCSR1B & ~_BV(UDRIE1)) | _BV(TXCIE1));
-    UCSR1A |= _BV(TXC1);
-  }
   UDR1 = *p;
   bus_out = p + 1;
+  if (--bus_out_left == 0) {
+    // The line is busy until the last stop bit: the transmit-complete interrupt tells. What it may say about the
+    // byte before is cleared, after the last one is in the chip's hands.
+    UCSR1A |= _BV(TXC1);
+    UCSR1B = static_cast<uint8_t>((UCSR1B & ~_BV(UDRIE1)) | _BV(TXCIE1));
+  }
 }
 
 ISR(USART1_TX_vect) {
@@ -113,14 +115,15 @@ void uart_begin(uint32_t host_baud, uint32_t bus_baud) {
 }
 
 uint16_t host_uart_read(uint8_t* into, uint16_t room) {
-  const uint8_t head = host_in_head;
-  uint8_t tail = host_in_tail;
+  uint16_t head;
+  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { head = host_in_head; }
+  uint16_t tail = host_in_tail;
   uint16_t count = 0;
   while (count < room && tail != head) {
     into[count++] = host_in[tail];
-    tail = static_cast<uint8_t>(tail + 1);
+    tail = (tail + 1) & (kHostIn - 1);
   }
-  host_in_tail = tail;
+  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { host_in_tail = tail; }
   return count;
 }
 
@@ -167,8 +170,8 @@ bool bus_uart_sending() { return bus_out_busy; }
 // What is in the ring already counts.
 void host_uart_expect(uint8_t bytes) {
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-    const uint8_t held = static_cast<uint8_t>(host_in_head - host_in_tail);
-    host_in_wanted = bytes > held ? bytes - held : 1;
+    const uint16_t held = (host_in_head - host_in_tail) & (kHostIn - 1);
+    host_in_wanted = bytes > held ? static_cast<uint8_t>(bytes - held) : 1;
     if (held >= bytes) uart_work = true;
   }
 }

@@ -1,0 +1,38 @@
+"""What the firmware promises about time. Simulated time, so the same on every machine."""
+
+from __future__ import annotations
+
+from tests.bench import bench_firmware as bench
+
+BUS_HZ = 1 / bench.CYCLE
+MOVING_HZ = 1 / (bench.CYCLE + bench.MOVE)
+
+
+def test_the_limits_are_those_of_the_wire() -> None:
+    assert 96 < BUS_HZ < 97
+    assert 64 < MOVING_HZ < 65
+
+
+def test_reports_come_as_fast_as_the_servo_line_lets_them() -> None:
+    assert bench.report_rate() >= 0.9 * BUS_HZ
+
+
+def test_moves_and_states_in_each_cycle() -> None:
+    assert min(bench.move_rate()) >= 0.9 * MOVING_HZ
+
+
+def test_a_read_in_the_chapters_dialect() -> None:
+    assert bench.read_time() <= 0.012
+    assert bench.read_time(busy=True) <= 0.0135
+
+
+def test_a_stop_under_full_load() -> None:
+    assert bench.stop_time(load=False) <= 0.015
+    assert bench.stop_time(load=True) <= 0.015
+
+
+def test_a_faster_host_line_is_no_limit_any_more() -> None:
+    everything = 0x3F
+    slow, fast = bench.report_rate(115200, everything), bench.report_rate(500000, everything)
+    assert slow < 0.85 * BUS_HZ
+    assert fast >= 0.9 * BUS_HZ
