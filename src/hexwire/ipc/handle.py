@@ -26,6 +26,7 @@ _TYPE_OF_SCHEME = {
     "tcps": IpcType.TCP,
     "tcps-listen": IpcType.TCP,
     "udp": IpcType.UDP,
+    "udp-listen": IpcType.UDP,
     "mq": IpcType.QUEUE,
 }
 
