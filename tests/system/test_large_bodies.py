@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from tests.ipc.far_ends import PtyEnd, free_port
+from tests.system.mirror import Mirror
 
 from hexwire.errors import DeviceError
 from hexwire.ipc.handle import IpcHandle
@@ -19,8 +20,6 @@ from hexwire.ipc.link import Link, LinkKind
 from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.open import make_link
 from hexwire.ipc.session import Session
-from hexwire.session.connection import Connection, Role
-from hexwire.session.events import Request
 from hexwire.wire import tables
 from hexwire.wire.modules import ModuleType
 
@@ -28,35 +27,6 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
 ECHO = 0x7A
 MEGABYTE = random.Random(3).randbytes(1 << 20)
-
-
-class Mirror:
-    """A board in a thread that answers each request with its own body."""
-
-    def __init__(self, link: Link, max_frame: int) -> None:
-        self.link = link
-        self.got: list[bytes] = []
-        self.end = Connection(Role.BOARD, local=8, remote=7, type=8, max_frame=max_frame)
-        self._ended = False
-
-    def run(self) -> None:
-        while not self._ended:
-            now = time.monotonic()
-            due = self.end.next_timeout()
-            data = self.link.read(min(now + 0.1, now + 0.1 if due is None else due))
-            now = time.monotonic()
-            self.end.receive(data, now, end_of_message=self.link.kind is LinkKind.DATAGRAM and bool(data))
-            if due is not None and now >= due:
-                self.end.handle_timeout(now)
-            while (event := self.end.next_event()) is not None:
-                if isinstance(event, Request):
-                    self.got.append(event.frame.body)
-                    self.end.reply(event, 0, event.frame.body, now)
-            for frame in self.end.data_to_send():
-                self.link.write(frame, now + 10)
-
-    def stop(self) -> None:
-        self._ended = True
 
 
 @contextmanager
