@@ -118,14 +118,10 @@ class Board2:
         if since_sample > 0x7FFFFFFF * 1e-6:
             since_sample = 0.0  # the board rounds the two stamps differently
         self.clock = frame.time_sec + frame.time_nsec * 1e-9
-        position = self._ordered(report.position)
-        speed, load, current = (
-            self._ordered(report.speed),
-            self._ordered(report.load),
-            self._ordered(report.current),
-        )
-        voltage, temperature = self._ordered(report.voltage), self._ordered(report.temperature)
-        age = self._ordered(report.age)
+        columns: tuple[tuple[int, ...] | None, ...] = report[2:]
+        if not (self._in_order and len(report.position) == len(self._names)):
+            columns = tuple(map(self._ordered, columns))
+        position, status, speed, load, voltage, temperature, current, age = columns
         nan = self._nan
         return JointState(
             self._names,
@@ -135,7 +131,7 @@ class Board2:
             nan if current is None else tuple(map(mul, current, self._milli)),
             nan if voltage is None else tuple(map(mul, voltage, self._deci)),
             nan if temperature is None else tuple(map(mul, temperature, self._told)),
-            self._ordered(report.status),  # type: ignore[arg-type]  # always there
+            status,  # type: ignore[arg-type]  # always there
             self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else inf for v in age]),
             now - since_sample,
             self.clock - since_sample,
@@ -144,8 +140,8 @@ class Board2:
         )
 
     def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:
-        if column is None or (self._in_order and len(column) == len(self._names)):
-            return column
+        if column is None:
+            return None
         if len(column) != len(self._order):
             raise ServoError(
                 f"the board reports {len(column)} joints and has {len(self._order)}: was it changed? attach again"
