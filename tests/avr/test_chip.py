@@ -64,6 +64,30 @@ def test_nothing_moves_at_start(chip: Chip) -> None:
     assert state(client).position == START
 
 
+def test_the_chapters_log(chip: Chip) -> None:
+    """The log's two requests, byte for byte, get the log's replies but for clock, numbers and the real tail."""
+    board, _ = chip()
+    log = (
+        (
+            "5A FA FA 5A DB 9A 7A 68 E0 4E 00 0D 2E 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00"
+            "82 01 2E 00 08 00 02 00 FF FF 06 04 02 3C 02 B5 14 22 0D 0A",
+            "FF FF 06 04 00 34 00 C1",
+        ),
+        (
+            "5A FA FA 5A DB 9A 7A 68 08 B7 9E 10 2F 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00"
+            "82 01 2F 00 08 00 02 00 FF FF 00 04 02 38 02 BF 3D 86 0D 0A",
+            "FF F5 00 04 00 05 08 EE",
+        ),
+    )
+    for number, (request, answer) in enumerate(log, 1):
+        reply = board.exchange(bytes.fromhex(request))
+        assert len(reply) == 52
+        assert reply[:4] == bytes.fromhex("5AFAFA5A")
+        assert reply[12:32] == bytes((number, 0, 0, 0)) + bytes.fromhex("08000000 00000000 08000000 34000000")
+        assert reply[32:40] == bytes((0x82, 1, number, 0, 8, 0, 2, 0))
+        assert reply[40:] == bytes.fromhex(answer) + bytes.fromhex("FFFF 0D0A")
+
+
 def test_at_start_a_joint_with_torque_is_held(chip: Chip) -> None:
     board, client = chip()
     client.ask(Command.TORQUE, b"\1" + ALL)
