@@ -67,18 +67,10 @@ def test_nothing_moves_at_start(chip: Chip) -> None:
 def test_the_chapters_log(chip: Chip) -> None:
     """The log's two requests, byte for byte, get the log's replies but for clock, numbers and the real tail."""
     board, _ = chip()
-    log = (
-        (
-            "5A FA FA 5A DB 9A 7A 68 E0 4E 00 0D 2E 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00"
-            "82 01 2E 00 08 00 02 00 FF FF 06 04 02 3C 02 B5 14 22 0D 0A",
-            "FF FF 06 04 00 34 00 C1",
-        ),
-        (
-            "5A FA FA 5A DB 9A 7A 68 08 B7 9E 10 2F 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00"
-            "82 01 2F 00 08 00 02 00 FF FF 00 04 02 38 02 BF 3D 86 0D 0A",
-            "FF F5 00 04 00 05 08 EE",
-        ),
-    )
+    head = "5A FA FA 5A DB 9A 7A 68 {} 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00 {}"
+    load = head.format("E0 4E 00 0D 2E 00 00 00", "82 01 2E 00 08 00 02 00 FF FF 06 04 02 3C 02 B5 14 22 0D 0A")
+    place = head.format("08 B7 9E 10 2F 00 00 00", "82 01 2F 00 08 00 02 00 FF FF 00 04 02 38 02 BF 3D 86 0D 0A")
+    log = ((load, "FF FF 06 04 00 34 00 C1"), (place, "FF F5 00 04 00 05 08 EE"))
     for number, (request, answer) in enumerate(log, 1):
         reply = board.exchange(bytes.fromhex(request))
         assert len(reply) == 52

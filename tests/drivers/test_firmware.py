@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -47,7 +46,7 @@ def test_a_port_is_known_by_any_of_its_names(tmp_path: Path, monkeypatch: pytest
     device = tmp_path / "ttyACM0"
     device.touch()
     link = tmp_path / "by-id"
-    os.symlink(device, link)
+    link.symlink_to(device)
     port = PortInfo(str(device), 0x2341, 0x0042, guess="Arduino Mega 2560", likely_board=True)
     monkeypatch.setattr(firmware, "list_ports", lambda: [port])
     assert firmware.check_board(str(link)) == "Arduino Mega 2560"
