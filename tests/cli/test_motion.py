@@ -156,6 +156,21 @@ def test_play_too_fast_is_refused(bench: Any, tmp_path: Path) -> None:
     assert bench.torque() == []
 
 
+def test_save_what_was_edited_without_a_robot(bench: Any, tmp_path: Path) -> None:
+    recording(tmp_path / "a.mcap", 0.4)
+    words = ["play", str(tmp_path / "a.mcap"), "--from", "0.5", "--to", "1.5", "--speed", "2"]
+    out = bench.run(*words, "--save", str(tmp_path / "b.mcap"), port=None)
+    assert out.exit_code == 0, out.stderr
+    assert "21 states, 0.50 s" in out.stdout
+    rows = list(read_joint_states(tmp_path / "b.mcap"))
+    assert rows[-1].time - rows[0].time == pytest.approx(0.5, abs=1e-3)
+    assert rows[10].position[0] == pytest.approx(HOME["J1"] + 0.2, abs=1e-6)
+    assert bench.urls == []
+    again = bench.run(*words, "--save", str(tmp_path / "a.mcap"), port=None)
+    assert again.exit_code == 2
+    assert "would overwrite" in again.stderr
+
+
 def test_teach_and_play_back(bench: Any, tmp_path: Path) -> None:
     file = tmp_path / "t.mcap"
     out = bench.run("teach", str(file), "--duration", "1", "--yes")

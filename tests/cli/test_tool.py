@@ -20,6 +20,16 @@ def test_grip(bench: Any) -> None:
     assert bench.positions()["J7"] == pytest.approx(45 - 0.4 * 90, abs=1.0)
 
 
+def test_grip_ends_where_something_is_between_the_jaws(bench: Any) -> None:
+    bench.ok("grip", "open")
+    shaft = bench.board.wire.servos[6].motion
+    shaft.obstacle = (None, shaft.position + 500)
+    out = bench.ok("grip", "close")
+    assert out == "holds something at 51 % open\n"
+    # Three degrees further than it got, and not the whole way: little pressure.
+    assert shaft.target - shaft.position == pytest.approx(34, abs=3)
+
+
 def test_grip_wants_a_share(bench: Any) -> None:
     assert bench.run("grip", "130").exit_code == 2
     assert bench.run("grip", "wide").exit_code == 2

@@ -12,7 +12,7 @@ from tests.motion.arms import HOME, NAMES, state
 
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag
-from hexwire.trace.recording import JOINT_STATES, RecordingWriter, read_joint_states
+from hexwire.trace.recording import JOINT_STATES, RecordingWriter, make_positions, read_joint_states
 
 
 def write(path: Path, n: int = 5) -> None:
@@ -46,6 +46,14 @@ def test_other_programs_read_it(tmp_path: Path) -> None:
     assert body["timestamp"]["nsec"] == pytest.approx(200_000_000, abs=500)
     assert body["joints"][0]["name"] == "J1"
     assert set(json.loads(schema.data)["properties"]) == {"timestamp", "joints"}
+
+
+def test_positions_alone(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "a.mcap") as recording:
+        recording.joint_state(make_positions(("a", "b"), (0.5, -0.5)), 3.0)
+    row = next(read_joint_states(tmp_path / "a.mcap"))
+    assert (row.time, row.names, row.position) == (3.0, ("a", "b"), (0.5, -0.5))
+    assert set(row.values[0]) == {"position", "flags"}
 
 
 def test_unknown_values_are_left_out(tmp_path: Path) -> None:

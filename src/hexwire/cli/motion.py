@@ -201,6 +201,7 @@ def line(
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="So many times."
 )
+@click.option("--save", metavar="FILE.mcap", help="Write the recording as edited, and move nothing.")
 @links_option
 @_motion_options
 @robot_options
@@ -212,6 +213,7 @@ def play(
     smooth: float,
     trim: bool,
     repeat: int,
+    save: str | None,
     links: str,
     run: MotionOptions,
     options: RobotOptions,
@@ -227,6 +229,8 @@ def play(
     if file.lower().endswith(".json"):
         if begin or end is not None or smooth or trim:
             raise UsageError("--from, --to, --smooth and --trim are for recordings; edit the waypoints instead")
+        if save is not None:
+            raise UsageError("--save is for recordings; waypoints are a file that people write")
         way = Scaled(_read_waypoints(file), speed)
     else:
         taught = _read_taught(file)
@@ -234,7 +238,11 @@ def play(
             taught = taught.trimmed(begin, math.inf if end is None else end)
         if trim:
             taught = taught.without_stillness()
-        way = taught.smoothed(smooth).faster(speed).trajectory()
+        taught = taught.smoothed(smooth).faster(speed)
+        if save is not None:
+            _save(taught, file, save)
+            return
+        way = taught.trajectory()
     model = make_kinematics(options.robot, links) if options.robot in ROBOTS else None
     robot = make_robot(options)
     unknown = [name for name in way.names if name not in robot.model.names]
@@ -276,8 +284,7 @@ def teach(
     from hexwire.motion.loop import RateLoop
     from hexwire.trace.recording import RecordingWriter
 
-    if Path(file).suffix.lower() != ".mcap":
-        raise UsageError(f"{file}: a recording's name ends in .mcap")
+    _want_mcap(file)
     with open_robot(options) as robot:
         if not yes:
             if not sys.stdin.isatty():
@@ -355,6 +362,24 @@ def _read_taught(file: str) -> Taught:
     # A joint that is missing once, as from a silent servo, is missing in that row only.
     names = max((row.names for row in rows), key=len)
     return Taught.of(names, ((row.time, row.position) for row in rows if row.names == names))
+
+
+def _save(taught: Taught, file: str, save: str) -> None:
+    from hexwire.trace.recording import RecordingWriter, make_positions
+
+    _want_mcap(save)
+    if Path(save).exists() and Path(save).samefile(file):
+        raise UsageError(f"--save {save} would overwrite what it is made from")
+    begin = time.time()
+    with RecordingWriter(save) as recording:
+        for t, row in zip(taught.times, taught.rows, strict=True):
+            recording.joint_state(make_positions(taught.names, row), begin + t)
+    print(f"{recording.count} states, {taught.duration:.2f} s in {save}")
+
+
+def _want_mcap(file: str) -> None:
+    if Path(file).suffix.lower() != ".mcap":
+        raise UsageError(f"{file}: a recording's name ends in .mcap")
 
 
 def _read_waypoints(file: str) -> Trajectory:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
@@ -21,7 +21,7 @@ from hexwire.model.state import JointState
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["JOINT_STATES", "RecordedJoints", "RecordingWriter", "read_joint_states"]
+__all__ = ["JOINT_STATES", "RecordedJoints", "RecordingWriter", "make_positions", "read_joint_states"]
 
 JOINT_STATES = "/joint_states"
 """Topic of the joint states."""
@@ -174,6 +174,13 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def make_positions(names: Sequence[str], position: Sequence[float]) -> JointState:
+    """A joint state of which only the positions are known, in radians: for recordings that are made, not read."""
+    nan = (math.nan,) * len(names)
+    flags, age = (0,) * len(names), (0.0,) * len(names)
+    return JointState(tuple(names), tuple(position), nan, nan, nan, nan, nan, flags, age, 0.0)
 
 
 def read_joint_states(path: str | Path) -> Iterator[RecordedJoints]:
