@@ -14,19 +14,26 @@ from hexwire.wire.command_frame import Command, Frame, serialize_frame
 # The chapter's log, the tails as they were before a port with ICRNL had its way with them.
 LOG = [
     (
-        "5A FA FA 5A DB 9A 7A 68 E0 4E 00 0D 2E 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00"
-        "82 01 2E 00 08 00 02 00 FF FF 06 04 02 3C 02 B5 14 22 0D 0A",
-        "5A FA FA 5A 0E 00 00 00 00 21 38 15 2D 00 00 00 08 00 00 00 00 00 00 00 08 00 00 00 34 00 00 00"
-        "82 01 2D 00 08 00 02 00 FF FF 06 04 00 34 00 C1 FF FF 0D 0A",
+        """
+        5A FA FA 5A DB 9A 7A 68 E0 4E 00 0D 2E 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00
+        82 01 2E 00 08 00 02 00 FF FF 06 04 02 3C 02 B5 14 22 0D 0A
+        """,
+        """
+        5A FA FA 5A 0E 00 00 00 00 21 38 15 2D 00 00 00 08 00 00 00 00 00 00 00 08 00 00 00 34 00 00 00
+        82 01 2D 00 08 00 02 00 FF FF 06 04 00 34 00 C1 FF FF 0D 0A
+        """,
     ),
     (
-        "5A FA FA 5A DB 9A 7A 68 08 B7 9E 10 2F 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00"
-        "82 01 2F 00 08 00 02 00 FF FF 00 04 02 38 02 BF 3D 86 0D 0A",
-        "5A FA FA 5A 0E 00 00 00 00 A8 CB 18 2E 00 00 00 08 00 00 00 00 00 00 00 08 00 00 00 34 00 00 00"
-        "82 01 2E 00 08 00 02 00 FF F5 00 04 00 05 08 EE FF FF 0D 0A",
+        """
+        5A FA FA 5A DB 9A 7A 68 08 B7 9E 10 2F 00 00 00 07 00 00 00 08 00 00 00 03 00 00 00 34 00 00 00
+        82 01 2F 00 08 00 02 00 FF FF 00 04 02 38 02 BF 3D 86 0D 0A
+        """,
+        """
+        5A FA FA 5A 0E 00 00 00 00 A8 CB 18 2E 00 00 00 08 00 00 00 00 00 00 00 08 00 00 00 34 00 00 00
+        82 01 2E 00 08 00 02 00 FF F5 00 04 00 05 08 EE FF FF 0D 0A
+        """,
     ),
 ]
-CLOCK = slice(4, 12)
 
 
 def without_clock(data: bytes) -> bytes:

@@ -226,7 +226,8 @@ class Session:
             PreemptedError: A stop took the line; whether this was done is unknown.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
-        with self._my_turn(urgent):
+        self._begin_turn(urgent)
+        try:
             while True:
                 if guard is not None:
                     guard()
@@ -242,6 +243,8 @@ class Session:
                             f"{self.ipc.link.url} was lost and is open again; {command_name(cmd)} was not repeated",
                             url=self.ipc.link.url,
                         ) from lost
+        finally:
+            self._end_turn()
 
     def send(self, cmd: int, body: bytes = b"") -> None:
         """Send a frame and do not wait for an answer; one that comes is thrown away.
@@ -331,6 +334,7 @@ class Session:
 
     def _receive(self, queue: deque[Frame], timeout: float | None) -> Frame | None:
         deadline = None if timeout is None else self.now() + timeout
+        looked = False
         while True:
             with self._my_turn():
                 # A stop goes first; nothing is lost by listening again after it.
@@ -338,8 +342,9 @@ class Session:
                     self._sort_events()
                     if queue:
                         return queue.popleft()
-                    if deadline is not None and self.now() >= deadline:
+                    if looked and deadline is not None and self.now() >= deadline:
                         return None
+                    looked = True
                     try:
                         self._step(deadline)
                     except LinkLostError as lost:
@@ -363,16 +368,22 @@ class Session:
 
     @contextmanager
     def _my_turn(self, urgent: bool = False) -> Iterator[None]:
-        self._take_turn(urgent)
-        self._owner = threading.get_ident()
-        self._depth += 1
+        self._begin_turn(urgent)
         try:
             yield
         finally:
-            self._depth -= 1
-            if not self._depth:
-                self._owner = 0
-            self._turn.release()
+            self._end_turn()
+
+    def _begin_turn(self, urgent: bool) -> None:
+        self._take_turn(urgent)
+        self._owner = threading.get_ident()
+        self._depth += 1
+
+    def _end_turn(self) -> None:
+        self._depth -= 1
+        if not self._depth:
+            self._owner = 0
+        self._turn.release()
 
     def _take_turn(self, urgent: bool) -> None:
         if urgent:
