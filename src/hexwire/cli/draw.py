@@ -51,7 +51,7 @@ def _cell(cell: str | Text, style: str) -> Text:
 
 
 def _plain(value: float) -> float:
-    # To one digit, and never "-0.0", which would have a reader look for a meaning.
+    # To one digit at most, and never "-0.0", which would have a reader look for a meaning.
     return round(value, 1) + 0.0
 
 
@@ -93,7 +93,7 @@ class LiveView:
                     f"{_plain(math.degrees(target)):.1f}",
                     f"{_plain(math.degrees(joint.position)):.1f}",
                     Text(f"{_plain(off):+.1f}", style=style),
-                    f"{100 * joint.load:+.0f}" if math.isfinite(joint.load) else "-",
+                    f"{_plain(round(100 * joint.load)):+.0f}" if math.isfinite(joint.load) else "-",
                     f"{1000 * joint.age:.0f}" if math.isfinite(joint.age) else "-",
                 )
             )

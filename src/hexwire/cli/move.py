@@ -6,7 +6,7 @@ Owns what a person types as a target and how an arrival is judged. Must not know
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
@@ -73,6 +73,7 @@ def move(
     """
     from hexwire.errors import ServoError
     from hexwire.model.state import JointTarget
+    from hexwire.motion.loop import RateLoop
 
     angles = parse_targets(targets)
     robot = make_robot(options)
@@ -89,7 +90,8 @@ def move(
         if sent.clamped:
             note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
         if wait:
-            shortfall = _wait(robot, sent, math.radians(tolerance), draw=on_terminal() and not as_json)
+            ticks = RateLoop(_RATE).ticks(sent.duration + _GRACE)
+            shortfall = _wait(robot, sent, math.radians(tolerance), ticks, draw=on_terminal() and not as_json)
         if as_json:
             print_json(_as_json(robot, sent, switched_on, not shortfall if wait else None))
     raise_if_silent([(robot.model.joint(name).servo_id, name) for name in sent.silent])
@@ -182,15 +184,13 @@ def _torque_on(robot: RobotDriver, names: Sequence[str]) -> tuple[str, ...]:
     return confirmed
 
 
-def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, *, draw: bool) -> str:
+def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, ticks: Iterable[float], *, draw: bool) -> str:
     """Wait until the joints are there; returns why they are not, or nothing."""
-    from hexwire.motion.loop import RateLoop
-
     goal = dict(sent.positions)
     way = 0.0
     state: JointState | None = None
     with _progress() if draw else nullcontext(lambda *_: None) as show:
-        for _ in RateLoop(_RATE).ticks(sent.duration + _GRACE):
+        for _ in ticks:
             state = robot.read()
             left = {name: abs(goal[name] - state[name].position) for name in goal}
             farthest = max(left, key=lambda name: left[name])
