@@ -86,6 +86,7 @@ def _simulator() -> ctypes.CDLL:
         ("sim_cycle", u64),
         ("sim_pc", ctypes.c_uint32),
         ("sim_in_interrupt", ctypes.c_int),
+        ("sim_sleeping", ctypes.c_int),
     ):
         function = getattr(lib, name)
         function.restype, function.argtypes = kind, [board]
@@ -225,6 +226,11 @@ class ChipBoard(Machine):
     def overruns(self) -> int:
         """Bytes the chip's receivers lost because the program was too slow."""
         return sum(self._lib.sim_overruns(self._board, line) for line in (HOST, BUS))
+
+    @property
+    def asleep(self) -> bool:
+        """Whether the processor is stopped until the next interrupt."""
+        return bool(self._lib.sim_sleeping(self._board))
 
     @property
     def host_free(self) -> float:

@@ -241,4 +241,5 @@ void sim_poke_flash(board_t *board, uint32_t at, uint16_t instruction) {
 }
 
 uint8_t sim_peek(board_t *board, uint16_t address) { return board->avr->data[address]; }
+int sim_sleeping(board_t *board) { return board->avr->state == cpu_Sleeping; }
 int sim_in_interrupt(board_t *board) { return board->avr->sreg[S_I] == 0; }

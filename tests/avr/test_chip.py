@@ -133,6 +133,15 @@ def test_the_watchdog_leaves_a_working_program_alone(chip: Chip) -> None:
     assert board.resets == before
 
 
+def test_it_sleeps_when_it_has_nothing_to_do(chip: Chip) -> None:
+    board, _ = chip(settle=3.0)
+    asleep = 0
+    for _ in range(2000):
+        board.advance(0.000137)
+        asleep += board.asleep
+    assert asleep > 1600
+
+
 def test_bytes_lost_on_the_host_line(chip: Chip) -> None:
     _, client = chip()
     client.ask(Command.TORQUE, b"\1" + ALL)
@@ -163,8 +172,11 @@ def test_every_damaged_byte_of_a_frame_is_noticed(chip: Chip) -> None:
     assert targets_sent(board)[2:] == []  # two from switching torque on
 
 
-def test_noise_on_the_servo_line_spoils_nothing(chip: Chip) -> None:
-    _, client = chip("bus.flip:0.1", "bus.drop:0.05", "bus.junk:0.05", settle=0.5)
+@pytest.mark.parametrize(
+    "faults", [("bus.flip:0.1", "bus.drop:0.05", "bus.junk:0.05"), ("babble:3:0.3", "bus.cut:0.05")]
+)
+def test_noise_on_the_servo_line_spoils_nothing(chip: Chip, faults: tuple[str, ...]) -> None:
+    _, client = chip(*faults, settle=0.5)
     for _ in range(40):
         report = state(client)
         for i, (position, flags) in enumerate(zip(report.position, report.status, strict=True)):
@@ -351,6 +363,20 @@ def test_a_reset_while_settings_are_stored(chip: Chip) -> None:
     # Neither half-old nor half-new: the defaults.
     assert client.ask(Command.LIMITS).body == b"\1\7" + b"\0\0\xff\x0f\0\x10" * 7
     assert status(client.ask(Command.LIMITS, limits)) == Status.OK
+
+
+def test_a_stop_while_settings_are_stored(chip: Chip) -> None:
+    board, client = chip()
+    limits = b"\7" + b"\x64\0\xb8\x0b\xe8\3" * 7
+    client.machine.send(client.frame(Command.LIMITS, limits))
+    saved = client.seq
+    while board.eeprom(16, 12) == b"\xff" * 12:
+        client.run(0.0002)
+    client.machine.send(client.frame(Command.STOP, b"\1"))
+    got = {frame.seq: frame for frame in client.run(0.4)}
+    assert status(got[saved]) == status(got[client.seq]) == Status.OK
+    assert client.ask(Command.LIMITS).body[1:] == limits
+    assert status(client.ask(Command.LIMITS, limits)) == Status.STOPPED
 
 
 def test_targets_outside_the_limits_are_clamped_or_refused(chip: Chip) -> None:
