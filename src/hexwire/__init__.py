@@ -20,16 +20,20 @@ if TYPE_CHECKING:
     from hexwire.drivers.registry import connect
     from hexwire.ipc.handle import IpcHandle
     from hexwire.ipc.session import Session
+    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+    from hexwire.model.puma260 import Puma260Model
     from hexwire.model.state import JointState, JointTarget, SentTarget
     from hexwire.wire.modules import ModuleType
 
 __all__ = [
     "Hex7BotDriver",
+    "Hex7BotModel",
     "HexwireError",
     "IpcHandle",
     "JointState",
     "JointTarget",
     "ModuleType",
+    "Puma260Model",
     "RobotDriver",
     "SentTarget",
     "Session",
@@ -41,10 +45,12 @@ __all__ = [
 
 _LAZY: dict[str, str] = {
     "Hex7BotDriver": "hexwire.drivers.hex7bot",
+    "Hex7BotModel": "hexwire.model.hex7bot_kinematics",
     "IpcHandle": "hexwire.ipc.handle",
     "JointState": "hexwire.model.state",
     "JointTarget": "hexwire.model.state",
     "ModuleType": "hexwire.wire.modules",
+    "Puma260Model": "hexwire.model.puma260",
     "RobotDriver": "hexwire.drivers.base",
     "SentTarget": "hexwire.model.state",
     "Session": "hexwire.ipc.session",
