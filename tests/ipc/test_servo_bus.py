@@ -3,9 +3,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from bus_bench import make_bus
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.ipc.bus_bench import make_bus
 
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import LinkClosedError, NotSupportedError, ServoError, UsageError

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hexwire.drivers.arm_file import load_arm_file, load_profile, profile_names
+from hexwire.errors import ConfigError, UsageError
+from hexwire.model.hex7bot import HEX7BOT
+
+JOINT = """
+[[joints]]
+name = "J1"
+servo_id = 1
+series = "sts_sms"
+minimum_deg = -90.0
+maximum_deg = 90.0
+"""
+
+
+def _write(tmp_path: Path, text: str) -> Path:
+    file = tmp_path / "arm.toml"
+    file.write_text(text)
+    return file
+
+
+def test_the_profiles() -> None:
+    assert profile_names() == ("chain", "sevenbot", "so100", "so101")
+    for name in profile_names():
+        arm = load_profile(name)
+        assert arm.model.name == name
+        for joint in arm.model.joints:
+            assert joint.minimum < 0 < joint.maximum or name == "sevenbot"
+            low, high = joint.count_limits
+            assert 0 <= low < high <= 4095
+    assert [joint.servo_id for joint in load_profile("so101").model.joints] == [1, 2, 3, 4, 5, 6]
+    with pytest.raises(UsageError, match="there are chain, sevenbot"):
+        load_profile("so102")
+
+
+def test_the_sevenbot_profile_is_the_arm_of_the_chapter() -> None:
+    for mine, theirs in zip(load_profile("sevenbot").model.joints, HEX7BOT.joints, strict=True):
+        assert (mine.name, mine.servo_id, mine.series, mine.neutral) == (
+            theirs.name,
+            theirs.servo_id,
+            theirs.series,
+            theirs.neutral,
+        )
+        for field in ("offset", "scale", "minimum", "maximum", "max_speed"):
+            assert getattr(mine, field) == pytest.approx(getattr(theirs, field), abs=1e-5)
+
+
+def test_gearing_signs_and_defaults(tmp_path: Path) -> None:
+    extra = "sign = -1\ngearing = 3.0\noffset_deg = 10.0\n"
+    joint = load_arm_file(_write(tmp_path, 'name = "x"\n' + JOINT + extra)).model.joints[0]
+    assert joint.neutral == 2048
+    assert joint.scale == pytest.approx(2 * math.pi / 4096 / 3)
+    assert joint.counts_to_angle(2048 - 3 * 1024) == pytest.approx(math.radians(100))
+    assert load_arm_file(_write(tmp_path, 'name = "x"\n' + JOINT)).baud == 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("name = 3\n" + JOINT, "name"),
+        ('name = "x"\n', "joints"),
+        ('name = "x"\nspeed = 3\n' + JOINT, "speed"),
+        ('name = "x"\n' + JOINT + "color = 1\n", r"joints\.0\.color"),
+        ('name = "x"\n' + JOINT.replace("servo_id = 1", "servo_id = 300"), r"joints\.0\.servo_id"),
+        ('name = "x"\n' + JOINT.replace("sts_sms", "sts"), "J1: no servo series 'sts'"),
+        ('name = "x"\n' + JOINT.replace("-90.0", "95.0"), "J1: minimum_deg"),
+        ('name = "x"\n' + JOINT + "sign = 2\n", "J1: sign 2"),
+        ('name = "x"\n' + JOINT + JOINT, "share a name or a servo id"),
+        ("name = ", "not TOML"),
+        ('name = "x"\n' + JOINT + "gearing = nan\n", "gearing"),
+    ],
+)
+def test_what_is_wrong_is_named(text: str, named: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=named) as caught:
+        load_arm_file(_write(tmp_path, text))
+    assert "arm.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_arm_file(tmp_path / "none.toml")
+
+
+def test_pydantic_is_imported_late() -> None:
+    program = "import sys, hexwire.drivers.bus_arm; sys.exit('pydantic' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

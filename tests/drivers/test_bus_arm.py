@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.ipc.bus_bench import make_bus
+
+from hexwire.drivers.base import Signal, StopMode
+from hexwire.drivers.bus_arm import BusArm, ChainArm, SevenBotArm, So100Arm, So101Arm, arm_class
+from hexwire.drivers.registry import load_driver, robot_names
+from hexwire.emulator.bus_device import BusDevice
+from hexwire.emulator.faults import FaultPlan
+from hexwire.errors import (
+    CommandRefusedError,
+    ConfigError,
+    LimitError,
+    NotSupportedError,
+    ReplyTimeoutError,
+    StoppedError,
+    UsageError,
+)
+from hexwire.ipc import open as ipc_open
+from hexwire.model.calibration import Calibration, JointCalibration
+from hexwire.model.state import JointFlag, JointTarget
+from hexwire.wire.command_frame import Command
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_read
+
+_KINDS: dict[type[BusArm], tuple[Series, ...]] = {
+    So101Arm: (Series.STS_SMS,) * 6,
+    So100Arm: (Series.STS_SMS,) * 6,
+    ChainArm: (Series.STS_SMS,) * 6,
+    SevenBotArm: (Series.SEVEN_BOT,) * 4 + (Series.HLS,) * 3,
+}
+
+
+def _make(
+    kind: type[BusArm], monkeypatch: pytest.MonkeyPatch, *faults: str, **options: object
+) -> tuple[BusArm, BusDevice]:
+    series = _KINDS[kind]
+    ids = range(7) if kind is SevenBotArm else range(1, 7)
+    baud = 115200 if kind is SevenBotArm else 1_000_000
+    bus, device = make_bus(tuple(ids), series, faults=FaultPlan(faults) if faults else None, baud=baud)
+    bus.close()
+    monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
+    monkeypatch.setattr("hexwire.ipc.handle.make_link", lambda url: bus.link, raising=False)
+    arm = kind.from_url("/dev/ttyTEST", **options)
+    arm.attach()
+    return arm, device
+
+
+@pytest.fixture(params=list(_KINDS), ids=lambda kind: kind.profile)
+def arm(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[BusArm]:
+    made, _ = _make(request.param, monkeypatch)
+    yield made
+    made.detach()
+
+
+def _settle(arm: BusArm, seconds: float) -> None:
+    arm.bus.pause(seconds)
+
+
+def test_attach_moves_nothing_and_switches_nothing(arm: BusArm) -> None:
+    before = arm.read()
+    _settle(arm, 1.0)
+    after = arm.read()
+    assert after.torque_on == ()
+    assert after.silent == ()
+    for one, other in zip(before.position, after.position, strict=True):
+        assert one == pytest.approx(other, abs=0.005)
+    assert len(after) == len(arm.model.joints)
+
+
+def test_a_move_takes_the_time_that_was_asked_for(arm: BusArm) -> None:
+    names = arm.model.names
+    assert arm.torque(True) == names
+    start = arm.read().positions
+    goal = {name: start[name] + (0.2 if name != names[-1] else 0.1) for name in names}
+    sent = arm.write(JointTarget.of(goal, duration=2.0))
+    assert sent.duration >= 2.0
+    assert dict(sent.positions) == pytest.approx(goal, abs=0.005)
+    _settle(arm, 0.8)
+    half = arm.read().positions
+    assert any(abs(half[name] - goal[name]) > 0.02 for name in names)
+    _settle(arm, 2.5)
+    assert arm.read().positions == pytest.approx(goal, abs=0.04)
+    assert arm.read().torque_on == names
+
+
+def test_a_joint_without_torque_is_not_moved_and_not_switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    with pytest.raises(CommandRefusedError, match="shoulder_pan has no torque"):
+        arm.write(JointTarget.of({"shoulder_pan": 0.3}))
+    _settle(arm, 0.5)
+    assert device.wire[1].registers.get("torque_enable") == 0
+    arm.torque(True, ["gripper"])
+    assert arm.read().torque_on == ("gripper",)
+
+
+def test_limits_are_refused_and_speed_is_stretched(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, _ = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    with pytest.raises(LimitError):
+        arm.write(JointTarget.of({"shoulder_pan": math.radians(120)}))
+    sent = arm.write(JointTarget.of({"shoulder_pan": math.radians(90)}, duration=0.01))
+    assert sent.duration == pytest.approx(0.5, rel=0.05)
+
+
+def test_torque_on_holds_where_the_joint_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    arm.write(JointTarget.of({"shoulder_pan": 0.5}, duration=0.5))
+    _settle(arm, 1.0)
+    assert arm.torque(False) == arm.model.names
+    device.wire[1].motion.position = 1800.0
+    arm.torque(True)
+    _settle(arm, 1.0)
+    assert device.wire[1].motion.position == pytest.approx(1800, abs=3)
+
+
+def test_stop_holds_latches_and_resumes(arm: BusArm) -> None:
+    names = arm.model.names
+    arm.torque(True)
+    start = arm.read().positions
+    arm.write(JointTarget.of({names[0]: start[names[0]] + 0.5}, duration=2.0))
+    _settle(arm, 0.5)
+    assert arm.stop() == names
+    held = arm.read()
+    assert held.stopped
+    _settle(arm, 2.0)
+    assert arm.read().positions[names[0]] == pytest.approx(held.positions[names[0]], abs=0.05)
+    with pytest.raises(StoppedError):
+        arm.write(JointTarget.of({names[0]: 0.0}))
+    with pytest.raises(StoppedError):
+        arm.torque(True)
+    arm.resume()
+    arm.write(JointTarget.of({names[0]: start[names[0]]}))
+    arm.signal(Signal.STOP_TORQUE_OFF)
+    assert arm.read().torque_on == ()
+    assert arm.stop(StopMode.HOLD) == names
+    _settle(arm, 0.2)
+    assert arm.read().torque_on == ()
+
+
+def test_a_silent_servo_is_a_flag_with_an_age(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    first = arm.read()
+    device.wire.servos = [servo for servo in device.wire.servos if servo.servo_id != 3]
+    _settle(arm, 0.5)
+    state = arm.read()
+    assert state.silent == ("elbow_flex",)
+    assert state["elbow_flex"].position == first["elbow_flex"].position
+    assert state["elbow_flex"].age > 0.4
+    assert state["gripper"].age < 0.1
+    assert math.isnan(state["elbow_flex"].voltage)
+
+
+def test_a_fault_is_a_flag(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, _ = _make(So101Arm, monkeypatch, "overload:2")
+    _settle(arm, 3.0)
+    assert arm.read()["shoulder_lift"].flags & JointFlag.OVERLOAD
+
+
+def test_units_of_a_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    arm.write(JointTarget.of({"shoulder_pan": 1.5}, duration=1.5))
+    _settle(arm, 0.7)
+    joint = arm.read()["shoulder_pan"]
+    assert 0.5 < joint.velocity < 2.0
+    assert joint.voltage == pytest.approx(device.wire[1].registers.get("present_voltage") / 10)
+    assert 15 < joint.temperature < 60
+    assert abs(joint.load) <= 1.0
+
+
+def test_probe_names_who_is_missing_or_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    device.wire.servos.pop()
+    report = arm.probe()
+    assert report.missing == ("gripper",)
+    assert report.joints[0].series == "sts_sms"
+    assert "sts3215 3.10" in report.joints[0].note
+    assert report.dialect == 0
+    assert report.counters["requests"] > 0
+
+
+def test_a_calibration_replaces_middles_and_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = JointCalibration("shoulder_pan", 1, 2000, 1500, 2600, -1, 0)
+    other = JointCalibration("shoulder_lift", 2, 2000, 1500, 2600, 1, 77)
+    arm, _ = _make(So101Arm, monkeypatch, calibration=Calibration("so101", "", (row, other)))
+    joint = arm.model.joint("shoulder_pan")
+    assert joint.counts_to_angle(2000) == 0.0
+    assert joint.count_limits == (1500, 2600)
+    assert arm.read().positions["shoulder_pan"] == pytest.approx(-48 * joint.scale, abs=0.01)
+    notes = [joint.note for joint in arm.probe().joints]
+    assert "calibrate again" not in notes[0]
+    assert "its offset is 0, but it was calibrated with 77" in notes[1]
+
+
+def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus, device = make_bus((1,))
+    bus.close()
+    device.wire.servos = []
+    monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
+    monkeypatch.setattr("hexwire.ipc.handle.make_link", lambda url: bus.link, raising=False)
+    arm = ChainArm.from_url("/dev/ttyTEST")
+    with pytest.raises(ReplyTimeoutError, match="pings of servos 1, 2, 3"):
+        arm.attach()
+    assert not bus.link.is_open
+    with pytest.raises(UsageError, match="not attached"):
+        arm.read()
+    with pytest.raises(UsageError, match="no option dialect"):
+        ChainArm.from_url("/dev/ttyTEST", dialect=2)
+
+
+def test_detach_with_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    arm.torque(True)
+    arm.detach(torque_off=True)
+    assert device.wire[1].registers.get("torque_enable") == 0
+    arm.detach()
+
+
+def test_raw_packets(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, _ = _make(So101Arm, monkeypatch)
+    assert arm.ioctl(Command.TRANSACT, bytes((7, 0)) + make_read(4, 5, 1)) == b"\x04"
+    with pytest.raises(NotSupportedError):
+        arm.ioctl(Command.PING)
+
+
+def test_arms_are_robots_by_name_and_by_file(tmp_path: Path) -> None:
+    assert {"so100", "so101", "sevenbot", "chain"} <= set(robot_names())
+    assert load_driver("so101") is So101Arm
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'name = "mine"\nbaud = 500000\n[[joints]]\nname = "A"\nservo_id = 9\nseries = "hls"\n'
+        "minimum_deg = -10.0\nmaximum_deg = 10.0\n"
+    )
+    made = load_driver(str(file)).from_url("/dev/ttyTEST")
+    assert made.model.names == ("A",)
+    with pytest.raises(ConfigError):
+        arm_class(tmp_path / "none.toml")
