@@ -37,6 +37,7 @@ from hexwire.wire.commands import (
     parse_stop_reply,
 )
 from hexwire.wire.registers import Series
+from hexwire.wire.scaled_report import ReportScaler
 from hexwire.wire.tables import BOARD_FLAGS_STOPPED, BOARD_FLAGS_WATCHDOG_TRIPPED, CAPABILITIES
 
 from .base import JointProbe, StopMode, check_reply
@@ -44,6 +45,9 @@ from .base import JointProbe, StopMode, check_reply
 __all__ = ["Board2"]
 
 _Row = TypeVar("_Row")
+_HALF_WRAP = (1 << 31) * 1e-6
+_AGE_UNIT = 0.001
+_NEVER = _AGE_UNIT * AGE_NEVER
 _MAX_DURATION_MS = 0xFFFF
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
@@ -91,6 +95,19 @@ class Board2:
         self._milli = tuple(j.sign * 0.001 * k for j, k in zip(model.joints, told, strict=True))
         self._deci = tuple(0.1 * k for k in told)
         self._told = tuple(told)
+        # The shortcut for the usual case: the board's joints are the model's, in its order.
+        self._scaler = (
+            ReportScaler(
+                speed=self._factor,
+                load=self._milli,
+                voltage=self._deci,
+                temperature=self._told,
+                current=self._milli,
+                age=_AGE_UNIT,
+            )
+            if self._in_order and len(identity.joints) == len(model.joints)
+            else None
+        )
         self._nan = (math.nan,) * len(model.joints)
         self._zero_age = (0.0,) * len(model.joints)
 
@@ -112,32 +129,43 @@ class Board2:
             frame: The frame it came in; its time is the board's clock at sending.
             now: Host clock at arrival.
         """
-        report = JointReport.parse(body)
-        sent_us = frame.time_sec * 1_000_000 + frame.time_nsec // 1000
-        since_sample = ((sent_us - report.time_us) & 0xFFFFFFFF) * 1e-6
-        if since_sample > 0x7FFFFFFF * 1e-6:
+        scaled = self._scaler.parse(body) if self._scaler is not None else None
+        time_us, flags, columns = scaled or self._scale(JointReport.parse(body))
+        position, status, velocity, load, voltage, temperature, current, age = columns
+        if _NEVER in age:
+            age = tuple([a if a != _NEVER else inf for a in age])
+        since_sample = ((frame.time_sec * 1_000_000 + frame.time_nsec // 1000 - time_us) & 0xFFFFFFFF) * 1e-6
+        if since_sample > _HALF_WRAP:
             since_sample = 0.0  # the board rounds the two stamps differently
-        self.clock = frame.time_sec + frame.time_nsec * 1e-9
-        columns: tuple[tuple[int, ...] | None, ...] = report[2:]
-        if not (self._in_order and len(report.position) == len(self._names)):
-            columns = tuple(map(self._ordered, columns))
-        position, status, speed, load, voltage, temperature, current, age = columns
-        nan = self._nan
+        self.clock = clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
             self._names,
-            tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),  # type: ignore[arg-type]  # always there
-            nan if speed is None else tuple(map(mul, speed, self._factor)),
-            nan if load is None else tuple(map(mul, load, self._milli)),
-            nan if current is None else tuple(map(mul, current, self._milli)),
-            nan if voltage is None else tuple(map(mul, voltage, self._deci)),
-            nan if temperature is None else tuple(map(mul, temperature, self._told)),
-            status,  # type: ignore[arg-type]  # always there
-            self._zero_age if age is None else tuple([0.001 * v if v != AGE_NEVER else inf for v in age]),
+            tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),
+            velocity,
+            load,
+            current,
+            voltage,
+            temperature,
+            status,  # type: ignore[arg-type]  # whole numbers: the scaler leaves this column as it is
+            age,
             now - since_sample,
-            self.clock - since_sample,
-            bool(report.board_flags & BOARD_FLAGS_STOPPED),
-            bool(report.board_flags & BOARD_FLAGS_WATCHDOG_TRIPPED),
+            clock - since_sample,
+            flags & BOARD_FLAGS_STOPPED != 0,
+            flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
         )
+
+    def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:
+        """What the scaler gives, for reports with fewer fields or joints in another order."""
+        factors = (self._factor, self._milli, self._deci, self._told, self._milli)
+        position, status, *columns, age = map(self._ordered, report[2:])
+        if position is None or status is None:
+            raise ServoError("the board reports no positions")
+        scaled = [
+            self._nan if column is None else tuple(map(mul, column, factor))
+            for column, factor in zip(columns, factors, strict=True)
+        ]
+        ages = self._zero_age if age is None else tuple([_AGE_UNIT * a for a in age])
+        return report.time_us, report.board_flags, (position, status, *scaled, ages)
 
     def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:
         if column is None:

@@ -281,6 +281,9 @@ class Session:
         connection = self.connection
         self._awaited.add(ticket)
         try:
+            if connection.dialect != tables.PROTO_CHAPTER and not self._urgent_waiting:
+                # Nothing can have happened yet: the usual case is one step, and the answer is there.
+                self._step(None)
             while True:
                 while (event := connection.next_event()) is not None:
                     if event.__class__ is Reply and event.ticket == ticket:
