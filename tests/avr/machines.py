@@ -27,10 +27,10 @@ HOST, BUS = 0, 1
 
 
 @contextmanager
-def _lock() -> Iterator[None]:
-    """One build at a time: the tests run in several processes."""
+def _lock(name: str) -> Iterator[None]:
+    """Whatever is built is built once at a time: the tests run in several processes."""
     BUILD.mkdir(exist_ok=True)
-    with (BUILD / ".lock").open("w") as handle:
+    with (BUILD / f".lock-{name}").open("w") as handle:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield
 
@@ -38,7 +38,8 @@ def _lock() -> Iterator[None]:
 def make(target: str, *, fails: bool = False, **variables: str | int) -> str:
     """`make` a target of the firmware's Makefile, which works or `fails`; returns what it printed."""
     arguments = [f"{name}={value}" for name, value in variables.items()]
-    with _lock():
+    chip = target in ("mega2560", "size")
+    with _lock(str(variables.get("BUILD", "build")).replace("/", "-") if chip else target):
         done = subprocess.run(
             ["make", "-C", str(FIRMWARE), target, *arguments],
             capture_output=True,
@@ -59,7 +60,7 @@ def elf(host_baud: int = 115200) -> Path:
 
 def _simulator() -> ctypes.CDLL:
     source, library = Path(__file__).with_name("simboard.c"), BUILD / "simboard.so"
-    with _lock():
+    with _lock("simulator"):
         if not library.exists() or library.stat().st_mtime < source.stat().st_mtime:
             command = ["gcc", "-O2", "-shared", "-fPIC", "-o", str(library), str(source), "-lsimavr", "-lelf"]
             subprocess.run(command, check=True, capture_output=True)

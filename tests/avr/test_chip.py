@@ -14,6 +14,9 @@ from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import STATS_FIELDS, Identity, JointReport
 from hexwire.wire.servo_packet import make_ping, make_read, make_sync_write
 
+# The first one builds.
+pytestmark = pytest.mark.timeout(600)
+
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 ALL = b"\x7f\0"
 Chip = Callable[..., tuple[ChipBoard, Client]]

@@ -21,7 +21,7 @@ from hexwire.emulator.arms import make_hex7bot_servos
 from hexwire.emulator.servo_wire import ServoWire
 from hexwire.model.state import JointTarget
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
 
 def hexwire(*words: str) -> subprocess.CompletedProcess[str]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from tests.bench import bench_firmware as bench
+
+# The first one builds.
+pytestmark = pytest.mark.timeout(600)
 
 BUS_HZ = 1 / bench.CYCLE
 MOVING_HZ = 1 / (bench.CYCLE + bench.MOVE)

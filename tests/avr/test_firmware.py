@@ -10,6 +10,9 @@ import pytest
 from tests.avr import machines
 from tests.avr.machines import BUILD, FIRMWARE, CoreBoard
 
+# The first one builds.
+pytestmark = pytest.mark.timeout(600)
+
 CORE = sorted((FIRMWARE / "core").glob("*.cpp")) + sorted((FIRMWARE / "core").glob("*.h"))
 
 

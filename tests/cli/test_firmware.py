@@ -16,11 +16,20 @@ from hexwire.cli.main import cli
 from hexwire.drivers import firmware as tools
 from hexwire.ipc.ports import PortInfo
 
+# The first one builds.
+pytestmark = pytest.mark.timeout(600)
+
 Ports = Callable[..., None]
 
 
 def run(*words: str) -> Result:
     return CliRunner().invoke(cli, ["firmware", *words])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _built() -> None:
+    """Build under the tests' lock: afterwards the command finds nothing to do, beside whoever else builds."""
+    make("mega2560")
 
 
 @pytest.fixture

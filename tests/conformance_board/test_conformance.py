@@ -21,6 +21,9 @@ from hexwire.wire.servo_packet import (
     make_write,
 )
 
+# The first one builds.
+pytestmark = pytest.mark.timeout(600)
+
 Trio = list[BoardUnderTest]
 ABSENT = 9
 
