@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -131,3 +133,17 @@ def test_text_for_people() -> None:
 def test_urdf_to_a_file(tmp_path: Path) -> None:
     assert run("urdf", "--robot", "puma260", "-o", tmp_path / "arm.urdf").exit_code == 0
     assert (tmp_path / "arm.urdf").read_text(encoding="utf-8") == run("urdf", "--robot", "puma260").stdout
+
+
+def test_no_heavy_package_is_loaded_for_one_pose() -> None:
+    code = (
+        "import sys\n"
+        "from hexwire.cli.main import cli\n"
+        "try:\n"
+        "    cli.main(['model', 'fk', '90', '90', '90', '90', '90', '90', '--json'])\n"
+        "except SystemExit as end:\n"
+        "    assert end.code == 0\n"
+        "heavy = {'numpy', 'matplotlib', 'mujoco', 'ruckig', 'mcap', 'rich', 'pydantic'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-P", "-c", code], check=True, stdout=subprocess.DEVNULL)

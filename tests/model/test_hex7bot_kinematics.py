@@ -194,6 +194,13 @@ def test_gates(name: str, t1_t2: tuple[float, float], words: str) -> None:
     found = MODELS[name].violations(rad([90, *t1_t2, 90, 90, 90]))
     assert len(found) == 1
     assert words in found[0]
+    # The number that goes with the words.
+    excess = math.degrees(MODELS[name].gate_excess(rad([90, *t1_t2, 90, 90, 90])))
+    assert excess == pytest.approx(float(found[0].split(" deg")[0].split()[-1]), abs=0.06)
+
+
+def test_no_gate_no_excess() -> None:
+    assert A.gate_excess(rad([90] * 6)) == 0.0
 
 
 def test_set_bs_neutral_passes_its_own_gate() -> None:

@@ -68,6 +68,28 @@ def test_table_is_found_and_can_be_moved() -> None:
     assert check_trajectory(low, HEX7BOT, A, table=None).findings == ()
 
 
+def test_an_arm_below_the_table_may_leave_but_not_come_back() -> None:
+    sunk, up = (90, 60, 155, 90, 90, 90), (90, 90, 110, 90, 90, 90)
+    assert check_trajectory(through(sunk, up), HEX7BOT, A, table=0.05).findings == ()
+    back = check_trajectory(through(sunk, up, sunk), HEX7BOT, A, table=0.05)
+    assert [f.time > 2.0 for f in back.findings] == [True]
+    deeper = check_trajectory(through(sunk, (90, 57, 157, 90, 90, 90)), HEX7BOT, A, table=0.05)
+    assert [f.time < 0.1 for f in deeper.findings] == [True]
+
+
+def test_an_arm_beyond_the_gate_may_leave_but_not_come_back() -> None:
+    folded, good = (90, 150, 120, 90, 90, 90), (90, 100, 120, 90, 90, 90)
+    assert check_trajectory(through(folded, good), HEX7BOT, A).findings == ()
+    back = check_trajectory(through(folded, good, folded), HEX7BOT, A)
+    assert [f.text.split(" deg")[0].startswith("elbow folded") for f in back.findings] == [True]
+    assert back.findings[0].time > 2.0
+
+
+def test_a_joint_outside_its_limits_at_the_start_is_to_be_brought_back() -> None:
+    report = check_trajectory(through((180, 90, 90, 90, 90, 90), HOME), HEX7BOT, A)
+    assert "bring it back first: hexwire move J1=" in report.findings[0].text
+
+
 def test_joints_that_stay_count_for_the_gates() -> None:
     spline = Spline(("J2",), [Waypoint(0.0, (NEUTRAL["J2"],)), Waypoint(1.0, (NEUTRAL["J2"] - math.radians(50),))])
     still = check_trajectory(spline, HEX7BOT, A, others=NEUTRAL)

@@ -259,6 +259,14 @@ class Hex7BotModel(KinematicModel):
             turned = multiply(rotation_z(math.atan2(wrist[1], wrist[0]) - angles[0]), first)
         return turned
 
+    def gate_excess(self, angles: Sequence[float]) -> float:
+        k = self.links
+        elbow = wrap(k.elbow_angle(angles[1], angles[2]), math.pi)
+        excess = max(0.0, k.elbow[0] - elbow, elbow - k.elbow[1])
+        if k.elevation is not None:
+            excess = max(excess, k.elevation.elevation(angles[1], elbow) - k.elevation.maximum)
+        return excess if excess > 1e-9 else 0.0
+
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         self._six(angles)
         k = self.links

@@ -230,6 +230,10 @@ class KinematicModel(ABC):
                 )
         return tuple(found)
 
+    def gate_excess(self, angles: Sequence[float]) -> float:
+        """How far a gate that is no single joint's limit is violated, radians; 0 if it is not, or there is none."""
+        return 0.0
+
     def check(self, angles: Sequence[float]) -> None:
         """Refuse joint angles that limits forbid.
 

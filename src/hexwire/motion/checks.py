@@ -20,6 +20,11 @@ __all__ = ["Finding", "InJoints", "MotionReport", "check_trajectory"]
 
 _STEP = 0.01
 """Seconds between checks: 1.5 degrees of the fastest 7Bot joint."""
+_CREEP = 1e-6
+"""Radians or metres that rounding is granted."""
+_WAY_OUT_ANGLE = math.radians(0.5)
+_WAY_OUT_HEIGHT = 0.002
+"""What an arm that begins where it must not be may go further in on its way out, radians and metres."""
 
 
 class InJoints(Trajectory):
@@ -102,6 +107,9 @@ def check_trajectory(
 ) -> MotionReport:
     """Check a trajectory of driver joints from start to end.
 
+    An arm that begins beyond a gate or below the table, as one that has sunk without torque, may leave there: it
+    must not get further in, nor come back.
+
     Args:
         trajectory: What shall be run; its names are the arm's, any subset.
         arm: Limits and speeds.
@@ -113,6 +121,8 @@ def check_trajectory(
     found: dict[str, Finding] = {}
     peak = [0.0] * len(joints)
     lowest = math.inf
+    # How far in the arm may be: as far as it was at the start, and never again as far as it was before.
+    gate, floor = 0.0, -math.inf
     last: tuple[float, tuple[float, ...]] | None = None
 
     def note(kind: str, t: float, text: str) -> None:
@@ -124,7 +134,8 @@ def check_trajectory(
             try:
                 joint.check(angle)
             except LimitError as error:
-                note(joint.name, t, str(error).partition(";")[0])
+                advice = "" if last else f"; bring it back first: hexwire move {joint.name}=..."
+                note(joint.name, t, str(error).partition(";")[0] + advice)
             speed = abs(sample.velocity[i])
             if last and step > 1e-6:
                 speed = max(speed, abs(angle - last[1][i]) / step)
@@ -138,22 +149,25 @@ def check_trajectory(
                     f"{math.degrees(joint.max_speed):.4g} are allowed",
                 )
         if model is not None:
-            angles = model.from_joints(
-                {**(others or {}), **dict(zip(trajectory.names, sample.position, strict=True))}
-            )
-            own = [r.name for r in model.ranges]
-            for text in model.violations(angles):
-                # A limit that the joint's own check has named is not named again.
-                if text.split("=")[0] not in own:
-                    note("gate", t, text)
+            where = {**(others or {}), **dict(zip(trajectory.names, sample.position, strict=True))}
+            angles = model.from_joints(where)
+            excess = model.gate_excess(angles)
+            if last is None and excess:
+                gate = excess + _WAY_OUT_ANGLE
+            if excess > gate + _CREEP:
+                own = [r.name for r in model.ranges]
+                text = next((v for v in model.violations(angles) if v.split("=")[0] not in own), "a gate is shut")
+                note("gate", t, text)
+            gate = min(gate, excess)
             name, height = min(((n, p[2]) for n, p in model.points(angles).items()), key=lambda row: row[1])
             lowest = min(lowest, height)
-            if table is not None and height < table - 1e-9:
-                note(
-                    "table",
-                    t,
-                    f"the {name} would be {1e3 * (table - height):.1f} mm below the table at {1e3 * table:.0f} mm",
-                )
+            if table is not None:
+                if last is None:
+                    floor = table if height >= table else height - _WAY_OUT_HEIGHT
+                if height < floor - _CREEP:
+                    depth, level = 1e3 * (table - height), 1e3 * table
+                    note("table", t, f"the {name} would be {depth:.1f} mm below the table at {level:.0f} mm")
+                floor = min(table, max(floor, height))
         last = (t, sample.position)
     findings = tuple(sorted(found.values(), key=lambda f: f.time))
     return MotionReport(trajectory.duration, dict(zip(trajectory.names, peak, strict=True)), lowest, findings)
