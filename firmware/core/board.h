@@ -71,6 +71,7 @@ class Board {
     bool active;
     bool entered;  // the present step's sweep has begun
     uint8_t pc;
+    uint8_t repeats;
     uint8_t cycles;
     const Step* program;
     Mask mask;

@@ -11,6 +11,7 @@ namespace hexwire {
 namespace {
 
 constexpr uint16_t kPacketTimeoutUs = 20000;
+constexpr uint8_t kMoreTries = 2;
 
 }  // namespace
 
@@ -35,6 +36,7 @@ void Board::start_job(const Step* program, Mask mask) {
   job_.active = true;
   job_.entered = false;
   job_.pc = 0;
+  job_.repeats = 0;
   job_.program = program;
   job_.mask = mask;
   job_.targets.mask = 0;
@@ -106,7 +108,8 @@ bool Board::needs_bus() const {
 Mask Board::ceiling_unknown() const {
   Mask unknown = 0;
   for (uint8_t i = 0; i < kJoints; ++i) {
-    if (!joints_[i].ceiling_known && joints_[i].series == gen::SERIES_HLS) unknown |= only(i);
+    const Joint& joint = joints_[i];
+    if (joint.present && !joint.ceiling_known && joint.series == gen::SERIES_HLS) unknown |= only(i);
   }
   return unknown & job_.mask;
 }
@@ -312,6 +315,7 @@ Mask Board::torqued() const {
 void Board::confirm(bool target) {
   const bool on = job_.argument && now_running_.cmd == gen::CMD_TORQUE;
   Mask confirmed = 0;
+  bool wrong = false;
   for (uint8_t i = 0; i < kJoints; ++i) {
     if (!(job_.mask & only(i))) continue;
     if (target && !(job_.targets.mask & only(i))) {
@@ -320,7 +324,20 @@ void Board::confirm(bool target) {
       continue;
     }
     const int16_t wanted = target ? job_.targets.position[i] : on ? 1 : 0;
-    if ((sweep_.answered() & only(i)) && sweep_.value(i) == wanted) confirmed |= only(i);
+    if (!(sweep_.answered() & only(i))) continue;
+    if (sweep_.value(i) == wanted) {
+      confirmed |= only(i);
+    } else {
+      wrong = true;
+    }
+  }
+  if (wrong && job_.repeats < kMoreTries) {
+    // A servo is there, but did not get it: a packet without an answer may be lost to noise.
+    ++job_.repeats;
+    ++stats_.bus_retries;
+    job_.pc = 0;
+    job_.entered = false;
+    return;
   }
   uint8_t* p = body();
   p[gen::STOP_REPLY_MODE] = job_.argument;

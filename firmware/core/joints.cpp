@@ -53,12 +53,11 @@ Mask Joints::with_series(uint8_t series) const {
   return mask;
 }
 
-Mask Joints::present() const {
-  Mask mask = 0;
+uint8_t Joints::torque_unknown() const {
   for (uint8_t i = 0; i < kJoints; ++i) {
-    if (joints_[i].present) mask |= only(i);
+    if (joints_[i].present && !joints_[i].torque_known) return i;
   }
-  return mask;
+  return kNoJoint;
 }
 
 bool Joints::has(uint8_t joint, Item item) const {
@@ -137,6 +136,7 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
       return joint.position;
     case Item::kTorque:
       joint.torque_on = p[0] == 1;
+      joint.torque_known = true;
       return p[0];
     case Item::kTarget:
       return decode_signed(raw, old ? 0 : gen::HLS_REG_GOAL_POSITION_SIGN);
@@ -161,7 +161,10 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
   return 0;
 }
 
-void Joints::missed(uint8_t joint) { joints_[joint].present = false; }
+void Joints::missed(uint8_t index) {
+  Joint& joint = joints_[index];
+  joint.present = joint.torque_known = joint.ceiling_known = false;
+}
 
 uint8_t Joints::make_read(ServoBus& bus, uint8_t joint, Item item) const {
   uint8_t address;

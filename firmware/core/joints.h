@@ -45,6 +45,7 @@ struct Joint {
   bool known;        // the position has been read at least once
   bool present;      // answered the last time it was asked
   bool torque_on;
+  bool torque_known;
   bool ceiling_known;
   bool clamped;
 };
@@ -65,7 +66,8 @@ class Joints {
   const Joint& operator[](uint8_t index) const { return joints_[index]; }
   uint8_t find(uint8_t servo_id) const;
   Mask with_series(uint8_t series) const;
-  Mask present() const;
+  // A joint that is there, but whose torque has not been read since it came; kNoJoint if there is none.
+  uint8_t torque_unknown() const;
 
   // Whether the joint's series has the item.
   bool has(uint8_t joint, Item item) const;
@@ -73,6 +75,7 @@ class Joints {
   // Takes an answer's parameters into the table; returns the value where the item is a single one.
   int16_t store(uint8_t joint, Item item, const uint8_t* parameters, uint8_t error, uint32_t now_us,
                 uint32_t now_ms);
+  // It did not answer. When it comes back it may have been without power.
   void missed(uint8_t joint);
 
   // Put a packet into the bus's send buffer and return the parameters of each answer.

@@ -83,6 +83,14 @@ bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
 }
 
 bool Poller::start_extra(uint32_t now_ms) {
+  const uint8_t fresh = joints_.torque_unknown();
+  if (fresh != kNoJoint) {
+    // Not asked again before the next cycle, should it not know the register.
+    joints_[fresh].torque_known = true;
+    sweep_.begin(only(fresh), Item::kTorque, false);
+    phase_ = Phase::kExtra;
+    return sweep_.start_next(now_ms);
+  }
   for (uint8_t tried = 0; tried < kJoints * kExtraCount; ++tried) {
     const uint8_t joint = static_cast<uint8_t>(turn_ % kJoints);
     const Item item = kExtras[turn_ / kJoints];
@@ -131,7 +139,7 @@ void Poller::end_cycle(uint32_t now_us, uint32_t now_ms) {
   cycle_us_ = now_us - cycle_begun_us_;
   cycle_at_ms_ = now_ms;
   ++cycles_;
-  if (cycles_ % kCyclesPerTurn == kExtraAt) extra_due_ = true;
+  if (cycles_ % kCyclesPerTurn == kExtraAt || joints_.torque_unknown() != kNoJoint) extra_due_ = true;
   extras_left_ = kExtrasPerRest;
   const int32_t early = static_cast<int32_t>(report_at_us_ - now_us);
   if (period_ms_ != 0 && early < static_cast<int32_t>(cycle_us_ / 2)) report_ready_ = true;

@@ -217,6 +217,40 @@ def test_a_servo_that_comes_back_is_found(chip: Chip) -> None:
     assert not state(client).status[5] & tables.SERVO_FLAGS_SILENT
 
 
+def test_a_servo_that_was_without_power_has_lost_its_torque(chip: Chip) -> None:
+    board, client = chip()
+    client.ask(Command.TORQUE, b"\1" + ALL)
+    for servo_id in (2, 5):
+        servo = board.wire.servos[servo_id]
+        servo.power_cycle(board.now, 0.3)
+        for _ in range(20):
+            state(client)
+        assert state(client).status[servo_id] & tables.SERVO_FLAGS_SILENT
+        client.run(1.0)
+        for _ in range(3):
+            state(client)
+        assert not state(client).status[servo_id] & (tables.SERVO_FLAGS_SILENT | tables.SERVO_FLAGS_TORQUE_ON)
+        assert status(client.ask(Command.JOINT_MOVE, move(100, {servo_id: 2047}))) == Status.TORQUE_OFF
+
+
+def test_a_stop_that_is_lost_to_noise_is_sent_again(chip: Chip) -> None:
+    board, client = chip()
+    client.ask(Command.TORQUE, b"\1" + ALL)
+    transact = board.wire.transact
+    lost = []
+
+    def deaf_once(packet: bytes, now: float) -> tuple[bytes, float]:
+        if packet[4:7] == b"\x83\x28\x01" and not lost:
+            lost.append(packet)
+            packet = packet[:-1] + bytes((packet[-1] ^ 1,))
+        return transact(packet, now)
+
+    board.wire.transact = deaf_once  # type: ignore[method-assign]
+    assert client.ask(Command.STOP, b"\1").body == b"\1\x7f\0"
+    assert lost
+    assert not any(servo.torque_on for servo in board.wire.servos)
+
+
 def test_babble_after_every_answer_delays_but_does_not_stop(chip: Chip) -> None:
     board, client = chip()
     board.line.babble = bytes(range(0x40, 0x54))
