@@ -21,6 +21,8 @@ __all__ = ["MAX_DATAGRAM", "UdpLink", "UdpListenLink"]
 
 # The longest frame on a network link (PROTOCOL.md, command frame).
 MAX_DATAGRAM = 8192
+# Room for a window of fragments that comes at once; the system gives what it allows (net.core.rmem_max).
+_RECEIVE_BUFFER = 1 << 20
 # What the network says of an earlier datagram when the peer is away for the moment.
 _AWAY = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ETIMEDOUT)
 
@@ -43,6 +45,7 @@ class _UdpBase(PollLink):
         made = socket.socket(matching[0][0], socket.SOCK_DGRAM)
         try:
             made.setblocking(False)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
             if made.family == socket.AF_INET6:
                 made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             made.bind(matching[0][1])
