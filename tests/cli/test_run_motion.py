@@ -62,3 +62,28 @@ def test_a_collision_is_told_by_load_and_error_together(bench: Any) -> None:
     assert result.exit_code == 1
     assert "stopped: J5 met something: load" in result.stderr
     assert bench.json("state")["stopped"]
+
+
+def test_ctrl_c_on_the_way_stops_the_arm_where_it_is_and_the_watchdog_goes_off(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.ok("goto", "0", "220", "200")
+    started = bench.clock()
+    receive, hit = bench.board.receive, []
+
+    def interrupted(data: bytes, now: float) -> None:
+        if now > started + 1.0 and not hit:
+            hit.append(now)
+            raise KeyboardInterrupt
+        receive(data, now)
+
+    monkeypatch.setattr(bench.board, "receive", interrupted)
+    result = bench.run("goto", "120", "180", "150", "--speed", "10")
+    assert result.exit_code == 130
+    assert result.stderr.strip() == "stopped: the arm holds; 'hexwire resume' ends that"
+    there = bench.positions()["J1"]
+    bench.clock.advance(5.0)
+    assert bench.positions()["J1"] == pytest.approx(there, abs=0.5)
+    state = bench.json("state")
+    assert state["stopped"]
+    assert not state["watchdog_tripped"]

@@ -203,7 +203,7 @@ def test_faults_are_named_with_servo_and_register() -> None:
     reading = bus.sync_read("present_position", SEVEN)[2]
     assert reading.raw is not None
     assert reading.faults == ("overload",)
-    with pytest.raises(ServoError, match="servo 2 reports overload at present_position .*recover"):
+    with pytest.raises(ServoError, match=r"servo 2 reports overload at present_position .*recover"):
         reading.check()
     assert bus.read(2, "present_load").faults == ("overload",)
     assert bus.ping(2).faults == ("overload",)

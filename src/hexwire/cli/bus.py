@@ -99,8 +99,8 @@ def _only_adapter() -> str:
 def _warn_of_latency(opened: ServoBus) -> None:
     from hexwire.ipc.adapter import inspect_adapter
 
-    device = getattr(opened.link, "device", "")
-    if device:
+    device = getattr(opened.link, "device", None)
+    if isinstance(device, str):
         report = inspect_adapter(device, opened.timing.overhead, opened.timing.holds_back)
         if report.advice:
             note(f"warning: {report.advice}")

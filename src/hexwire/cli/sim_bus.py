@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import time
 
 import click
 
@@ -77,7 +78,7 @@ def bus(
     from hexwire.ipc.bus_orders import as_series
 
     kinds = [as_series(name.strip()) for name in series.split(",")]
-    servos = make_servos(kinds, parse_ids(ids), baud=baud, seed=seed)
+    servos = make_servos(kinds, parse_ids(ids), baud=baud, seed=seed, start=time.monotonic())
     plan = FaultPlan(faults, seed=seed)
     ended = threading.Event()
     if until_eof:

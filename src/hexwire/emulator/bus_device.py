@@ -26,7 +26,7 @@ _STEP = 0.02
 
 
 def make_servos(
-    series: Sequence[Series], ids: Sequence[int], *, baud: int = 0, seed: int = 1
+    series: Sequence[Series], ids: Sequence[int], *, baud: int = 0, seed: int = 1, start: float = 0.0
 ) -> list[EmulatedServo]:
     """Servos for a bus, at their neutral positions.
 
@@ -35,6 +35,7 @@ def make_servos(
         ids: Servo ids; an id that occurs twice makes two servos that collide.
         baud: Rate they are set to; 0 leaves them as they come from the factory.
         seed: For noise.
+        start: The time at which they get power; what passed before need not be caught up with.
 
     Raises:
         UsageError: The numbers of series and ids differ, or a series has no such rate.
@@ -52,7 +53,9 @@ def make_servos(
             settings["baud_code"] = codes[baud]
         # Each a little off the middle, so that their answers differ.
         position = kind.neutral + 3 * place
-        servos.append(EmulatedServo(kind, servo_id, position=position, seed=seed + place, settings=settings))
+        servos.append(
+            EmulatedServo(kind, servo_id, position=position, seed=seed + place, settings=settings, start=start)
+        )
     return servos
 
 

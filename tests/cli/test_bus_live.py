@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from tests.cli.bus_cli import BusCli
+
+from hexwire.cli.bus_live import histogram, wave_angle
+from hexwire.wire.registers import Series
+
+
+def test_monitor_prints_and_saves(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bus = BusCli(monkeypatch, (1, 2, 3), (Series.STS_SMS, Series.HLS, Series.SCS))
+    table, plot = tmp_path / "m.csv", tmp_path / "m.svg"
+    output = bus.ok("monitor", "1-3", "--seconds", "1", "--csv", str(table), "--plot", str(plot))
+    assert "position deg" in output
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert {row["id"] for row in rows} == {"1.0", "2.0", "3.0"}
+    assert len(rows) >= 27
+    assert plot.read_text().startswith("<?xml")
+
+
+def test_monitor_shows_a_servo_that_went(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch, faults=["silent:2:0.9"])
+    result = bus.run("monitor", "1,2", "--seconds", "1")
+    assert result.exit_code in (0, 1)
+    assert "no answer" in result.output
+
+
+def test_where_files_cannot_go(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bus = BusCli(monkeypatch)
+    assert bus.run("monitor", "1", "--csv", str(tmp_path / "no" / "m.csv")).exit_code == 2
+    assert bus.run("monitor", "1", "--plot", str(tmp_path / "m.txt")).exit_code == 2
+
+
+@pytest.mark.parametrize("series", [Series.STS_SMS, Series.HLS])
+@pytest.mark.parametrize("shape", ["sine", "step"])
+def test_wave_moves_and_comes_back(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, series: Series, shape: str
+) -> None:
+    bus = BusCli(monkeypatch, (1, 2), (series,))
+    servo = bus.device.wire[2]
+    start = servo.motion.position
+    table = tmp_path / "w.csv"
+    bus.ok("wave", "2", "--shape", shape, "--amplitude", "10", "--csv", str(table), "--seconds", "4", answer="y\n")
+    positions = [float(row["position"]) for row in csv.DictReader(table.read_text().splitlines())]
+    assert max(positions) - min(positions) > 0.28
+    assert max(positions) - min(positions) < 0.40
+    assert servo.motion.position == pytest.approx(start, abs=4)
+    assert servo.registers.get("torque_enable") == 0
+    assert bus.device.wire[1].registers.get("torque_enable") == 0
+
+
+def test_wave_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch)
+    servo = bus.device.wire[1]
+    assert bus.run("wave", "1", answer="n\n").exit_code == 130
+    assert bus.run("wave", "1", "--amplitude", "50", "--yes").exit_code == 2
+    bus.ok("write", "1", "min_position_limit", "2040")
+    result = bus.run("wave", "1", "--yes")
+    assert result.exit_code == 2
+    assert "do not fit" in result.stderr
+    assert servo.registers.get("torque_enable") == 0
+
+
+def test_wave_ends_at_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch, faults=["hot:1"])
+    bus.link.clock.advance(1.0)
+    result = bus.run("wave", "1", "--yes")
+    assert result.exit_code == 1
+    assert "temperature" in result.stderr
+
+
+def test_stress(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch)
+    output = bus.ok("stress", "1-3", "-n", "50")
+    assert "50 reads of 3" in output
+    assert "missing: 0 of 150" in output
+    bad = BusCli(monkeypatch, faults=["silent:2:0.98"])
+    bad.run("ping", "1")
+    result = bad.run("stress", "1,2", "-n", "50", "--series", "sts_sms")
+    assert result.exit_code == 1
+    assert "most of them of servo 2" in result.stderr
+
+
+def test_wave_shapes() -> None:
+    assert wave_angle("sine", 2.0, 4.0, 1.0) == pytest.approx(2.0)
+    assert wave_angle("sine", 2.0, 4.0, 6.0) == pytest.approx(0.0, abs=1e-9)
+    assert [wave_angle("step", 1.0, 2.0, t) for t in (0.0, 0.9, 1.1, 2.1)] == [1.0, 1.0, -1.0, 1.0]
+
+
+def test_histogram() -> None:
+    text = histogram([0.001] * 90 + [0.002] * 9 + [0.1])
+    assert "p50 1000 us" in text
+    assert "longest 100000 us" in text
+    assert len(text.splitlines()) == 12
+    assert "#" in histogram([0.5])

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.cli.bus_cli import BusCli
+
+from hexwire.cli import bus_setup
+from hexwire.model.calibration import Calibration
+
+
+def test_set_id_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch)
+    assert bus.run("set-id", "1", "9", answer="n\n").exit_code == 130
+    assert bus.device.wire[1].servo_id == 1
+    assert "servo 1 is servo 9 now" in bus.ok("set-id", "1", "9", answer="y\n")
+    taken = bus.run("set-id", "2", "3", "--yes")
+    assert taken.exit_code == 1
+    assert "nothing was changed" in taken.stderr
+
+
+def test_set_baud(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch)
+    assert "answers at 500000 baud" in bus.ok("set-baud", "2", "500000", "--yes")
+    assert bus.device.wire[2].baud == 500_000
+
+
+def test_center_and_recover(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch)
+    assert "reports 2048 here now" in bus.ok("center", "2", "--yes")
+    bus.ok("write", "2", "torque_enable", "1", "--yes")
+    assert "has torque" in bus.run("center", "2", "--yes").stderr
+    assert "servo 2: ok, torque off" in bus.ok("recover", "2")
+    assert bus.device.wire[2].registers.get("torque_enable") == 0
+    hot = BusCli(monkeypatch, faults=["hot:1"])
+    result = hot.run("recover", "1")
+    assert result.exit_code == 1
+    assert "temperature" in result.output
+
+
+def test_backup_diff_restore(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bus = BusCli(monkeypatch)
+    file = str(tmp_path / "b.json")
+    bus.ok("backup", "1-2", file)
+    assert bus.run("backup", "1-2", file).exit_code == 2
+    assert "no differences" in bus.ok("diff", file)
+    bus.ok("write", "1", "position_p", "50")
+    result = bus.run("diff", file)
+    assert result.exit_code == 1
+    assert "position_p" in result.stdout
+    assert "one setting differs" in result.stderr
+    assert "servo 1: position_p" in bus.ok("restore", file, "--yes")
+    bus.ok("diff", file)
+    assert bus.run("restore", file, "--ids", "9", "--yes").exit_code == 2
+    (tmp_path / "c.json").write_text("{")
+    assert bus.run("diff", str(tmp_path / "c.json")).exit_code == 2
+
+
+def test_calibration_wizard(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bus = BusCli(monkeypatch, (1, 2, 3, 4, 5, 6))
+    path = iter([2500, 2700, 1500, 1400, 2048, None])
+
+    def moved(seconds: float) -> bool:
+        position = next(path)
+        for servo in bus.device.wire.servos:
+            if position is not None:
+                servo.motion.position = float(position)
+        bus.link.clock.advance(0.01)
+        return position is None
+
+    monkeypatch.setattr(bus_setup, "_entered", moved)
+    file = tmp_path / "cal.toml"
+    output = bus.ok("calibrate", "so101", str(file), answer="\n\n")
+    assert "the torque goes off: hold the arm" in output
+    found = Calibration.parse(file.read_text())
+    assert found.arm == "so101"
+    assert found.taken
+    assert found.joints[0].name == "shoulder_pan"
+    for row in found.joints:
+        assert abs(row.low - 1400) <= 2
+        assert abs(row.high - 2700) <= 2
+        assert (row.model, row.firmware, row.servo_offset) == ("sts3215", "3.10", 0)
+    assert bus.run("calibrate", "so101", str(file)).exit_code == 2
+    assert bus.run("calibrate", "hex7bot", str(tmp_path / "x.toml")).exit_code == 2
+
+
+def test_a_lerobot_file_is_taken_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bus = BusCli(monkeypatch)
+    theirs = tmp_path / "follower.json"
+    row = {"id": 1, "drive_mode": 0, "homing_offset": -1470, "range_min": 758, "range_max": 3292}
+    theirs.write_text(json.dumps({"shoulder_pan": row}))
+    mine = tmp_path / "cal.toml"
+    assert "1 joints saved" in bus.ok("calibrate", "so101", str(mine), "--lerobot", str(theirs))
+    assert Calibration.parse(mine.read_text()).joints[0].middle == 2025

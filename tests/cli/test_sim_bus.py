@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hexwire.cli.main import cli
+from hexwire.cli.sim_bus import parse_ids
+from hexwire.errors import UsageError
+from hexwire.ipc.serial import SerialLink
+from hexwire.ipc.servo_bus import ServoBus
+
+
+def test_ids() -> None:
+    assert parse_ids("1-3,9, 12") == [1, 2, 3, 9, 12]
+    assert parse_ids("0-253") == list(range(254))
+    for text in ("", "x", "1-", "-3", "5-2", "254", "1,,2"):
+        with pytest.raises(UsageError, match="servo ids"):
+            parse_ids(text)
+
+
+@pytest.mark.parametrize(
+    "words", [("--ids", "x"), ("--series", "sts"), ("--series", "scs,hls"), ("--baud", "9600"), ("--fault", "x")]
+)
+def test_what_makes_no_sense(words: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(cli, ["sim", "bus", *words])
+    assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.system
+def test_it_serves_until_standard_input_ends(tmp_path: Path) -> None:
+    link = tmp_path / "bus"
+    command = [
+        sys.executable,
+        "-m",
+        "hexwire.cli",
+        "sim",
+        "bus",
+        "--ids",
+        "1,2",
+        "--series",
+        "hls,scs",
+        "--baud",
+        "0",
+    ]
+    command += ["--echo", "--fault", "silent:2", "--link", str(link), "--until-eof"]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    with process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stdout.readline().strip() == str(link)
+        with ServoBus(SerialLink(str(link)), series="hls") as bus:
+            assert bus.ping(1).ok
+            assert bus.ping(2).error
+            assert bus.echo is True
+        process.stdin.close()
+        assert process.wait(20) == 0
+    assert not link.exists()

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import os
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from hexwire.emulator.bus_device import make_servos
+from hexwire.emulator.serve_bus import serve_bus, terminal_rate
+from hexwire.ipc.serial import SerialLink
+from hexwire.ipc.servo_bus import ServoBus
+from hexwire.wire.registers import Series
+
+pytestmark = pytest.mark.system
+
+
+@contextmanager
+def served(series: Series = Series.STS_SMS, baud: int = 1_000_000, **options: object) -> Iterator[str]:
+    paths: queue.Queue[str] = queue.Queue()
+    ended = threading.Event()
+    servos = make_servos([series], [1, 2, 3], baud=baud, start=time.monotonic())
+    thread = threading.Thread(
+        target=lambda: serve_bus(servos, baud=baud, stop=ended.is_set, announce=paths.put, **options)
+    )
+    thread.start()
+    try:
+        yield paths.get(timeout=10)
+    finally:
+        ended.set()
+        thread.join(10)
+
+
+@pytest.mark.parametrize("series", list(Series))
+def test_a_bus_on_a_terminal(series: Series) -> None:
+    baud = series.baud
+    with served(series, baud) as path, ServoBus(SerialLink(path, baud), series=series) as bus:
+        for _ in range(3):
+            readings = bus.sync_read("present_position", (1, 2, 3))
+            assert readings.missing == ()
+        assert bus.ping(2).ok
+
+
+def test_servos_hear_only_at_their_own_rate() -> None:
+    with served(baud=115200) as path, ServoBus(SerialLink(path, 1_000_000), retries=0) as bus:
+        assert bus.ping(1).error
+        bus.set_baud(115200)
+        assert bus.ping(1).ok
+        assert bus.timing.baud == 115200
+
+
+def test_the_rate_of_a_terminal() -> None:
+    master, slave = os.openpty()
+    try:
+        assert terminal_rate(master, 7) == 38400
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert terminal_rate(master, 7) == 7
