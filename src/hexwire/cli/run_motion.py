@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hexwire.errors import NotSupportedError, ServoError, UsageError
+from hexwire.errors import HexwireError, NotSupportedError, ServoError, UsageError
 
-from .exits import note
+from .exits import note, shielded
 from .move import hold_on_ctrl_c
 from .plot import MotionPlot
 
@@ -83,9 +83,14 @@ def _watched(robot: RobotDriver) -> Iterator[None]:
             watchdog = None
     try:
         yield
-    finally:
+    except BaseException:
+        # What went wrong is what a person must hear of, not that this fails as well.
         if watchdog is not None:
-            watchdog(0.0)
+            with shielded(), suppress(HexwireError):
+                watchdog(0.0)
+        raise
+    if watchdog is not None:
+        watchdog(0.0)
 
 
 def run_motion(
@@ -181,19 +186,19 @@ def _drive(
         if model is not None:
             plot.way.append(model.forward(model.from_joints(positions)).position)
 
-    with hold_on_ctrl_c(robot):
+    # On Ctrl-C the stop comes first, and the watchdog goes off after it.
+    with _watched(robot), hold_on_ctrl_c(robot):
         torque_up(robot, names)
-        with _watched(robot):
-            loop.cycle()
-            began = loop.state.stamp if loop.state else 0.0
-            for _, leg in legs:
-                loop.follow(leg)
-                reason = loop.run(until_done=True, each=seen)
-                if reason is None:
-                    reason = loop.run(loop.lead, each=seen)
-                if reason is not None:
-                    break
-            off = _settle(loop, names, legs[-1][1].goal)
+        loop.cycle()
+        began = loop.state.stamp if loop.state else 0.0
+        for _, leg in legs:
+            loop.follow(leg)
+            reason = loop.run(until_done=True, each=seen)
+            if reason is None:
+                reason = loop.run(loop.lead, each=seen)
+            if reason is not None:
+                break
+        off = _settle(loop, names, legs[-1][1].goal)
     if loop.follower.reason is not None:
         raise ServoError(f"stopped: {loop.follower.reason}; 'hexwire resume' ends that")
     counters = loop.timing.counters

@@ -1,0 +1,43 @@
+"""Kinematics of one pose in pure Python, and of many through numpy."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections.abc import Callable
+
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.kinematics import KinematicModel
+from hexwire.model.puma260 import Puma260Model
+
+_ONE = 2000
+_MANY = 50_000
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    begin = time.process_time()
+    call()
+    return time.process_time() - begin
+
+
+def _measure(model: KinematicModel) -> list[str]:
+    rng = random.Random(1)
+    angles = [[rng.uniform(-math.pi, math.pi) for _ in range(6)] for _ in range(_MANY)]
+    few = angles[:_ONE]
+    poses = [model.forward(q) for q in few]
+    one = _seconds(lambda: [model.forward(q) for q in few]) / _ONE
+    back = _seconds(lambda: [model.inverse(p) for p in poses]) / _ONE
+    positions, rotations = model.forward_many(angles)
+    many = _seconds(lambda: model.forward_many(angles)) / _MANY
+    many_back = _seconds(lambda: model.inverse_many(positions, rotations)) / _MANY
+    return [
+        f"{model.name:8} forward {1e6 * one:6.1f} us a pose, {1e6 * many:5.2f} us of many ({one / many:.0f} x)",
+        f"{model.name:8} inverse {1e6 * back:6.1f} us a pose, {1e6 * many_back:5.2f} us of many, 8 branches each "
+        + f"({back / many_back:.0f} x)",
+    ]
+
+
+def run() -> list[str]:
+    """Measure; returns the lines to print."""
+    return [*_measure(Hex7BotModel()), *_measure(Puma260Model())]
