@@ -1,8 +1,8 @@
-"""The servo bus beside its peers, on one emulated bus written in C: time and CPU a call, faults, echo, a mute servo.
+"""The servo bus beside its peers on one emulated bus written in C: time and CPU a call, faults, echo, a mute servo.
 
-Every figure is the best of several rounds in which the peers take turns, so that a stall of the machine hits one round
-and not one peer. Without a line rate, peer and emulator share one CPU and the other is kept busy: a wake-up across
-CPUs would cost more than any peer does.
+Every figure is the best of several rounds in which the peers take turns, so that a stall of the machine hits one
+round and not one peer. Without a line rate, peer and emulator share one CPU and the other is kept busy: a wake-up
+across CPUs would cost more than any peer does.
 """
 
 from __future__ import annotations
@@ -141,7 +141,8 @@ def _outcome(peer: str, result: dict[str, float] | None) -> str:
     n = result["calls"]
     return (
         f"{peer} whole {result['whole'] / n:.1%}, partial {result['partial'] / n:.1%}, "
-        f"raised {result['raised'] / n:.1%}, wrong values {result['wrong']:.0f}, p99 {result['p99'] / 1000:.2f} ms, {result['rate']:.0f}/s"
+        f"raised {result['raised'] / n:.1%}, wrong values {result['wrong']:.0f}, "
+        f"p99 {result['p99'] / 1000:.2f} ms, {result['rate']:.0f}/s"
     )
 
 
@@ -169,7 +170,8 @@ def _keep(best: dict[str, dict[str, float]], peer: str, result: dict[str, float]
 def _served(emulator: str, *options: str) -> Iterator[str]:
     command = [emulator, "serve", *options]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdin is not None and process.stdout is not None
+        assert process.stdin is not None
+        assert process.stdout is not None
         try:
             yield process.stdout.readline().strip()
         finally:

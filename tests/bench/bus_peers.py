@@ -1,12 +1,13 @@
 """One peer on an emulated bus, in a process of its own: `python bus_peers.py PEER PATH BAUD OP COUNT CPU`.
 
 Prints one JSON object: microseconds a call (p50, p99, mean), CPU microseconds a call, calls a second, and how many
-calls raised, gave wrong values, or gave all that the living servos had to say. Positions are 1000 + 100 * id, or 2048
-once a goal was written.
+calls raised, gave all values or a part; and how many values were wrong. Positions are 1000 + 100 * id, or 2048 once
+a goal was written.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -228,10 +229,8 @@ def _operation(peer: Any, op: str) -> Callable[[], Any]:
 
 
 def _quietly(call: Callable[[], Any]) -> None:
-    try:
+    with contextlib.suppress(Exception):
         call()
-    except Exception:  # noqa: BLE001, S110
-        pass
 
 
 if __name__ == "__main__":

@@ -86,14 +86,14 @@ def monitor(
 
 def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], _Row]]:
     """Cells and SI values of each servo."""
-    rows = []
+    from hexwire.session.servo_values import fault_words
+
+    rows: list[tuple[tuple[str, ...], _Row]] = []
     for block in opened.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, ids):
         registers = opened.series_of(block.servo_id).registers
         values = [block.value(registers[name]) for name in _SHOWN]
         current = registers.get("present_current")
         values.append(block.value(current) if current is not None and current.si_unit == "A" else math.nan)
-        from hexwire.session.servo_values import fault_words
-
         condition = block.error or ", ".join(fault_words(block.status)) or "ok"
         position, speed, load, volts, celsius, amperes = values
         cells = (

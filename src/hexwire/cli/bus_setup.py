@@ -161,7 +161,8 @@ def diff(file: str, options: BusOptions) -> None:
         print("no differences")
         return
     print(format_table(("id", "register", "servo", "file"), rows))
-    raise ServoError(f"{len(rows)} settings differ from {file}" if len(rows) > 1 else f"one setting differs from {file}")
+    several = len(rows) > 1
+    raise ServoError(f"{f'{len(rows)} settings differ' if several else 'one setting differs'} from {file}")
 
 
 def _cell(value: int | None) -> str:

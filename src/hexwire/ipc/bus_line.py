@@ -130,7 +130,7 @@ class BusLine:
         raise NotImplementedError
 
     def _post(self, packet: bytes) -> None:
-        """Send what nobody answers. The line is busy with it for a while, and what is asked next waits that long."""
+        """Send what nobody answers. The line is busy with it, and what is asked next waits as long."""
         now = self._clock()
         self.link.write(packet, now + _WRITE_TIME)
         busy = self._busy_until
@@ -204,11 +204,11 @@ class BusLine:
             collector = AnswerCollector(request, (servo_id,), params)
             self.counters.given_up += 1
             return None, collector
+        collector = self._collect(request, (servo_id,), params, base, data)
         for attempt in range(1 + self.retries):
             if attempt:
                 self.counters.repeats += 1
-            collector = self._collect(request, (servo_id,), params, base, data)
-            data = None
+                collector = self._collect(request, (servo_id,), params, base)
             found = collector.answers.get(servo_id)
             if found is not None:
                 self._mute.pop(servo_id, None)
