@@ -40,7 +40,6 @@ class Board {
  private:
   // What a job is made of. Sweeps and packets take the bus, the rest happens at once.
   enum class Step : uint8_t {
-    kEnd,
     kReadPosition,
     kReadTorque,
     kReadTarget,

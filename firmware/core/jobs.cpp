@@ -203,7 +203,6 @@ bool Board::run_step() {
       return true;
     }
     case Step::kBooted:
-    case Step::kEnd:
       job_.active = false;
       return true;
   }

@@ -81,6 +81,20 @@ def test_no_input_breaks_the_core(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
 
 
+def test_outputs_start_off_and_follow_the_command() -> None:
+    board = CoreBoard()
+    try:
+        client = Client(board)
+        board.settle()
+        assert board.outputs == 0
+        assert client.ask(Command.IO, b"\5\7").body == b"\5\5"
+        assert board.outputs == 5
+        assert client.ask(Command.IO, b"\1\0").body == b"\1\4"
+        assert board.outputs == 4
+    finally:
+        board.close()
+
+
 def test_storage_that_is_broken_is_reported() -> None:
     board = CoreBoard()
     try:

@@ -92,7 +92,6 @@ uint32_t hexwire_bus_out(HostBoard* b, uint8_t* into, uint32_t room) {
 
 // When the last byte handed to the bus has left.
 uint64_t hexwire_bus_free(HostBoard* b) { return b->bus_free_us; }
-void hexwire_bus_byte_us(HostBoard* b, uint32_t us) { b->bus_byte_us = us; }
 uint8_t* hexwire_storage(HostBoard* b) { return b->storage.data(); }
 void hexwire_storage_broken(HostBoard* b, int broken) { b->storage_broken = broken != 0; }
 uint8_t hexwire_outputs(HostBoard* b) { return b->outputs; }
