@@ -221,7 +221,7 @@ class EmulatedPuma:
         return Status.OK
 
     def follow(self, trajectory: TrajectoryPoints, now: float) -> Status:
-        """Follow a trajectory from where the joints are."""
+        """Follow a trajectory: from where the joints are, or, if one is under way, from where that one is."""
         refusal = self._refusal()
         if refusal is not Status.OK:
             return refusal
@@ -229,10 +229,17 @@ class EmulatedPuma:
             return Status.BAD_RANGE
         n = len(self.position)
         self._running, self._gains = [0.0] * n, [None] * n
-        self._path = Path(trajectory, self.position, self.velocity)
+        self._path = Path(trajectory, *self._reference(now))
         self._began = now
         self.executed.append(trajectory)
         return Status.OK
+
+    def _reference(self, now: float) -> tuple[Sequence[float], Sequence[float]]:
+        """Where a new path starts, and how fast."""
+        if self._path is None:
+            return self.position, self.velocity
+        here, before = self._path.at(now - self._began), self._path.at(now - self._began - TICK)
+        return here, [(b - a) / TICK for a, b in zip(before, here, strict=True)]
 
     def _refusal(self) -> Status:
         if self.stopped:
@@ -349,7 +356,7 @@ class PumaPeer:
         return Identity(tables.PROTO_HEXWIRE, _FIRMWARE, boot_id, can, longest, flags, rows)
 
 
-_BODY_SIZE = {
+_BODY_SIZE: dict[int, int] = {
     Command.IDENTIFY: 0,
     Command.ROBOT_PROBE: 0,
     Command.JOINT_STATES: 0,

@@ -1,0 +1,281 @@
+"""The rules of teleoperation, on synthetic sticks."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import UsageError
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.pose import rotation_between
+from hexwire.model.puma260 import PUMA260, Puma260Model
+from hexwire.motion.teleop import Action, Jog, JogMode, StickMap, Teleop
+
+DEAD_MAN = 1 << 4
+MODE = 1 << 7
+REST = (0.0,) * 8
+HALF = {joint.name: 0.5 * (joint.minimum + joint.maximum) for joint in PUMA260.joints}
+# Away from limits and singular poses.
+PUMA_POSE = dict(zip(PUMA260.names, (0.5, -0.8, -0.3, 0.2, 0.5, 0.1), strict=True))
+
+
+class Hand:
+    """Holds the stick, and is an arm that follows at once unless told otherwise."""
+
+    def __init__(self, rules: Teleop, positions: dict[str, float], period: float = 0.02) -> None:
+        self.rules = rules
+        self.positions = dict(positions)
+        self.period = period
+        self.now = 100.0
+        self.follows = True
+
+    def cycle(self, buttons: int = DEAD_MAN, age: float = 0.0, **axes: float) -> Jog:
+        values = [0.0] * 8
+        for name, value in axes.items():
+            values[int(name[1:])] = value
+        self.now += self.period
+        jog = self.rules.update(values, buttons, age, self.positions, self.now)
+        if jog.action is Action.MOVE and self.follows:
+            self.positions = dict(jog.positions)
+        return jog
+
+    def begin(self) -> None:
+        self.cycle(buttons=0)
+        assert self.cycle().action is Action.MOVE
+
+
+def puma(mode: JogMode = JogMode.JOINT, **options: float) -> Hand:
+    return Hand(Teleop(PUMA260, Puma260Model(), mode=mode, **options), PUMA_POSE)
+
+
+def test_full_deflection_is_the_share_of_the_speed_limit() -> None:
+    hand = puma(share=0.5)
+    hand.begin()
+    for _ in range(50):
+        hand.cycle(a0=1.0)
+    assert hand.positions["J1"] - PUMA_POSE["J1"] == pytest.approx(0.5 * PUMA260.joints[0].max_speed, rel=1e-6)
+    assert {name: hand.positions[name] for name in PUMA260.names[1:]} == {
+        name: PUMA_POSE[name] for name in PUMA260.names[1:]
+    }
+
+
+def test_nothing_moves_without_the_button() -> None:
+    hand = puma()
+    for _ in range(10):
+        assert hand.cycle(buttons=0, a0=1.0) == Jog(Action.IDLE, {})
+    assert hand.positions == PUMA_POSE
+
+
+def test_release_holds_at_once_and_once() -> None:
+    hand = puma()
+    hand.begin()
+    hand.cycle(a0=1.0)
+    assert hand.cycle(buttons=0, a0=1.0).action is Action.HOLD
+    assert hand.cycle(buttons=0, a0=1.0).action is Action.IDLE
+
+
+@pytest.mark.parametrize("age", [0.25, 10.0, math.inf, math.nan])
+def test_a_lost_channel_holds_and_wants_the_button_released(age: float) -> None:
+    hand = puma()
+    hand.begin()
+    hand.cycle(a0=1.0)
+    lost = hand.cycle(age=age, a0=1.0)
+    assert lost.action is Action.HOLD
+    assert lost.note
+    assert hand.cycle(age=age).action is Action.IDLE
+    # It comes back with the button still down: that must not move anything.
+    for _ in range(5):
+        back = hand.cycle(a0=1.0)
+        assert (back.action, back.note) == (Action.IDLE, "release the dead-man button first")
+    hand.begin()
+
+
+def test_a_button_that_is_down_from_the_start_counts_for_nothing() -> None:
+    hand = puma()
+    assert hand.cycle().action is Action.IDLE
+    assert hand.cycle(a0=1.0).action is Action.IDLE
+    assert hand.positions == PUMA_POSE
+
+
+def test_an_axis_counts_only_after_it_was_at_rest() -> None:
+    hand = puma()
+    hand.cycle(buttons=0, a0=1.0)
+    for _ in range(10):
+        # Pushed before the button, and a trigger that rests at its end.
+        hand.cycle(a0=1.0, a6=-1.0)
+    assert hand.positions == PUMA_POSE
+    hand.cycle(a0=0.0, a6=-1.0)
+    hand.cycle(a0=1.0, a6=-1.0)
+    assert hand.positions["J1"] > PUMA_POSE["J1"]
+    assert hand.positions["J5"] == PUMA_POSE["J5"]
+
+
+def test_the_dead_zone_and_no_jump_behind_it() -> None:
+    hand = puma()
+    hand.begin()
+    hand.cycle(a0=0.12)
+    assert hand.positions == PUMA_POSE
+    hand.cycle(a0=0.121)
+    assert 0 < hand.positions["J1"] - PUMA_POSE["J1"] < 1e-4
+
+
+def test_limits_hold_the_joint_and_say_so() -> None:
+    hand = puma(share=1.0)
+    hand.positions = HALF | {"J1": PUMA260.joints[0].maximum - 0.01}
+    hand.begin()
+    for _ in range(50):
+        jog = hand.cycle(a0=1.0)
+    assert hand.positions["J1"] == PUMA260.joints[0].maximum
+    assert jog.note == "J1 at the limit"
+    # A joint that stands outside comes back, and goes no further.
+    hand = puma()
+    outside = PUMA260.joints[0].maximum + 0.1
+    hand.positions = HALF | {"J1": outside}
+    hand.begin()
+    hand.cycle(a0=1.0)
+    assert hand.positions["J1"] == outside
+    hand.cycle(a0=-1.0)
+    assert hand.positions["J1"] < outside
+
+
+def test_a_joint_that_is_held_fast_does_not_leap_later() -> None:
+    hand = puma(share=1.0)
+    hand.begin()
+    hand.follows = False
+    for _ in range(500):
+        jog = hand.cycle(a0=1.0)
+    assert jog.positions["J1"] - PUMA_POSE["J1"] <= math.radians(10.001)
+    assert jog.note == "the arm does not follow"
+
+
+def test_a_program_that_stood_still_makes_no_leap() -> None:
+    hand = puma(share=1.0)
+    hand.begin()
+    hand.cycle()
+    hand.now += 60.0
+    hand.cycle(a0=1.0)
+    assert hand.positions["J1"] - PUMA_POSE["J1"] <= 0.1 * PUMA260.joints[0].max_speed + 1e-9
+
+
+def test_positions_that_are_not_known_move_nothing() -> None:
+    hand = puma()
+    hand.begin()
+    hand.positions["J3"] = math.nan
+    assert hand.cycle(a0=1.0).action is Action.HOLD
+
+
+@pytest.mark.parametrize(("axis", "which", "sign"), [("a0", 0, 1), ("a1", 1, -1), ("a4", 2, -1)])
+def test_cartesian_jog_moves_the_tool_straight(axis: str, which: int, sign: int) -> None:
+    model = Puma260Model()
+    hand = puma(JogMode.CARTESIAN)
+    before = model.forward(model.from_joints(hand.positions))
+    hand.begin()
+    for _ in range(50):
+        assert hand.cycle(**{axis: 1.0}).note == ""
+    after = model.forward(model.from_joints(hand.positions))
+    moved = [b - a for a, b in zip(before.position, after.position, strict=True)]
+    expected = [0.0, 0.0, 0.0]
+    expected[which] = sign * 0.05
+    assert moved == pytest.approx(expected, abs=1e-6)
+    for row, other in zip(before.rotation, after.rotation, strict=True):
+        assert row == pytest.approx(other, abs=1e-6)
+
+
+def test_cartesian_jog_turns_the_tool_in_its_place() -> None:
+    model = Puma260Model()
+    hand = puma(JogMode.CARTESIAN)
+    before = model.forward(model.from_joints(hand.positions))
+    hand.begin()
+    for _ in range(25):
+        hand.cycle(a7=1.0)
+    after = model.forward(model.from_joints(hand.positions))
+    assert after.position == pytest.approx(before.position, abs=1e-6)
+    axis, angle = rotation_between(before.rotation, after.rotation)
+    assert angle == pytest.approx(0.4 * 0.5, abs=1e-6)
+    assert axis == pytest.approx((0, 0, 1), abs=1e-6)
+
+
+def test_cartesian_jog_of_the_hex7bot_with_its_gripper() -> None:
+    model = Hex7BotModel()
+    angles = tuple(0.5 * (r.minimum + r.maximum) for r in model.ranges)
+    start = {joint.name: 0.0 for joint in HEX7BOT.joints} | dict(model.to_joints(angles))
+    start |= {"J2": start["J2"] + 0.2, "J5": 0.4}
+    hand = Hand(Teleop(HEX7BOT, model, mode=JogMode.CARTESIAN, linear=0.03), start)
+    before = model.forward(model.from_joints(start))
+    hand.begin()
+    for _ in range(20):
+        jog = hand.cycle(buttons=DEAD_MAN | 1, a4=1.0)
+    assert jog.note == ""
+    after = model.forward(model.from_joints(hand.positions))
+    assert after.position[2] - before.position[2] == pytest.approx(-0.03 * 0.4, abs=1e-6)
+    assert after.position[:2] == pytest.approx(before.position[:2], abs=1e-6)
+    assert hand.positions["J7"] == pytest.approx(0.3 * HEX7BOT.joints[6].max_speed * 0.4)
+
+
+def test_the_edge_of_the_reach_refuses_and_lets_go_back() -> None:
+    model = Puma260Model()
+    hand = puma(JogMode.CARTESIAN, linear=0.2)
+    hand.begin()
+    notes = [hand.cycle(a4=-1.0).note for _ in range(1000)]
+    assert notes[-1]
+    at_the_edge = model.forward(model.from_joints(hand.positions))
+    for _ in range(25):
+        hand.cycle(a4=1.0)
+    back = model.forward(model.from_joints(hand.positions))
+    assert back.position[2] < at_the_edge.position[2] - 0.01
+
+
+def test_the_mode_changes_only_while_nothing_moves() -> None:
+    hand = puma()
+    hand.begin()
+    hand.cycle(buttons=DEAD_MAN | MODE)
+    assert hand.rules.mode is JogMode.JOINT
+    hand.cycle(buttons=MODE)
+    assert hand.rules.mode is JogMode.JOINT  # it went down with the dead-man button
+    hand.cycle(buttons=0)
+    hand.cycle(buttons=MODE)
+    hand.cycle(buttons=MODE)
+    assert hand.rules.mode is JogMode.CARTESIAN
+    hand.cycle(buttons=0)
+    hand.cycle(buttons=MODE)
+    assert hand.rules.mode is JogMode.JOINT
+
+
+def test_what_makes_no_sense() -> None:
+    for share in (0.0, 1.1, -1.0, math.nan):
+        with pytest.raises(UsageError):
+            Teleop(PUMA260, share=share)
+    with pytest.raises(UsageError, match="no Cartesian jog"):
+        Teleop(PUMA260, mode=JogMode.CARTESIAN)
+    with pytest.raises(UsageError):
+        StickMap(dead_zone=1.0)
+
+
+STEP = st.tuples(
+    st.lists(st.floats(-1, 1) | st.sampled_from([math.nan, -1.0, 1.0, 0.0]), max_size=10),
+    st.integers(0, 0xFFFFFFFF) | st.sampled_from([0, DEAD_MAN, DEAD_MAN | 3]),
+    st.sampled_from([0.0, 0.1, 0.3, math.inf]),
+    st.floats(0, 0.2),
+)
+
+
+@given(st.sampled_from(list(JogMode)), st.lists(STEP, max_size=30))
+def test_any_stick_keeps_the_rules(mode: JogMode, steps: list[tuple[list[float], int, float, float]]) -> None:
+    rules = Teleop(PUMA260, Puma260Model(), mode=mode, share=1.0)
+    positions, now = dict(PUMA_POSE), 0.0
+    for axes, buttons, age, dt in steps:
+        now += dt
+        jog = rules.update(axes, buttons, age, positions, now)
+        if not buttons & DEAD_MAN or age >= 0.25:
+            assert jog.action is not Action.MOVE
+        if jog.action is Action.MOVE:
+            for joint in PUMA260.joints:
+                assert joint.minimum <= jog.positions[joint.name] <= joint.maximum
+                # No faster than its limit, but for the strain that a Cartesian step may ask.
+                fastest = joint.max_speed * (1.0 if mode is JogMode.JOINT else 1.5)
+                assert abs(jog.positions[joint.name] - positions[joint.name]) <= fastest * dt + 1e-9
+            positions = dict(jog.positions)
