@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 from tests.avr import machines
+from tests.avr.client import Client
 from tests.avr.machines import BUILD, FIRMWARE, CoreBoard
+
+from hexwire.wire.command_frame import Command
 
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
