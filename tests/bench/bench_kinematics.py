@@ -1,4 +1,4 @@
-"""Kinematics of one pose in pure Python, and of many through numpy."""
+"""Kinematics of one pose in pure Python, and of many through numpy; the inverse gives all eight branches."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def _measure(model: KinematicModel) -> list[str]:
     positions, rotations = model.forward_many(angles)
     many = _seconds(lambda: model.forward_many(angles)) / _MANY
     many_back = _seconds(lambda: model.inverse_many(positions, rotations)) / _MANY
+    rows = (("forward", one, many), ("inverse", back, many_back))
     return [
-        f"{model.name:8} forward {1e6 * one:6.1f} us a pose, {1e6 * many:5.2f} us of many ({one / many:.0f} x)",
-        f"{model.name:8} inverse {1e6 * back:6.1f} us a pose, {1e6 * many_back:5.2f} us of many, 8 branches each "
-        + f"({back / many_back:.0f} x)",
+        f"{model.name:8} {name} {1e6 * single:6.1f} us a pose, {1e6 * each:5.2f} us of many ({single / each:.0f} x)"
+        for name, single, each in rows
     ]
 
 

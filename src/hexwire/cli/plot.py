@@ -86,12 +86,13 @@ class MotionPlot:
         views = ((0, 1, "from above", "x, mm", "y, mm"), (1, 2, "from the side", "y, mm", "z, mm"))
         for row, (a, b, name, x_label, y_label) in enumerate(views):
             view = figure.add_subplot(grid[row, 1])
-            for places, style in (
-                (self.path, {"lw": 1.5, "color": _COLOURS[0]}),
-                (self.way, {"lw": 0, "marker": ".", "ms": 4, "color": _COLOURS[1]}),
-            ):
-                if places:
-                    view.plot([1e3 * p[a] for p in places], [1e3 * p[b] for p in places], **style)
+            if self.path:
+                view.plot(
+                    [1e3 * p[a] for p in self.path], [1e3 * p[b] for p in self.path], lw=1.5, color=_COLOURS[0]
+                )
+            if self.way:
+                way = [1e3 * p[a] for p in self.way], [1e3 * p[b] for p in self.way]
+                view.plot(*way, lw=0, marker=".", ms=4, color=_COLOURS[1])
             if self.path:
                 view.plot([1e3 * self.path[0][a]], [1e3 * self.path[0][b]], marker="o", color="black", ms=6)
             view.set_title(f"tip {name} (o: start)", fontsize="medium")
