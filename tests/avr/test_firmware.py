@@ -11,7 +11,7 @@ from tests.avr import machines
 from tests.avr.client import Client
 from tests.avr.machines import BUILD, FIRMWARE, CoreBoard
 
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, Status
 
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
@@ -101,10 +101,6 @@ def test_outputs_start_off_and_follow_the_command() -> None:
 def test_storage_that_is_broken_is_reported() -> None:
     board = CoreBoard()
     try:
-        from tests.avr.client import Client
-
-        from hexwire.wire.command_frame import Command, Status
-
         client = Client(board)
         board.settle()
         board.break_storage(True)
