@@ -6,7 +6,7 @@ UV_VERSION := 0.13.8
 EXTRAS := mq tls joystick numpy motion record plots sim
 # The Debian packages that the tests use.
 APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr clang g++ gcc gcc-avr libclang-rt-dev libelf-dev \
-    libsimavr-dev make
+    libsimavr-dev make sigrok-cli tshark
 
 # The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` takes another.
 PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
