@@ -226,13 +226,18 @@ def request_frame(seq: int = 1, cmd: int = Command.JOINT_MOVE, body: bytes = b"b
     return serialize_frame(proto=2, cmd=cmd, body=body, seq=seq, **fields)
 
 
-def test_a_repeat_is_answered_from_store_with_the_same_bytes() -> None:
+def test_a_repeat_is_answered_from_store_with_a_new_number_and_time() -> None:
     b = board()
     (request,) = ask(b, request_frame())
     b.reply(request, 0, b"done", 0.0)
-    first = b.data_to_send()
+    (first,) = map(parse_frame, b.data_to_send())
     assert ask(b, request_frame(sn=2, time_sec=1), 1.9) == []
-    assert b.data_to_send() == first
+    (again,) = map(parse_frame, b.data_to_send())
+    assert again.body == first.body == b"done"
+    assert (again.seq, again.cmd, again.cmd_ext) == (first.seq, first.cmd, first.cmd_ext)
+    # By its time the host knows how old what the body says is.
+    assert again.sn == first.sn + 1
+    assert again.time_sec + again.time_nsec * 1e-9 == pytest.approx(first.time_sec + 1.9)
     assert b.counters.repeats == 1
     assert len(ask(b, request_frame(sn=3), 2.0)) == 1
 

@@ -33,10 +33,6 @@ _MAX_WATCHDOG = 60.0
 _MIN_WATCHDOG = 0.05
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
-_CLOCK_GRACE = 1.0
-"""Seconds by which a board's clock may seem to lag: reports wait in a queue before they are looked at."""
-_CLOCK_DRIFT = 0.01
-"""Most that two clocks may differ in rate: ten times what a ceramic resonator is allowed to."""
 
 
 class Hex7BotDriver(RobotDriver):
@@ -70,7 +66,8 @@ class Hex7BotDriver(RobotDriver):
         self._report: tuple[float, int] | None = None
         self._last: JointState | None = None
         self._aimed: dict[str, float] = {}
-        self._clock: tuple[float, float] | None = None
+        self._restarts = 0
+        self._armings = 0
         self._arming_due = False
 
     @classmethod
@@ -100,7 +97,8 @@ class Hex7BotDriver(RobotDriver):
             session.close()
             raise
         self._generation = session.generation
-        self._last, self._clock = None, None
+        self._last = None
+        self._restarts = session.board_restarts
         self._aimed.clear()
         self._watchdog, self._report, self._arming_due = None, None, False
 
@@ -154,7 +152,7 @@ class Hex7BotDriver(RobotDriver):
     def read(self) -> JointState:
         board = self._attached()
         state = board.read()
-        self._remember(state, board)
+        self._remember(state)
         return state
 
     def write(self, target: JointTarget) -> SentTarget:
@@ -165,7 +163,7 @@ class Hex7BotDriver(RobotDriver):
         present = ({} if self._last is None else self._last.positions) | self._aimed
         sent = board.move(check_target(self.model, target, present), present)
         self._aimed.update(sent.positions)
-        self._keep_armed(board)
+        self._keep_armed()
         return sent
 
     def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
@@ -192,13 +190,12 @@ class Hex7BotDriver(RobotDriver):
                         board = self._dialect2("REPORT")
                     if frame.cmd == Command.JOINT_STATE:
                         state = board.decode_state(frame.body, frame, self.session.now())
-                        self._remember(state, board)
+                        self._remember(state)
                         yield state
                 # Silence: the port was away, the board was reset, or it stopped reporting.
-                generation = self.session.generation
-                armed = self._arming_due or generation != self._generation
+                armings = self._armings
                 yield self.read()
-                if not (armed or self._arming_due or self.session.generation != generation):
+                if self._armings == armings:
                     return
         finally:
             self._report = None
@@ -208,7 +205,7 @@ class Hex7BotDriver(RobotDriver):
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         board = self._attached()
         confirmed = board.torque(on, joints)
-        self._keep_armed(board)
+        self._keep_armed()
         return confirmed
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
@@ -311,7 +308,6 @@ class Hex7BotDriver(RobotDriver):
         self._generation = self.session.generation
         self._last = None
         self._aimed.clear()
-        self._clock = None
         negotiated = self.session.negotiated
         if negotiated is not None and negotiated.identity is not None:
             self._board = Board2(self.session, self.model, negotiated.identity)
@@ -320,23 +316,18 @@ class Hex7BotDriver(RobotDriver):
             self._board = Board1(self.session, self.model, stopped=stopped)
         self._arming_due = True
 
-    def _remember(self, state: JointState, board: Board1 | Board2) -> None:
+    def _remember(self, state: JointState) -> None:
         self._last = state
         if self._aimed:
             self._aimed.clear()
-        self._keep_armed(board)
+        self._keep_armed()
 
-    def _keep_armed(self, board: Board1 | Board2) -> None:
+    def _keep_armed(self) -> None:
         """After an exchange: notice a reset or a reconnection, and give the board back what it forgot."""
-        if board.__class__ is Board2:
-            clock, now = board.clock, self.session.now()
-            if self._clock is not None:
-                then, heard = self._clock
-                passed = now - heard
-                if clock < then + passed - _CLOCK_GRACE - _CLOCK_DRIFT * passed:
-                    _log.warning("%s: the board was reset", self.session.ipc.link.url)
-                    self._arming_due = True
-            self._clock = clock, now
+        if self.session.board_restarts != self._restarts:
+            self._restarts = self.session.board_restarts
+            _log.warning("%s: the board was reset", self.session.ipc.link.url)
+            self._arming_due = True
         if self.session.generation != self._generation:
             self._after_reconnect()
         if self._arming_due:
@@ -357,3 +348,4 @@ class Hex7BotDriver(RobotDriver):
                 "the board that came back speaks dialect 1: it has no watchdog and no reports, and they are off now"
             )
         self._arming_due = False
+        self._armings += 1

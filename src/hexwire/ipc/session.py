@@ -65,6 +65,7 @@ class Session:
         connection: The state machine, with its counters.
         negotiated: The outcome of the last negotiation, or None.
         generation: Grows with every reconnection; a driver compares it to see that the board may be another.
+        board_restarts: Resets of the board that showed in its frame counter, the port being open.
         rtts: Round-trip times of the last answers, seconds.
     """
 
@@ -86,6 +87,8 @@ class Session:
         self.negotiated: Negotiated | None = None
         self.generation = 0
         self.reconnects = 0
+        self.board_restarts = 0
+        self._board_sn = 0
         self.rtts: deque[float] = deque(maxlen=_KEPT_RTTS)
         self._src = src
         self._dst = dst
@@ -142,6 +145,7 @@ class Session:
         self._reports.clear()
         self._frames.clear()
         self._stash.clear()
+        self._board_sn = 0
 
     def close(self) -> None:
         """Close the channel; a request that waits in another thread ends with LinkClosedError."""
@@ -290,6 +294,7 @@ class Session:
                         # What is never answered counts as done when it is sent; and a confirmation may be due.
                         self._write()
                         self.rtts.append(event.rtt)
+                        self._note_number(event)
                         return event
                     if isinstance(event, TimedOut) and event.ticket == ticket:
                         raise self._timed_out(event)
@@ -309,6 +314,13 @@ class Session:
             raise
         finally:
             self._awaited.discard(ticket)
+
+    def _note_number(self, reply: Reply) -> None:
+        frame = reply.frame
+        if frame is not None and reply.attempts == 1:
+            # A frame counter that starts again is a board that did.
+            self.board_restarts += frame.sn < self._board_sn
+            self._board_sn = frame.sn
 
     def _step(self, deadline: float | None) -> None:
         """Write what is due, read once, until `deadline` or the connection's own next one."""

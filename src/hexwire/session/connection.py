@@ -13,7 +13,7 @@ from enum import Enum
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.units import split_time
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status, max_body, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, Status, max_body, parse_frame, serialize_frame
 from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
@@ -407,10 +407,15 @@ class Connection:
         reply = self._replies.find(frame, now)
         if reply is not None:
             self.counters.repeats += 1
-            self._out.extend(reply)
+            self._out.extend(self._stamped(data, now) for data in reply)
             return
         self._replies.asked(frame, now)
         self.add(Request(frame))
+
+    def _stamped(self, data: bytes, now: float) -> bytes:
+        """A stored frame with a new number and time: by its time the host knows how old its body is."""
+        frame = parse_frame(data)
+        return self.build(PROTO_HEXWIRE, frame.cmd, frame.body, frame.seq, now, frame.cmd_ext, dst=frame.dst)
 
     def _receive_report(self, frame: Frame) -> None:
         self.counters.reports += 1

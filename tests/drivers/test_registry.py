@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from hexwire.drivers import registry
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.errors import LinkNotFoundError, UsageError
+
+
+def test_the_hex7bot_is_there() -> None:
+    assert "hex7bot" in registry.robot_names()
+    assert registry.load_driver("hex7bot") is Hex7BotDriver
+
+
+def test_an_unknown_robot_lists_the_known() -> None:
+    with pytest.raises(UsageError, match=r"no robot 'r2d2'; installed are .*hex7bot"):
+        registry.load_driver("r2d2")
+
+
+def test_an_entry_point_that_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint("bad", "pathlib:Path", "hexwire.robots")
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    with pytest.raises(UsageError, match="is no RobotDriver class"):
+        registry.load_driver("bad")
+
+
+def test_connect_takes_the_port_given_then_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(registry.PORT_VARIABLE, "/dev/from-environment")
+    with pytest.raises(LinkNotFoundError, match="from-environment"):
+        registry.connect()
+    with pytest.raises(LinkNotFoundError, match="given"):
+        registry.connect("/dev/given")
+    with pytest.raises(UsageError, match="no robot"):
+        registry.connect("/dev/given", "r2d2")
