@@ -16,9 +16,11 @@ from hexwire.errors import HexwireError
 if TYPE_CHECKING:
     # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
+    from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.drivers.registry import connect
     from hexwire.ipc.handle import IpcHandle
+    from hexwire.ipc.servo_bus import ServoBus
     from hexwire.ipc.session import Session
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
     from hexwire.model.puma260 import Puma260Model
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from hexwire.wire.modules import ModuleType
 
 __all__ = [
+    "BusArm",
     "Hex7BotDriver",
     "Hex7BotModel",
     "HexwireError",
@@ -36,6 +39,7 @@ __all__ = [
     "Puma260Model",
     "RobotDriver",
     "SentTarget",
+    "ServoBus",
     "Session",
     "Signal",
     "StopMode",
@@ -44,6 +48,7 @@ __all__ = [
 ]
 
 _LAZY: dict[str, str] = {
+    "BusArm": "hexwire.drivers.bus_arm",
     "Hex7BotDriver": "hexwire.drivers.hex7bot",
     "Hex7BotModel": "hexwire.model.hex7bot_kinematics",
     "IpcHandle": "hexwire.ipc.handle",
@@ -53,6 +58,7 @@ _LAZY: dict[str, str] = {
     "Puma260Model": "hexwire.model.puma260",
     "RobotDriver": "hexwire.drivers.base",
     "SentTarget": "hexwire.model.state",
+    "ServoBus": "hexwire.ipc.servo_bus",
     "Session": "hexwire.ipc.session",
     "Signal": "hexwire.drivers.base",
     "StopMode": "hexwire.drivers.base",

@@ -9,6 +9,7 @@ import pytest
 
 from hexwire.drivers.arm_file import load_arm_file, load_profile, profile_names
 from hexwire.errors import ConfigError, UsageError
+from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.hex7bot import HEX7BOT
 
 JOINT = """
@@ -74,6 +75,8 @@ def test_gearing_signs_and_defaults(tmp_path: Path) -> None:
         ('name = "x"\n' + JOINT.replace("-90.0", "95.0"), "J1: minimum_deg"),
         ('name = "x"\n' + JOINT + "sign = 2\n", "J1: sign 2"),
         ('name = "x"\n' + JOINT + JOINT, "share a name or a servo id"),
+        ('name = "x"\nbase = "so101"\n' + JOINT, "one of them"),
+        ('name = "x"\nbase = "so999"\n', "no arm profile"),
         ("name = ", "not TOML"),
         ('name = "x"\n' + JOINT + "gearing = nan\n", "gearing"),
     ],
@@ -83,6 +86,22 @@ def test_what_is_wrong_is_named(text: str, named: str, tmp_path: Path) -> None:
         load_arm_file(_write(tmp_path, text))
     assert "arm.toml" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_calibrated_arm(tmp_path: Path) -> None:
+    row = JointCalibration("gripper", 6, 2000, 1900, 2600)
+    (tmp_path / "cal.toml").write_text(Calibration("so101", "2026-01-02", (row,)).serialize())
+    arm = load_arm_file(_write(tmp_path, 'name = "left"\nbase = "so101"\ncalibration = "cal.toml"\n'))
+    assert arm.model.names == load_profile("so101").model.names
+    assert arm.calibration is not None
+    assert arm.calibration.joints == (row,)
+    wrong = JointCalibration("gripper", 9, 2000, 1900, 2600)
+    (tmp_path / "cal.toml").write_text(Calibration("so101", "", (wrong,)).serialize())
+    with pytest.raises(ConfigError, match=r"arm\.toml: gripper was calibrated on servo 9"):
+        load_arm_file(tmp_path / "arm.toml")
+    (tmp_path / "cal.toml").unlink()
+    with pytest.raises(ConfigError, match=r"cal\.toml: cannot be read"):
+        load_arm_file(tmp_path / "arm.toml")
 
 
 def test_no_such_file(tmp_path: Path) -> None:

@@ -69,17 +69,12 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
         LinkError: The port cannot be opened.
     """
     from hexwire.ipc.bus_orders import as_series
-    from hexwire.ipc.open import make_link
     from hexwire.ipc.servo_bus import ServoBus
-    from hexwire.ipc.url import parse_url
     from hexwire.wire.registers import Series
 
     series = as_series(options.series) if options.series else Series.STS_SMS
-    port = options.port or _only_adapter()
-    url, baud = parse_url(port), options.baud
-    if baud is None and url.scheme == "serial" and "baud" not in url.query:
-        baud = series.baud
-    with ServoBus(make_link(resolve_url(port, baud)), series=series) as opened:
+    url = resolve_url(options.port or _only_adapter(), options.baud)
+    with ServoBus.from_url(url, series=series) as opened:
         yield opened
         _warn_of_latency(opened)
 

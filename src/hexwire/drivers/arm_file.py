@@ -15,12 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.calibration import Calibration
 from hexwire.wire.registers import Series
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-__all__ = ["BusArmFile", "load_arm_file", "load_profile", "profile_names"]
+__all__ = ["BusArmFile", "load_arm_file", "load_calibration", "load_profile", "profile_names"]
+
+_BAUD = 1_000_000
+"""As Feetech servos leave the factory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +32,14 @@ class BusArmFile:
     """What an arm's file says.
 
     Attributes:
-        model: The joints.
+        model: The joints, without the calibration.
         baud: Rate of its bus.
+        calibration: Middles and limits of this very arm, if the file names one.
     """
 
     model: ArmModel
     baud: int
+    calibration: Calibration | None = None
 
 
 def profile_names() -> tuple[str, ...]:
@@ -62,11 +68,23 @@ def load_arm_file(path: str | Path) -> BusArmFile:
     Raises:
         ConfigError: The file is wrong; every fault is named, with its place.
     """
+    return _parse(_read(path), str(path))
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """A calibration from a file.
+
+    Raises:
+        ConfigError: The file is wrong.
+    """
+    return Calibration.parse(_read(path), file=str(path))
+
+
+def _read(path: str | Path) -> str:
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=str(path)) from None
-    return _parse(text, str(path))
 
 
 @cache
@@ -93,8 +111,10 @@ def _schema() -> type[BaseModel]:
         model_config = ConfigDict(extra="forbid", strict=True)
 
         name: str = Field(min_length=1)
-        baud: int = Field(default=1_000_000, ge=1200)
-        joints: list[Joint] = Field(min_length=1)
+        base: str | None = None
+        baud: int | None = Field(default=None, ge=1200)
+        calibration: str | None = None
+        joints: list[Joint] = []
 
     return Arm
 
@@ -112,7 +132,20 @@ def _parse(text: str, file: str) -> BusArmFile:
         faults = [f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}" for fault in error.errors()]
         raise ConfigError("; ".join(faults), file=file) from None
     try:
-        return BusArmFile(ArmModel(arm.name, tuple(_joint(joint) for joint in arm.joints)), arm.baud)
+        if arm.base is None and not arm.joints:
+            raise UsageError("no joints: write [[joints]], or base = a profile")
+        if arm.base is not None and arm.joints:
+            raise UsageError("base and [[joints]]: one of them says what the arm is")
+        base = None if arm.base is None else load_profile(arm.base)
+        joints = base.model.joints if base else tuple(_joint(joint) for joint in arm.joints)
+        baud = arm.baud or (base.baud if base else _BAUD)
+        calibration = load_calibration(Path(file).parent / arm.calibration) if arm.calibration else None
+        model = ArmModel(arm.name, joints)
+        if calibration is not None:
+            calibration.apply(model)
+        return BusArmFile(model, baud, calibration)
+    except ConfigError:
+        raise
     except UsageError as error:
         raise ConfigError(str(error), file=file) from None
 

@@ -64,6 +64,7 @@ class BusArm(RobotDriver):
         super().__init__(session)
         if arm is None:
             arm = load_profile(self.profile) if self._file is None else load_arm_file(self._file)
+        calibration = calibration or arm.calibration
         self.model: ArmModel = arm.model if calibration is None else calibration.apply(arm.model)
         self.calibration = calibration
         link = session.ipc.link

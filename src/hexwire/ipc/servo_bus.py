@@ -10,7 +10,7 @@ raises for those who want that. Only the link raises by itself.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import UsageError
 from hexwire.session.servo_plan import ReadPlan, SyncReadPlan, SyncWritePlan, WritePlan
@@ -18,7 +18,7 @@ from hexwire.session.servo_values import SILENT, Answer, Reading, Readings, Serv
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 
-from .bus_orders import BusOrders, why
+from .bus_orders import BusOrders, as_series, why
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -60,6 +60,24 @@ class ServoBus(BusOrders):
         self._sync_writes: dict[tuple[str, tuple[int, ...]], SyncWritePlan] = {}
         self._recent: dict[tuple[str, int], tuple[int, float]] = {}
         self._newest: dict[str, Readings] = {}
+
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        """A bus on the link that `url` names, not opened; options as in the constructor.
+
+        A serial port without a rate in its URL gets that of the series' factory setting.
+
+        Raises:
+            UsageError: The URL or an option makes no sense.
+        """
+        from hexwire.ipc.open import make_link
+        from hexwire.ipc.url import parse_url
+
+        parts = parse_url(url)
+        if parts.scheme == "serial" and "baud" not in parts.query:
+            series = as_series(options.get("series", Series.STS_SMS))
+            url = f"{url}{'&' if parts.query else '?'}baud={series.baud}"
+        return cls(make_link(url), **options)
 
     # --- opening -----------------------------------------------------------------------------------------------
 
