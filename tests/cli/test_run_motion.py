@@ -87,3 +87,21 @@ def test_ctrl_c_on_the_way_stops_the_arm_where_it_is_and_the_watchdog_goes_off(
     state = bench.json("state")
     assert state["stopped"]
     assert not state["watchdog_tripped"]
+
+
+def test_the_arm_stops_at_a_table_that_nobody_told_it_of(bench: Any) -> None:
+    from hexwire.emulator.physics import PhysicsTwin
+    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+
+    twin = PhysicsTwin(bench.board.wire.servos, Hex7BotModel())
+    bench.ok("goto", "0", "240", "40", "--down")
+    result = bench.run("line", "0", "240", "-60", "--down", "--no-table", "--speed", "80")
+    assert result.exit_code == 1
+    assert "stopped: J" in result.stderr
+    assert twin.contacts > 0
+    assert bench.json("state")["stopped"]
+    # It holds where it met the table, and does not press on.
+    for _ in range(10):
+        bench.clock.advance(0.1)
+        bench.positions()
+    assert max(abs(servo.motion.torque) for servo in bench.board.wire.servos) < 0.5

@@ -60,6 +60,7 @@ def test_oversleeping_does_not_add_up() -> None:
     assert starts[-1] == pytest.approx(0.99 + 0.004)
     assert loop.counters.worst == pytest.approx(0.004)
     assert loop.counters.late == 99
+    assert loop.counters.late_by == pytest.approx(99 * 0.004)
     assert loop.counters.skipped == 0
 
 

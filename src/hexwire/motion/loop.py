@@ -36,12 +36,14 @@ class LoopCounters:
         late: Cycles that started after their deadline by more than `RateLoop.tolerance`.
         skipped: Deadlines that were passed over because a cycle took longer than a period.
         worst: Longest delay behind a deadline, seconds.
+        late_by: Delays of the late cycles together, seconds.
     """
 
     cycles: int = 0
     late: int = 0
     skipped: int = 0
     worst: float = 0.0
+    late_by: float = 0.0
 
 
 class RateLoop:
@@ -99,7 +101,9 @@ class RateLoop:
             self._last = start + due + delay
             counters.cycles += 1
             counters.worst = max(counters.worst, delay)
-            counters.late += delay > self.tolerance
+            if delay > self.tolerance:
+                counters.late += 1
+                counters.late_by += delay
             yield due
             # The next deadline that is not over; a cycle that ends within the tolerance is only late.
             behind = self._clock() - start - self.tolerance
