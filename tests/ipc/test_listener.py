@@ -98,6 +98,13 @@ def test_accept_has_a_deadline_and_can_be_woken_and_closed() -> None:
     listener.close()
 
 
+def test_an_accept_that_meets_a_close_under_way_says_so() -> None:
+    with Listener() as listener, listener._accepting:  # as close() holds it
+        listener._closing = True
+        with pytest.raises(LinkClosedError):
+            listener.accept(0.0)
+
+
 def test_a_signal_handler_may_close_it_while_it_waits() -> None:
     before = descriptors()
     listener = Listener()

@@ -181,6 +181,30 @@ def test_a_second_writer_keeps_its_deadline() -> None:
         assert link.far.recv(100) == b"first"
 
 
+def test_a_read_or_write_that_meets_a_close_under_way_says_so() -> None:
+    link = ScriptedLink()
+    link.open()
+    in_close, go_on = threading.Event(), threading.Event()
+    real = link._close
+
+    def slow_close() -> None:
+        in_close.set()
+        assert go_on.wait(PATIENCE)
+        real()
+
+    link._close = slow_close  # type: ignore[method-assign]  # close() stops while it holds both directions
+    closer = Background(link.close)
+    assert in_close.wait(PATIENCE)
+    link._close = real  # type: ignore[method-assign]
+    try:
+        for use in (lambda: link.read(0.0), lambda: link.write(b"x", 0.0)):
+            with pytest.raises(LinkClosedError):
+                use()
+    finally:
+        go_on.set()
+        closer.outcome()
+
+
 def test_flush_input_ends_even_if_the_peer_never_does(monkeypatch: pytest.MonkeyPatch) -> None:
     with ScriptedLink() as link:
         monkeypatch.setattr(link, "_read_ready", lambda: bytes(1000))

@@ -189,6 +189,8 @@ class Listener:
         """
         wait = -1.0 if deadline is None else max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX))
         if not self._accepting.acquire(timeout=wait):
+            if self._closing:
+                raise self._closed()  # the one who has it is close()
             return None
         self._accepter = threading.get_ident()
         woken = False

@@ -333,7 +333,10 @@ class PollLink(Link):
         """Wait for another thread's read or write to end."""
         if deadline is None:
             return lock.acquire()
-        return lock.acquire(timeout=max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX)))
+        got = lock.acquire(timeout=max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX)))
+        if not got and self._closing:
+            raise self._closed()  # the one who has it is close()
+        return got
 
     def _wait_for(self, fd: int, events: int, deadline: float) -> bool:
         """Wait during `_open` for a descriptor of the backend's own; False at the deadline."""
