@@ -223,6 +223,23 @@ def test_driver_joints_and_from_joints() -> None:
     assert HEX7BOT.joints[0].angle_to_counts(moved["J1"]) == 2047 + round(math.pi / 2 / 0.001534)
 
 
+@EACH_MODEL
+def test_within_the_arm_both_limits_count(model: Hex7BotModel) -> None:
+    narrow = model.within_arm()
+    for own, both, joint in zip(model.ranges, narrow.ranges, HEX7BOT.joints, strict=False):
+        assert own.minimum <= both.minimum < both.maximum <= own.maximum
+        for end in (both.minimum, both.maximum):
+            joint.check(narrow.to_joints([end] * 6)[joint.name])
+    assert narrow.links is model.links
+
+
+def test_within_the_arm_a_turn_of_the_tool_that_its_servo_cannot_make_is_made_the_other_way() -> None:
+    turned = rad([90, 95, 90, 100, 60, 300])
+    assert A.best(A.forward(turned), turned).angles == pytest.approx(turned)
+    other = A.within_arm().inverse(A.forward(turned))
+    assert all("t5=" in s.violations[0] for s in other if turn_error(s.angles, turned) < 1e-6)
+
+
 def test_points_that_may_hit_the_table() -> None:
     points = A.points(rad([90, 90, 90, 90, 45, 90]))
     assert points["elbow"] == pytest.approx((0, 0.02428, 0.199))

@@ -117,7 +117,7 @@ def goto(
     from hexwire.motion.checks import InJoints
     from hexwire.motion.optimal import time_optimal
 
-    model = make_kinematics(options.robot, links)
+    model = _for_motion(options.robot, links)
     with open_robot(options) as robot:
         start = _where(robot)
         angles = model.from_joints(start)
@@ -163,7 +163,7 @@ def line(
     from hexwire.motion.checks import InJoints
     from hexwire.motion.line import Line
 
-    model = make_kinematics(options.robot, links)
+    model = _for_motion(options.robot, links)
     with open_robot(options) as robot:
         start = _where(robot)
         angles = model.from_joints(start)
@@ -243,7 +243,7 @@ def play(
             _save(taught, file, save)
             return
         way = taught.trajectory()
-    model = make_kinematics(options.robot, links) if options.robot in ROBOTS else None
+    model = _for_motion(options.robot, links) if options.robot in ROBOTS else None
     robot = make_robot(options)
     unknown = [name for name in way.names if name not in robot.model.names]
     if unknown:
@@ -306,6 +306,14 @@ def teach(
                 if not limp:
                     torque_up(robot, robot.model.names)
         print(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
+
+
+def _for_motion(robot: str, links: str) -> KinematicModel:
+    """Kinematics whose limits are those of the robot's joints as well."""
+    from hexwire.model.hex7bot_kinematics import Hex7BotModel
+
+    model = make_kinematics(robot, links)
+    return model.within_arm() if isinstance(model, Hex7BotModel) else model
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:

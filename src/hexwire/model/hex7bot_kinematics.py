@@ -21,7 +21,17 @@ from .arm import ArmModel
 from .batch import hex7bot_forward_many, hex7bot_inverse_many
 from .hex7bot import HEX7BOT
 from .hex7bot_links import LINK_SETS, LinkSet
-from .kinematics import NEAR_SINGULAR, ONE_LINE, SINGULAR, KinematicModel, Reach, Singularity, Solution, wrap
+from .kinematics import (
+    NEAR_SINGULAR,
+    ONE_LINE,
+    SINGULAR,
+    JointRange,
+    KinematicModel,
+    Reach,
+    Singularity,
+    Solution,
+    wrap,
+)
 from .pose import (
     Matrix,
     Pose,
@@ -56,6 +66,16 @@ class Hex7BotModel(KinematicModel):
         self.links = links or LINK_SETS["A"]
         self.arm = arm
         self.ranges = self.links.ranges
+
+    def within_arm(self) -> Hex7BotModel:
+        """The same with limits that the arm's joints allow as well: for motion, where both count."""
+        narrow = Hex7BotModel(self.links, self.arm)
+        ranges = []
+        for own, joint in zip(self.ranges, self.arm.joints, strict=False):
+            ends = [_NEUTRAL + joint.sign * (end - joint.offset) for end in (joint.minimum, joint.maximum)]
+            ranges.append(JointRange(own.name, max(own.minimum, min(ends)), min(own.maximum, max(ends))))
+        narrow.ranges = tuple(ranges)
+        return narrow
 
     # -- servo angles and joint angles ----------------------------------------------------------------
 
