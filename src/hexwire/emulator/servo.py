@@ -187,23 +187,33 @@ class EmulatedServo:
 
     # --- packets -----------------------------------------------------------------------------------------------
 
+    def is_addressed(self, packet: ServoPacket) -> bool:
+        """Whether a request is for this servo, alone or among others."""
+        asked = packet.servo_id
+        if asked == BROADCAST_ID or asked == self.registers.get("id"):
+            return True
+        # Zero is no second id.
+        return bool(self.series is Series.HLS and asked and asked == self.registers.get("secondary_id"))
+
     def receive(self, packet: ServoPacket, now: float) -> bytes | None:
         """Take a request off the bus.
 
         Returns:
             The answer's bytes, or None: not addressed, nothing to say, or still starting.
         """
+        if not self.is_addressed(packet):
+            # Nothing changes, and time passes when it is next looked at.
+            return None
+        own = self.servo_id
+        broadcast = packet.servo_id == BROADCAST_ID
         self.step(now)
         instruction = _NAMES.get(packet.instruction)
         if self._tick < self._silent_until or instruction not in self.series.instructions:
             return None
-        own = self.servo_id
-        broadcast = packet.servo_id == BROADCAST_ID
         if packet.servo_id == own or broadcast:
             status: bytes | None = getattr(self, f"_do_{instruction.lower()}")(packet, own)
             return None if broadcast and instruction not in ("PING", "SYNC_READ") else status
-        second = self.registers.get("secondary_id") if self.series is Series.HLS else 0
-        if second and packet.servo_id == second and instruction in ("WRITE", "REG_WRITE"):
+        if instruction in ("WRITE", "REG_WRITE"):
             getattr(self, f"_do_{instruction.lower()}")(packet, own)
         return None
 

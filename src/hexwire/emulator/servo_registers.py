@@ -69,6 +69,8 @@ class RegisterFile:
         self._live = bytearray(256)
         self._stored = bytearray(256)
         self._has_lock = "lock" in self.rows
+        # Addresses of the registers of one byte without a sign, which most are: read and written very often.
+        self._plain = {r.name: r.address for r in self.rows.values() if r.size == 1 and r.sign_bit is None}
         # Owner of each address, so that a write finds its registers without a search.
         self._owner: list[Register | None] = [None] * 256
         for row in self.rows.values():
@@ -110,6 +112,9 @@ class RegisterFile:
 
     def get(self, name: str) -> int:
         """Live value, signed."""
+        at = self._plain.get(name)
+        if at is not None:
+            return self._live[at]
         row = self.rows[name]
         return row.decode(bytes(self._live[row.address : row.address + row.size]))
 
@@ -120,8 +125,13 @@ class RegisterFile:
 
     def put(self, name: str, value: int) -> None:
         """Set a live value from inside the servo, clipped to what the coding holds."""
+        at = self._plain.get(name)
+        if at is not None:
+            self._live[at] = max(0, min(255, value))
+            return
         row = self.rows[name]
-        clipped = max(row.fits[0], min(row.fits[-1], value))
+        fits = row.fits
+        clipped = max(fits[0], min(fits[-1], value))
         self._live[row.address : row.address + row.size] = row.encode(clipped)
 
     def put_stored(self, name: str, value: int) -> None:

@@ -91,6 +91,8 @@ class ServoWire:
 
     def _power(self, now: float) -> None:
         back = self.faults.power_returned(now)
+        if back is None and not self.faults.faults:
+            return
         for servo in self.servos:
             if back is not None:
                 servo.power_cycle(back)
@@ -102,7 +104,10 @@ class ServoWire:
     def _answer(self, request: ServoPacket, now: float) -> tuple[bytes, float]:
         """All answers to one request that ended at `now`."""
         replies: list[tuple[int, bytes, float]] = []
+        faultless = not self.faults.faults
         for servo in self._listening():
+            if faultless and not servo.is_addressed(request):
+                continue
             # The id that answers is the one before the request: a write may change it.
             servo_id = servo.servo_id
             delay = servo.answer_delay if self.baud else 0.0
@@ -136,6 +141,9 @@ class ServoWire:
         """Answers that do not wait for each other: where they overlap, a 0 of any pulls the line down."""
         if not replies:
             return b"", now
+        if len(replies) == 1:
+            reply, delay = replies[0]
+            return self.faults.bus_heard(reply), now + delay + self._time(len(reply))
         first = min(delay for _, delay in replies)
         cells: dict[int, int] = {}
         end = now
