@@ -23,11 +23,7 @@ def other_package(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("radio", f"{__name__}:make_memory", ENTRY_POINT_GROUP)
     monkeypatch.setattr(EntryPoint, "load", lambda self: make_memory)
 
-    def entry_points(*, group: str, name: str | None = None) -> list[EntryPoint]:
-        assert group == ENTRY_POINT_GROUP
-        return [point] if name in (None, "radio") else []
-
-    monkeypatch.setattr(open_module, "entry_points", entry_points)
+    monkeypatch.setattr(open_module, "_other_packages", lambda: [point])
 
 
 def test_building_opens_nothing() -> None:

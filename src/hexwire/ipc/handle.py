@@ -88,8 +88,7 @@ class IpcHandle:
         """The link; with a configuration file, the file is read at the first use.
 
         Raises:
-            ConfigError: The file is wrong, or does not name this module.
-            LinkNotFoundError: There is no such file.
+            ConfigError: The file cannot be read, is wrong, or does not name this module.
         """
         if self._link is None:
             self._link = self._from_conf()

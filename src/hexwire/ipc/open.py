@@ -8,14 +8,16 @@ scheme is asked for.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
-from importlib.metadata import entry_points
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from hexwire.errors import UsageError
 from hexwire.ipc.link import Link
 from hexwire.ipc.tap import tapped
 from hexwire.ipc.url import LinkUrl, parse_url
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from importlib.metadata import EntryPoint
 
 __all__ = ["ENTRY_POINT_GROUP", "known_schemes", "make_link", "open_link"]
 
@@ -36,7 +38,7 @@ _BUILT_IN: dict[str, tuple[str, str]] = {
 
 def known_schemes() -> list[str]:
     """Every scheme that `make_link` takes, those of other packages included."""
-    return sorted({*_BUILT_IN, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
+    return sorted({*_BUILT_IN, *(point.name for point in _other_packages())})
 
 
 def make_link(url: str) -> Link:
@@ -57,10 +59,18 @@ def _build(url: str) -> Link:
     if parts.scheme in _BUILT_IN:
         module, name = _BUILT_IN[parts.scheme]
         return cast(Link, getattr(importlib.import_module(module), name).from_url(parts))
-    for point in entry_points(group=ENTRY_POINT_GROUP, name=parts.scheme):
-        build = cast("Callable[[LinkUrl], Link]", point.load())
-        return build(parts)
+    for point in _other_packages():
+        if point.name == parts.scheme:
+            build = cast("Callable[[LinkUrl], Link]", point.load())
+            return build(parts)
     raise UsageError(f"{url}: unknown scheme {parts.scheme!r}; known: {', '.join(known_schemes())}")
+
+
+def _other_packages() -> Iterable[EntryPoint]:
+    # Reading the packages' metadata takes longer than everything else here, and few need it.
+    from importlib.metadata import entry_points
+
+    return entry_points(group=ENTRY_POINT_GROUP)
 
 
 def open_link(url: str) -> Link:
