@@ -43,6 +43,15 @@ def test_a_stop_from_elsewhere_ends_the_motion(bench: Any) -> None:
     assert "hexwire resume" in result.stderr
 
 
+def test_a_stopped_arm_that_has_torque_is_told_with_the_way_out(bench: Any) -> None:
+    bench.ok("torque", "on")
+    bench.ok("stop")
+    result = bench.run("goto", "0", "220", "200")
+    assert result.exit_code == 1
+    assert "the board has stopped the arm" in result.stderr
+    assert "'hexwire resume' ends that" in result.stderr
+
+
 def test_an_obstacle_in_the_way_of_a_servo_without_load_reading_stops_the_arm(bench: Any) -> None:
     bench.ok("goto", "0", "220", "200")
     shaft = bench.board.wire.servos[0].motion

@@ -192,6 +192,9 @@ def _drive(
         loop.cycle()
         began = loop.state.stamp if loop.state else 0.0
         for _, leg in legs:
+            # Stopped before it began: the reason is told below.
+            if loop.follower.reason is not None:
+                break
             loop.follow(leg)
             reason = loop.run(until_done=True, each=seen)
             if reason is None:
