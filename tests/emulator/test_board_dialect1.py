@@ -271,3 +271,12 @@ def test_no_noise_breaks_a_board(dialect: int, noise: list[bytes]) -> None:
     bench.run(0.3)
     bench.take()
     assert bench.ask1(0x77, b"") == bytes.fromhex("FF F5 FF 06 07 F3")
+
+
+def test_behind_an_echoing_adapter_the_payload_is_echo_and_answer_and_the_swap_hits_the_echo() -> None:
+    bench = Bench(dialect=1, baud=115200, faults=["echo"])
+    legacy = bench.ask1(Command.READ, sp.make_read(0, 56, 2))
+    assert legacy == bytes.fromhex("FF FF 00 04 02 02 38 BF FF F5 00 04 00 08 05 EE")
+    hls = bench.ask1(Command.READ, sp.make_read(4, 56, 2))
+    assert hls[:8] == sp.make_read(4, 56, 2)
+    assert hls[8:] == bytes.fromhex("FF FF 04 04 00 23 08 CC")

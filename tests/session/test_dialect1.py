@@ -215,3 +215,28 @@ def test_any_bytes_give_an_answer_of_the_right_servo_or_none(body: bytes, reques
     if found is not None and found not in (UNKNOWN_COMMAND_PACKET, SHORT_FRAME_PACKET):
         assert sp.parse_status(found).servo_id == request_[2]
         assert found in body
+
+
+LEGACY_READ = bytes.fromhex("FF FF 00 04 02 38 02 BF")
+SWAPPED_ECHO = bytes.fromhex("FF FF 00 04 02 02 38 BF")
+BIG_ENDIAN = bytes.fromhex("FF F5 00 04 00 08 05 EE")
+LITTLE_ENDIAN = bytes.fromhex("FF F5 00 04 00 05 08 EE")
+
+
+def test_an_echo_with_two_bytes_exchanged_is_no_answer() -> None:
+    # It is a well-formed status packet of the right id and length.
+    assert match_reply(SWAPPED_ECHO, Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)) is None
+
+
+def test_behind_an_exchanged_echo_the_answer_is_still_big_endian() -> None:
+    pending = Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)
+    assert match_reply(SWAPPED_ECHO + BIG_ENDIAN, pending) == LITTLE_ENDIAN
+    assert match_reply(bytes(7) + BIG_ENDIAN, pending) == LITTLE_ENDIAN
+    assert match_reply(LITTLE_ENDIAN + bytes(3), pending) == LITTLE_ENDIAN
+
+
+def test_one_byte_in_front_spoils_an_answer_without_harm_to_its_checksum() -> None:
+    pending = Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)
+    spoilt = bytearray(b"\0" + BIG_ENDIAN)
+    spoilt[5], spoilt[6] = spoilt[6], spoilt[5]
+    assert match_reply(bytes(spoilt), pending) is None

@@ -39,6 +39,7 @@ _BYTE_WAIT = 0.002
 _POLLS = 4
 _TRIES = 2
 _ROW = 5
+_STACK = 16
 
 
 class Dialect1:
@@ -93,13 +94,14 @@ class Dialect1:
                 polls += 1
                 yield Delay(_READ_POLL)
             while data := board.read_bus():
-                # The sketch's buffer has 8 bytes; what is longer runs over its stack. Here it is cut.
+                # The sketch's buffer has 8 bytes; what is longer runs over its stack, and on the simulated chip an
+                # echo and an answer do so without harm. Here the stack has 16.
                 buffer[count : count + len(data)] = data
                 count += len(data)
                 yield Delay(_BYTE_WAIT * len(data))
             if count:
                 break
-        count = min(count, 8) or 8
+        count = min(count, _STACK) or 8
         if self._is_legacy(servo_id):
             buffer[5], buffer[6] = buffer[6], buffer[5]
         self._send(bytes(buffer[:count]))

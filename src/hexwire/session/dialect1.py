@@ -40,6 +40,8 @@ SHORT_FRAME_PACKET = bytes.fromhex("FFF5FF0604F6")
 UNKNOWN_COMMAND_PACKET = bytes.fromhex("FFF5FF0607F3")
 _TARGET = Series.SEVEN_BOT.register("target_position").address
 _SYNC_WRITE_DATA = 4
+_READ_ANSWER = 8
+_SWAPPED_END = 7
 _OFFSETS = {name: offset for name, _, offset in HEADER_FIELDS}
 _SEC, _NSEC, _SN, _SRC = (_OFFSETS[name] for name in ("time_sec", "time_nsec", "sn", "src"))
 _ATTEMPTS = 256
@@ -128,6 +130,12 @@ def match_reply(body: bytes, pending: Pending1) -> bytes | None:
     if body in (UNKNOWN_COMMAND_PACKET, SHORT_FRAME_PACKET):
         return body
     data = strip_echo(body, pending.body)
+    read = pending.packet.instruction == Instruction.READ
+    echo_is_whole = data != body
+    if read and not echo_is_whole:
+        # The echo that an adapter makes comes with two bytes exchanged, as the answer should: see `_as_if_first`.
+        request = pending.body
+        data = strip_echo(body, request[:5] + request[6:7] + request[5:6] + request[7:])
     params = pending.expected.params
     found = find_status(data, pending.servo_id, params)
     if found is None and params != 2 and pending.packet.instruction != Instruction.PING:
@@ -138,7 +146,22 @@ def match_reply(body: bytes, pending: Pending1) -> bytes | None:
     if found is None:
         return None
     packet, end = found
-    return data[end - (6 + len(packet.params)) : end]
+    raw = data[end - (6 + len(packet.params)) : end]
+    if not read or not packet.legacy or len(raw) != _READ_ANSWER or echo_is_whole:
+        return raw
+    return _as_if_first(raw, body.find(raw))
+
+
+def _as_if_first(raw: bytes, at: int) -> bytes | None:
+    """The answer of a legacy servo as it would be had nothing come before it in the payload.
+
+    The chapter's board exchanges bytes 5 and 6 of the whole payload, which makes the value of a packet at its
+    front little-endian. One behind them is still big-endian. One that they are part of is no packet any more, but
+    for one byte in front: then the error and half the value have changed places, and the checksum does not mind.
+    """
+    if at == 1:
+        return None
+    return raw if at < _SWAPPED_END else raw[:5] + raw[6:7] + raw[5:6] + raw[7:]
 
 
 def _is_no_answer(packet: StatusPacket) -> bool:
