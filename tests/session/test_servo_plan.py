@@ -50,9 +50,20 @@ def test_a_glance_never_takes_what_the_parser_would_not(noise: bytes) -> None:
     plan = SyncReadPlan(STS, (1,), 56, 2, POSITION)
     raw = plan.glance(noise)
     assert raw is None or noise == make_status(1, 0, raw[0].to_bytes(2, "little"))
-    one = ReadPlan(1, STS, 56, 2)
+    one = ReadPlan(1, STS, 56, 2, POSITION)
     block = one.glance(noise)
     assert block is None or noise == make_status(1, 0, block)
+    assert one.value(noise) == (None if block is None else POSITION.decode(block))
+
+
+@given(st.integers(-32767, 32767), st.sampled_from([STS, Series.SCS]))
+def test_values_are_those_of_the_register(raw: int, series: Series) -> None:
+    register = series.register("goal_position")
+    plan = ReadPlan(1, series, register.address, 2, register)
+    if raw in register.fits:
+        assert plan.value(make_status(1, 0, register.encode(raw))) == raw
+    assert plan.value(make_status(1, 1, b"\0\0")) is None
+    assert plan.value(plan.request) is None
 
 
 def test_errors_and_negative_values_take_the_careful_path() -> None:
@@ -83,8 +94,9 @@ def test_the_echo_of_a_read_is_no_answer() -> None:
     plan = ReadPlan(1, STS, 56, 2)
     assert plan.glance(plan.request) is None
     assert plan.glance(make_status(1, 0, b"\x07\x08")) == b"\x07\x08"
-    legacy = ReadPlan(1, Series.SEVEN_BOT, 40, 2, take=1)
+    legacy = ReadPlan(1, Series.SEVEN_BOT, 40, 2, Series.SEVEN_BOT.register("torque_enable"))
     assert legacy.glance(make_status(1, 0, b"\x07\x08", legacy=True)) == b"\x07"
+    assert legacy.value(make_status(1, 0, b"\x07\x08", legacy=True)) == 7
     assert legacy.glance(make_status(1, 0, b"\x07\x08")) is None
 
 

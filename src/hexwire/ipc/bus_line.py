@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -39,8 +39,9 @@ _DOUBT_TIME = 1.0
 """Seconds after which no answer is on the way any more: no adapter holds bytes back that long."""
 _MUTE_REST = 0.5
 """Seconds for which a servo that answered nothing is not asked again by itself; in a sync read it always is."""
-_ALWAYS_MEASURED = 64
-_MEASURED_EVERY = 16
+_LEARNING = 64
+"""So many transactions are timed at the beginning, and after that one in `MEASURED_EVERY`: it costs 1 us."""
+MEASURED_EVERY = 16
 _ID_REGISTER = Series.STS_SMS.register("id").address
 
 
@@ -92,7 +93,6 @@ class BusLine:
     Attributes:
         link: The line.
         timing: Windows and the adapter's measured overhead.
-        counters: What happened.
         echo: Whether the adapter hears itself; None until it is known. Learned by itself.
         retries: See above; may be changed at any time.
     """
@@ -103,7 +103,7 @@ class BusLine:
         self.link = link
         self.retries = retries
         self.echo: bool | None = None
-        self.counters = BusCounters()
+        self._count = BusCounters()
         self.timing = LineTiming(getattr(link, "baud", 0) if baud is None else baud)
         self._own_baud = baud
         self._clock: Callable[[], float] = getattr(link, "clock", monotonic)
@@ -112,8 +112,23 @@ class BusLine:
         self._return_delays: dict[int, float] = {}
         self._doubts: dict[int, _Doubt] = {}
         self._mute: dict[int, float] = {}
-        self._measured = 0
+        # The fast path counts its transactions and nothing else; `counters` makes the rest of it.
+        self._turns = 0
+        self._fallen = 0
+        self._extra_answers = 0
+        self._learning = True
         self._busy_until = 0.0
+
+    @property
+    def counters(self) -> BusCounters:
+        """What happened so far."""
+        quick = self._turns - self._fallen
+        count = self._count
+        return replace(
+            count,
+            requests=count.requests + self._turns,
+            answers=count.answers + quick + self._extra_answers,
+        )
 
     def now(self) -> float:
         """The link's clock: monotonic seconds."""
@@ -138,14 +153,18 @@ class BusLine:
 
     def _backlog(self) -> float:
         """Seconds until the line has carried what was sent before."""
-        return max(0.0, self._busy_until - self._clock())
+        if not self._busy_until:
+            return 0.0
+        left = self._busy_until - self._clock()
+        if left <= 0.0:
+            self._busy_until = left = 0.0
+        return left
 
     def _measure(self, plan: ReadPlan | SyncReadPlan | WritePlan, elapsed: float) -> None:
-        """Take in how long a transaction took; every one in the beginning, then now and then."""
-        self._measured = count = self._measured + 1
-        if count < _ALWAYS_MEASURED or not count % _MEASURED_EVERY:
-            self.timing.measured(elapsed, plan.total)
-            plan.nap.measured(elapsed)
+        """Take in how long a transaction took."""
+        self.timing.measured(elapsed, plan.total)
+        plan.nap.measured(elapsed)
+        self._learning = self.timing.answers < _LEARNING
 
     # --- the careful path -------------------------------------------------------------------------------------
 
@@ -161,12 +180,14 @@ class BusLine:
             base: Seconds the answers take without the adapter.
             data: What has arrived already, if the request is sent; None sends it.
         """
-        counters = self.counters
+        counters = self._count
         window = base + self.timing.allowance + self._backlog()
         collector = AnswerCollector(request, servo_ids, params)
         if data is None:
             counters.requests += 1
             data = self._exchange(request, window)
+        else:
+            self._fallen += 1
         counters.careful += 1
         outlook = collector.receive(data)
         share = base / max(1, len(servo_ids))
@@ -202,12 +223,12 @@ class BusLine:
         """Ask one servo, again if need be. Only for what may be done twice."""
         if self._doubts and self._doubted(servo_id, params) and data is None and not self._settle(servo_id):
             collector = AnswerCollector(request, (servo_id,), params)
-            self.counters.given_up += 1
+            self._count.given_up += 1
             return None, collector
         collector = self._collect(request, (servo_id,), params, base, data)
         for attempt in range(1 + self.retries):
             if attempt:
-                self.counters.repeats += 1
+                self._count.repeats += 1
                 collector = self._collect(request, (servo_id,), params, base)
             found = collector.answers.get(servo_id)
             if found is not None:
@@ -218,7 +239,7 @@ class BusLine:
                 break
         else:
             self._mute[servo_id] = self._clock() + _MUTE_REST
-        self.counters.given_up += 1
+        self._count.given_up += 1
         return None, collector
 
     def _ask_many(self, plan: SyncReadPlan, data: bytes | None) -> dict[int, StatusPacket]:
@@ -252,7 +273,7 @@ class BusLine:
             missing = [i for i in plan.ids if i not in found and self._mute.get(i, 0.0) <= now]
             if not missing:
                 break
-            self.counters.repeats += 1
+            self._count.repeats += 1
             if len(missing) == 1:
                 request = make_read(missing[0], plan.address, params)
                 base = self._base(len(request) + 6 + params, missing)
@@ -265,7 +286,7 @@ class BusLine:
                 self._mute.pop(servo_id, None)
         for servo_id in plan.ids:
             if servo_id not in found:
-                self.counters.given_up += 1
+                self._count.given_up += 1
                 if self._mute.get(servo_id, 0.0) <= now:
                     self._mute[servo_id] = now + _MUTE_REST
         return found
@@ -314,7 +335,7 @@ class BusLine:
                 request, (servo_id,), params, self._base(len(request) + 6 + params, (servo_id,))
             )
             if servo_id in collector.answers:
-                self.counters.settled += 1
+                self._count.settled += 1
                 self._doubts.pop(servo_id, None)
                 return True
         self._mute[servo_id] = self._clock() + _MUTE_REST

@@ -216,7 +216,7 @@ class BusOrders(BusLine):
         baud = getattr(self.link, "baud", 0) if self._own_baud is None else self._own_baud
         if baud != self.timing.baud:
             self.timing = LineTiming(baud)
-            self._measured = 0
+            self._learning = True
         self._doubts.clear()
         self._mute.clear()
         self._forget_plans()
@@ -250,9 +250,8 @@ class BusOrders(BusLine):
                 return Answer(servo_id, what, 0, SILENT, False)
             start = self._clock()
             data = self._exchange(plan.request, plan.base + self.timing.allowance)
-            self.counters.requests += 1
+            self._turns += 1
             if data == plan.acknowledgement:
-                self.counters.answers += 1
                 self._known_level.add(servo_id)
                 self._measure(plan, self._clock() - start)
                 return _new(Answer, (servo_id, what, 0, "", True))

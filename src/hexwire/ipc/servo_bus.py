@@ -18,6 +18,7 @@ from hexwire.session.servo_values import SILENT, Answer, Reading, Readings, Serv
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 
+from .bus_line import MEASURED_EVERY
 from .bus_orders import BusOrders, as_series, why
 
 if TYPE_CHECKING:
@@ -130,21 +131,16 @@ class ServoBus(BusOrders):
         with self._lock:
             if self._doubts and self._doubted(servo_id, plan.count):
                 return self._read_carefully(plan, register, None)
-            clock = self._clock
-            start = clock()
-            window = plan.base + self.timing.allowance
-            if self._busy_until > start:
-                window += self._busy_until - start
-            data = self._exchange(plan.request, window, plan.nap.seconds)
-            self.counters.requests += 1
-            block = plan.glance(data)
-            if block is None:
+            turn = self._turns = self._turns + 1
+            if self._learning or self._busy_until or not turn % MEASURED_EVERY:
+                data = self._exchange_measured(plan)
+            else:
+                data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            raw = plan.value(data)
+            if raw is None:
                 return self._read_carefully(plan, register, data)
-            self.counters.answers += 1
-            now = clock()
-            self._measure(plan, now - start)
-            raw = register.decode(block)
-            plan.latest = (raw, now)
+            plan.latest = raw
+            plan.stamp = self._clock()
             return _new(Reading, (servo_id, register, raw, 0, 0.0, "", raw))
 
     def read_block(self, servo_id: int, address: int, count: int) -> ServoBlock:
@@ -183,22 +179,18 @@ class ServoBus(BusOrders):
         with self._lock:
             if self._mute or (self._doubts and self._suspect(ids, plan.count)):
                 return self._sync_carefully(plan, register, None)
-            clock = self._clock
-            start = clock()
-            window = plan.base + self.timing.allowance
-            if self._busy_until > start:
-                window += self._busy_until - start
-            data = self._exchange(plan.request, window, plan.nap.seconds)
-            self.counters.requests += 1
+            turn = self._turns = self._turns + 1
+            if self._learning or self._busy_until or not turn % MEASURED_EVERY:
+                data = self._exchange_measured(plan)
+            else:
+                data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
             if len(data) < plan.length:
                 data = self._rest(plan, data)
             raw = plan.glance(data)
             if raw is None:
                 return self._sync_carefully(plan, register, data)
-            now = clock()
-            self.counters.answers += len(ids)
-            self._measure(plan, now - start)
-            readings = Readings(register, ids, raw, now)
+            self._extra_answers += len(ids) - 1
+            readings = Readings(register, ids, raw, self._clock())
             self._newest[name] = readings
             return readings
 
@@ -212,15 +204,11 @@ class ServoBus(BusOrders):
             with self._lock:
                 data = None
                 if not (self._mute or (self._doubts and self._suspect(able, count))):
-                    start = self._clock()
-                    data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
-                    self.counters.requests += 1
-                    if len(data) < plan.length:
-                        data = self._rest(plan, data)
+                    self._turns += 1
+                    data = self._exchange_measured(plan)
                     rows = plan.blocks(data)
                     if rows is not None:
-                        self.counters.answers += len(able)
-                        self._measure(plan, self._clock() - start)
+                        self._extra_answers += len(able) - 1
                         found = {i: ServoBlock(i, address, row) for i, row in zip(able, rows, strict=True)}
                 if not found:
                     for i, status in self._ask_many(plan, data).items():
@@ -288,8 +276,8 @@ class ServoBus(BusOrders):
 
     # --- inside ------------------------------------------------------------------------------------------------
 
-    def _new_read(self, servo_id: int, address: int, count: int, take: int | None = None) -> ReadPlan:
-        plan = ReadPlan(servo_id, self.series_of(servo_id), address, count, take)
+    def _new_read(self, servo_id: int, address: int, count: int, register: Register | None = None) -> ReadPlan:
+        plan = ReadPlan(servo_id, self.series_of(servo_id), address, count, register)
         plan.base = self._base(plan.total, (servo_id,))
         return plan
 
@@ -297,7 +285,7 @@ class ServoBus(BusOrders):
         series = self.series_of(servo_id)
         register = series.register(name)
         count = _LEGACY_READ if series is Series.SEVEN_BOT else register.size
-        entry = (self._new_read(servo_id, register.address, count, register.size), register)
+        entry = (self._new_read(servo_id, register.address, count, register), register)
         self._reads[servo_id, name] = entry
         return entry
 
@@ -325,8 +313,8 @@ class ServoBus(BusOrders):
         """Newest value of a register that was read, and when."""
         last = self._recent.get((name, servo_id))
         entry = self._reads.get((servo_id, name))
-        if entry is not None and entry[0].latest is not None and (last is None or entry[0].latest[1] > last[1]):
-            last = entry[0].latest
+        if entry is not None and entry[0].latest is not None and (last is None or entry[0].stamp > last[1]):
+            last = entry[0].latest, entry[0].stamp
         newest = self._newest.get(name)
         if newest is not None and servo_id in newest.ids:
             raw = newest.raw[newest.ids.index(servo_id)]
@@ -345,6 +333,17 @@ class ServoBus(BusOrders):
             data += status.params
             error |= status.error
         return ServoBlock(servo_id, address, data[:count], error)
+
+    def _exchange_measured(self, plan: ReadPlan | SyncReadPlan) -> bytes:
+        """The exchange of a prepared read, and how long it took; behind unanswered packets it may take longer."""
+        start = self._clock()
+        window = plan.base + self.timing.allowance + self._backlog()
+        data = self._exchange(plan.request, window, plan.nap.seconds)
+        if len(data) < plan.length and isinstance(plan, SyncReadPlan):
+            data = self._rest(plan, data)
+        if len(data) == plan.length:
+            self._measure(plan, self._clock() - start)
+        return data
 
     def _rest(self, plan: SyncReadPlan, data: bytes) -> bytes:
         """Wait for the rest of the answers to a sync read, as long as it looks as if they were coming."""
@@ -394,7 +393,7 @@ class ServoBus(BusOrders):
         rows = None if data is None else plan.blocks(data)
         name, ids = register.name, plan.ids
         if rows is not None:
-            self.counters.answers += len(ids)
+            self._extra_answers += len(ids) - 1
             raws: tuple[int | None, ...] = tuple(register.decode(row) for row in rows)
             readings = Readings(register, ids, raws, self._clock())
         else:

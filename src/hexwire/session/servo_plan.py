@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from struct import Struct
+from typing import Literal
 
 from hexwire.errors import UsageError
 from hexwire.wire.registers import Register, Series
@@ -36,39 +37,50 @@ class ReadPlan:
         series: Its series.
         address: First register address.
         count: Bytes to read.
-        take: How many of them are wanted; all if None.
+        register: The register that starts there, for `value`; None if it is about the bytes only.
 
     Attributes:
         request: Bytes to send.
         length: Bytes of the answer.
         total: Bytes of both.
         base: Seconds the answer takes without the adapter's allowance; its user sets it.
-        latest: Newest raw value and when it was read; its user sets it.
+        latest: Newest raw value, None if there is none; its user sets it.
+        stamp: When that was read.
         nap: When to look for the answer.
     """
 
     __slots__ = (
+        "_end",
         "_head",
+        "_order",
+        "_positive",
         "_sum",
         "address",
         "base",
         "count",
-        "end",
         "latest",
         "length",
         "nap",
+        "register",
         "request",
         "series",
         "servo_id",
+        "stamp",
         "total",
     )
 
-    def __init__(self, servo_id: int, series: Series, address: int, count: int, take: int | None = None) -> None:
+    def __init__(
+        self, servo_id: int, series: Series, address: int, count: int, register: Register | None = None
+    ) -> None:
         self.servo_id = servo_id
         self.series = series
         self.address = address
         self.count = count
-        self.end = 5 + (count if take is None else take)
+        self.register = register
+        self._end = 5 + (count if register is None else register.size)
+        self._order: Literal["big", "little"] = "big" if series.byte_order == "big" else "little"
+        sign = None if register is None else register.sign_bit
+        self._positive = 0xFFFF if sign is None else (1 << sign) - 1
         self.request = make_read(servo_id, address, count)
         self.length = 6 + count
         self.total = len(self.request) + self.length
@@ -77,7 +89,8 @@ class ReadPlan:
         self._head = series.reply_header + bytes((servo_id, count + 2, 0))
         self._sum = _sound_sum(series.reply_header)
         self.base = 0.0
-        self.latest: tuple[int, float] | None = None
+        self.latest: int | None = None
+        self.stamp = 0.0
 
     def glance(self, data: bytes) -> bytes | None:
         """The register bytes if `data` is exactly one sound answer without an error, else None."""
@@ -87,7 +100,21 @@ class ReadPlan:
             and sum(data) & 0xFF == self._sum
             and data != self.request
         ):
-            return data[5 : self.end]
+            return data[5 : self._end]
+        return None
+
+    def value(self, data: bytes) -> int | None:
+        """The register's raw value under the same conditions. Written out again: a call more would be felt."""
+        if (
+            len(data) == self.length
+            and data[:5] == self._head
+            and sum(data) & 0xFF == self._sum
+            and data != self.request
+        ):
+            raw = int.from_bytes(data[5 : self._end], self._order)
+            if raw <= self._positive:
+                return raw
+            return None if self.register is None else self.register.decode(data[5 : self._end])
         return None
 
 
