@@ -78,6 +78,21 @@ def test_replacing_a_trajectory_blends_without_a_jump() -> None:
     assert both[-1][1] == J1 - 0.5
 
 
+def test_after_a_stall_the_trajectory_goes_on_where_it_was() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    before = run(follower, 0.0, 1.0)
+    after = run(follower, 1.8, 4.5)
+    assert follower.counters.slips == 1
+    assert after[0][1] - before[-1][1] < 0.08, "no leap over the 0.8 s that were missed"
+    assert max(abs(v) for v in speeds(after)) < 1.0
+    assert after[-1][1] == J1 + 1.0
+    smooth = started()
+    smooth.follow(way(J1, J1 + 1.0), 0.0)
+    run(smooth, 0.0, 3.0)
+    assert smooth.counters.slips == 0
+
+
 def test_a_trajectory_from_elsewhere_is_refused() -> None:
     follower = started()
     with pytest.raises(LimitError, match=r"begins 57\.3 deg from where J1 is; move there first"):

@@ -91,6 +91,15 @@ def test_what_is_over_does_not_count_on() -> None:
         assert guard.judge(state(), start + 0.6) is None
 
 
+def test_time_in_which_nobody_looked_is_no_proof() -> None:
+    guard = commanded()
+    off, push = {"J5": HOME["J5"] + math.radians(6)}, {"J5": 0.8}
+    assert guard.judge(state(off, load=push), 0.0) is None
+    # The host stalled for a second; two looks are not a second of pressing.
+    assert guard.judge(state(off, load=push), 1.0) is None
+    assert judged(guard, 0.5, start=1.05, positions=off, load=push) is not None
+
+
 @pytest.mark.parametrize("flag", [JointFlag.OVERLOAD, JointFlag.TEMPERATURE, JointFlag.ENCODER])
 def test_a_servos_own_fault_stops_at_once(flag: JointFlag) -> None:
     found = commanded().judge(state(flags={"J5": flag}), 0.0)

@@ -21,6 +21,8 @@ from .waypoints import Blend, Spline, Trajectory, Waypoint
 
 __all__ = ["Follower", "FollowerCounters", "Mode"]
 
+_STALL = 1.0
+"""Leads behind the last command from which the loop has stalled."""
 _INSTANT = 0.05
 """Seconds that even a step is granted: a trajectory without duration may begin a little off."""
 
@@ -45,6 +47,7 @@ class FollowerCounters:
         lost: Times that set-points stayed away and the arm held.
         blends: Trajectories that replaced a motion.
         stops: Stops.
+        slips: Stalls of the loop after which a trajectory went on where it was, and did not make up for them.
     """
 
     cycles: int = 0
@@ -53,6 +56,7 @@ class FollowerCounters:
     lost: int = 0
     blends: int = 0
     stops: int = 0
+    slips: int = 0
 
 
 class Follower:
@@ -210,6 +214,7 @@ class Follower:
             self.stop(found)
             return found
         if self.mode is Mode.TRAJECTORY and self._trajectory is not None:
+            self._slip(now, lead)
             trajectory, t = self._trajectory, now + lead - self._started
             if t >= trajectory.duration:
                 self._trajectory, self.mode = None, Mode.HOLD
@@ -222,6 +227,13 @@ class Follower:
                 return None
             return self._send(self._towards(self._set_point, now, lead), now, lead)
         return None
+
+    def _slip(self, now: float, lead: float) -> None:
+        """After a stall go on from the last command: to make up for it would be a leap."""
+        stall = now - max(self._command_due, self._started)
+        if stall > _STALL * lead:
+            self._started += stall
+            self.counters.slips += 1
 
     def _towards(self, goal: Mapping[str, float], now: float, lead: float) -> dict[str, float]:
         """As far towards a goal as speed limits allow since the last command."""

@@ -84,12 +84,14 @@ class Guard:
         self._commands: dict[str, deque[tuple[float, float]]] = {}
         self._since: dict[tuple[str, str], float] = {}
         self._seen: dict[str, float] = {}
+        self._judged = math.inf
 
     def forget(self) -> None:
         """Start afresh, as after a stop."""
         self._commands.clear()
         self._since.clear()
         self._seen.clear()
+        self._judged = math.inf
 
     def commanded(self, positions: Mapping[str, float], due: float) -> None:
         """Note where joints shall be at a time."""
@@ -103,6 +105,7 @@ class Guard:
     def judge(self, state: JointState, now: float) -> StopReason | None:
         """Whether the arm must stop, by the worst of its joints; None if all is well."""
         limits = self.limits
+        self._pass_over_stalls(now)
         if state.stopped:
             why = "the host fell silent" if state.watchdog_tripped else "it was told to"
             return StopReason("board", f"the board has stopped the arm: {why}")
@@ -149,6 +152,14 @@ class Guard:
             # Nothing is due yet: the oldest command is what the joint is on its way to.
             low = high = self._commands[name][0][1]
         return max(0.0, low - position, position - high)
+
+    def _pass_over_stalls(self, now: float) -> None:
+        """Time in which nobody looked is no proof that something lasted: it counts as one cycle."""
+        stall = now - self._judged - 0.4 * self.limits.lag
+        if stall > 0:
+            for key in self._since:
+                self._since[key] += stall
+        self._judged = now
 
     def _lasts(self, kind: str, name: str, now: float, seconds: float, is_so: bool) -> bool:
         if not is_so:
