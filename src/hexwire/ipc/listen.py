@@ -7,10 +7,10 @@ not know what the bytes mean.
 from __future__ import annotations
 
 import threading
-from time import monotonic
 from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, LinkTimeoutError
+from hexwire.ipc.deadline import lock_timeout
 from hexwire.ipc.link import Link, LinkKind
 from hexwire.ipc.listener import LOOPBACK, Listener, listen_address
 from hexwire.ipc.tcp import PeerLink
@@ -119,8 +119,7 @@ class TcpListenLink(Link):
         peer = self._peer
         if peer is not None and not self._lost and self._open:
             return peer
-        wait = -1.0 if deadline is None else max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX))
-        if not self._meeting.acquire(timeout=wait):
+        if not self._meeting.acquire(timeout=lock_timeout(deadline)):
             return None
         try:
             if not self._open:

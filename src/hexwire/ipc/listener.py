@@ -22,6 +22,7 @@ from hexwire.errors import (
     LinkNotFoundError,
     LinkPermissionError,
 )
+from hexwire.ipc.deadline import lock_timeout, poll_timeout
 from hexwire.ipc.tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
 from hexwire.ipc.url import LinkUrl
 from hexwire.ipc.waker import Waker
@@ -38,7 +39,6 @@ __all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
 LOOPBACK = "127.0.0.1"
 # Callers who knock while one is being let in; the kernel makes those beyond it try again a second later.
 _BACKLOG = 128
-_LONGEST_POLL = 1_000_000.0
 
 
 @dataclass
@@ -187,8 +187,7 @@ class Listener:
         Raises:
             LinkClosedError: The listener is not open, or was closed during the wait.
         """
-        wait = -1.0 if deadline is None else max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX))
-        if not self._accepting.acquire(timeout=wait):
+        if not self._accepting.acquire(timeout=lock_timeout(deadline)):
             if self._closing:
                 raise self._closed()  # the one who has it is close()
             return None
@@ -237,8 +236,7 @@ class Listener:
         until = [handshake.deadline for handshake in self._handshakes.values()]
         if deadline is not None:
             until.append(deadline)
-        wait = max(0.0, min(min(until) - monotonic(), _LONGEST_POLL)) * 1000.0 if until else None
-        ready = [fd for fd, _ in self._wait.poll(wait)]
+        ready = [fd for fd, _ in self._wait.poll(poll_timeout(min(until, default=None)))]
         woken = self._waker.fileno() in ready
         if self._closing:
             return None, woken

@@ -21,6 +21,7 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
+from hexwire.ipc.deadline import LONGEST_POLL, lock_timeout, poll_timeout
 from hexwire.ipc.link import WRITE_TIME, Link
 from hexwire.ipc.waker import Waker
 
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PollLink"]
 
-# poll() takes milliseconds as a C int; longer waits are cut into pieces of this many seconds.
-_LONGEST_POLL = 1_000_000.0
 # What flush_input throws away at most, so that a peer that never stops talking cannot hold it for ever.
 _FLUSH_LIMIT = 1 << 20
 
@@ -194,7 +193,7 @@ class PollLink(Link):
                 else:
                     # A float: poll rounds it up to whole milliseconds, so nothing returns early.
                     left = deadline - monotonic()
-                    events = self._wait_to_read(min(left, _LONGEST_POLL) * 1000.0 if left > 0.0 else 0)
+                    events = self._wait_to_read(min(left, LONGEST_POLL) * 1000.0 if left > 0.0 else 0)
                 data = b""
                 for fd, _ in events:
                     if fd == self._fd:
@@ -308,8 +307,7 @@ class PollLink(Link):
     def _write_rest(self, data: memoryview, sent: int, deadline: float | None) -> None:
         size = len(data)
         while sent < size:
-            wait = None if deadline is None else max(0.0, min(deadline - monotonic(), _LONGEST_POLL)) * 1000.0
-            writable = any(fd == self._write_fd for fd, _ in self._write_poll.poll(wait))
+            writable = any(fd == self._write_fd for fd, _ in self._write_poll.poll(poll_timeout(deadline)))
             # Closing and losing are told by the reading side's state as well as by an event of our own.
             if self._closing or self._state is not _State.OPEN:
                 raise self._refusal()
@@ -331,9 +329,7 @@ class PollLink(Link):
 
     def _take_turn(self, lock: threading.Lock, deadline: float | None) -> bool:
         """Wait for another thread's read or write to end."""
-        if deadline is None:
-            return lock.acquire()
-        got = lock.acquire(timeout=max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX)))
+        got = lock.acquire(timeout=lock_timeout(deadline))
         if not got and self._closing:
             raise self._closed()  # the one who has it is close()
         return got
@@ -344,7 +340,7 @@ class PollLink(Link):
         poll.register(fd, events)
         poll.register(self._read_waker.fileno(), select.POLLIN)
         while True:
-            ready = poll.poll(max(0.0, min(deadline - monotonic(), _LONGEST_POLL)) * 1000.0)
+            ready = poll.poll(poll_timeout(deadline))
             if self._closing:
                 raise self._closed()
             if any(number == fd for number, _ in ready):

@@ -1,0 +1,24 @@
+"""From a deadline to the time-outs that the system's waiting calls take.
+
+Owns their units and bounds. Deadlines are values of `time.monotonic`; None waits without end.
+"""
+
+from __future__ import annotations
+
+import threading
+from time import monotonic
+
+__all__ = ["LONGEST_POLL", "lock_timeout", "poll_timeout"]
+
+# poll() takes milliseconds as a C int; longer waits are cut into pieces of this many seconds.
+LONGEST_POLL = 1_000_000.0
+
+
+def poll_timeout(deadline: float | None) -> float | None:
+    """For `poll`: milliseconds, which it rounds up, so that nothing returns early."""
+    return None if deadline is None else max(0.0, min(deadline - monotonic(), LONGEST_POLL)) * 1000.0
+
+
+def lock_timeout(deadline: float | None) -> float:
+    """For `Lock.acquire`: seconds, -1 for no end."""
+    return -1.0 if deadline is None else max(0.0, min(deadline - monotonic(), threading.TIMEOUT_MAX))
