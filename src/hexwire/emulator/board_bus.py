@@ -45,6 +45,11 @@ _HLS_BLOCK = Series.HLS.register("acceleration").address
 _PRESENT = Series.HLS.register("present_position").address
 _PRESENT_BYTES = 15
 """From present_position (56) to present_current (69, 2 bytes)."""
+_LEGACY_PRESENT = Series.SEVEN_BOT.register("present_position")
+_SAMPLE = {
+    name: Series.HLS.register(f"present_{name}")
+    for name in ("position", "speed", "load", "voltage", "temperature", "current")
+}
 _SPEED_UNIT = 50
 _TARGETS = {Series.SEVEN_BOT: "target_position", Series.HLS: "goal_position"}
 
@@ -190,7 +195,7 @@ class BoardBus:
             joint.present = False
             return
         self._is_there(joint)
-        position = Series.SEVEN_BOT.register("present_position").decode(status.params)
+        position = _LEGACY_PRESENT.decode(status.params)
         now = self._board.time
         # These servos report no speed: it is the difference to the sample before.
         elapsed = now - joint.sampled_at if joint.sampled_at is not None else 0.0
@@ -224,19 +229,19 @@ class BoardBus:
             joint.present = False
 
     def _sample_hls(self, joint: JointSlot, status: StatusPacket) -> None:
-        data, hls = status.params, Series.HLS
+        data = status.params
 
         def value(name: str) -> int:
-            register = hls.register(name)
+            register = _SAMPLE[name]
             start = register.address - _PRESENT
             return register.decode(data[start : start + register.size])
 
-        joint.position = value("present_position")
-        joint.speed = max(-32768, min(32767, value("present_speed") * _SPEED_UNIT))
-        joint.load = value("present_load")
-        joint.voltage = value("present_voltage")
-        joint.temperature = value("present_temperature")
-        joint.current = value("present_current") * 13 // 2
+        joint.position = value("position")
+        joint.speed = max(-32768, min(32767, value("speed") * _SPEED_UNIT))
+        joint.load = value("load")
+        joint.voltage = value("voltage")
+        joint.temperature = value("temperature")
+        joint.current = value("current") * 13 // 2
         joint.error = status.error & SERVO_BITS
         self._is_there(joint)
         joint.sampled_at = self._board.time

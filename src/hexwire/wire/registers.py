@@ -193,7 +193,7 @@ class Series(Enum):
     @property
     def max_read(self) -> int:
         """Most bytes one READ is answered with."""
-        return SERIES[self.value].max_read
+        return SERIES[self._value_].max_read
 
     @property
     def sync_read(self) -> bool:
@@ -203,12 +203,13 @@ class Series(Enum):
     @property
     def instructions(self) -> tuple[str, ...]:
         """Names of the instructions it knows."""
-        return SERIES[self.value].instructions
+        return SERIES[self._value_].instructions
 
     @property
     def registers(self) -> Mapping[str, Register]:
         """All registers by name, in order of address."""
-        return _registers(self.value)
+        # `value` is a descriptor written in Python, and every servo packet comes by here.
+        return _registers(self._value_)
 
     def register(self, name: str) -> Register:
         """The register of that name.
