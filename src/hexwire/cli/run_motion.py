@@ -206,7 +206,7 @@ def _drive(
         raise ServoError(f"stopped: {loop.follower.reason}; 'hexwire resume' ends that")
     counters = loop.timing.counters
     if counters.skipped:
-        note(f"warning: the line is too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
+        note(f"warning: line or machine are too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
     if off:
         raise ServoError(f"did not arrive: {off}")
     print("arrived")
