@@ -1,0 +1,58 @@
+"""Robots of other packages are found; the one of docs/adding-a-robot.md is installed for the purpose."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hexwire.cli.main import cli
+from hexwire.drivers.registry import connect, load_driver, robot_names
+from hexwire.errors import LinkNotFoundError, UsageError
+
+PAGE = Path(__file__).parents[2] / "docs" / "adding-a-robot.md"
+
+
+def install(folder: Path, entry: str, code: str) -> None:
+    """Put a package where the interpreter finds it, as pip does."""
+    info = folder / "swing-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: swing\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[hexwire.robots]\n{entry}\n")
+    (folder / "swing").mkdir()
+    (folder / "swing" / "__init__.py").write_text("")
+    (folder / "swing" / "driver.py").write_text(code)
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of packages; what is imported from it is forgotten afterwards."""
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "swing"]:
+        monkeypatch.delitem(sys.modules, name)
+    return tmp_path
+
+
+def test_the_robot_of_the_page_is_found(page: Path) -> None:
+    text = PAGE.read_text()
+    blocks = re.findall(r"```python[^\n]*\n(.*?)```", text, re.DOTALL)
+    entry = re.search(r'^swing = "(.*)"$', text, re.MULTILINE)
+    assert entry is not None
+    install(page, f"swing = {entry[1]}", "\n".join(blocks[:2]))
+    assert {"hex7bot", "puma260", "swing"} <= set(robot_names())
+    driver = load_driver("swing")
+    assert (driver.__name__, driver.model.names) == ("SwingDriver", ("J1", "J2"))
+    # And by the command line, which gets as far as a port that is not there.
+    result = CliRunner().invoke(cli, ["--robot", "swing", "state", "--port", "/dev/none"])
+    assert (result.exit_code, "/dev/none" in result.stderr) == (1, True)
+    with pytest.raises(LinkNotFoundError):
+        connect("/dev/none", robot="swing")
+
+
+def test_what_is_no_driver_is_refused(page: Path) -> None:
+    install(page, "swing = swing.driver:SwingDriver", "SwingDriver = dict")
+    with pytest.raises(UsageError, match="of robot 'swing' is no RobotDriver class"):
+        load_driver("swing")
