@@ -60,7 +60,7 @@ def _unpaced(emulator: str, peers: list[str]) -> list[str]:
         for _ in range(_ROUNDS):
             for op in _OPS:
                 for peer in [FLOOR, *peers]:
-                    result = _measure(emulator, peer, path, 0, op, 6000, "0")
+                    result = _measure(emulator, peer, path, 0, op, 4000, "0")
                     _keep(best.setdefault(op, {}), peer, result, "p50")
     for op in _OPS:
         ours = best[op]["hexwire"]["p50"]
@@ -90,9 +90,9 @@ def _paced(emulator: str, peers: list[str], baud: int) -> list[str]:
     for op in ("sync_read", "cycle"):
         best: dict[str, dict[str, float]] = {}
         with _served(emulator, "--baud", str(baud)) as path:
-            for _ in range(_ROUNDS):
+            for _ in range(_ROUNDS - 1):
                 for peer in [FLOOR, *peers]:
-                    _keep(best, peer, _measure(emulator, peer, path, baud, op, 1500, "-"), "mean")
+                    _keep(best, peer, _measure(emulator, peer, path, baud, op, baud // 700, "-"), "mean")
         floor = best[FLOOR]["rate"]
         cells = [
             f"{p} {r['rate']:.0f} ({r['rate'] / floor:.3f}), {r['cpu'] / r['mean']:.1%}" for p, r in best.items()
