@@ -476,7 +476,7 @@ def test_a_stop_from_another_thread_interrupts_a_request_to_a_silent_board(diale
         deaf.set()
         reader = threading.Thread(target=reading)
         reader.start()
-        while driver.session._owner == 0:
+        while driver.session._turn.owner == 0:
             time.sleep(0.005)
         time.sleep(0.2)
         if dialect == 1:

@@ -433,7 +433,7 @@ def test_an_urgent_request_interrupts_one_that_waits(dialect: int) -> None:
 
         thread = threading.Thread(target=wait)
         thread.start()
-        while session._owner == 0:
+        while session._turn.owner == 0:
             time.sleep(0.005)
         time.sleep(0.1)
         with pytest.raises(ReplyTimeoutError):
@@ -466,7 +466,7 @@ def test_many_threads_each_get_their_own_answers() -> None:
             thread.join(60)
         assert not any(t.is_alive() for t in threads)
         assert wrong == []
-        assert session._urgent_waiting == 0
+        assert session._turn.urgent_waiting == 0
 
 
 def test_an_urgent_request_during_a_reconnection_does_not_hang() -> None:

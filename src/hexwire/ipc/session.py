@@ -11,11 +11,9 @@ interrupts the one that is waiting.
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -35,6 +33,7 @@ from hexwire.wire.command_frame import Frame, command_name
 from hexwire.wire.modules import IpcType, ModuleType
 
 from .handle import IpcHandle
+from .turn import Turn
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -101,11 +100,7 @@ class Session:
         self.connection = self._make_connection(time.monotonic)
         self._sleep: Callable[[float], None] = time.sleep
         self._closed = False
-        self._turn = threading.RLock()
-        self._owner = 0
-        self._depth = 0
-        self._counting = threading.Lock()
-        self._urgent_waiting = 0
+        self._turn = Turn()
         self._awaited: set[int] = set()
         self._stash: dict[int, Event] = {}
         self._reports: deque[Frame] = deque(maxlen=_KEPT)
@@ -183,7 +178,7 @@ class Session:
         Raises:
             ReplyTimeoutError: Nobody answers; the text says what that may mean.
         """
-        with self._my_turn():
+        with self._turn.taken():
             self._negotiation = (boot_window, ping_ids, dialect)
             negotiator = Negotiator(
                 self.connection, self.now(), boot_window=boot_window, ping_ids=ping_ids, dialect=dialect
@@ -230,7 +225,7 @@ class Session:
             PreemptedError: A stop took the line; whether this was done is unknown.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
-        self._begin_turn(urgent)
+        self._turn.begin(self.ipc.link.wake if urgent else None)
         try:
             while True:
                 if guard is not None:
@@ -248,7 +243,7 @@ class Session:
                             url=self.ipc.link.url,
                         ) from lost
         finally:
-            self._end_turn()
+            self._turn.end()
 
     def send(self, cmd: int, body: bytes = b"") -> None:
         """Send a frame and do not wait for an answer; one that comes is thrown away.
@@ -256,7 +251,7 @@ class Session:
         Raises:
             LinkError: The line takes nothing.
         """
-        with self._my_turn():
+        with self._turn.taken():
             ticket = self.connection.request(cmd, body, self.now(), attempts=1)
             self._write()
             self.connection.abandon(ticket)
@@ -272,7 +267,7 @@ class Session:
 
     def poll_reports(self) -> Frame | None:
         """Take what has arrived without waiting; the newest unsolicited frame, or None."""
-        with self._my_turn():
+        with self._turn.taken():
             self._step(self.now())
             self._sort_events()
             newest = self._reports[-1] if self._reports else None
@@ -285,7 +280,7 @@ class Session:
         connection = self.connection
         self._awaited.add(ticket)
         try:
-            if connection.dialect != tables.PROTO_CHAPTER and not self._urgent_waiting:
+            if connection.dialect != tables.PROTO_CHAPTER and not self._turn.urgent_waiting:
                 # Nothing can have happened yet: the usual case is one step, and the answer is there.
                 self._step(None)
             while True:
@@ -304,7 +299,7 @@ class Session:
                     return stashed
                 if isinstance(stashed, TimedOut):
                     raise self._timed_out(stashed)
-                if self._urgent_waiting and not urgent:
+                if self._turn.urgent_waiting and not urgent:
                     raise PreemptedError("a stop took the line; whether the request was done is unknown")
                 if self.connection is not connection:
                     raise LinkLostError(f"{self.ipc.link.url} was lost and opened anew", url=self.ipc.link.url)
@@ -351,9 +346,9 @@ class Session:
         deadline = None if timeout is None else self.now() + timeout
         looked = False
         while True:
-            with self._my_turn():
+            with self._turn.taken():
                 # A stop goes first; nothing is lost by listening again after it.
-                while not self._urgent_waiting:
+                while not self._turn.urgent_waiting:
                     self._sort_events()
                     if queue:
                         return queue.popleft()
@@ -380,47 +375,6 @@ class Session:
             if frame is not None:
                 self._frames.append(frame)
             _log.debug("%s: %s", self.ipc.link.url, event)
-
-    @contextmanager
-    def _my_turn(self, urgent: bool = False) -> Iterator[None]:
-        self._begin_turn(urgent)
-        try:
-            yield
-        finally:
-            self._end_turn()
-
-    def _begin_turn(self, urgent: bool) -> None:
-        self._take_turn(urgent)
-        self._owner = threading.get_ident()
-        self._depth += 1
-
-    def _end_turn(self) -> None:
-        self._depth -= 1
-        if not self._depth:
-            self._owner = 0
-        self._turn.release()
-
-    def _take_turn(self, urgent: bool) -> None:
-        if urgent:
-            self._count_urgent(1)
-            try:
-                self.ipc.link.wake()
-                self._turn.acquire()
-            finally:
-                self._count_urgent(-1)
-            return
-        # Who has the turn already, as when reopening the port, must not wait for a stop that waits for it.
-        mine = self._owner == threading.get_ident()
-        self._turn.acquire()
-        while self._urgent_waiting and not mine:
-            # Let the stop through: it counts itself before it waits for the lock.
-            self._turn.release()
-            time.sleep(0.001)
-            self._turn.acquire()
-
-    def _count_urgent(self, change: int) -> None:
-        with self._counting:
-            self._urgent_waiting += change
 
     # -- when it does not work ----------------------------------------------------------------------
 
