@@ -1,4 +1,4 @@
-"""Helpers for the tests of kinematics: published poses, random poses, distances."""
+"""What the tests of kinematics share: published poses, random poses, distances."""
 
 from __future__ import annotations
 

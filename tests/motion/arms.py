@@ -1,4 +1,4 @@
-"""Helpers for the tests of motion: states, and a robot that follows in simulated time."""
+"""What the tests of motion share: states, and a robot that follows in simulated time."""
 
 from __future__ import annotations
 
