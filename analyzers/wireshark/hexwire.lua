@@ -15,6 +15,7 @@ local COOKED = "\10\10"
 local HEAD_SIZE = 40
 local OVERHEAD = 44
 local SILENCE = 0.050 -- seconds after which an unfinished frame is given up
+local PATIENCE = 2 -- seconds in which an answer may come
 local SAMPLE = 24 -- bytes shown of a body that is only bytes
 
 local proto = Proto("hexwire", "hexwire robot arm protocol")
@@ -92,6 +93,9 @@ proto.prefs.tcp_port = Pref.uint("TCP port", 15030, "Port whose TCP traffic is h
 proto.prefs.udp_port = Pref.uint("UDP port", 15030, "Port whose UDP traffic is hexwire; 0 for none")
 proto.prefs.series = Pref.string("Servo series", "board",
   "Series of all servos (seven_bot, scs, sts_sms, hls), or board: as on the Hex7Bot's")
+
+proto.prefs.line = Pref.string("Serial line", "auto",
+  "What serial captures hold: host (command frames), bus (bare servo packets), or auto: bus if it begins with one")
 
 -- Bytes ----------------------------------------------------------------------------------------------------------
 
@@ -295,10 +299,12 @@ end
 local function servo_words(data, asked, where, order)
   local legacy, id, inst = data:byte(2) == 245, data:byte(3), data:byte(5)
   local params = data:sub(6, -2)
-  local answer = legacy or where == "from_board" or (where == "on_bus" and not T.instructions[inst])
-  if where == "on_bus" and asked and not answer and asked:byte(5) ~= 131 and data ~= asked then
-    local wanted = (asked:byte(5) == 2 or asked:byte(5) == 130) and (asked:byte(7) or 0) + 6 or 6
-    local same = asked:byte(3) == id or (asked:byte(5) == 130 and asked:find(string.char(id), 8, true) ~= nil)
+  local answer = legacy or where == "from_board" or
+    (where == "on_bus" and (not T.instructions[inst] or (T.bare[inst] and #params > 0)))
+  if where == "on_bus" and asked and not answer and T.replies[asked:byte(5)] ~= "never" and data ~= asked then
+    local reads = (asked:byte(5) == 2 or asked:byte(5) == 130) and #asked > 7
+    local wanted = reads and asked:byte(7) + 6 or 6
+    local same = asked:byte(3) == id or (asked:byte(5) == 130 and asked:sub(8, -2):find(string.char(id), 1, true) ~= nil)
     answer = same and #data == wanted
   end
   if answer then
@@ -318,7 +324,7 @@ local function servo_words(data, asked, where, order)
       text = text .. " error " .. (#words > 0 and table.concat(words, ", ") or string.format("0x%02X", inst))
     end
     if #params > 0 then
-      local reads = asked and (asked:byte(5) == 2 or asked:byte(5) == 130)
+      local reads = asked and #asked > 6 and (asked:byte(5) == 2 or asked:byte(5) == 130)
       local series = series_of(id) or (legacy and "seven_bot") or nil
       if reads and series then
         -- The board swaps the two bytes of a legacy servo's answer.
@@ -463,6 +469,7 @@ local function frame_words(data, asked, out)
     end
   end
   if out.ceiling then text = text .. " ! run time in the current ceiling of an HLS servo" end
+  if out.bad_body then text = text .. " ! the body does not fit the command" end
   if dialect == 1 then
     local marker = data:find(TAIL, 5, true)
     if marker and marker < #data - 1 then
@@ -470,7 +477,6 @@ local function frame_words(data, asked, out)
       text = text .. " ! 0D 0A inside, a board of the chapter cuts the frame there"
     end
   end
-  if out.bad_body then text = text .. " ! the body does not fit the command" end
   if out.cooked then text = text .. " ! tail 0A 0A, the port was left with ICRNL" end
   return text
 end
@@ -505,6 +511,7 @@ local function pair(data, key, pinfo, line, from_board)
     return nil
   end
   local asked = asked_by[slot]
+  if asked and pinfo.abs_ts - asked.time > PATIENCE then asked = nil end
   if asked then
     matches[key], asked_by[slot] = asked, nil
     answers[asked.key] = pinfo.number
@@ -627,6 +634,7 @@ local function packet_tree(range, data, pinfo, tree, key, line)
   local slot = line .. " bus"
   if matches[key] == nil then
     local asked = asked_by[slot]
+    if asked and pinfo.abs_ts - asked.time > PATIENCE then asked = nil end
     local _, is_answer = servo_words(data, asked and asked.packet, "on_bus")
     matches[key] = is_answer and asked or false
     if not is_answer then
@@ -718,6 +726,7 @@ local function serial(tvb, pinfo, tree)
     local data = line.rest .. fresh
     if not line.frames then
       local bus = data:match("^\255[\255\245]") and not data:find(SYNC, 1, true)
+      if proto.prefs.line == "bus" or proto.prefs.line == "host" then bus = proto.prefs.line == "bus" end
       line.frames = not bus
     end
     local items, rest = (line.frames and cut_frames or cut_packets)(data, false)

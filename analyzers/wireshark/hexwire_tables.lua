@@ -378,6 +378,14 @@ hexwire_tables = {
     [130] = "sync read",
     [131] = "sync write",
   },
+  bare = {
+    [1] = 1,
+    [5] = 1,
+    [6] = 1,
+    [8] = 1,
+    [9] = 1,
+    [10] = 1,
+  },
   replies = {
     [1] = "always",
     [2] = "always",

@@ -10,8 +10,10 @@ import struct
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.analyzers.lines import readings_table
 
 from hexwire.ipc.tap import Direction, Passed
 from hexwire.trace.pcap import write_pcap, write_pcapng
@@ -103,6 +105,29 @@ def network(path: Path, traffic: Sequence[tuple[bool, bytes]], *, tcp: bool, por
     with path.open("wb") as file:
         write_pcap(file, packets, link_type=ETHERNET)
     return path
+
+
+def test_reads_as_the_table_says(tmp_path: Path) -> None:
+    """Every row, ten seconds and a run of its own apart: what one row left open must not reach the next."""
+    table = readings_table()
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in table:
+        groups.setdefault((row["line"], row.get("series", "board")), []).append(row)
+    for (line, series), rows in groups.items():
+        packets = []
+        for number, row in enumerate(rows):
+            for i, (_, data) in enumerate(row["transfers"]):
+                packets.append((1000 + 10 * number + i / 1000, bytes.fromhex(data)))
+        path = tmp_path / f"{line}-{series}.pcap"
+        with path.open("wb") as file:
+            write_pcap(file, packets)
+        arguments = ("-o", f"hexwire.series:{series}", "-o", f"hexwire.line:{line}")
+        found = tshark(path, *arguments, fields=["frame.time_epoch", "hexwire.reading"])
+        by_row: dict[int, list[str]] = {}
+        for time, text in found:
+            by_row.setdefault(int((float(time) - 1000) // 10), []).extend(part for part in text.split("|") if part)
+        for number, row in enumerate(rows):
+            assert by_row[number] == row["readings"], row["name"]
 
 
 def test_every_good_vector_has_its_fields(tmp_path: Path) -> None:
