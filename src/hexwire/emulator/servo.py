@@ -107,6 +107,7 @@ class EmulatedServo:
         self._goal_distance = 0.0
         self._target = self.motion.position
         self._pending: tuple[int, bytes] | None = None
+        self._shown: tuple[object, ...] | None = ()
         self._goal = control.goal_name(series)
         self._power_up()
 
@@ -396,6 +397,30 @@ class EmulatedServo:
 
     def refresh(self) -> None:
         """Bring the read-only registers up to date."""
+        shown = self._as_it_was()
+        if shown is not None and shown == self._shown:
+            return
+        self._show()
+        self._shown = self._as_it_was()
+
+    def _as_it_was(self) -> tuple[object, ...] | None:
+        """Everything that the read-only registers of a servo at rest depend on; None if they move by themselves."""
+        motion, protection = self.motion, self.protection
+        if self.noise or not motion.settled:
+            return None
+        return (
+            self.registers.version,
+            protection.status,
+            round(protection.temperature),
+            self._supply,
+            self.idle_load,
+            self._target,
+            motion.position,
+            motion.velocity,
+            motion.torque,
+        )
+
+    def _show(self) -> None:
         registers, motion = self.registers, self.motion
         jitter_position = jitter_load = 0
         if self.noise:

@@ -69,6 +69,8 @@ class RegisterFile:
         self._live = bytearray(256)
         self._stored = bytearray(256)
         self._has_lock = "lock" in self.rows
+        self.version = 0
+        """Grows whenever a live value may have changed."""
         # Addresses of the registers of one byte without a sign, which most are: read and written very often.
         self._plain = {r.name: r.address for r in self.rows.values() if r.size == 1 and r.sign_bit is None}
         # Owner of each address, so that a write finds its registers without a search.
@@ -94,6 +96,7 @@ class RegisterFile:
 
     def power_up(self) -> None:
         """EEPROM from its store, RAM to its defaults, the copies made."""
+        self.version += 1
         assumed = _ASSUMED[self.series]
         for row in self.rows.values():
             if row.area == "ram":
@@ -125,6 +128,7 @@ class RegisterFile:
 
     def put(self, name: str, value: int) -> None:
         """Set a live value from inside the servo, clipped to what the coding holds."""
+        self.version += 1
         at = self._plain.get(name)
         if at is not None:
             self._live[at] = max(0, min(255, value))
@@ -145,6 +149,7 @@ class RegisterFile:
 
     def write(self, address: int, data: bytes) -> set[str]:
         """A write from the bus. Returns the names of the registers it touched, changed or not."""
+        self.version += 1
         locked = self._has_lock and bool(self.get("lock"))
         before = bytes(self._live)
         touched: dict[str, Register] = {}
