@@ -299,7 +299,7 @@ class Reader:
         named = self.tables["board_errors"].get(error)
         if where == "from_board" and legacy and named:
             silent = error == 1 and len(data) == 8 and params == b"\0\0"
-            if silent or (error != 1 and len(data) == 6 == data[3]):
+            if silent or (error != 1 and not params and (servo == 0xFF or named == "ping silent")):
                 return "board error %s%s" % (named, "" if servo == 0xFF else ", servo %d" % servo)
         text = "status %d%s" % (servo, " legacy" if legacy else "")
         if error:

@@ -311,7 +311,7 @@ local function servo_words(data, asked, where, order)
     local named = T.board_errors[inst]
     if where == "from_board" and legacy and named then
       local silent = inst == 1 and #data == 8 and params == "\0\0"
-      if silent or (#data == 6 and data:byte(4) == 6 and inst ~= 1) then
+      if silent or (inst ~= 1 and #params == 0 and (id == 255 or named == "ping silent")) then
         return "board error " .. named .. (id == 255 and "" or ", servo " .. id), true
       end
     end

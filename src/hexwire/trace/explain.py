@@ -7,7 +7,7 @@ come from.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,8 @@ from hexwire.wire.servo_packet import (
 from hexwire.wire.session_header import SYNC_BYTES
 from hexwire.wire.tables import PROTO_CHAPTER, TAIL
 
+from .reading import CEILING, answers, cut_packets, has_ceiling_hazard, read_frame, read_request, read_status
+
 __all__ = ["Explained", "Explainer", "Layer"]
 
 _BOARD_SERIES = {
@@ -38,6 +40,8 @@ _BOARD_SERIES = {
 }
 _SERVO_COMMANDS = (Command.PING, Command.READ, Command.SYNC_WRITE)
 _COOKED_TAIL = b"\n\n"
+_NO_FRAME = "belongs to no frame"
+_CEILING = f"hazard: {CEILING}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +65,7 @@ class Explained:
         text: One line.
         layers: From the outermost inward.
         problem: Why it is bad, or what is doubtful; empty if nothing.
+        reading: The same short line that the project's analysers show (`reading`).
     """
 
     direction: Direction
@@ -70,6 +75,7 @@ class Explained:
     text: str
     layers: tuple[Layer, ...] = ()
     problem: str = ""
+    reading: str = ""
 
     def as_fields(self) -> dict[str, Any]:
         """Everything for programs: plain values that JSON takes."""
@@ -78,6 +84,7 @@ class Explained:
             "time_s": self.time,
             "kind": self.kind,
             "text": self.text,
+            "reading": self.reading,
             "hex": self.data.hex(" ").upper(),
         }
         if self.problem:
@@ -99,6 +106,7 @@ class _Way:
 
     data: bytes = b""
     frames: bool = False
+    bus: bool = False
 
 
 class Explainer:
@@ -106,10 +114,12 @@ class Explainer:
 
     Args:
         series: Series of servos by id; those of the Hex7Bot's board if None.
+        bus: The line is a bus of servos, without a board. If None, it is one if it begins with a servo packet.
     """
 
-    def __init__(self, series: dict[int, Series] | None = None) -> None:
+    def __init__(self, series: Mapping[int, Series] | None = None, *, bus: bool | None = None) -> None:
         self._series = _BOARD_SERIES if series is None else series
+        self._bus = bus
         self._ways = {direction: _Way() for direction in Direction}
         self._by_seq: dict[int, _Asked] = {}
         self._last: _Asked | None = None
@@ -117,19 +127,23 @@ class Explainer:
     def feed(self, passed: Passed) -> Iterator[Explained]:
         """Explain what is whole after this transfer."""
         way = self._ways[passed.direction]
-        if not way.frames and SYNC_BYTES not in passed.data and passed.data[:2] in (b"\xff\xff", b"\xff\xf5"):
-            yield from self._servo_traffic(passed)
-            return
-        way.frames = way.frames or SYNC_BYTES in passed.data
         way.data += passed.data
+        if self._bus or (self._bus is None and not way.frames and self._begins_bus(way.data)):
+            way.bus = True
+            yield from self._servo_traffic(way, passed.direction, passed.time)
+            return
+        way.bus = False
+        way.frames = way.frames or SYNC_BYTES in way.data
         yield from self._take(way, passed.direction, passed.time)
 
     def finish(self) -> Iterator[Explained]:
         """Explain what is left unfinished at the end."""
         for direction, way in self._ways.items():
+            if way.bus:
+                yield from self._servo_traffic(way, direction, 0.0, final=True)
             rest, way.data = way.data, b""
             if rest:
-                problem = "cut short by the end" if rest.startswith(SYNC_BYTES) else "belongs to no frame"
+                problem = "cut short by the end" if rest.startswith(SYNC_BYTES) else _NO_FRAME
                 yield self._spoilt(rest, direction, 0.0, problem)
 
     def _take(self, way: _Way, direction: Direction, time: float) -> Iterator[Explained]:
@@ -142,14 +156,14 @@ class Explainer:
                 keep = next((n for n in (3, 2, 1) if data.endswith(SYNC_BYTES[:n])), 0)
                 lost, way.data = data[: len(data) - keep], data[len(data) - keep :]
                 if lost:
-                    yield self._spoilt(lost, direction, time, "belongs to no frame")
+                    yield self._spoilt(lost, direction, time, _NO_FRAME)
                 return
             result = examine(data, start, tables.MAX_NETWORK_FRAME)
             if isinstance(result, str) and result.startswith("head:"):
                 at = start + 1
                 continue
             if start:
-                yield self._spoilt(data[:start], direction, time, "belongs to no frame")
+                yield self._spoilt(data[:start], direction, time, _NO_FRAME)
                 data = way.data = data[start:]
                 at = 0
             if isinstance(result, int):
@@ -183,7 +197,9 @@ class Explainer:
         elif frame.cmd == Command.TRANSACT and frame.body:
             packet = frame.body if frame.is_reply else frame.body[2:]
             if packet:
-                layers.append(self._servo_layer(packet, asked if direction is Direction.RECEIVED else None))
+                layers.append(
+                    self._servo_layer(packet, asked if direction is Direction.RECEIVED else None, swapped=False)
+                )
         elif frame.body:
             text = describe_body(frame)
             layers.append(Layer("body", text, {"text": text}))
@@ -191,7 +207,9 @@ class Explainer:
             took = (time - asked.time) * 1000
             text = f"answers seq {asked.seq}" + (f" after {took:.1f} ms" if time and asked.time else "")
             layers.append(Layer("pairing", text, {"request_seq": asked.seq, "took_ms": round(took, 3)}))
-        return Explained(direction, time, "frame", raw, str(frame), tuple(layers), problem)
+        question = asked.packet if asked else None
+        reading = read_frame(frame, raw, question, self._series, cooked=raw.endswith(_COOKED_TAIL))
+        return Explained(direction, time, "frame", raw, str(frame), tuple(layers), problem, reading)
 
     def _session_layer(self, frame: Frame) -> Layer:
         header = frame.header
@@ -248,7 +266,7 @@ class Explainer:
 
     # -- servo packets ------------------------------------------------------------------------------
 
-    def _servo_layer(self, data: bytes, asked: _Asked | None) -> Layer:
+    def _servo_layer(self, data: bytes, asked: _Asked | None, *, swapped: bool = True) -> Layer:
         packet = _try_packet(data)
         answers = asked is not None and asked.packet is not None
         if packet is not None and not answers and packet.instruction in tuple(Instruction):
@@ -258,7 +276,7 @@ class Explainer:
         except HexwireError as error:
             text = f"bad servo packet, {error}: {data.hex(' ').upper()}"
             return Layer("servo", text, {"problem": str(error)})
-        return self._status_layer(status, asked.packet if asked else None)
+        return self._status_layer(status, asked.packet if asked else None, swapped=swapped)
 
     def _request_layer(self, packet: ServoPacket, data: bytes) -> Layer:
         series = self._series.get(packet.servo_id)
@@ -271,10 +289,9 @@ class Explainer:
         if packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE) and packet.params and series:
             values = _values(series, packet.params[0], packet.params[1:])
             fields["registers"] = values
-            hazard = _ceiling_hazard(series, packet.params[0], packet.params[1:])
-            if hazard:
-                fields["hazard"] = hazard
-                text += f"; {hazard}"
+            if has_ceiling_hazard(series, packet.params[0], packet.params[1:]):
+                fields["hazard"] = _CEILING
+                text += f"; {_CEILING}"
             text += _in_units(values)
         elif packet.instruction == Instruction.SYNC_WRITE:
             text += self._sync_write_hazard(packet, fields)
@@ -289,15 +306,15 @@ class Explainer:
         except HexwireError:
             return ""
         for servo_id, data in rows:
-            series = self._series.get(servo_id)
-            hazard = _ceiling_hazard(series, address, data) if series else ""
-            if hazard:
-                fields["hazard"] = hazard
-                return f"; servo {servo_id}: {hazard}"
+            if has_ceiling_hazard(self._series.get(servo_id), address, data):
+                fields["hazard"] = _CEILING
+                return f"; servo {servo_id}: {_CEILING}"
         return ""
 
-    def _status_layer(self, status: StatusPacket, request: ServoPacket | None) -> Layer:
-        named = board_error_name(status)
+    def _status_layer(
+        self, status: StatusPacket, request: ServoPacket | None, *, bus: bool = False, swapped: bool = True
+    ) -> Layer:
+        named = None if bus else board_error_name(status)
         fields: dict[str, Any] = {"id": status.servo_id, "error": status.error, "checksum": "good"}
         if named is not None:
             fields["board_error"] = named
@@ -306,7 +323,7 @@ class Explainer:
         text = f"servo {status.servo_id}, {series.value}, error {status.error:02X}"
         params = status.params
         if request is not None and request.instruction == Instruction.READ and request.params and params:
-            if len(params) == 2 and series is Series.SEVEN_BOT:
+            if len(params) == 2 and series is Series.SEVEN_BOT and swapped and not bus:
                 # The board has swapped the two bytes, so that the host sees little-endian for every id.
                 params = params[::-1]
             values = _values(series, request.params[0], params)
@@ -316,32 +333,47 @@ class Explainer:
             text += f", data {params.hex(' ').upper()}"
         return Layer("servo", text, fields)
 
-    def _servo_traffic(self, passed: Passed) -> Iterator[Explained]:
+    @staticmethod
+    def _begins_bus(data: bytes) -> bool:
+        return data[:2] in (tables.SERVO_HEADER, tables.LEGACY_HEADER) and SYNC_BYTES not in data
+
+    def _servo_traffic(
+        self, way: _Way, direction: Direction, time: float, *, final: bool = False
+    ) -> Iterator[Explained]:
         """A bus without a board: packets go out, status packets come in, perhaps several at once."""
-        data, at = passed.data, 0
-        while at < len(data):
-            end = _packet_end(data, at)
-            if end is None:
-                rest = data[at:]
-                text = f"{len(rest)} bytes, no servo packet: {rest[:16].hex(' ').upper()}"
-                yield Explained(passed.direction, passed.time, "garbage", rest, text, (), "no servo packet")
-                return
-            piece = data[at:end]
-            asked = self._last if passed.direction is Direction.RECEIVED else None
-            layer = self._servo_layer(piece, asked)
-            if passed.direction is Direction.SENT:
-                self._last = _Asked(passed.time, 0, 0, _try_packet(piece))
-            problem = layer.fields.get("problem", "")
-            yield Explained(passed.direction, passed.time, "servo packet", piece, layer.text, (layer,), problem)
-            at = end
+        pieces, rest = cut_packets(way.data, final=final)
+        data, way.data = way.data, way.data[rest:]
+        for kind, start, end, reason in pieces:
+            piece = data[start:end]
+            if kind == "packet":
+                yield self._servo_packet(piece, direction, time)
+                continue
+            reading = f"bad packet: {reason}" if kind == "bad" else f"garbage: {len(piece)} bytes"
+            text = f"{len(piece)} bytes, {reason or 'no servo packet'}: {piece[:16].hex(' ').upper()}"
+            yield Explained(direction, time, kind, piece, text, (), reason or "no servo packet", reading)
+
+    def _servo_packet(self, data: bytes, direction: Direction, time: float) -> Explained:
+        asked = self._last.packet if self._last else None
+        if answers(data, asked):
+            status = parse_status(data)
+            layer = self._status_layer(status, asked, bus=True)
+            reading = read_status(status, asked, self._series)
+            if asked is not None and asked.instruction != Instruction.SYNC_READ:
+                self._last = None
+        else:
+            packet = parse_packet(data)
+            layer = self._request_layer(packet, data)
+            reading = read_request(data, self._series)
+            self._last = _Asked(time, 0, 0, packet)
+        return Explained(direction, time, "servo packet", data, layer.text, (layer,), "", reading)
 
     @staticmethod
     def _spoilt(data: bytes, direction: Direction, time: float, problem: str) -> Explained:
         kind = "bad" if data.startswith(SYNC_BYTES) else "garbage"
         sample = data[:16].hex(" ").upper() + (" ..." if len(data) > 16 else "")
-        return Explained(
-            direction, time, kind, data, f"{kind}, {len(data)} bytes, {problem}: {sample}", (), problem
-        )
+        reading = f"garbage: {len(data)} bytes" if problem == _NO_FRAME else f"bad frame: {problem}"
+        text = f"{kind}, {len(data)} bytes, {problem}: {sample}"
+        return Explained(direction, time, kind, data, text, (), problem, reading)
 
 
 def _try_packet(data: bytes) -> ServoPacket | None:
@@ -349,15 +381,6 @@ def _try_packet(data: bytes) -> ServoPacket | None:
         return parse_packet(data)
     except HexwireError:
         return None
-
-
-def _packet_end(data: bytes, at: int) -> int | None:
-    if data[at : at + 2] not in (b"\xff\xff", b"\xff\xf5") or at + 6 > len(data):
-        return None
-    length = data[at + 3]
-    quirk = data[at + 1] == 0xF5 and length == 6 and at + 10 > len(data)
-    end = at + (6 if quirk else 4 + length)
-    return end if at + 6 <= end <= len(data) else None
 
 
 def _values(series: Series, address: int, data: bytes) -> list[dict[str, Any]]:
@@ -384,12 +407,3 @@ def _in_units(values: list[dict[str, Any]]) -> str:
         for v in values
     ]
     return f": {', '.join(words)}"
-
-
-def _ceiling_hazard(series: Series, address: int, data: bytes) -> str:
-    """The chapter's 4-byte block on an HLS servo: its run time lands in the current ceiling."""
-    if series is not Series.HLS:
-        return ""
-    if address == Series.HLS.register("goal_position").address and len(data) == 4:
-        return "hazard: run time in the current ceiling of an HLS servo"
-    return ""

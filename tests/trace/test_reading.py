@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.analyzers.lines import readings_table
+
+from hexwire.ipc.tap import Direction, Passed
+from hexwire.trace.explain import Explainer
+from hexwire.trace.reading import cut_packets, read_request, read_status
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_legacy_ping_status, make_ping, make_read, make_status, parse_status
+
+WAYS = {"host": Direction.SENT, "board": Direction.RECEIVED}
+
+
+@pytest.mark.parametrize("row", readings_table(), ids=lambda row: row["name"])
+def test_reads_as_the_table_says(row: dict[str, Any]) -> None:
+    """Python's own decoder, which shares nothing with the analysers but the schema and the table."""
+    series = dict.fromkeys(range(254), Series(row["series"])) if "series" in row else None
+    explainer = Explainer(series, bus=row["line"] == "bus")
+    found = []
+    for i, (way, data) in enumerate(row["transfers"]):
+        found += explainer.feed(Passed(WAYS[way], bytes.fromhex(data), i * 0.001, ""))
+    found += explainer.finish()
+    assert [explained.reading for explained in found] == row["readings"]
+    assert all(explained.as_fields()["reading"] == explained.reading for explained in found)
+
+
+def test_the_table_has_every_kind_of_line() -> None:
+    table = readings_table()
+    assert len({row["name"] for row in table}) == len(table) > 90
+    texts = " / ".join(text for row in table for text in row["readings"])
+    for words in (
+        "garbage:",
+        "bad frame: tail",
+        "bad frame: check",
+        "bad packet: checksum",
+        "board error",
+        "reply ok",
+    ):
+        assert words in texts
+    for hazard in ("0D 0A inside", "current ceiling", "ICRNL", "does not fit"):
+        assert f" ! {hazard}" in texts or hazard in texts
+
+
+def test_a_board_s_error_is_one_only_behind_a_board() -> None:
+    status = parse_status(make_legacy_ping_status(3, 5))
+    assert read_status(status, None, {}) == "status 3 legacy error voltage, temperature"
+    assert read_status(status, None, {}, board=True) == "board error ping silent, servo 3"
+
+
+def test_a_name_comes_from_the_series_that_is_given() -> None:
+    request = make_read(1, 42, 2)
+    names = {
+        series: read_request(request, {1: series}).split(": ")[1].split(",")[0]
+        for series in (Series.SEVEN_BOT, Series.STS_SMS)
+    }
+    assert names == {Series.SEVEN_BOT: "target_position", Series.STS_SMS: "goal_position"}
+    assert read_request(request, {}) == "read 1: 0x2A, 2 bytes"
+
+
+part = st.one_of(
+    st.binary(max_size=8), st.sampled_from([make_ping(4), make_status(4), b"\xff", b"\xff\xff", b"\xff\xf5"])
+)
+
+
+@given(st.lists(part, max_size=10), st.lists(st.integers(0, 80), max_size=5))
+def test_no_byte_is_lost_and_pieces_make_no_difference(parts: list[bytes], cuts: list[int]) -> None:
+    stream = b"".join(parts)
+
+    def sound(pieces: list[bytes]) -> list[bytes]:
+        held, found, total = b"", [], b""
+        for piece in [*pieces, None]:
+            held += piece or b""
+            places, rest = cut_packets(held, final=piece is None)
+            for kind, start, end, reason in places:
+                total += held[start:end]
+                assert bool(reason) == (kind == "bad")
+                if kind == "packet":
+                    found.append(held[start:end])
+            held = held[rest:]
+            assert len(held) < 256
+        assert total == stream
+        return found
+
+    edges = sorted({min(cut, len(stream)) for cut in cuts})
+    split = [stream[a:b] for a, b in zip([0, *edges], [*edges, len(stream)], strict=True)]
+    assert sound(split) == sound([stream])
