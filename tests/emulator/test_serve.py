@@ -300,6 +300,18 @@ def test_another_rate_at_the_hosts_end_garbles_both_directions() -> None:
             os.close(fd)
 
 
+@pytest.mark.parametrize("baud", [9600, 115200])
+def test_a_program_that_sets_no_rate_is_understood(baud: int) -> None:
+    device = Loopback()
+    with serving(PtyServer(device, baud=baud)) as path:
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(fd, b"plain text")
+            assert read_some(fd, 10) == b"plain text"
+        finally:
+            os.close(fd)
+
+
 def test_the_wrong_baud_rate_is_told_as_such() -> None:
     board = make_hex7bot_board(baud=115200, start=time.monotonic(), faults=["host.junk:1"])
     with serving(PtyServer(board, baud=115200)) as path:

@@ -254,6 +254,7 @@ class PtyServer:
         """
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
+        self._set_rate(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
         if self._reset_on_open:
@@ -268,6 +269,14 @@ class PtyServer:
                 raise
             return str(self._link)
         return self.path
+
+    def _set_rate(self, slave: int) -> None:
+        # A terminal begins at 38400: a program that sets no rate would hear nothing but garbage.
+        code = next((code for code, rate in _BAUD_RATES.items() if rate == self._baud), None)
+        if self._baud and code is not None:
+            settings = termios.tcgetattr(slave)
+            settings[4] = settings[5] = code
+            termios.tcsetattr(slave, termios.TCSANOW, settings)
 
     def _make_link(self, link: Path) -> None:
         if link.exists() and not link.is_symlink():
