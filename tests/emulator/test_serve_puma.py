@@ -32,13 +32,11 @@ def call(served: Served) -> socket.socket:
     return socket.create_connection(("127.0.0.1", served.listener.port), timeout=10)
 
 
-def worst_round_trip(driver: Puma260Driver, seconds: float) -> float:
-    worst, end = 0.0, time.monotonic() + seconds
+def keep_asking(driver: Puma260Driver, seconds: float) -> None:
+    """Ask for a while: an answer that does not come, asked for three times, is an error."""
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
-        began = time.monotonic()
         driver.read()
-        worst = max(worst, time.monotonic() - began)
-    return worst
 
 
 def test_it_announces_where_it_is(served: Served) -> None:
@@ -71,8 +69,7 @@ def test_a_host_that_reads_nothing_is_hung_up_on_and_holds_nobody(served: Served
             except ConnectionError:
                 gone = True
         assert gone, "it still listens to somebody who takes no answers"
-        # Nobody waited a second for it, as the deadline of a read is a fifth.
-        assert worst_round_trip(driver, 0.3) < 1.0
+        keep_asking(driver, 0.3)
         assert driver.session.connection.counters.timeouts == 0
 
 
@@ -84,7 +81,7 @@ def test_hosts_that_say_nonsense_or_half_a_frame_hold_nobody(served: Served) -> 
         rude[2].sendall(b"GET / HTTP/1.1\r\n\r\n")
         rude[3].sendall(bytes.fromhex("5AFAFA5A") + bytes(24) + b"\xff\xff\xff\xff")
         with Puma260Driver.from_url(served.tcp) as driver:
-            assert worst_round_trip(driver, 0.5) < 1.0
+            keep_asking(driver, 0.5)
             assert driver.session.connection.counters.timeouts == 0
         # And who was rude may still become polite.
         rude[1].sendall(request(Command.ROBOT_PROBE, 2))
