@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -24,7 +25,7 @@ from .exits import note
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
-    from hexwire.model.state import JointReading
+    from hexwire.model.state import JointReading, JointState
 
 __all__ = [
     "FiniteFloat",
@@ -36,6 +37,7 @@ __all__ = [
     "json_option",
     "line_options",
     "make_robot",
+    "observing_states",
     "on_terminal",
     "open_robot",
     "port_option",
@@ -49,6 +51,9 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 DEFAULT_ROBOT = "hex7bot"
 _TYPED = click.core.ParameterSource.COMMANDLINE
+
+_StateObserver = Callable[["JointState"], None]
+_state_observer: ContextVar[_StateObserver | None] = ContextVar("hexwire_state_observer", default=None)
 
 _PATIENCE = 1.0
 """Seconds without an answer after which a person is told what is being waited for."""
@@ -222,10 +227,34 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
         robot.attach()
     finally:
         patience.cancel()
+    _show_states(robot)
     try:
         yield robot
     finally:
         robot.detach()
+
+
+@contextmanager
+def observing_states(observer: _StateObserver) -> Iterator[None]:
+    """While this lasts, every state that an attached robot reads goes to `observer` too, in the reader's thread."""
+    token = _state_observer.set(observer)
+    try:
+        yield
+    finally:
+        _state_observer.reset(token)
+
+
+def _show_states(robot: RobotDriver) -> None:
+    observer, read = _state_observer.get(), robot.read
+    if observer is None:
+        return
+
+    def read_and_show() -> JointState:
+        state = read()
+        observer(state)
+        return state
+
+    robot.read = read_and_show  # type: ignore[method-assign]  # a driver has no other place to look on
 
 
 # -- what is printed ------------------------------------------------------------------------------------

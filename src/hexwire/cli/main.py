@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import itertools
 import sys
 from typing import Any
 
@@ -36,6 +37,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "ports": ("hexwire.cli.look:ports", "List serial ports and what is probably behind them."),
     "probe": ("hexwire.cli.look:probe", "Show who the board and its servos are and how they do."),
     "pump": ("hexwire.cli.tool:pump", "Suction cup: hold, let go, off."),
+    "record": ("hexwire.cli.record:record", "Look into recordings, convert and mend them."),
     "resume": ("hexwire.cli.power:resume", "End a stop; nothing moves by it."),
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
@@ -69,10 +71,17 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        # `hexwire state --trace` is what people type: these two stand wherever they are put.
+        # `hexwire state --trace` is what people type: these stand wherever they are put.
         end = args.index("--") if "--" in args else len(args)
-        front = [arg for arg in args[:end] if arg in _ANYWHERE]
-        rest = [arg for arg in args[:end] if arg not in _ANYWHERE]
+        front, rest = [], []
+        words = iter(args[:end])
+        for arg in words:
+            if arg == "--record":
+                front += [arg, *itertools.islice(words, 1)]
+            elif arg in _ANYWHERE or arg.startswith("--record="):
+                front.append(arg)
+            else:
+                rest.append(arg)
         return super().parse_args(ctx, [*front, *rest, *args[end:]])
 
     def resolve_command(
@@ -109,11 +118,25 @@ class LazyGroup(click.Group):
 @click.option("-v", "--verbose", count=True, help="Say what happens on the line; twice for every detail.")
 @click.option("--trace", is_flag=True, envvar="HEXWIRE_TRACE", help="Print every byte that goes over the line.")
 @click.option("--explain", is_flag=True, help="The same, and what each byte means, layer by layer.")
+@click.option(
+    "--record",
+    metavar="FILE",
+    type=click.Path(dir_okay=False),
+    help="Write all traffic, frames in words and joint states to FILE.mcap.",
+)
 @click.option("--robot", metavar="NAME", help="Which robot, for every command that takes --robot.")
 @click.option("--port", metavar="URL", help="Where it is, for every command that takes --port.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
 @click.pass_context
-def cli(ctx: click.Context, verbose: int, trace: bool, explain: bool, robot: str | None, port: str | None) -> None:
+def cli(
+    ctx: click.Context,
+    verbose: int,
+    trace: bool,
+    explain: bool,
+    record: str | None,
+    robot: str | None,
+    port: str | None,
+) -> None:
     """Talk to a robot arm: from a joint command to a moving servo, and back.
 
     Exit status: 0 done, 1 the device or the line is at fault, 2 the command makes no sense, 130 interrupted.
@@ -123,6 +146,10 @@ def cli(ctx: click.Context, verbose: int, trace: bool, explain: bool, robot: str
         from .trace import tracing
 
         ctx.with_resource(tracing(explain=explain))
+    if record is not None:
+        from .record import recording
+
+        ctx.with_resource(recording(record))
 
 
 def main() -> None:

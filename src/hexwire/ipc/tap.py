@@ -103,8 +103,12 @@ class TapLink(Link):
 
 @contextmanager
 def wrap_new_links(wrapper: Callable[[Link], Link]) -> Iterator[None]:
-    """While this lasts, every link that `make_link` builds in this context goes through `wrapper`."""
-    token = _wrapper.set(wrapper)
+    """While this lasts, every link that `make_link` builds in this context goes through `wrapper`.
+
+    Within another such block both look on, this one outermost.
+    """
+    inner = _wrapper.get()
+    token = _wrapper.set(wrapper if inner is None else lambda link: wrapper(inner(link)))
     try:
         yield
     finally:

@@ -21,7 +21,7 @@ from hexwire.model.state import JointState
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["JOINT_STATES", "RecordedJoints", "RecordingWriter", "make_positions", "read_joint_states"]
+__all__ = ["JOINT_STATES", "RecordedJoints", "RecordingWriter", "load_mcap", "make_positions", "read_joint_states"]
 
 JOINT_STATES = "/joint_states"
 """Topic of the joint states."""
@@ -69,6 +69,20 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         },
     },
 }
+SCHEMAS["foxglove.Log"] = {
+    "title": "foxglove.Log",
+    "description": "A frame on the line, in words",
+    "type": "object",
+    "properties": {
+        "timestamp": _TIME,
+        "level": {"type": "integer", "description": "2 info, 3 warning"},
+        "message": {"type": "string"},
+        "name": {"type": "string", "description": "sent or received"},
+        "file": {"type": "string"},
+        "line": {"type": "integer"},
+        "hex": {"type": "string", "description": "the bytes"},
+    },
+}
 """JSON schemas by name."""
 
 
@@ -101,7 +115,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: str | Path) -> None:
-        writer_module = _mcap("mcap.writer")
+        writer_module = load_mcap("mcap.writer")
         self._file: IO[bytes] = Path(path).open("wb")  # noqa: SIM115  # closed by close()
         self._writer = writer_module.Writer(
             self._file, chunk_size=_CHUNK, compression=writer_module.CompressionType.ZSTD
@@ -127,13 +141,33 @@ class RecordingWriter:
             )
             channel = self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
             self._channels[topic] = channel
+        self._add(topic, stamp, json.dumps(body, separators=(",", ":"), allow_nan=False).encode())
+
+    def _add(self, topic: str, stamp: float, data: bytes) -> None:
         ns = round(stamp * _NSEC)
         sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
-        data = json.dumps(body, separators=(",", ":"), allow_nan=False).encode()
         self._writer.add_message(
-            channel_id=channel, log_time=ns, publish_time=ns, sequence=sequence & 0xFFFFFFFF, data=data
+            channel_id=self._channels[topic],
+            log_time=ns,
+            publish_time=ns,
+            sequence=sequence & 0xFFFFFFFF,
+            data=data,
         )
         self.count += 1
+
+    def raw(self, topic: str, stamp: float, data: bytes) -> None:
+        """Write bytes as they are, without a schema.
+
+        Args:
+            topic: Their channel; made on first use.
+            stamp: Seconds since 1970.
+            data: The bytes.
+        """
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(
+                topic=topic, message_encoding="application/octet-stream", schema_id=0
+            )
+        self._add(topic, stamp, data)
 
     def joint_state(self, state: JointState, stamp: float) -> None:
         """Write a joint state; what is not known (NaN) is left out.
@@ -192,7 +226,7 @@ def read_joint_states(path: str | Path) -> Iterator[RecordedJoints]:
         UsageError: It is no recording, or the package ``mcap`` is not installed.
         OSError: The file cannot be read.
     """
-    stream, records = _mcap("mcap.stream_reader"), _mcap("mcap.records")
+    stream, records = load_mcap("mcap.stream_reader"), load_mcap("mcap.records")
     schemas: dict[int, str] = {}
     wanted: set[int] = set()
     found = False
@@ -235,7 +269,12 @@ def _joints(stamp: float, data: bytes, path: str | Path) -> RecordedJoints:
         raise UsageError(f"{path} has a joint state that is none: {error!r}") from None
 
 
-def _mcap(module: str) -> Any:
+def load_mcap(module: str) -> Any:
+    """A module of the package ``mcap``.
+
+    Raises:
+        UsageError: It is not installed; the text says how to.
+    """
     from importlib import import_module
 
     try:

@@ -1,16 +1,18 @@
-"""Traffic from files: the chapter's log text, a hex dump, a raw capture.
+"""Traffic from files: the chapter's log text, a hex dump, a raw capture, a recording.
 
 Owns telling the forms apart and turning each into transfers. Must not know what the bytes mean.
 """
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 
 from hexwire.errors import UsageError
 from hexwire.ipc.tap import Direction, Passed
 
+from .capture import MAGIC, traffic_of
 from .chapter_log import HEADLINE, parse_log
 
 __all__ = ["read_traffic"]
@@ -31,10 +33,13 @@ def read_traffic(data: bytes) -> Iterator[Passed | str]:
         A `Passed` for each transfer, and sentences about what is odd in the file itself.
 
     Raises:
-        UsageError: The file is empty.
+        UsageError: The file is empty, or a recording and the package ``mcap`` is not installed.
     """
     if not data.strip():
         raise UsageError("the file is empty: there is nothing to decode")
+    if data.startswith(MAGIC):
+        yield from traffic_of(io.BytesIO(data), "the file")
+        return
     text = _as_text(data)
     if text is None:
         yield Passed(_way(data), data, 0.0, "")

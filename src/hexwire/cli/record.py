@@ -1,0 +1,188 @@
+"""`--record` on any command, and `hexwire record`: look into recordings, convert and mend them.
+
+Owns arguments, printing, and the joining of wall clock and the links' clock. What stands in a recording is
+`hexwire.trace`'s.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, TextIO
+
+import click
+
+from hexwire.errors import UsageError
+from hexwire.ipc.link import Link
+from hexwire.ipc.tap import Passed, TapLink, wrap_new_links
+
+from .common import format_table, observing_states
+from .exits import note
+
+if TYPE_CHECKING:
+    from hexwire.model.state import JointState
+    from hexwire.trace.capture import Capture, Message
+
+__all__ = ["record", "recording"]
+
+_COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature", "flags")
+
+
+@contextmanager
+def recording(path: str) -> Iterator[None]:
+    """While this lasts, traffic and joint states go to a recording."""
+    from hexwire.trace.capture import Capture
+
+    try:
+        capture = Capture(path, offset=time.time() - time.monotonic())
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror}") from None
+
+    def state(joints: JointState) -> None:
+        capture.joint_state(joints, time.time())
+
+    with capture, wrap_new_links(lambda link: _tap(link, capture)), observing_states(state):
+        yield
+
+
+def _tap(link: Link, capture: Capture) -> Link:
+    return TapLink(link, capture.passed)
+
+
+@click.group()
+def record() -> None:
+    """Look into recordings (MCAP), convert and mend them.
+
+    `hexwire --record FILE.mcap ...` makes one of any command.
+    """
+
+
+@record.command()
+@click.argument("file", type=click.File("rb"))
+def info(file: BinaryIO) -> None:
+    """Say what FILE holds: topics, messages, times, and whether it is whole."""
+    counts: dict[tuple[str, str], int] = {}
+    first, last = float("inf"), float("-inf")
+    remarks = []
+    for message in _messages(file):
+        if isinstance(message, str):
+            remarks.append(message)
+            continue
+        key = (message.topic, message.schema or message.encoding)
+        counts[key] = counts.get(key, 0) + 1
+        first, last = min(first, message.time), max(last, message.time)
+    rows = [(topic, schema, str(count)) for (topic, schema), count in sorted(counts.items())]
+    click.echo(format_table(("topic", "schema", "messages"), rows))
+    if rows:
+        click.echo(f"{last - first:.3f} s, from {first:.6f}")
+    for remark in remarks:
+        click.echo(f"! {remark}")
+
+
+@record.command()
+@click.argument("file", type=click.File("rb"))
+@click.argument("target", type=click.Path(dir_okay=False))
+def export(file: BinaryIO, target: str) -> None:
+    """Write FILE as TARGET, whose name says the form: .csv, .jsonl or .pcapng.
+
+    CSV has the joint states, a row a state; JSON lines have every message; pcapng has the traffic, for Wireshark.
+    """
+    form = Path(target).suffix
+    if form not in (".csv", ".jsonl", ".pcapng"):
+        raise UsageError(f"{target}: a name ends with .csv, .jsonl or .pcapng")
+    data = io.BytesIO(file.read())
+    try:
+        if form == ".pcapng":
+            with Path(target).open("wb") as out:
+                count = _pcapng(data, file.name, out)
+        else:
+            with Path(target).open("w", encoding="utf-8", newline="") as text:
+                count = (_csv if form == ".csv" else _jsonl)(data, file.name, text)
+    except OSError as error:
+        raise UsageError(f"{target} cannot be written: {error.strerror}") from None
+    click.echo(f"{count} {'states' if form == '.csv' else 'messages'} written to {target}")
+
+
+@record.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False))
+@click.argument("target", type=click.Path(dir_okay=False))
+def recover(file: str, target: str) -> None:
+    """Save what is whole of FILE, which a crash has cut off, as TARGET."""
+    from hexwire.trace.capture import recover as save
+
+    if os.path.realpath(file) == os.path.realpath(target):
+        raise UsageError("give the recovered recording another name; the damaged one stays as it is")
+    partial = Path(f"{target}.part")
+    try:
+        with Path(file).open("rb") as source, partial.open("wb") as out:
+            saved = save(source, file, out)
+        partial.replace(target)
+    except OSError as error:
+        raise UsageError(f"{error.filename}: {error.strerror}") from None
+    finally:
+        partial.unlink(missing_ok=True)
+    click.echo(f"{saved.messages} messages saved to {target}")
+    if saved.problem:
+        note(saved.problem)
+
+
+def _messages(file: BinaryIO) -> Iterator[Message | str]:
+    from hexwire.trace.capture import read_messages
+
+    return read_messages(file, file.name)
+
+
+def _pcapng(data: BinaryIO, name: str, out: BinaryIO) -> int:
+    from hexwire.trace.capture import traffic_of
+    from hexwire.trace.pcap import write_pcapng
+
+    def transfers() -> Iterator[Passed]:
+        for item in traffic_of(data, name):
+            if isinstance(item, str):
+                note(item)
+            else:
+                yield item
+
+    return write_pcapng(out, transfers(), name="hexwire")
+
+
+def _jsonl(data: BinaryIO, name: str, out: TextIO) -> int:
+    from hexwire.trace.capture import read_messages
+
+    count = 0
+    for message in read_messages(data, name):
+        if isinstance(message, str):
+            note(message)
+            continue
+        row = {"time": message.time, "topic": message.topic, "schema": message.schema}
+        if message.encoding == "json":
+            row["message"] = json.loads(message.data)
+        else:
+            row["hex"] = message.data.hex(" ").upper()
+        out.write(json.dumps(row) + "\n")
+        count += 1
+    return count
+
+
+def _csv(data: BinaryIO, name: str, out: TextIO) -> int:
+    from hexwire.trace.capture import read_messages
+
+    writer, count, columns = csv.writer(out), 0, list[tuple[str, str]]()
+    for message in read_messages(data, name):
+        if isinstance(message, str):
+            note(message)
+        elif message.schema == "foxglove.JointStates" and message.encoding == "json":
+            joints = {joint["name"]: joint for joint in json.loads(message.data)["joints"]}
+            if not columns:
+                columns = [(joint, key) for joint in joints for key in _COLUMNS]
+                writer.writerow(["time", *(f"{joint}.{key}" for joint, key in columns)])
+            cells = [joints.get(joint, {}).get(key, "") for joint, key in columns]
+            writer.writerow([f"{message.time:.9f}", *cells])
+            count += 1
+    return count

@@ -1,0 +1,237 @@
+"""Everything a command did on the line, as one recording: raw bytes, frames in words, joint states; and back.
+
+Owns the topics of such a recording, how it is read and mended. The file itself is `recording`'s. Topics:
+``/bytes/sent`` and ``/bytes/received`` hold bytes as they are, ``/frames`` holds ``foxglove.Log``,
+``/joint_states`` holds ``foxglove.JointStates``. Must not know who moves the bytes.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, Self
+
+from hexwire.errors import UsageError
+from hexwire.ipc.tap import Direction, Passed
+
+from .explain import Explainer
+from .recording import RecordingWriter, load_mcap
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from hexwire.model.state import JointState
+
+    from .explain import Explained
+
+__all__ = ["BYTES", "FRAMES", "MAGIC", "Capture", "Message", "Recovered", "read_messages", "recover", "traffic_of"]
+
+BYTES = {Direction.SENT: "/bytes/sent", Direction.RECEIVED: "/bytes/received"}
+FRAMES = "/frames"
+MAGIC = b"\x89MCAP0\r\n"
+_INFO, _WARNING = 2, 3
+_NSEC = 1_000_000_000
+_LARGEST = 64 * 1024 * 1024  # bytes of a record beyond which a file is taken to be damaged, not large
+
+
+class Capture:
+    """Records what passes over links and what a robot's joints did. Any thread may tell it something.
+
+    Args:
+        path: The file; one that exists is replaced.
+        offset: Seconds to add to a link's clock for seconds since 1970.
+
+    Raises:
+        UsageError: The package ``mcap`` is not installed.
+        OSError: The file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, *, offset: float) -> None:
+        self._writer = RecordingWriter(path)
+        self._explainers: dict[str, Explainer] = {}
+        self._offset = offset
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def passed(self, passed: Passed) -> None:
+        """Record a transfer, and the frames it completes."""
+        with self._lock:
+            if self._closed:
+                return
+            stamp = passed.time + self._offset
+            self._writer.raw(BYTES[passed.direction], stamp, passed.data)
+            for explained in self._explainers.setdefault(passed.url, Explainer()).feed(passed):
+                self._frame(explained, stamp)
+
+    def joint_state(self, state: JointState, stamp: float) -> None:
+        """Record a joint state at `stamp`, seconds since 1970."""
+        with self._lock:
+            if not self._closed:
+                self._writer.joint_state(state, stamp)
+
+    def close(self) -> None:
+        """Finish the file. Harmless if it is finished."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._writer.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _frame(self, explained: Explained, stamp: float) -> None:
+        ns = round(stamp * _NSEC)
+        doubtful = bool(explained.problem) or " ! " in explained.reading
+        body = {
+            "timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC},
+            "level": _WARNING if doubtful else _INFO,
+            "message": explained.reading,
+            "name": explained.direction.value,
+            "file": "",
+            "line": 0,
+            "hex": explained.data.hex(" ").upper(),
+        }
+        self._writer.message(FRAMES, "foxglove.Log", stamp, body)
+
+
+class Message(NamedTuple):
+    """One message of a recording.
+
+    Attributes:
+        topic: Its channel.
+        schema: Name of the schema, empty for bytes.
+        encoding: Of the data: json, or application/octet-stream.
+        time: Seconds since 1970.
+        data: As it stands in the file.
+    """
+
+    topic: str
+    schema: str
+    encoding: str
+    time: float
+    data: bytes
+
+
+class Recovered(NamedTuple):
+    """What `recover` saved: messages, and why reading ended (empty if the file was whole)."""
+
+    messages: int
+    problem: str
+
+
+def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
+    """The messages of a recording in the order of the file, as far as it is whole.
+
+    Args:
+        file: Open for reading bytes; it need not be seekable.
+        name: What to call it in an error.
+
+    Yields:
+        Messages; at last a sentence if the file is cut off or damaged.
+
+    Raises:
+        UsageError: It is no recording, or the package ``mcap`` is not installed.
+    """
+    for record in _records(file, name):
+        if isinstance(record, str):
+            yield record
+            continue
+        schema, channel, message = record
+        yield Message(
+            channel.topic,
+            schema.name if schema else "",
+            channel.message_encoding,
+            message.log_time / _NSEC,
+            message.data,
+        )
+
+
+def _records(file: IO[bytes], name: str) -> Iterator[tuple[Any, Any, Any] | str]:
+    """Schema (or None), channel and message of every message; a sentence if the file ends too early."""
+    stream, kinds = load_mcap("mcap.stream_reader"), load_mcap("mcap.records")
+    schemas: dict[int, Any] = {}
+    channels: dict[int, Any] = {}
+    reader = iter(stream.StreamReader(file, record_size_limit=_LARGEST).records)
+    begun = ended = False
+    while True:
+        try:
+            record = next(reader, None)
+        except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever mcap's parts raise
+            if not begun:
+                raise UsageError(f"{name} is no recording (MCAP): {str(error) or type(error).__name__}") from None
+            record = None
+        if record is None:
+            if not ended:
+                yield "the recording is cut off; what stands before is whole"
+            return
+        begun = True
+        if isinstance(record, kinds.Schema):
+            schemas[record.id] = record
+        elif isinstance(record, kinds.Channel):
+            channels[record.id] = record
+        elif isinstance(record, kinds.Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            yield schemas.get(channel.schema_id), channel, record
+        elif isinstance(record, kinds.Footer):
+            ended = True
+
+
+def traffic_of(file: IO[bytes], name: str) -> Iterator[Passed | str]:
+    """The transfers of a recording; sentences about the file itself.
+
+    Raises:
+        UsageError: As `read_messages`.
+    """
+    ways = {topic: direction for direction, topic in BYTES.items()}
+    for message in read_messages(file, name):
+        if isinstance(message, str):
+            yield message
+        elif message.topic in ways:
+            yield Passed(ways[message.topic], message.data, message.time, "")
+
+
+def recover(source: IO[bytes], name: str, target: IO[bytes]) -> Recovered:
+    """Write what is whole of a recording to a new one that every program opens.
+
+    Args:
+        source: The damaged recording.
+        name: What to call it in an error.
+        target: Open for writing bytes.
+
+    Raises:
+        UsageError: It is no recording, or the package ``mcap`` is not installed.
+    """
+    writer = load_mcap("mcap.writer").Writer(target)
+    count, problem = 0, ""
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    started = False
+    for record in _records(source, name):
+        if not started:
+            writer.start(profile="", library="hexwire")
+            started = True
+        if isinstance(record, str):
+            problem = record
+            continue
+        schema, channel, message = record
+        if schema is not None and schema.id not in schemas:
+            schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        if channel.id not in channels:
+            channels[channel.id] = writer.register_channel(
+                channel.topic, channel.message_encoding, schemas.get(channel.schema_id, 0), channel.metadata
+            )
+        writer.add_message(
+            channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
+        )
+        count += 1
+    if not started:
+        writer.start(profile="", library="hexwire")
+    writer.finish()
+    return Recovered(count, problem)
