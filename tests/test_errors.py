@@ -47,9 +47,7 @@ def test_the_tree_in_the_docstring_is_the_tree() -> None:
         path[depth:] = [match["name"]]
         drawn[match["name"]] = path[depth - 1] if depth else ""
     assert drawn.pop("HexwireError") == ""
-    assert drawn == {
-        cls.__name__: cls.__bases__[0].__name__ for cls in CLASSES if cls is not errors.HexwireError
-    }
+    assert drawn == {cls.__name__: cls.__bases__[0].__name__ for cls in CLASSES if cls is not errors.HexwireError}
 
 
 @pytest.mark.parametrize(
