@@ -81,3 +81,12 @@ def test_an_age_never_is_infinite() -> None:
     state = board_of(Arm(2, 0, ("silent:6",))).read()
     assert state["J7"].age == math.inf
     assert state.silent == ("J7",)
+
+
+def test_a_servo_never_sampled_has_no_position() -> None:
+    arm = Arm(2, 0, ("silent:6",))
+    joint = board_of(arm).read()["J7"]
+    values = (joint.position, joint.velocity, joint.load, joint.current, joint.voltage, joint.temperature)
+    assert all(map(math.isnan, values))
+    sent = arm.driver.write(JointTarget.of({"J7": 0.1}, duration=1.0))
+    assert sent.silent == ("J7",)

@@ -133,6 +133,12 @@ class Board2:
         time_us, flags, columns = scaled or self._scale(JointReport.parse(body))
         position, status, velocity, load, voltage, temperature, current, age = columns
         if _NEVER in age:
+            # What stands in the row of a servo that was never sampled is no measurement: NaN, not a false 0.
+            known = [math.nan if a == _NEVER else 1.0 for a in age]
+            position, velocity, load, voltage, temperature, current = (
+                tuple(map(mul, column, known))
+                for column in (position, velocity, load, voltage, temperature, current)
+            )
             age = tuple([a if a != _NEVER else inf for a in age])
         since_sample = ((frame.time_sec * 1_000_000 + frame.time_nsec // 1000 - time_us) & 0xFFFFFFFF) * 1e-6
         if since_sample > _HALF_WRAP:
