@@ -318,6 +318,11 @@ def test_a_late_servo_never_gives_its_answer_to_another() -> None:
             assert math.isnan(reading.position) or joint.angle_to_counts(reading.position) == counts
 
 
+def test_a_ping_through_an_echoing_adapter_asks_by_a_read() -> None:
+    arm = Arm(1, 115200, ("bus.echo", "overload:5", "silent:6"))
+    assert [arm.driver.ping(servo_id) for servo_id in range(7)] == [0, 0, 0, 0, 0, 0x20, None]
+
+
 def test_an_echoing_adapter_is_seen_through() -> None:
     state = Arm(1, 0, ("host.echo",)).driver.read()
     assert state.silent == ()

@@ -390,8 +390,11 @@ class Board1:
         """Error byte of a servo, or None if it does not answer."""
         try:
             reply = self._session.request(Command.PING, make_ping(servo_id), repeatable=True)
-        except ReplyTimeoutError:
-            return None
+        except ReplyTimeoutError as error:
+            # Behind an adapter that echoes, the chapter's board answers a ping with the echo alone, which is no
+            # answer; what it answers to a read has the servo's own bytes as well.
+            status = self._read2(servo_id, _PRESENT) if error.instead else None
+            return None if status is None else status.error
         found = find_status(reply.body, servo_id, 0)
         if found is None:
             return None
