@@ -52,6 +52,16 @@ def test_a_board_s_error_is_one_only_behind_a_board() -> None:
     assert read_status(status, None, {}, board=True) == "board error ping silent, servo 3"
 
 
+def test_an_answer_with_another_series_header_is_doubted() -> None:
+    explainer = Explainer(bus=True)
+    list(explainer.feed(Passed(Direction.SENT, make_ping(1), 1.0, "")))
+    both = make_legacy_ping_status(1) + make_status(1)
+    right, wrong = explainer.feed(Passed(Direction.RECEIVED, both, 1.1, ""))
+    assert "hazard" not in right.layers[0].fields
+    assert wrong.layers[0].fields["hazard"] == "the header of another series"
+    assert wrong.text.endswith("is this the servo that is meant?")
+
+
 def test_a_name_comes_from_the_series_that_is_given() -> None:
     request = make_read(1, 42, 2)
     names = {

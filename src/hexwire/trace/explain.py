@@ -321,6 +321,9 @@ class Explainer:
             return Layer("servo", f"board error: {named}", fields)
         series = self._series.get(status.servo_id) or (Series.SEVEN_BOT if status.legacy else Series.HLS)
         text = f"servo {status.servo_id}, {series.value}, error {status.error:02X}"
+        if (series is Series.SEVEN_BOT) != status.legacy:
+            fields["hazard"] = "the header of another series"
+            text += ", the header of another series: is this the servo that is meant?"
         params = status.params
         if request is not None and request.instruction == Instruction.READ and request.params and params:
             if len(params) == 2 and series is Series.SEVEN_BOT and swapped and not bus:
