@@ -234,7 +234,9 @@ def _move(
         set_point = pose(t + loop.period)
         robot.write(JointTarget.of(dict(zip(model.names, set_point, strict=True)), loop.period))
         cycle(t)
-    for _ in RateLoop(rate).ticks(_SETTLE):
+    # Where the line or the machine is slow, the cycle that would have sent the end may have been skipped.
+    robot.write(JointTarget.of(dict(zip(model.names, start, strict=True)), loop.period))
+    for _ in RateLoop(rate).ticks(max(_SETTLE, 3 * loop.period)):
         if not _away(cycle(2 * leg), start):
             break
     else:
