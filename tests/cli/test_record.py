@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from hexwire.cli.board_process import board_process
 from hexwire.cli.main import cli
 from hexwire.trace.capture import BYTES, FRAMES
-from hexwire.trace.recording import JOINT_STATES
+from hexwire.trace.recording import JOINT_STATES, RecordingWriter, make_positions
 
 
 def run(*args: str) -> Result:
@@ -91,6 +91,19 @@ def test_a_cut_recording_is_mended(recorded: Path, tmp_path: Path) -> None:
     assert f"messages saved to {target}" in result.stdout
     assert "!" not in ok("record", "info", str(target))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "whole.mcap"]
+
+
+def test_joint_states_as_a_picture(tmp_path: Path) -> None:
+    source, target = tmp_path / "a.mcap", tmp_path / "a.svg"
+    with RecordingWriter(source) as writer:
+        for i in range(20):
+            writer.joint_state(make_positions(("elbow", "wrist"), (0.1 * i, -0.05 * i)), 1.7e9 + i / 10)
+    assert ok("record", "plot", str(source), str(target)) == f"20 states drawn to {target}\n"
+    assert target.read_text().startswith("<?xml")
+    with RecordingWriter(source):
+        pass
+    result = run("record", "plot", str(source), str(target))
+    assert (result.exit_code, result.stderr) == (2, f"error: {source} has no joint states\n")
 
 
 def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:

@@ -132,6 +132,29 @@ def recover(file: str, target: str) -> None:
         note(saved.problem)
 
 
+@record.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False))
+@click.argument("picture", type=click.Path(dir_okay=False))
+def plot(file: str, picture: str) -> None:
+    """Draw the joint states of FILE as PICTURE (.png, .svg or .pdf): angle over time."""
+    from hexwire.trace.recording import read_joint_states
+
+    from .plot import MotionPlot
+
+    MotionPlot.check(picture)
+    states = list(read_joint_states(file))
+    if not states:
+        raise UsageError(f"{file} has no joint states")
+    first = states[0]
+    drawn = MotionPlot(first.names, title=Path(file).name)
+    drawn.planned = [(s.time - first.time, s.position) for s in states if s.names == first.names]
+    try:
+        drawn.draw(picture)
+    except OSError as error:
+        raise UsageError(f"{picture} cannot be written: {error.strerror}") from None
+    click.echo(f"{len(drawn.planned)} states drawn to {picture}")
+
+
 def _messages(file: BinaryIO) -> Iterator[Message | str]:
     from hexwire.trace.capture import read_messages
 
