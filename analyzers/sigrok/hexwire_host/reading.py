@@ -378,8 +378,12 @@ def _with_garbage(items, done, until):
 
 
 def _packet_start(data, at):
-    starts = [found for found in (data.find(b"\xff\xff", at), data.find(b"\xff\xf5", at)) if found >= 0]
-    return min(starts, default=-1)
+    at = data.find(b"\xff", at)
+    while 0 <= at < len(data) - 1:
+        if data[at + 1] in (0xFF, 0xF5):
+            return at
+        at = data.find(b"\xff", at + 1)
+    return -1
 
 
 def _unsound(data):

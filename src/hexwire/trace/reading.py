@@ -99,8 +99,13 @@ def cut_packets(data: bytes, *, final: bool = False) -> tuple[list[tuple[str, in
 
 
 def _header(data: bytes, at: int) -> int:
-    found = [place for place in (data.find(b"\xff\xff", at), data.find(b"\xff\xf5", at)) if place >= 0]
-    return min(found, default=-1)
+    # One search for FF: two for both headers would each run to the end, and a long capture would take for ever.
+    at = data.find(b"\xff", at)
+    while 0 <= at < len(data) - 1:
+        if data[at + 1] in (0xFF, 0xF5):
+            return at
+        at = data.find(b"\xff", at + 1)
+    return -1
 
 
 def answers(data: bytes, asked: ServoPacket | None) -> bool:
