@@ -430,12 +430,19 @@ class Session:
                 self.ipc.link.flush_input()
             except (LinkLostError, LinkClosedError):
                 _log.debug("%s: nothing to flush, the link is gone", self.ipc.link.url)
-        return ReplyTimeoutError(command_name(event.cmd), attempts=event.attempts, instead=event.instead)
+        return ReplyTimeoutError(
+            command_name(event.cmd),
+            attempts=event.attempts,
+            instead=event.instead,
+            advice="" if event.instead else "has the board lost its power, is a plug loose?",
+        )
 
     def _unanswered(self, failed: NegotiationFailed) -> LinkError | ReplyTimeoutError:
         url = self.ipc.link.url
         if failed.bytes_received == 0:
-            advice = "is this the board's port, has the board power and firmware? `hexwire ports` lists ports"
+            advice = (
+                "is this the board's port and rate, has the board power and firmware? `hexwire ports` lists ports"
+            )
             instead = ""
         elif failed.frames == 0:
             advice = "a wrong baud rate looks like this; so does another device"
