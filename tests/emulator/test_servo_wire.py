@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_wire import ServoWire
@@ -201,3 +202,10 @@ def test_faults_of_the_bus_spoil_requests_and_answers() -> None:
     wire = ServoWire([hls(4)], faults=FaultPlan(["bus.flip:0.3"], seed=3))
     good = sum(wire.transact(sp.make_ping(4), 0.0)[0] == sp.make_status(4) for _ in range(400))
     assert 150 < good < 260  # 0.7 * 0.7 of 400, give or take
+
+
+def test_a_fault_of_a_servo_that_is_not_there_is_refused() -> None:
+    with pytest.raises(
+        UsageError, match=r"'silent' is for servo 99, which is not there; servos: 0, 1, 2, 3, 4, 5, 6$"
+    ):
+        make_hex7bot_board(faults=["silent:99"])

@@ -46,6 +46,13 @@ class ServoWire:
         self.baud = baud
         self.faults = faults or FaultPlan()
         self.echo = echo or self.faults.bus_echo
+        known = {servo.servo_id for servo in self.servos}
+        for fault in self.faults.faults:
+            if fault.servo_id >= 0 and fault.servo_id not in known:
+                ids = ", ".join(map(str, sorted(known))) or "none"
+                raise UsageError(
+                    f"fault {fault.kind!r} is for servo {fault.servo_id}, which is not there; servos: {ids}"
+                )
         self.free_at = 0.0
 
     def __getitem__(self, servo_id: int) -> EmulatedServo:
