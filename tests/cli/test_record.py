@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -130,3 +131,19 @@ def test_the_option_may_stand_anywhere(tmp_path: Path) -> None:
         ok(*(arg.format(path) for arg in args))
         assert path.read_bytes().startswith(b"\x89MCAP0\r\n")
     assert run("ports", "--record").exit_code == 2
+
+
+@pytest.mark.system
+def test_a_recording_answers_as_the_board_did(recorded: Path) -> None:
+    program = [sys.executable, "-m", "hexwire.cli", "record", "replay", str(recorded)]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            port = process.stdout.readline().strip()
+            state = json.loads(ok("state", "--json", "--port", port))
+            refused = run("torque", "on", "--port", port)
+        finally:
+            process.terminate()
+    assert round(state["joints"][0]["position_deg"], 5) == -4.47257
+    assert refused.exit_code == 1
+    assert "not supported" in refused.stderr

@@ -155,6 +155,32 @@ def plot(file: str, picture: str) -> None:
     click.echo(f"{len(drawn.planned)} states drawn to {picture}")
 
 
+@record.command()
+@click.argument("file", type=click.File("rb"))
+@click.option("--link", metavar="PATH", help="Make a symbolic link to the terminal: a name that stays.")
+@click.option("--baud", type=click.IntRange(min=0), default=0, metavar="N|0", help="Pace the line; 0 is at once.")
+def replay(file: BinaryIO, link: str | None, baud: int) -> None:
+    """Be a board that answers as the one in FILE did: prints the port to open, and runs until it is stopped.
+
+    For a fault that was recorded elsewhere: programs meet the very answers of that day, without the arm. To drive
+    an arm along the joint states of FILE, use `hexwire play FILE`.
+    """
+    from hexwire.emulator.replay import RecordedTransfer, ReplayedBoard
+    from hexwire.emulator.serve import serve_board
+    from hexwire.ipc.tap import Direction
+    from hexwire.trace.capture import traffic_of
+
+    transfers = []
+    for item in traffic_of(file, file.name):
+        if isinstance(item, str):
+            note(item)
+        else:
+            transfers.append(RecordedTransfer(item.direction is Direction.SENT, item.data, item.time))
+    device = ReplayedBoard(transfers, start=time.monotonic())
+    note(f"answers {device.known} different requests")
+    serve_board(device, link=link, baud=baud, stop=lambda: False, announce=lambda path: click.echo(path))
+
+
 def _messages(file: BinaryIO) -> Iterator[Message | str]:
     from hexwire.trace.capture import read_messages
 

@@ -1,0 +1,173 @@
+"""A board that only repeats itself: it answers requests as they were answered in recorded traffic.
+
+Owns the table of what was asked and what came back. For taking a fault home: a program meets the very answers that
+were recorded, without the arm. Knows no servos; where the traffic came from is the caller's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from hexwire.errors import UsageError
+from hexwire.session.connection import Connection, Role
+from hexwire.session.decoder import FrameDecoder
+from hexwire.session.events import Request
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.modules import ModuleType
+from hexwire.wire.tables import PROTO_CHAPTER
+
+__all__ = ["RecordedTransfer", "ReplayedBoard"]
+
+
+class RecordedTransfer(NamedTuple):
+    """Bytes that went over a line, seen from the host, at a time in seconds."""
+
+    sent: bool
+    data: bytes
+    time: float
+
+
+class _Reply(NamedTuple):
+    # A board of the chapter answers a dialect-2 question in its own dialect.
+    proto: int
+    status: int
+    body: bytes
+
+
+@dataclass(slots=True)
+class _Answers:
+    """All answers to one request, in the order they came; given again from the start when they run out."""
+
+    replies: list[_Reply] = field(default_factory=list)
+    given: int = 0
+
+    def next(self) -> _Reply:
+        reply = self.replies[self.given % len(self.replies)]
+        self.given += 1
+        return reply
+
+
+class ReplayedBoard:
+    """Answers from a recording; a served device like an emulated board.
+
+    A request is known by dialect, command and body. One that was asked several times gets its answers in turn.
+    What was never asked is refused in dialect 2 (`not_supported`), and not answered in dialect 1. Reports are sent
+    again, at the pace they were recorded, once REPORT has been asked for.
+
+    Args:
+        transfers: The recorded traffic, in order.
+        start: The time of its start.
+
+    Raises:
+        UsageError: The traffic holds no answered request.
+    """
+
+    def __init__(self, transfers: Iterable[RecordedTransfer], *, start: float = 0.0) -> None:
+        self.unknown = 0
+        """Requests that are not in the recording."""
+        self._answers: dict[tuple[int, int, bytes], _Answers] = {}
+        self._reports: list[tuple[float, Frame]] = []
+        self._learn(transfers)
+        if not self._answers:
+            raise UsageError("there is no request with its answer in this traffic")
+        self._next_report = 0
+        self._report_due: float | None = None
+        self._max_frame = tables.MAX_NETWORK_FRAME
+        self.reset(start)
+
+    @property
+    def known(self) -> int:
+        """How many different requests it can answer."""
+        return len(self._answers)
+
+    # -- a served device ----------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes from the host."""
+        self._connection.receive(data, now)
+        while (event := self._connection.next_event()) is not None:
+            if isinstance(event, Request):
+                self._answer(event, now)
+
+    def step(self, now: float) -> None:
+        """Send the reports that are due."""
+        timeout = self._connection.next_timeout()
+        if timeout is not None and timeout <= now:
+            self._connection.handle_timeout(now)
+        while self._report_due is not None and self._report_due <= now:
+            due, frame = self._reports[self._next_report]
+            self._connection.report(frame.cmd, frame.body, now)
+            self._next_report = (self._next_report + 1) % len(self._reports)
+            following = self._reports[self._next_report][0]
+            self._report_due += max(following - due, 0.005)
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the host since the last call."""
+        return b"".join(self._connection.data_to_send())
+
+    def next_event_time(self) -> float | None:
+        """When `step` has something to do."""
+        times = [t for t in (self._report_due, self._connection.next_timeout()) if t is not None]
+        return min(times, default=None)
+
+    def reset(self, now: float) -> None:
+        """Start again from the first answers."""
+        self._connection = Connection(
+            Role.BOARD,
+            local=ModuleType.ARM_7BOT_ARDUINO_TRX,
+            remote=ModuleType.ARM_7BOT_SERIAL_TRX,
+            type=ModuleType.ARM_7BOT_ARDUINO_TRX,
+            max_frame=self._max_frame,
+            epoch=-now,
+        )
+        self._report_due = None
+        self._next_report = 0
+        for answers in self._answers.values():
+            answers.given = 0
+
+    # -- the recording ------------------------------------------------------------------------------
+
+    def _learn(self, transfers: Iterable[RecordedTransfer]) -> None:
+        asked: dict[int, Frame] = {}
+        asked_chapter: Frame | None = None
+        decoders = {True: FrameDecoder(tables.MAX_NETWORK_FRAME), False: FrameDecoder(tables.MAX_NETWORK_FRAME)}
+        for transfer in transfers:
+            decoder = decoders[transfer.sent]
+            decoder.receive(transfer.data, transfer.time)
+            while (event := decoder.next_event()) is not None:
+                if not isinstance(event, Frame):
+                    continue
+                if transfer.sent:
+                    asked[event.seq] = event
+                    asked_chapter = event
+                elif event.proto == PROTO_CHAPTER:
+                    if asked_chapter is not None:
+                        self._remember(asked_chapter, _Reply(PROTO_CHAPTER, Status.OK, event.body))
+                    asked_chapter = None
+                elif event.is_unsolicited:
+                    self._reports.append((transfer.time, event))
+                elif event.is_reply and event.seq in asked and asked[event.seq].cmd == event.cmd:
+                    self._remember(asked.pop(event.seq), _Reply(event.proto, event.status, event.body))
+
+    def _remember(self, request: Frame, reply: _Reply) -> None:
+        key = (request.proto, request.cmd, request.body)
+        self._answers.setdefault(key, _Answers()).replies.append(reply)
+
+    def _answer(self, request: Request, now: float) -> None:
+        frame = request.frame
+        answers = self._answers.get((frame.proto, frame.cmd, frame.body))
+        if answers is None:
+            self.unknown += 1
+            if frame.proto != PROTO_CHAPTER:
+                self._connection.reply(request, Status.NOT_SUPPORTED, b"", now)
+            return
+        reply = answers.next()
+        if reply.proto == PROTO_CHAPTER:
+            self._connection.reply_dialect1(reply.body, now)
+            return
+        self._connection.reply(request, reply.status, reply.body, now)
+        if frame.cmd == Command.REPORT and self._reports:
+            self._report_due = now if any(frame.body[:2]) else None
