@@ -34,3 +34,14 @@ def test_the_output_is_what_the_page_shows(command: str, shown: str, tmp_path: P
 def test_the_captures_are_all_used() -> None:
     for capture in (ROOT / "vectors" / "captures").iterdir():
         assert f"vectors/captures/{capture.name}" in TEXT
+
+
+def test_the_pictures_show_what_the_page_says() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs" / "make_pictures.py", "--check"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    for name in re.findall(r"\(pictures/([\w-]+\.svg)\)", TEXT):
+        svg = (ROOT / "docs" / "pictures" / name).read_text(encoding="utf-8")
+        assert svg.startswith("<svg")
+        assert "@font-face" not in svg
