@@ -287,7 +287,7 @@ def test_unplugged_says_what_to_do(line: PtyEnd, device: str) -> None:
         line.close()
         with pytest.raises(LinkLostError) as caught:
             reader.outcome()
-        assert str(caught.value) == f"{device} went away; unplugged? plug it in and open it again"
+        assert str(caught.value) == f"{device} went away; was it unplugged?"
         # While it is out, opening says that it is not there; when it is back behind its name, all is well.
         port.close()
         with pytest.raises(LinkNotFoundError, match="does not exist"):

@@ -69,7 +69,7 @@ class SerialLink(PollLink):
     """
 
     kind = LinkKind.STREAM
-    _lost_advice = "; unplugged? plug it in and open it again"
+    _lost_advice = "; was it unplugged?"
 
     def __init__(
         self,
