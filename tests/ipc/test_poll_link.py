@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import signal
 import socket
 import threading
@@ -20,6 +21,7 @@ from hexwire.errors import (
 from hexwire.ipc import poll_link as poll_link_module
 from hexwire.ipc.link import LinkKind
 from hexwire.ipc.poll_link import PollLink
+from hexwire.ipc.serial import SerialLink
 
 
 class ScriptedLink(PollLink):
@@ -422,3 +424,15 @@ def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
         timer.join(PATIENCE)
         signal.signal(signal.SIGUSR1, before)
     assert link.closed == 1
+
+
+def test_opening_and_losing_a_line_are_logged_below_the_layers_name(caplog: pytest.LogCaptureFixture) -> None:
+    master, slave = os.openpty()
+    link = SerialLink(os.ttyname(slave))
+    with caplog.at_level("DEBUG", logger="hexwire.ipc"), link:
+        os.close(slave)
+        os.close(master)
+        with pytest.raises(LinkLostError):
+            link.read(time.monotonic() + 5)
+    assert [record.message.split(" ", 1)[1].split(";")[0] for record in caplog.records] == ["is open", "went away"]
+    assert {record.name for record in caplog.records} == {"hexwire.ipc.poll_link"}

@@ -7,6 +7,7 @@ descriptor is, nor what the bytes mean.
 from __future__ import annotations
 
 import enum
+import logging
 import select
 import threading
 from abc import abstractmethod
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 __all__ = ["PollLink"]
+
+_log = logging.getLogger(__name__)
 
 # What flush_input throws away at most, so that a peer that never stops talking cannot hold it for ever.
 _FLUSH_LIMIT = 1 << 20
@@ -146,6 +149,7 @@ class PollLink(Link):
                     ) from error
                 raise
             self._state = _State.OPEN
+            _log.debug("%s is open", self.url)
 
     def close(self) -> None:
         self._closing = True
@@ -357,6 +361,7 @@ class PollLink(Link):
             self._why_lost = f"{self.url} was lost: {error.strerror or error}{self._lost_advice}"
         if self._state is _State.OPEN:
             self._state = _State.LOST
+            _log.debug("%s", self._why_lost)
             # The other direction must not wait on a dead line.
             self._read_waker.set()
             self._write_waker.set()
