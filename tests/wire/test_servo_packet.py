@@ -306,3 +306,12 @@ def test_an_unstripped_echo_would_pass_for_an_answer() -> None:
     request = sp.make_read(1, 56, 2)
     assert sp.find_status(request, 1, 2) == (StatusPacket(1, 2, b"\x38\x02", False), 8)
     assert sp.find_status(sp.strip_echo(request, request), 1, 2) is None
+
+
+def test_an_answer_whose_front_passes_for_a_legacy_ping_is_found_by_its_length() -> None:
+    data = bytes.fromhex("FFF5000634C500000000")
+    assert sp.find_status(data, 0, 4) == (sp.StatusPacket(0, 0x34, b"\xc5\0\0\0", True), len(data))
+    ping = sp.find_status(data, 0, 0)
+    assert ping is not None
+    assert ping[1] == 6
+    assert sp.find_status(data[:9], 0, 4) is None

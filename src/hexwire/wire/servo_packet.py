@@ -366,6 +366,10 @@ def find_status(
             end = _status_end(data, at)
             if end and n_params in (None, end - at - _MIN_PACKET):
                 return _status(data, at, end), end
+            # Its first six bytes may pass for a legacy ping's: who asked for four parameters knows better.
+            end = at + 4 + _QUIRK_LENGTH
+            if n_params == _QUIRK_LENGTH - 2 == data[at + 3] - 2 and _is_whole_status(data, at, end):
+                return _status(data, at, end), end
         at = data.find(b"\xff", at + 1)
     return None
 
@@ -397,6 +401,12 @@ def _status_end(data: bytes, at: int) -> int:
         return at + _QUIRK_LENGTH
     end = at + 4 + length
     return end if length > 1 and end <= len(data) and sum(data[at + 2 : end]) & 0xFF == 0xFF else 0
+
+
+def _is_whole_status(data: bytes, at: int, end: int) -> bool:
+    """Whether a legacy status packet reaches from `at` to `end`, whatever its front looks like."""
+    fits = data[at + 1] == 0xF5 and data[at + 4] <= _MAX_ERROR and end <= len(data)
+    return fits and sum(data[at + 2 : end]) & 0xFF == 0xFF
 
 
 def _status(data: bytes, at: int, end: int) -> StatusPacket:
