@@ -31,7 +31,7 @@ from hexwire.wire.servo_packet import (
     make_sync_write,
     make_write,
 )
-from hexwire.wire.tables import TAIL
+from hexwire.wire.tables import DEFAULT_CEILING, TAIL
 
 from .base import JointProbe, StopMode
 
@@ -45,8 +45,6 @@ _CURRENT_CEILING = Series.HLS.register("protection_current")
 _BLOCK = Series.HLS.register("acceleration").address
 _SPEED_UNIT = 50
 """Counts per second of one unit of an HLS goal speed."""
-_DEFAULT_CEILING = 154
-"""1.0 A in units of 6.5 mA: for a servo that does not tell its own."""
 _DOUBT = 1.0
 """Seconds for which an answer that is missing may still come."""
 _ASKED_TWICE = 0.08
@@ -348,8 +346,8 @@ class Board1:
         if ceiling is None:
             status = self._read2(joint.servo_id, _CURRENT_CEILING.address, urgent=urgent)
             if status is None:
-                return _DEFAULT_CEILING
-            ceiling = self._ceilings[joint.servo_id] = _CURRENT_CEILING.decode(status.params) or _DEFAULT_CEILING
+                return DEFAULT_CEILING
+            ceiling = self._ceilings[joint.servo_id] = _CURRENT_CEILING.decode(status.params) or DEFAULT_CEILING
         return ceiling
 
     def _write(self, packet: bytes, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:

@@ -27,6 +27,7 @@ from hexwire.motion.limits import check_target
 from hexwire.session.servo_values import ServoBlock
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
+from hexwire.wire.tables import DEFAULT_CEILING
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import JointProbe, ProbeReport, RobotDriver, StopMode
@@ -34,8 +35,6 @@ from .base import JointProbe, ProbeReport, RobotDriver, StopMode
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
 
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
-_DEFAULT_CEILING = 154
-"""1.0 A in units of 6.5 mA, for an HLS servo that does not tell its protection current."""
 _PHASE_SPEED_UNIT = 0x04
 """Bit of STS register phase: speeds count single steps instead of 50."""
 _RESERVED_FAULTS = int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
@@ -129,7 +128,7 @@ class BusArm(RobotDriver):
             phase = bus.read(servo_id, "phase").raw
             self._speed_units[servo_id] = 1.0 if phase is not None and phase & _PHASE_SPEED_UNIT else 50.0
         elif series is Series.HLS:
-            self._ceilings[servo_id] = bus.read(servo_id, "protection_current").raw or _DEFAULT_CEILING
+            self._ceilings[servo_id] = bus.read(servo_id, "protection_current").raw or DEFAULT_CEILING
 
     def probe(self) -> ProbeReport:
         self._check_attached()
@@ -277,7 +276,7 @@ class BusArm(RobotDriver):
         distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
         unit = self._speed_units.get(joint.servo_id, 50.0)
         speed = min(max(1, math.ceil(distance / duration / unit)), 0x7FFF)
-        ceiling = self._ceilings.get(joint.servo_id, _DEFAULT_CEILING) if series is Series.HLS else 0
+        ceiling = self._ceilings.get(joint.servo_id, DEFAULT_CEILING) if series is Series.HLS else 0
         data = b"\0" + position.encode(counts) + ceiling.to_bytes(2, "little")
         return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
 

@@ -13,7 +13,7 @@ from hexwire.wire.registers import Series
 
 __all__ = ["SERVO_BITS", "BoardState", "JointSlot", "Settings"]
 
-SERVO_BITS = 0x2F
+SERVO_BITS = sum(tables.STATUS_BITS.values())
 """The bits of a servo's error byte that mean something; the others are the board's own flags."""
 
 

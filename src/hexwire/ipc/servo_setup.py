@@ -34,7 +34,6 @@ __all__ = [
 
 _EEPROM_TIME = 0.02
 """Seconds until a stored setting is in force, generously; a servo is deaf while it writes."""
-_REBOOT_TIME = 0.9
 _COLLISION_READS = 6
 _CALIBRATE_MID = 128
 _LIVE_FIRST, _LIVE_COUNT = 56, 15

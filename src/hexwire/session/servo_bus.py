@@ -21,7 +21,6 @@ from hexwire.wire.servo_packet import (
 __all__ = ["Expected", "expected_answer", "match_answer"]
 
 _NO_ANSWER = frozenset({Instruction.SYNC_WRITE, Instruction.REBOOT})
-_DATA_ANSWER = frozenset({Instruction.READ, Instruction.SYNC_READ})
 
 
 class Expected(NamedTuple):

@@ -83,11 +83,6 @@ class LineTiming:
             allowance = self._mean + _DEVIATIONS * self._deviation
             self.allowance = min(max(allowance, _LEAST_ALLOWANCE), _MOST_ALLOWANCE)
 
-    def backed_off(self) -> None:
-        """Take in a late answer: the allowance was too short, so double it."""
-        self.allowance = min(self.allowance * 2, _MOST_ALLOWANCE)
-        self._deviation = max(self._deviation, self.allowance / _DEVIATIONS)
-
     @property
     def overhead(self) -> float:
         """Mean seconds an answer takes beyond the line's own time; NaN before any came."""

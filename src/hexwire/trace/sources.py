@@ -19,7 +19,6 @@ __all__ = ["read_traffic"]
 
 _OFFSET = re.compile(r"^\s*(?:0x)?[0-9A-Fa-f]{4,16}:?\s+(?=[0-9A-Fa-f]{2}\b)")
 _TEXT_COLUMN = re.compile(r"\s*(?:\||\s{2,}[^0-9A-Fa-f\s]).*$")
-_PAIRS = re.compile(r"[0-9A-Fa-f]{2}")
 _BOARD_TO_HOST = b"\xff\xf5"
 
 

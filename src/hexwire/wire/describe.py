@@ -40,7 +40,6 @@ from .tables import MAX_NETWORK_FRAME, PROTO_CHAPTER
 
 __all__ = ["describe", "describe_body", "describe_frame", "describe_servo", "describe_status"]
 
-_ERROR_BITS = ((0x01, "voltage"), (0x02, "encoder"), (0x04, "temperature"), (0x08, "current"), (0x20, "overload"))
 _BOARD_ERRORS = {
     "frame_short": "frame too short",
     "command_unknown": "unknown command",
@@ -112,7 +111,7 @@ def describe_status(status: StatusPacket, series: Series | None = None, address:
             "" if status.servo_id == 0xFF else f" (servo {status.servo_id})"
         )
     who = f"servo {status.servo_id}" + (" (legacy)" if status.legacy else "")
-    faults = [word for bit, word in _ERROR_BITS if status.error & bit]
+    faults = [word for word, bit in tables.STATUS_BITS.items() if status.error & bit]
     condition = f"error {', '.join(faults) or f'0x{status.error:02X}'}" if status.error else "ok"
     text = f"{who} {condition}"
     if status.params:
