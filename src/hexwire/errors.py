@@ -6,7 +6,8 @@ line. Knows nothing of the layers that raise them.
     HexwireError
     ├── UsageError (ValueError)             the caller: a bad argument, an unknown name
     │   ├── ConfigError                     a file that people write: file, line, column
-    │   └── LimitError                      a target outside the limits; nothing was sent
+    │   ├── LimitError                      a target outside the limits; nothing was sent
+    │   └── GoalError                       a ROS trajectory that cannot be followed: ROS's error code
     ├── ProtocolError                       bytes that break the format
     │   ├── LocalProtocolError              we were about to send them
     │   └── RemoteProtocolError             the peer sent them
@@ -32,6 +33,7 @@ __all__ = [
     "CommandRefusedError",
     "ConfigError",
     "DeviceError",
+    "GoalError",
     "HexwireError",
     "LimitError",
     "LinkBusyError",
@@ -84,6 +86,18 @@ class ConfigError(UsageError):
 
 class LimitError(UsageError):
     """A target is outside the limits of the arm; nothing was sent."""
+
+
+class GoalError(UsageError):
+    """A trajectory that came by ROS cannot be followed; nothing was sent.
+
+    Attributes:
+        code: Error code of ROS's FollowJointTrajectoryResult, below 0.
+    """
+
+    def __init__(self, message: str, *, code: int = -1) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class ProtocolError(HexwireError):
