@@ -1,0 +1,133 @@
+"""The program `hexwire-ros1`: the ROS 1 node `hardware_interface`, and where its ROS package lies.
+
+Owns what stands on its command line besides ROS's own remapping arguments, which pass through as they are. Must not
+know what the node does, and loads ROS only to start it.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from hexwire.errors import UsageError
+
+from .exits import ends_like_ctrl_c, run
+
+__all__ = ["PROGRAM", "environment", "main", "package_path"]
+
+PROGRAM = "hexwire-ros1"
+
+_HELP = """\
+Usage: hexwire-ros1 [_PARAMETER:=VALUE | NAME:=OTHER | __name:=NAME | __ns:=NAMESPACE]...
+       hexwire-ros1 --help | --version | --package-path | --env
+
+The ROS 1 node 'hardware_interface': joint states of a robot arm out, trajectories in. Needs a master (roscore).
+Nothing moves when it starts, and a node that is started again moves nothing.
+
+  hexwire-ros1 _port:=/dev/ttyUSB0
+  eval "$(hexwire-ros1 --env)"; roslaunch hexwire hardware.launch sim:=true
+
+Options:
+  -h, --help      This text.
+  -V, --version   The version of hexwire.
+  --package-path  The folder that holds the ROS package 'hexwire', for ROS_PACKAGE_PATH.
+  --env           Shell lines that make roslaunch and rosrun find the package and this program, for eval.
+"""
+
+
+def main() -> None:
+    """Entry point of the program."""
+    ends_like_ctrl_c()
+    sys.exit(run(lambda: _main(sys.argv[1:])))
+
+
+def package_path() -> Path:
+    """The folder that holds the ROS package's own folder."""
+    import hexwire.ros1
+
+    return Path(hexwire.ros1.__file__).resolve().parent / "share"
+
+
+def environment(variables: Mapping[str, str], program: Path | None) -> str:
+    """Lines for a POSIX shell after which roslaunch finds the package, and the package this program.
+
+    Args:
+        variables: The environment as it is. What it holds already stays as it is.
+        program: Where this program is; None if nobody knows.
+    """
+    lines = []
+    known = [part for part in variables.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if part]
+    folder = str(package_path())
+    lines.append(_export("ROS_PACKAGE_PATH", known if folder in known else [folder, *known]))
+    if program is not None:
+        search = variables.get("PATH", os.defpath)
+        found = shutil.which(program.name, path=search)
+        # Another hexwire in front of this one would run with this one's launch files.
+        if found is None or not Path(found).samefile(program):
+            lines.append(_export("PATH", [str(program.parent), search]))
+    return "\n".join(lines)
+
+
+def _export(name: str, parts: Sequence[str]) -> str:
+    return f"export {name}={shlex.quote(os.pathsep.join(parts))}"
+
+
+def _main(args: Sequence[str]) -> int | None:
+    options = [arg for arg in args if ":=" not in arg]
+    if not options:
+        return _start(list(args))
+    if len(args) > 1 and options[0] in _OPTIONS:
+        raise UsageError(f"{options[0]} stands alone (see '{PROGRAM} --help')")
+    if options[0] not in _OPTIONS:
+        hint = "; a parameter is given as _port:=/dev/ttyUSB0" if not options[0].startswith("-") else ""
+        raise UsageError(f"no option {options[0]!r}{hint} (see '{PROGRAM} --help')")
+    print(_OPTIONS[options[0]]())
+    return None
+
+
+def _start(args: list[str]) -> int | None:
+    from hexwire.ros1.path import ROS_MISSING, find_ros
+
+    if not find_ros():
+        raise UsageError(ROS_MISSING)
+    # Not before ROS is found: it imports rospy.
+    from hexwire.ros1.node import run as run_node
+
+    return run_node(args)
+
+
+def _help() -> str:
+    return _HELP
+
+
+def _version() -> str:
+    import hexwire
+
+    return f"{PROGRAM} {hexwire.__version__}"
+
+
+def _this_program() -> Path | None:
+    """Where this program lies: as it was called, else beside the interpreter."""
+    called = Path(sys.argv[0])
+    for path in (called.absolute(), Path(sys.executable).parent / PROGRAM):
+        if path.name == PROGRAM and path.is_file():
+            return path
+    return None
+
+
+_OPTIONS: dict[str, Callable[[], str]] = {
+    "-h": _help,
+    "--help": _help,
+    "-V": _version,
+    "--version": _version,
+    "--package-path": lambda: str(package_path()),
+    "--env": lambda: environment(os.environ, _this_program()),
+}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""The program hexwire-ros1: its options, and what it needs before a node starts."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hexwire
+from hexwire.cli import ros1
+
+SCRIPTS = Path(sys.executable).parent
+
+
+def _run(*args: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    env = {**os.environ, **variables}
+    return subprocess.run(
+        [sys.executable, "-m", "hexwire.cli.ros1", *args], env=env, capture_output=True, text=True, timeout=60
+    )
+
+
+def _evaluated(lines: str, **variables: str) -> dict[str, str]:
+    """What a POSIX shell has after the lines."""
+    show = 'printf "%s\\n" "$ROS_PACKAGE_PATH" "$PATH"'
+    result = subprocess.run(
+        ["/bin/sh", "-c", f"{lines}\n{show}"], env=variables, check=True, capture_output=True, text=True, timeout=60
+    )
+    packages, path = result.stdout.splitlines()
+    return {"ROS_PACKAGE_PATH": packages, "PATH": path}
+
+
+def test_help_says_what_it_is_and_how_parameters_are_given() -> None:
+    result = _run("--help")
+    assert result.returncode == 0
+    for text in ("hardware_interface", "_port:=/dev/ttyUSB0", "--env", "--package-path", "roslaunch hexwire"):
+        assert text in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= 116
+
+
+def test_version() -> None:
+    result = _run("--version")
+    assert (result.returncode, result.stdout) == (0, f"hexwire-ros1 {hexwire.__version__}\n")
+
+
+def test_package_path_holds_the_package() -> None:
+    folder = Path(_run("--package-path").stdout.strip())
+    assert (folder / "hexwire" / "package.xml").is_file()
+
+
+@pytest.mark.parametrize("args", [["--nonsense"], ["-x", "_port:=a"], ["/dev/ttyUSB0"], ["--help", "_port:=a"]])
+def test_what_it_does_not_know_is_refused_on_one_line(args: list[str]) -> None:
+    result = _run(*args)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert args[0] in result.stderr
+    assert "--help" in result.stderr
+
+
+def test_a_port_without_its_name_is_told_how_parameters_are_given() -> None:
+    assert "_port:=" in _run("/dev/ttyUSB0").stderr
+
+
+def test_env_puts_the_package_in_front() -> None:
+    lines = ros1.environment({"ROS_PACKAGE_PATH": "/opt/ros/noetic/share"}, None)
+    seen = _evaluated(lines, PATH="/bin")
+    assert seen == {"ROS_PACKAGE_PATH": f"{ros1.package_path()}:/opt/ros/noetic/share", "PATH": "/bin"}
+
+
+def test_env_leaves_a_package_path_that_has_it() -> None:
+    before = f"/a:{ros1.package_path()}:/b"
+    assert _evaluated(ros1.environment({"ROS_PACKAGE_PATH": before}, None))["ROS_PACKAGE_PATH"] == before
+
+
+def test_env_twice_changes_nothing() -> None:
+    once = _evaluated(ros1.environment({"PATH": "/bin"}, SCRIPTS / ros1.PROGRAM), PATH="/bin")
+    assert once["PATH"] == f"{SCRIPTS}:/bin"
+    assert _evaluated(ros1.environment(once, SCRIPTS / ros1.PROGRAM), **once) == once
+
+
+def test_env_quotes_what_a_shell_would_take_apart(tmp_path: Path) -> None:
+    folder = tmp_path / "it's a $(false) `place`"
+    folder.mkdir()
+    program = folder / ros1.PROGRAM
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    variables = {"PATH": "/bin:/s p a c e", "ROS_PACKAGE_PATH": '/"quoted" $HOME'}
+    seen = _evaluated(ros1.environment(variables, program), **variables)
+    assert seen["PATH"] == f"{folder}:/bin:/s p a c e"
+    assert seen["ROS_PACKAGE_PATH"] == f'{ros1.package_path()}:/"quoted" $HOME'
+
+
+def test_env_puts_this_program_before_another_of_its_name(tmp_path: Path) -> None:
+    for name in ("ours", "other"):
+        program = tmp_path / name / ros1.PROGRAM
+        program.parent.mkdir()
+        program.write_text("#!/bin/sh\n")
+        program.chmod(0o755)
+    lines = ros1.environment({"PATH": f"{tmp_path}/other"}, tmp_path / "ours" / ros1.PROGRAM)
+    assert _evaluated(lines)["PATH"] == f"{tmp_path}/ours:{tmp_path}/other"
+
+
+def test_env_of_the_installed_program_finds_it() -> None:
+    result = subprocess.run(
+        [str(SCRIPTS / ros1.PROGRAM), "--env"], env={"PATH": "/bin"}, capture_output=True, text=True, timeout=60
+    )
+    assert result.returncode == 0
+    assert _evaluated(result.stdout, PATH="/bin")["PATH"].split(":")[0] == str(SCRIPTS)
