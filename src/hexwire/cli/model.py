@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hexwire.errors import LimitError, UsageError
+from hexwire.model.geometry import ROBOTS, make_kinematics
 
 from .common import FiniteFloat, format_table, json_option, print_json
 
@@ -23,9 +24,8 @@ if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel, Solution
     from hexwire.model.pose import Vector
 
-__all__ = ["links_option", "make_kinematics", "model"]
+__all__ = ["links_option", "model"]
 
-ROBOTS = ("hex7bot", "puma260")
 DEGREES = FiniteFloat("degrees")
 # So that -30 is a number and not an option.
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
@@ -46,26 +46,6 @@ def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--robot", type=click.Choice(ROBOTS), default="hex7bot", show_default=True, help="Which arm."
     )(command)
-
-
-def make_kinematics(robot: str, links: str) -> KinematicModel:
-    """Kinematics of a robot by name.
-
-    Raises:
-        UsageError: No such robot or link set, or a mistake in the link set's file.
-    """
-    if robot == "puma260":
-        from hexwire.model.puma260 import Puma260Model
-
-        return Puma260Model()
-    if robot != "hex7bot":
-        raise UsageError(f"no geometry of robot {robot!r}; there is one of {', '.join(ROBOTS)}")
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
-    from hexwire.model.hex7bot_links import link_set, parse_link_set
-
-    if links.lower().endswith(".toml") or "/" in links:
-        return Hex7BotModel(parse_link_set(Path(links).read_text(encoding="utf-8"), file=links))
-    return Hex7BotModel(link_set(links))
 
 
 @click.group()

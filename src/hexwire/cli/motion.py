@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hexwire.errors import UsageError
+from hexwire.model.geometry import kinematics_or_none, make_kinematics
 
 from .common import FiniteFloat, RobotOptions, attached, make_robot, open_robot, robot_options
 from .exits import note
-from .model import NEGATIVE_NUMBERS, ROBOTS, links_option, make_kinematics
+from .model import NEGATIVE_NUMBERS, links_option
 from .run_motion import MotionOptions, dialect_rate, run_motion, torque_up
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def goto(
     from hexwire.motion.checks import InJoints
     from hexwire.motion.optimal import time_optimal
 
-    model = _for_motion(options.robot, links)
+    model = make_kinematics(options.robot, links, for_motion=True)
     with open_robot(options) as robot:
         start = _where(robot)
         angles = model.from_joints(start)
@@ -163,7 +164,7 @@ def line(
     from hexwire.motion.checks import InJoints
     from hexwire.motion.line import Line
 
-    model = _for_motion(options.robot, links)
+    model = make_kinematics(options.robot, links, for_motion=True)
     with open_robot(options) as robot:
         start = _where(robot)
         angles = model.from_joints(start)
@@ -243,7 +244,7 @@ def play(
             _save(taught, file, save)
             return
         way = taught.trajectory()
-    model = _for_motion(options.robot, links) if options.robot in ROBOTS else None
+    model = kinematics_or_none(options.robot, links, for_motion=True)
     robot = make_robot(options)
     unknown = [name for name in way.names if name not in robot.model.names]
     if unknown:
@@ -306,14 +307,6 @@ def teach(
                 if not limp:
                     torque_up(robot, robot.model.names)
         print(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
-
-
-def _for_motion(robot: str, links: str) -> KinematicModel:
-    """Kinematics whose limits are those of the robot's joints as well."""
-    from hexwire.model.hex7bot_kinematics import Hex7BotModel
-
-    model = make_kinematics(robot, links)
-    return model.within_arm() if isinstance(model, Hex7BotModel) else model
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:

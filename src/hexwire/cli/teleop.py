@@ -21,7 +21,6 @@ from .exits import note, shielded
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
-    from hexwire.model.kinematics import KinematicModel
     from hexwire.motion.teleop import Teleop
     from hexwire.wire.robot_bodies import JoystickState
 
@@ -134,6 +133,7 @@ def teleop(
     and the tool's directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is
     the only joystick of this machine.
     """
+    from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.loop import RateLoop
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
@@ -142,7 +142,8 @@ def teleop(
     if speed > 1.0:
         raise UsageError(f"--speed {speed:g} is over the joints' own limits; 1 is the most")
     model = make_robot(options).model
-    rules = Teleop(model, _kinematics(model.name), StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed)
+    kinematics = kinematics_or_none(model.name)
+    rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
@@ -245,15 +246,3 @@ def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[St
     with contextlib.closing(open_joystick(device)) as near:
         # What is plugged in here is either heard, or gone with an error.
         yield lambda: (near.read(), 0.0)
-
-
-def _kinematics(robot: str) -> KinematicModel | None:
-    if robot == "hex7bot":
-        from hexwire.model.hex7bot_kinematics import Hex7BotModel
-
-        return Hex7BotModel()
-    if robot == "puma260":
-        from hexwire.model.puma260 import Puma260Model
-
-        return Puma260Model()
-    return None
