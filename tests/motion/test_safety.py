@@ -147,3 +147,26 @@ def test_forget_starts_afresh() -> None:
 def test_thresholds_must_be_above_zero() -> None:
     with pytest.raises(UsageError, match="load_time = 0"):
         SafetyLimits(load_time=0.0)
+
+
+def test_a_slow_line_makes_states_old_and_commands_late() -> None:
+    assert SafetyLimits.at_period(0.05) == SafetyLimits()
+    slow = SafetyLimits.at_period(1.0)
+    assert (slow.lag, slow.max_age) == (2.5, 3.0)
+    assert slow.following_error == LIMITS.following_error
+
+
+def test_what_was_chosen_is_not_widened() -> None:
+    limits = SafetyLimits.at_period(1.0, max_age=0.7, load=0.6)
+    assert (limits.lag, limits.max_age, limits.load) == (2.5, 0.7, 0.6)
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, math.inf, math.nan])
+def test_a_period_must_be_above_zero(period: float) -> None:
+    with pytest.raises(UsageError, match=r"a period of .* s makes no sense"):
+        SafetyLimits.at_period(period)
+
+
+def test_a_chosen_threshold_must_be_above_zero_too() -> None:
+    with pytest.raises(UsageError, match="load = -1"):
+        SafetyLimits.at_period(0.05, load=-1)

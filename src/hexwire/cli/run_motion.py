@@ -173,11 +173,7 @@ def _drive(
 
     names = legs[0][1].names
     rate = dialect_rate(robot, options.rate)
-    period = 1.0 / rate
-    # A slow line makes states old and commands late without anything being wrong.
-    usual = SafetyLimits()
-    limits = SafetyLimits(lag=max(usual.lag, 2.5 * period), max_age=max(usual.max_age, 3 * period))
-    loop = MotionLoop(robot, Follower(robot.model, limits), rate)
+    loop = MotionLoop(robot, Follower(robot.model, SafetyLimits.at_period(1.0 / rate)), rate)
     began = 0.0
 
     def seen(state: JointState) -> None:

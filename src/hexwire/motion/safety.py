@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Self
 
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState
@@ -52,6 +53,25 @@ class SafetyLimits:
             value = getattr(self, name)
             if not isinstance(value, JointFlag) and not value > 0:
                 raise UsageError(f"safety limit {name} = {value} must be above 0")
+
+    @classmethod
+    def at_period(cls, period: float, **chosen: Any) -> Self:
+        """Thresholds for a line that takes a state and a target once a period.
+
+        A slow line makes states old and commands late without anything being wrong.
+
+        Args:
+            period: Seconds between two cycles.
+            **chosen: Thresholds that were set on purpose; the period does not change them.
+
+        Raises:
+            UsageError: The period or a threshold is not above 0.
+        """
+        if not 0 < period < math.inf:
+            raise UsageError(f"a period of {period:g} s makes no sense")
+        usual = cls()
+        widened = {"lag": max(usual.lag, 2.5 * period), "max_age": max(usual.max_age, 3 * period)}
+        return cls(**(widened | chosen))
 
 
 @dataclass(frozen=True, slots=True)
