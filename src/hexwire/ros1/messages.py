@@ -1,0 +1,189 @@
+"""Message classes that Debian has no package of: control_msgs and osrf_msgs, made at run time.
+
+Owns their fields, and by which checksum an installed class is the same message. Must not know what a message is
+used for.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Mapping, Sequence
+from functools import cache
+from types import SimpleNamespace
+
+from hexwire.errors import HexwireError, UsageError
+
+from .path import ROS_MISSING
+
+__all__ = ["control_msgs", "osrf_msgs"]
+
+_FEEDBACK = """\
+Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+"""
+
+# Name -> checksum, fields. The checksum covers names, types, order and constants: two ends with the same one
+# understand each other. All were compared with published headers or libraries but for those of
+# FollowJointTrajectoryGoal and JointCommands, which are computed; the former goes into the published ActionGoal's.
+_CONTROL: Mapping[str, tuple[str, str]] = {
+    "FollowJointTrajectoryAction": (
+        "bc4f9b743838566551c0390c65f1a248",
+        """\
+FollowJointTrajectoryActionGoal action_goal
+FollowJointTrajectoryActionResult action_result
+FollowJointTrajectoryActionFeedback action_feedback
+""",
+    ),
+    "FollowJointTrajectoryActionGoal": (
+        "cff5c1d533bf2f82dd0138d57f4304bb",
+        """\
+Header header
+actionlib_msgs/GoalID goal_id
+FollowJointTrajectoryGoal goal
+""",
+    ),
+    "FollowJointTrajectoryActionResult": (
+        "c4fb3b000dc9da4fd99699380efcc5d9",
+        """\
+Header header
+actionlib_msgs/GoalStatus status
+FollowJointTrajectoryResult result
+""",
+    ),
+    "FollowJointTrajectoryActionFeedback": (
+        "d8920dc4eae9fc107e00999cce4be641",
+        """\
+Header header
+actionlib_msgs/GoalStatus status
+FollowJointTrajectoryFeedback feedback
+""",
+    ),
+    "FollowJointTrajectoryGoal": (
+        "69636787b6ecbde4d61d711979bc7ecb",
+        """\
+trajectory_msgs/JointTrajectory trajectory
+JointTolerance[] path_tolerance
+JointTolerance[] goal_tolerance
+duration goal_time_tolerance
+""",
+    ),
+    "FollowJointTrajectoryResult": (
+        "493383b18409bfb604b4e26c676401d2",
+        """\
+int32 SUCCESSFUL = 0
+int32 INVALID_GOAL = -1
+int32 INVALID_JOINTS = -2
+int32 OLD_HEADER_TIMESTAMP = -3
+int32 PATH_TOLERANCE_VIOLATED = -4
+int32 GOAL_TOLERANCE_VIOLATED = -5
+int32 error_code
+string error_string
+""",
+    ),
+    "FollowJointTrajectoryFeedback": ("10817c60c2486ef6b33e97dcd87f4474", _FEEDBACK),
+    "JointTolerance": (
+        "f544fe9c16cf04547e135dd6063ff5be",
+        """\
+string name
+float64 position
+float64 velocity
+float64 acceleration
+""",
+    ),
+    "JointTrajectoryControllerState": ("10817c60c2486ef6b33e97dcd87f4474", _FEEDBACK),
+}
+
+_OSRF: Mapping[str, tuple[str, str]] = {
+    "JointCommands": (
+        "f298c98f3e9c7aae9376ac19f73bfba3",
+        """\
+Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+float64[] kp_position
+float64[] ki_position
+float64[] kd_position
+float64[] kp_velocity
+float64[] i_effort_min
+float64[] i_effort_max
+""",
+    ),
+}
+
+# Packaged messages that the fields above name, themselves or through others.
+_HEADER = ("std_msgs/Header",)
+_PARTS = (
+    *_HEADER,
+    "actionlib_msgs/GoalID",
+    "actionlib_msgs/GoalStatus",
+    "trajectory_msgs/JointTrajectory",
+    "trajectory_msgs/JointTrajectoryPoint",
+)
+
+_SEPARATOR = "\n" + "=" * 80 + "\n"
+
+
+@cache
+def control_msgs() -> SimpleNamespace:
+    """The classes of control_msgs that a trajectory controller needs, by name; the same ones at every call.
+
+    The classes of messages inside them are not the packaged ones, but take those as values.
+
+    Raises:
+        UsageError: ROS is not installed, or not found yet (`hexwire.ros1.path.find_ros`).
+        HexwireError: There is no folder for temporary files.
+    """
+    return _installed("control_msgs", _CONTROL) or _generate("control_msgs", _CONTROL, _PARTS)
+
+
+@cache
+def osrf_msgs() -> SimpleNamespace:
+    """The class JointCommands of osrf_msgs; raises as `control_msgs`."""
+    return _installed("osrf_msgs", _OSRF) or _generate("osrf_msgs", _OSRF, _HEADER)
+
+
+def _installed(package: str, messages: Mapping[str, tuple[str, str]]) -> SimpleNamespace | None:
+    """The classes of an installed package; None unless it is there and every one of them is the same message."""
+    try:
+        module = importlib.import_module(f"{package}.msg")
+    except ImportError:
+        return None
+    classes = {name: getattr(module, name, None) for name in messages}
+    if any(getattr(classes[name], "_md5sum", None) != checksum for name, (checksum, _) in messages.items()):
+        return None
+    return SimpleNamespace(**classes)
+
+
+def _generate(package: str, messages: Mapping[str, tuple[str, str]], parts: Sequence[str]) -> SimpleNamespace:
+    try:
+        dynamic = importlib.import_module("genpy.dynamic")
+        definitions = [(part, _definition(part)) for part in parts]
+    except ImportError as error:
+        raise UsageError(f"{ROS_MISSING} ({error})") from None
+    own = [(f"{package}/{name}", fields) for name, (_, fields) in messages.items()]
+    (first, text), *others = own + definitions
+    text += "".join(f"{_SEPARATOR}MSG: {name}\n{fields}" for name, fields in others)
+    before = list(sys.path)
+    try:
+        made = dynamic.generate_dynamic(first, text)
+    except OSError as error:
+        raise HexwireError(
+            f"cannot make the message classes of {package}: {error}; set TMPDIR to a folder that can be written to"
+        ) from None
+    finally:
+        # genpy leaves the folder of its temporary file there, where every later import would look as well.
+        sys.path[:] = before
+    return SimpleNamespace(**{name: made[f"{package}/{name}"] for name in messages})
+
+
+def _definition(name: str) -> str:
+    """Fields of a packaged message, without those of the messages inside it."""
+    package, _, message = name.partition("/")
+    text: str = getattr(importlib.import_module(f"{package}.msg"), message)._full_text
+    return text.partition(_SEPARATOR)[0]
