@@ -6,11 +6,14 @@ must not know messages, clocks or robots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from hexwire.motion.waypoints import Sample, Spline
+from hexwire.errors import GoalError
+from hexwire.motion.waypoints import Sample, Spline, Waypoint
 
 __all__ = [
     "MAX_POINTS",
@@ -25,6 +28,16 @@ __all__ = [
 
 MAX_POINTS = 100_000
 """Points that a trajectory may have: hours of motion, and a bound on the work."""
+_MOST = 1e6
+"""Positions, velocities and accelerations beyond it are garbage, and would overflow the polynomials."""
+_LONGEST = 2.0**31
+"""Seconds; where ROS's durations end."""
+_TICK = 1e-9
+"""Seconds; the resolution of ROS's times. Less than this from now is now."""
+_THERE = 1e-3
+"""Radians; a first point that is due at once may be so far from where the arm is."""
+_SHOWN = 5
+"""Names or faults that a text lists at most."""
 
 
 class ErrorCode(IntEnum):
@@ -107,8 +120,23 @@ class Tolerances:
         goal: Sequence[tuple[str, float, float, float]],
         goal_time: float,
     ) -> Tolerances:
-        """With what a goal asks for: 0 keeps what is here, a negative number switches the check off."""
-        raise NotImplementedError
+        """With what a goal asks for: 0 keeps what is here, a negative number switches the check off.
+
+        Args:
+            path: Joint, radians, radians per second, radians per second squared.
+            goal: Likewise.
+            goal_time: Seconds.
+
+        Raises:
+            GoalError: INVALID_JOINTS for a joint that is unknown or there twice, INVALID_GOAL for NaN and inf.
+        """
+        if not math.isfinite(goal_time):
+            raise GoalError(f"goal_time_tolerance is {goal_time}, not a number", code=ErrorCode.INVALID_GOAL)
+        return Tolerances(
+            _merged(self.path, path, "path_tolerance"),
+            _merged(self.goal, goal, "goal_tolerance"),
+            _resolved(goal_time, self.goal_time),
+        )
 
     def path_violation(
         self,
@@ -117,8 +145,15 @@ class Tolerances:
         actual_position: Sequence[float],
         actual_velocity: Sequence[float],
     ) -> str:
-        """What is off the path, worst first; empty if nothing is."""
-        raise NotImplementedError
+        """What is off the path, worst first; empty if nothing is.
+
+        Args:
+            names: Joints, in the order of all that follows.
+            desired: Where they should be.
+            actual_position: Radians; NaN is a violation where a position is checked.
+            actual_velocity: Radians per second; NaN is not judged.
+        """
+        return _violation(self.path, "path", names, desired, actual_position, actual_velocity)
 
     def goal_violation(
         self,
@@ -127,15 +162,249 @@ class Tolerances:
         actual_position: Sequence[float],
         actual_velocity: Sequence[float],
     ) -> str:
-        """What is off the goal, worst first; empty if nothing is."""
-        raise NotImplementedError
+        """What is off the goal, worst first; empty if nothing is. Arguments as in `path_violation`."""
+        return _violation(self.goal, "goal", names, desired, actual_position, actual_velocity)
+
+
+def _resolved(asked: float, default: float) -> float:
+    if asked == 0.0:
+        return default
+    return max(0.0, asked)
+
+
+def _merged(
+    defaults: Mapping[str, Tolerance], rows: Sequence[tuple[str, float, float, float]], field: str
+) -> dict[str, Tolerance]:
+    merged: dict[str, Tolerance] = {}
+    for name, *values in rows:
+        if name not in defaults:
+            text = f"{field} is for {_quoted(name)}; this controller has {_listed(defaults)}"
+            raise GoalError(text, code=ErrorCode.INVALID_JOINTS)
+        if name in merged:
+            raise GoalError(f"{field} is there twice for {name}; give it once", code=ErrorCode.INVALID_JOINTS)
+        old = defaults[name]
+        kept = (old.position, old.velocity, old.acceleration)
+        for kind, value in zip(("position", "velocity", "acceleration"), values, strict=True):
+            if not math.isfinite(value):
+                text = f"{field} for the {kind} of {name} is {value}, not a number; -1 switches the check off"
+                raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+        merged[name] = Tolerance(*map(_resolved, values, kept))
+    return {**defaults, **merged}
+
+
+def _violation(
+    tolerances: Mapping[str, Tolerance],
+    aim: str,
+    names: Sequence[str],
+    desired: Sample,
+    position: Sequence[float],
+    velocity: Sequence[float],
+) -> str:
+    found: list[tuple[float, str]] = []
+    columns = zip(names, desired.position, position, desired.velocity, velocity, strict=True)
+    for name, want, have, speed, actual_speed in columns:
+        allowed = tolerances[name]
+        off = abs(have - want)
+        # Not "off > allowed": a position that is not known is in no tolerance.
+        if allowed.position > 0.0 and not off <= allowed.position:
+            if math.isnan(off):
+                found.append((math.inf, f"it is not known where {name} is"))
+            else:
+                text = f"{name} is {_angle(off)} off its {aim}, {_angle(allowed.position)} are allowed"
+                found.append((off / allowed.position, text))
+        off = abs(actual_speed - speed)
+        if allowed.velocity > 0.0 and off > allowed.velocity:
+            least = _angle(allowed.velocity, "/s")
+            text = f"the speed of {name} is {_angle(off, '/s')} off its {aim}, {least} are allowed"
+            found.append((off / allowed.velocity, text))
+    # Stable, so that of two equally bad the first joint comes first.
+    found.sort(key=lambda row: -row[0])
+    texts = [text for _, text in found[:_SHOWN]]
+    if len(found) > _SHOWN:
+        texts.append(f"{len(found) - _SHOWN} more")
+    return "; ".join(texts)
+
+
+def _angle(value: float, per: str = "") -> str:
+    return f"{value:.3g} rad{per} ({math.degrees(value):.3g} deg{per})"
+
+
+def _quoted(name: str) -> str:
+    """A name that somebody sent: whatever is in it, it stays short and on one line."""
+    return ascii(name if len(name) <= 40 else name[:40] + "...")
+
+
+def _listed(names: Iterable[str]) -> str:
+    names = list(names)
+    more = [f"{len(names) - _SHOWN} more"] if len(names) > _SHOWN else []
+    return ", ".join(names[:_SHOWN] + more)
 
 
 def check_order(order: TrajectoryOrder, joints: tuple[str, ...], *, allow_partial: bool) -> None:
-    """Refuse an order that the rules forbid."""
-    raise NotImplementedError
+    """Refuse an order that the rules forbid. An order without points passes; it is the caller's business.
+
+    Whether the arm can follow (limits, speeds, gates, table) is not judged here.
+
+    Args:
+        order: What was sent.
+        joints: Joints of the controller.
+        allow_partial: Whether the order may leave joints out.
+
+    Raises:
+        GoalError: INVALID_JOINTS if the names are wrong, INVALID_GOAL for everything else. Points are counted from
+            0, as in the message.
+    """
+    _check_names(order.names, joints, allow_partial)
+    if not math.isfinite(order.delay):
+        raise _invalid(f"header.stamp is {order.delay} s from now, not a time")
+    if len(order.points) > MAX_POINTS:
+        raise _invalid(f"the trajectory has {len(order.points)} points; send at most {MAX_POINTS} at a time")
+    before = -math.inf
+    for i, point in enumerate(order.points):
+        _check_time(i, point.time, before)
+        before = point.time
+        _check_values(i, point, order.names)
+
+
+def _invalid(text: str) -> GoalError:
+    return GoalError(text, code=ErrorCode.INVALID_GOAL)
+
+
+def _check_names(names: tuple[str, ...], joints: tuple[str, ...], allow_partial: bool) -> None:
+    known = set(joints)
+    counts = Counter(names)
+    faults = []
+    if unknown := [_quoted(name) for name in counts if name not in known]:
+        faults.append(f"{_listed(unknown)} unknown")
+    if twice := [_quoted(name) for name, count in counts.items() if count > 1]:
+        faults.append(f"{_listed(twice)} more than once")
+    missing = [name for name in joints if name not in counts]
+    if missing and not (allow_partial and names):
+        faults.append(f"{_listed(missing)} missing")
+    if faults:
+        text = f"joint_names: {'; '.join(faults)}; this controller has {', '.join(joints)}"
+        raise GoalError(text, code=ErrorCode.INVALID_JOINTS)
+
+
+def _check_time(i: int, time: float, before: float) -> None:
+    field = f"points[{i}].time_from_start"
+    if not math.isfinite(time):
+        raise _invalid(f"{field} is {time}, not a time")
+    if not 0.0 <= time <= _LONGEST:
+        raise _invalid(f"{field} is {time:g} s; it must be 0 or more, and no more than {_LONGEST:g} s")
+    # Half a tick: two times one tick apart may be a hair nearer as floats.
+    if time - before < _TICK / 2:
+        raise _invalid(
+            f"{field} is {time:.10g} s, not after the {before:.10g} s of points[{i - 1}]; times must rise"
+        )
+
+
+def _check_values(i: int, point: Point, names: tuple[str, ...]) -> None:
+    if not point.positions:
+        raise _invalid(f"points[{i}].positions is empty; positions are needed, for {', '.join(names)}")
+    if point.accelerations and not point.velocities:
+        raise _invalid(f"points[{i}] has accelerations but no velocities; send both or neither")
+    rows = (
+        ("positions", point.positions, _MOST),
+        ("velocities", point.velocities, _MOST),
+        ("accelerations", point.accelerations, _MOST),
+        ("effort", point.effort, 0.0),
+    )
+    for field, values, most in rows:
+        if values and len(values) != len(names):
+            text = f"points[{i}].{field} has {len(values)} values for the {len(names)} joints {', '.join(names)}"
+            raise _invalid(text)
+        for name, value in zip(names, values, strict=False):
+            if abs(value) <= most:
+                continue
+            where = f"points[{i}].{field}: {name}"
+            if not math.isfinite(value):
+                raise _invalid(f"{where} is {value}, not a number")
+            if most:
+                raise _invalid(f"{where} is {value:g}, which no joint can do; check the unit, it is radians")
+            raise _invalid(f"{where} is {value:g}; this arm takes no feed-forward, leave effort empty")
 
 
 def make_trajectory(order: TrajectoryOrder, joints: tuple[str, ...], start: Sample) -> tuple[Spline, float]:
-    """Spline over all `joints` through what is left of an order, and seconds from now at which it begins."""
-    raise NotImplementedError
+    """Spline through what is left of an order.
+
+    Points whose time has come are dropped. A bridge leads from `start` to the first one that is left, in the time
+    that is left, and takes up the velocity and acceleration of `start` as far as that point has its own. Joints
+    that the order leaves out stand still where they are.
+
+    Args:
+        order: Has passed `check_order`.
+        joints: Joints of the controller, in the order of the spline.
+        start: Where they are, in the same order, or will be when the order begins; what is not known of the
+            velocities and accelerations is taken for 0.
+
+    Returns:
+        The spline, whose time 0 is when it begins, and seconds from now when that is.
+
+    Raises:
+        GoalError: OLD_HEADER_TIMESTAMP if no point is left; INVALID_GOAL if there was none, if it is not known
+            where a joint is, or if the first point is due the moment the order begins and the arm is elsewhere.
+    """
+    if not order.points:
+        raise _invalid("the trajectory has no points")
+    for name, value in zip(joints, start.position, strict=True):
+        if not math.isfinite(value):
+            raise _invalid(f"it is not known yet where {name} is; wait for its state")
+    points = [point for point in order.points if order.delay + point.time > _TICK]
+    if not points:
+        raise _too_late(order)
+    places = {name: i for i, name in enumerate(order.names)}
+    # Place of each joint in the order, None if it is left out.
+    picks = [places.get(name) for name in joints]
+    rest = (0.0,) * len(joints)
+
+    def row(values: Sequence[float], others: Sequence[float]) -> tuple[float, ...]:
+        return tuple(other if pick is None else values[pick] for pick, other in zip(picks, others, strict=True))
+
+    begin = max(order.delay, 0.0)
+    late = min(order.delay, 0.0)
+    way = [
+        Waypoint(
+            point.time + late,
+            row(point.positions, start.position),
+            row(point.velocities, rest) if point.velocities else None,
+            row(point.accelerations, rest) if point.accelerations else None,
+        )
+        for point in points
+    ]
+    first = way[0]
+    if first.time <= _TICK:
+        _check_there(joints, start.position, first.position)
+        way[0] = Waypoint(0.0, first.position, first.velocity, first.acceleration)
+    else:
+        velocity = None if first.velocity is None else _moving(picks, start.velocity)
+        acceleration = None if first.acceleration is None else _moving(picks, start.acceleration)
+        way.insert(0, Waypoint(0.0, start.position, velocity, acceleration))
+    return Spline(joints, way), begin
+
+
+def _too_late(order: TrajectoryOrder) -> GoalError:
+    last = order.points[-1]
+    ago = -(order.delay + last.time)
+    if last.time <= _TICK:
+        text = "the time_from_start of the last point must be above 0: it is the time the arm has to get there"
+    else:
+        text = f"the trajectory ended {max(0.0, ago):.3g} s ago; stamp it later, or with 0 to begin on arrival"
+    return GoalError(text, code=ErrorCode.OLD_HEADER_TIMESTAMP)
+
+
+def _check_there(joints: tuple[str, ...], here: Sequence[float], first: Sequence[float]) -> None:
+    gap, name = max((abs(b - a), name) for name, a, b in zip(joints, here, first, strict=True))
+    if gap > _THERE:
+        raise _invalid(
+            f"the trajectory begins {math.degrees(gap):.3g} deg from where {name} is; "
+            "give its first point a time_from_start above 0, or move there first"
+        )
+
+
+def _moving(picks: Sequence[int | None], values: Sequence[float]) -> tuple[float, ...]:
+    """Velocities or accelerations to start with: none for joints left out, nor where it is not known."""
+    return tuple(
+        0.0 if pick is None or not math.isfinite(value) else value
+        for pick, value in zip(picks, values, strict=True)
+    )
