@@ -4,20 +4,6 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.run_motion import dialect_rate
-
-
-def test_rate_by_dialect_unless_one_is_asked_for() -> None:
-    class Robot:
-        dialect = 1
-
-    robot: Any = Robot()
-    assert dialect_rate(robot, None) == 1.5
-    assert dialect_rate(robot, 7.0) == 7.0
-    robot.dialect = 2
-    assert dialect_rate(robot, None) == 20.0
-    assert dialect_rate(object(), None) == 20.0  # type: ignore[arg-type]
-
 
 def test_the_watchdog_stands_by_while_the_arm_moves_and_is_off_after(bench: Any) -> None:
     seen: list[float] = []

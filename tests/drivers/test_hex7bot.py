@@ -314,6 +314,26 @@ def test_a_stream_gives_states_at_its_rate_and_ends_the_reports() -> None:
     assert arm.board.state.report_due is None
 
 
+def test_who_only_listens_keeps_the_watchdog_quiet() -> None:
+    arm = Arm(2)
+    arm.driver.watchdog(0.3)
+    stream = arm.driver.stream(0.05)
+    begin = arm.clock.time
+    tripped = [state.watchdog_tripped for state in itertools.islice(stream, 100)]
+    assert arm.clock.time - begin > 4.0
+    assert not any(tripped)
+    stream.close()
+    arm.wait(1.0)
+    assert arm.driver.read().watchdog_tripped, "nobody feeds it any more"
+
+
+@pytest.mark.parametrize(("dialect", "rate"), [(1, 1.5), (2, 20.0)])
+def test_command_rate_is_what_the_line_takes(dialect: int, rate: float) -> None:
+    arm = Arm(dialect)
+    assert arm.driver.command_rate == rate
+    assert arm.driver.sessions == (arm.driver.session,)
+
+
 def test_a_stream_survives_a_reset_and_a_replug() -> None:
     arm = Arm(2)
     arm.driver.watchdog(30.0)

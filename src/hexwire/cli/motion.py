@@ -22,7 +22,7 @@ from hexwire.model.geometry import kinematics_or_none, make_kinematics
 from .common import FiniteFloat, RobotOptions, attached, make_robot, open_robot, robot_options
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
-from .run_motion import MotionOptions, dialect_rate, run_motion, torque_up
+from .run_motion import MotionOptions, run_motion, torque_up
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -295,7 +295,7 @@ def teach(
         with recording:
             robot.torque(False)
             note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
-            loop = RateLoop(dialect_rate(robot, rate))
+            loop = RateLoop(rate or robot.command_rate)
             try:
                 for _ in loop.ticks(math.inf if duration is None else duration):
                     state = robot.read()

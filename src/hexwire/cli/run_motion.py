@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from hexwire.motion.loop import MotionLoop
     from hexwire.motion.waypoints import Trajectory
 
-__all__ = ["MotionOptions", "dialect_rate", "run_motion", "torque_up"]
+__all__ = ["MotionOptions", "run_motion", "torque_up"]
 
-_RATES = {1: 1.5, 2: 20.0}
-"""Cycles a second by dialect, as the line allows at 115200 baud."""
 _WATCHDOG = 1.0
 """Seconds of silence after which the board stops the arm by itself."""
 _SETTLE = 3.0
@@ -50,11 +48,6 @@ class MotionOptions:
     plot: str | None
     dry_run: bool
     rate: float | None
-
-
-def dialect_rate(robot: RobotDriver, rate: float | None) -> float:
-    """The rate asked for, or what the robot's line allows."""
-    return rate or _RATES.get(getattr(robot, "dialect", 2), _RATES[2])
 
 
 def torque_up(robot: RobotDriver, names: Sequence[str]) -> None:
@@ -172,7 +165,7 @@ def _drive(
     from hexwire.motion.safety import SafetyLimits
 
     names = legs[0][1].names
-    rate = dialect_rate(robot, options.rate)
+    rate = options.rate or robot.command_rate
     loop = MotionLoop(robot, Follower(robot.model, SafetyLimits.at_period(1.0 / rate)), rate)
     began = 0.0
 

@@ -106,6 +106,16 @@ class RobotDriver(ABC):
     def __init__(self, session: Session) -> None:
         self.session = session
 
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        """Every session that leads to this robot."""
+        return (self.session,)
+
+    @property
+    def command_rate(self) -> float:
+        """Targets a second that the line takes, besides being read."""
+        return _COMMAND_RATE
+
     @classmethod
     @abstractmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -215,6 +225,7 @@ class RobotDriver(ABC):
         self.detach()
 
 
+_COMMAND_RATE = 20.0
 _ADVICE: dict[int, str] = {
     Status.STOPPED: "the arm is stopped; `hexwire resume` ends that",
     Status.TORQUE_OFF: "a joint has no torque; `hexwire torque on` first",

@@ -33,6 +33,10 @@ _MAX_WATCHDOG = 60.0
 _MIN_WATCHDOG = 0.05
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
+_DIALECT1_RATE = 1.5
+"""Targets a second in dialect 1, where a state of seven joints is seven questions."""
+_FEEDS = 3.0
+"""How often a board hears of us in the time of its watchdog while we only listen to its reports."""
 
 
 class Hex7BotDriver(RobotDriver):
@@ -79,6 +83,11 @@ class Hex7BotDriver(RobotDriver):
     def dialect(self) -> int:
         """Dialect of the attached board."""
         return self._attached().dialect
+
+    @property
+    def command_rate(self) -> float:
+        """Targets a second that the line takes, besides being read."""
+        return _DIALECT1_RATE if isinstance(self._board, Board1) else super().command_rate
 
     # -- coming and going ---------------------------------------------------------------------------
 
@@ -170,7 +179,8 @@ class Hex7BotDriver(RobotDriver):
         """Yield the states that the board reports by itself every `period` seconds.
 
         Ends the reports when the caller stops iterating. Goes on after a reconnection, and after a reset of the
-        board; ends when a board that is there sends nothing for `timeout` seconds.
+        board; ends when a board that is there sends nothing for `timeout` seconds. Who only listens says nothing,
+        so a watchdog is fed from here.
 
         Raises:
             NotSupportedError: The board speaks dialect 1.
@@ -182,12 +192,16 @@ class Hex7BotDriver(RobotDriver):
         self._dialect2("REPORT").report(period)
         self._report = (period, ALL_FIELDS)
         silence = max(timeout, 2 * period)
+        fed = self.session.now()
         try:
             while True:
                 board = self._dialect2("REPORT")
                 for frame in self.session.stream(silence):
                     if self.session.generation != self._generation:
                         board = self._dialect2("REPORT")
+                    if self._watchdog is not None and self.session.now() - fed >= self._watchdog[0] / _FEEDS:
+                        board.watchdog(*self._watchdog)
+                        fed = self.session.now()
                     if frame.cmd == Command.JOINT_STATE:
                         state = board.decode_state(frame.body, frame, self.session.now())
                         self._remember(state)

@@ -135,7 +135,7 @@ class Puma260Driver(RobotDriver):
 
     def attach(self) -> None:
         try:
-            for session in self._sessions():
+            for session in self.sessions:
                 session.open()
                 # Asking who is there also tells the controller that we count our requests from the beginning.
                 session.negotiate(dialect=tables.PROTO_HEXWIRE, boot_window=self._boot_window)
@@ -149,7 +149,7 @@ class Puma260Driver(RobotDriver):
             if torque_off and self.session.is_open:
                 self.torque(False)
         finally:
-            for session in self._sessions():
+            for session in self.sessions:
                 session.close()
 
     def probe(self) -> ProbeReport:
@@ -324,5 +324,6 @@ class Puma260Driver(RobotDriver):
         reply = self.session.request(Command.ROBOT_PROBE, repeatable=True)
         return RobotStatus.parse(check_reply(reply).body)
 
-    def _sessions(self) -> list[Session]:
-        return list(dict.fromkeys((self.session, self.commands, self.states, self.trajectories)))
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        return tuple(dict.fromkeys((self.session, self.commands, self.states, self.trajectories)))
