@@ -93,6 +93,35 @@ def test_after_a_stall_the_trajectory_goes_on_where_it_was() -> None:
     assert smooth.counters.slips == 0
 
 
+def test_desired_is_the_trajectory_while_it_runs_and_the_last_command_after() -> None:
+    follower = started()
+    assert follower.desired(("J1",), 5.0).position == (J1,)
+    path = way(J1, J1 + 1.0)
+    follower.follow(path, 0.0)
+    assert follower.next_start(0.0) == 0.0
+    run(follower, 0.0, 1.0)
+    assert follower.desired(("J1",), 0.7) == path.sample(0.7)
+    assert follower.next_start(0.95) == pytest.approx(1.0), "what was sent already is not taken back"
+    assert follower.desired(("J2",), 0.7).velocity == (0.0,), "a joint that the trajectory leaves alone rests"
+    run(follower, 1.0, 3.0)
+    assert follower.desired(("J1",), 3.0).position == (J1 + 1.0,)
+    assert follower.desired(("J1",), 3.0).velocity == (0.0,)
+
+
+def test_after_forgetting_motion_starts_where_a_hand_has_led_the_arm() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    run(follower, 0.0, 3.0)
+    follower.forget()
+    assert follower.mode is Mode.HOLD
+    with pytest.raises(UsageError, match="not known yet"):
+        follower.desired(("J1",), 3.0)
+    follower.observe(state({"J1": J1 - 0.2}))
+    assert follower.desired(("J1",), 3.0).position == (J1 - 0.2,)
+    follower.follow(way(J1 - 0.2, J1), 3.0)
+    assert sent(follower, 3.0, J1=J1 - 0.2) < J1
+
+
 def test_a_trajectory_from_elsewhere_is_refused() -> None:
     follower = started()
     with pytest.raises(LimitError, match=r"begins 57\.3 deg from where J1 is; move there first"):

@@ -17,7 +17,7 @@ from hexwire.model.state import JointState, JointTarget
 
 from .safety import Guard, SafetyLimits, StopReason
 from .trajectory import PEAK_SPEED
-from .waypoints import Blend, Spline, Trajectory, Waypoint
+from .waypoints import Blend, Sample, Spline, Trajectory, Waypoint
 
 __all__ = ["Follower", "FollowerCounters", "Mode"]
 
@@ -178,8 +178,13 @@ class Follower:
         """End a stop. Nothing moves by it; what is followed next starts where the arm is then."""
         if self.mode is Mode.STOPPED:
             self.mode, self.reason = Mode.HOLD, None
-            self._command, self._command_due, self._state = {}, -math.inf, None
-            self.guard.forget()
+            self.forget()
+
+    def forget(self) -> None:
+        """What was commanded no longer holds, as when a hand moves the arm: the next motion starts where it is."""
+        self.hold()
+        self._command, self._command_due, self._state = {}, -math.inf, None
+        self.guard.forget()
 
     @property
     def done(self) -> bool:
@@ -191,6 +196,26 @@ class Follower:
         if self._trajectory is None:
             return 0.0
         return max(0.0, self._started + self._trajectory.duration - now)
+
+    def observe(self, state: JointState) -> None:
+        """Take note of a state between cycles, so that what begins now begins where the arm is."""
+        self._state = state
+
+    def next_start(self, now: float) -> float:
+        """When a trajectory given now would begin: not before what was sent already is due."""
+        return max(now, self._command_due)
+
+    def desired(self, names: tuple[str, ...], now: float) -> Sample:
+        """Where joints are meant to be at a time; at rest unless a trajectory of just these joints is under way.
+
+        Raises:
+            UsageError: It is not known yet where they are.
+        """
+        running = self._trajectory
+        if self.mode is Mode.TRAJECTORY and running is not None and running.names == names:
+            return running.sample(now - self._started)
+        rest = (0.0,) * len(names)
+        return Sample(self._present(names), rest, rest)
 
     # -- the cycle ----------------------------------------------------------------------------------
 
