@@ -1,18 +1,32 @@
-"""What is right and wrong with the robot as rows of REP-107: link, board, every servo.
+"""What is right and what is wrong with the robot, as rows of REP-107: the link, the board, every servo.
 
-Owns the judgement and its words. Pure: facts and time are arguments. Must not know messages, drivers or clocks.
+Owns the judgement and its words. A message says the same as long as nothing changes; figures are values. Pure:
+facts and time are arguments. Must not know messages, drivers or clocks.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from hexwire.drivers.base import ProbeReport
-from hexwire.model.state import JointState
+from hexwire.drivers.base import JointProbe, ProbeReport
+from hexwire.model.state import JointFlag, JointReading, JointState
+from hexwire.wire.registers import Series
 
 __all__ = ["ChangeWatch", "Facts", "Level", "Row", "diagnose"]
+
+_ENOUGH = 0.8
+"""Share of the wanted rate below which joint_states are too slow."""
+_STALE = 1.0
+"""Seconds after which a state is old; three periods on lines that are slower than that."""
+_SAFETY_MARGIN = 10.0
+"""Degrees Celsius below its factory cut-off at which a servo is called hot."""
+_CUT_OFF = 70.0
+"""Degrees Celsius: the lowest factory cut-off of the series, for servos that have none of their own."""
+_SHORTEST = 0.1
+"""Seconds between two publications, however often something changes: a loose plug must not flood the log."""
 
 
 class Level(IntEnum):
@@ -26,7 +40,15 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One diagnostic_msgs/DiagnosticStatus."""
+    """One diagnostic_msgs/DiagnosticStatus.
+
+    Attributes:
+        level: How bad it is.
+        name: As in ``hardware_interface: link``.
+        message: In short; the same as long as nothing changes.
+        hardware_id: Which hardware it is about.
+        values: Pairs of key, with the unit, and value.
+    """
 
     level: Level
     name: str
@@ -37,7 +59,27 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the node knows."""
+    """What is known of the robot.
+
+    Attributes:
+        node: Name of the node; slashes around it do not count.
+        robot: Name of the robot.
+        url: Of the link.
+        hardware_id: As the user has named the hardware; the URL stands in for an empty one.
+        connected: The link is open and the driver attached.
+        error: What went wrong with the link last, in words; empty if nothing did.
+        reconnects: How often the link was lost and came back.
+        probe: What was found when it was probed last; None before that.
+        state: The last state; None before the first.
+        state_age: Seconds since that state.
+        rate: joint_states published a second; NaN while that is not known.
+        wanted_rate: As many are wanted; 0 if none are.
+        stopped: Why the arm is stopped, in words; empty if it is not.
+        counters: The newest counters by name, in place of the probe's of the same name.
+        controllers: What each controller does, in words, by its name; the usual single one has none.
+        watchdog: Seconds without a word from the host after which the board stops; 0 if it never does.
+        stop_kind: As `hexwire.motion.safety.StopReason.kind`; a stop other than ``asked`` is taken for a fault.
+    """
 
     node: str
     robot: str
@@ -59,16 +101,193 @@ class Facts:
 
 
 def diagnose(facts: Facts) -> tuple[Row, ...]:
-    """Rows for the link, the board and each servo."""
-    raise NotImplementedError
+    """Rows for the link, the board and each servo, in this order.
+
+    The servos are those of the probe; before the first probe, the joints of the state.
+    """
+    rows = [_row(facts, "link", *_judge_link(facts)), _row(facts, "board", *_judge_board(facts))]
+    if facts.probe is not None:
+        for joint in facts.probe.joints:
+            name = f"{joint.name} (servo {joint.servo_id})"
+            rows.append(_row(facts, name, *_judge_servo(facts, joint.name, joint)))
+    elif facts.state is not None:
+        rows += [_row(facts, name, *_judge_servo(facts, name, None)) for name in facts.state.names]
+    return tuple(rows)
 
 
 class ChangeWatch:
-    """When rows are to be published: about once a second, and at once when one changed."""
+    """When rows are to be published: about once a `period`, and at once when a level or message changed.
+
+    Args:
+        period: Seconds.
+    """
 
     def __init__(self, period: float = 1.0) -> None:
         self._period = period
+        self._said: frozenset[tuple[str, Level, str]] | None = None
+        self._when = -math.inf
+        self._next = -math.inf
 
     def due(self, rows: Iterable[Row], now: float) -> bool:
-        """Whether to publish these rows now."""
-        raise NotImplementedError
+        """Whether to publish these rows now; the answer True counts as published.
+
+        Args:
+            rows: All rows as they are now; their order does not matter.
+            now: Monotonic clock, seconds.
+        """
+        saying = frozenset((row.name, row.level, row.message) for row in rows)
+        changed = saying != self._said and now - self._when >= min(_SHORTEST, self._period)
+        # Whoever asks once a period is a little early now and then, and must not wait for another one.
+        in_turn = now >= self._next - 0.1 * self._period
+        if not changed and not in_turn:
+            return False
+        on_time = in_turn and now - self._next <= 0.5 * self._period
+        self._next = (self._next if on_time else now) + self._period
+        self._said, self._when = saying, now
+        return True
+
+
+Verdict = tuple[Level, str, list[tuple[str, str]]]
+
+
+def _row(facts: Facts, part: str, level: Level, message: str, values: list[tuple[str, str]]) -> Row:
+    name = f"{facts.node.strip('/')}: {part}"
+    return Row(level, name, message, facts.hardware_id or facts.url, tuple(values))
+
+
+def _judge_link(facts: Facts) -> Verdict:
+    error = " ".join(facts.error.split())
+    values = [
+        ("url", facts.url),
+        ("connected", _yes(facts.connected)),
+        ("reconnects", str(facts.reconnects)),
+        *_number("joint_states wanted (Hz)", facts.wanted_rate, 1),
+        *_number("joint_states (Hz)", facts.rate, 1),
+        *_number("age of the last state (s)", facts.state_age if facts.state is not None else math.nan, 3),
+    ]
+    if error:
+        values.append(("last error", error))
+    if not facts.connected:
+        return Level.ERROR, f"not connected: {error}" if error else "not connected", values
+    if facts.state is None:
+        return Level.STALE, "no state has come yet", values
+    if _is_old(facts):
+        return Level.STALE, "no states come any more", values
+    if facts.rate < _ENOUGH * facts.wanted_rate:
+        return Level.WARN, "joint_states come too slowly", values
+    return Level.OK, "ok", values
+
+
+def _judge_board(facts: Facts) -> Verdict:
+    probe, state = facts.probe, facts.state
+    tripped = state is not None and state.watchdog_tripped
+    values = [("robot", facts.robot)]
+    if probe is not None:
+        values.append(("dialect", str(probe.dialect) if probe.dialect else "none: servo bus"))
+        if probe.firmware:
+            values.append(("firmware", probe.firmware))
+        if probe.boot_id is not None:
+            values.append(("boot id", f"0x{probe.boot_id:08X}"))
+        if probe.capabilities:
+            values.append(("capabilities", ", ".join(probe.capabilities)))
+    values.append(("watchdog (s)", f"{facts.watchdog:g}" if facts.watchdog > 0 else "off"))
+    values.append(("watchdog tripped", _yes(tripped)))
+    reason = _stop_reason(facts)
+    values.append(("stopped", reason or "no"))
+    for name, doing in facts.controllers.items():
+        values.append((f"controller {name}".rstrip(), doing))
+    counters = {**(probe.counters if probe is not None else {}), **facts.counters}
+    values += [(name.replace("_", " "), str(count)) for name, count in counters.items()]
+
+    if not facts.connected:
+        return Level.STALE, "not connected", values
+    verdicts: list[tuple[Level, str]] = []
+    if reason:
+        asked = facts.stop_kind == "asked" and not tripped
+        verdicts.append((Level.WARN if asked else Level.ERROR, f"stopped: {reason}"))
+    if probe is None:
+        verdicts.append((Level.STALE, "not probed yet"))
+    elif probe.dialect == 1:
+        verdicts.append((Level.WARN, "no watchdog, no limits on this board"))
+    elif probe.dialect == 0:
+        verdicts.append((Level.WARN, "no watchdog, no limits: servos without a board"))
+    level = max((level for level, _ in verdicts), default=Level.OK)
+    return level, "; ".join(message for _, message in verdicts) or "ok", values
+
+
+def _stop_reason(facts: Facts) -> str:
+    """Why the arm is stopped; empty if it is not."""
+    if facts.stopped:
+        return " ".join(facts.stopped.split())
+    if facts.state is not None:
+        if facts.state.watchdog_tripped:
+            return "the board's watchdog: the host fell silent"
+        return "a stop is latched on the board" if facts.state.stopped else ""
+    return "a stop is latched on the board" if facts.probe is not None and facts.probe.stopped else ""
+
+
+def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> Verdict:
+    values: list[tuple[str, str]] = []
+    if probe is not None:
+        values += [("id", str(probe.servo_id)), ("series", probe.series)]
+        if probe.note:
+            values.append(("note", probe.note))
+    state = facts.state
+    joint = state[name] if state is not None and name in state.names else None
+    if joint is not None:
+        values += _figures(joint)
+    if not facts.connected:
+        return Level.STALE, "not connected", values
+    if joint is None or not math.isfinite(joint.age):
+        return Level.STALE, "never seen", values
+    if _is_old(facts):
+        return Level.STALE, "no states come any more", values
+    flags = JointFlag(joint.flags)
+    if flags.faults:
+        return Level.ERROR, str(flags.faults), values
+    warnings = []
+    if flags & JointFlag.CLAMPED:
+        warnings.append("target clamped to the limits")
+    if joint.temperature >= _hot(probe.series if probe is not None else ""):
+        warnings.append("hot")
+    return Level.WARN if warnings else Level.OK, ", ".join(warnings) or "ok", values
+
+
+def _figures(joint: JointReading) -> list[tuple[str, str]]:
+    flags = JointFlag(joint.flags)
+    return [
+        *_number("position (deg)", math.degrees(joint.position), 2),
+        *_number("velocity (deg/s)", math.degrees(joint.velocity), 1),
+        *_number("load (%)", 100 * joint.load, 1),
+        *_number("current (A)", joint.current, 3),
+        *_number("voltage (V)", joint.voltage, 1),
+        *_number("temperature (C)", joint.temperature, 0),
+        ("torque", "on" if flags & JointFlag.TORQUE_ON else "off"),
+        ("flags", str(flags)),
+        *_number("age (s)", joint.age, 3),
+    ]
+
+
+def _hot(series: str) -> float:
+    """Temperature at which a servo of this series is near the one at which it switches itself off."""
+    try:
+        register = Series(series).registers.get("max_temperature")
+    except ValueError:
+        register = None
+    cut_off = register.default if register is not None else None
+    return (_CUT_OFF if cut_off is None else cut_off) - _SAFETY_MARGIN
+
+
+def _is_old(facts: Facts) -> bool:
+    slow = 3 / facts.wanted_rate if facts.wanted_rate > 0 else 0.0
+    return not facts.state_age <= max(_STALE, slow)
+
+
+def _number(key: str, value: float, digits: int) -> list[tuple[str, str]]:
+    """A value with its key; nothing for one that is not known."""
+    # Adding 0.0 takes the sign off a zero that was rounded from below.
+    return [(key, f"{round(value, digits) + 0.0:.{digits}f}")] if math.isfinite(value) else []
+
+
+def _yes(so: bool) -> str:
+    return "yes" if so else "no"
