@@ -1,0 +1,396 @@
+"""The node's settings: typed, closed, every mistake told at once.
+
+Owns what the parameters mean together and with the arm: joints, poses, tolerances, controllers. Builds the driver
+but opens nothing. Must not know rospy: the values come in as the parameter server has them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from hexwire.drivers.registry import PORT_VARIABLE, load_driver
+from hexwire.errors import HexwireError, LimitError, LinkNotFoundError, UsageError
+from hexwire.model.geometry import ROBOTS, kinematics_or_none
+from hexwire.motion.safety import SafetyLimits
+
+from .goals import Tolerance, Tolerances
+from .parameters import PARAMETERS, Faults, Parameter
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel, JointModel
+    from hexwire.model.kinematics import KinematicModel
+
+__all__ = ["PARAMETERS", "ControllerSettings", "Settings", "load_settings"]
+
+_FAST_LINE = 20.0
+"""Cycles a second at which nothing needs to be widened."""
+_ROWS = {row.name: row for row in PARAMETERS}
+_POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+_GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
+_CONTROLLER_KEYS = ("joints", "allow_partial_joints_goal", "constraints")
+_JOINT_CONSTRAINTS = ("trajectory", "goal")
+# Rows of numbers inside tables. The defaults are those of ROS's joint trajectory controller.
+_GOAL_TIME = Parameter("goal_time", 0.0, "", "s", low=0.0, high=3600.0)
+_STOPPED = Parameter("stopped_velocity_tolerance", 0.01, "", "rad/s", low=0.0)
+_TOLERANCE = Parameter("tolerance", 0.0, "", "rad", low=0.0)
+_ANGLE = Parameter("angle", 0.0, "", "rad")
+_THRESHOLD = Parameter("threshold", 1.0, "", low=0.0, above=True)
+_THRESHOLDS = tuple(field.name for field in fields(SafetyLimits) if field.name != "faults")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSettings:
+    """One trajectory controller.
+
+    Attributes:
+        name: As in ``arm_controller``; empty for the only one there is.
+        joints: Names in the controller's order.
+        allow_partial: A trajectory may leave joints out.
+        tolerances: What holds where a goal asks for none of its own.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    allow_partial: bool
+    tolerances: Tolerances
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All parameters of the node, checked, and the arm they were checked against.
+
+    Attributes of the same name as a parameter are as in `PARAMETERS`. Times are seconds, rates hertz, angles
+    radians, lengths metres.
+
+    Attributes:
+        port: URL or device of the robot, wherever it came from.
+        poses: Angle by joint, by name of the pose.
+        safety: At `command_rate`; see `safety_at`.
+        thresholds: What `safety` names, as it was given.
+        controllers: At least one.
+        model: The arm.
+        kinematics: With limits for motion; None for an arm without geometry.
+    """
+
+    port: str
+    robot: str
+    connect_timeout: float
+    publish_rate: float
+    command_rate: float
+    state_publish_rate: float
+    action_monitor_rate: float
+    diagnostics_rate: float
+    watchdog: float
+    command_timeout: float
+    links: str
+    table_height: float
+    check_table: bool
+    enable_on_start: bool
+    torque_off_at_exit: bool
+    frame_id: str
+    hardware_id: str
+    poses: Mapping[str, Mapping[str, float]]
+    pose_speed: float
+    teach_directory: str
+    safety: SafetyLimits
+    thresholds: Mapping[str, float]
+    controllers: tuple[ControllerSettings, ...]
+    model: ArmModel
+    kinematics: KinematicModel | None
+
+    @property
+    def table(self) -> float | None:
+        """Height of the table that must not be touched, metres; None if that is not checked."""
+        return self.table_height if self.check_table and self.kinematics is not None else None
+
+    def safety_at(self, rate: float) -> SafetyLimits:
+        """Thresholds at `rate` set-points a second: on a slow line, what was not given is widened."""
+        return SafetyLimits.at_period(1.0 / rate, **self.thresholds)
+
+
+def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
+    """Check the node's private parameters and build the robot's driver; nothing is opened.
+
+    Args:
+        params: Values by name without the ``~``, tables as nested mappings, as the parameter server returns them.
+
+    Returns:
+        The settings, and the driver, which is not attached.
+
+    Raises:
+        UsageError: With every parameter that is wrong.
+        LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
+    """
+    faults = Faults()
+    given = faults.table("", params)
+    values = {row.name: _read(row, given.get(row.name, row.default), faults) for row in PARAMETERS}
+    for name in given:
+        if name not in _ROWS:
+            faults.unknown(name, _ROWS)
+    driver, model = _make_driver(values, faults)
+    values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, faults)
+    values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
+    values["thresholds"] = thresholds = _make_thresholds(values["safety"], faults)
+    values["controllers"] = _make_controllers(values, model, faults)
+    _check_together(values, model, faults)
+    faults.check()
+    if driver is None:
+        driver = load_driver(values["robot"]).from_url(_find_board(values))
+    values["safety"] = SafetyLimits.at_period(1.0 / (values["command_rate"] or _FAST_LINE), **thresholds)
+    values["model"] = driver.model
+    return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
+
+
+def _read(row: Parameter, value: object, faults: Faults) -> Any:
+    """A value of the type that the row's default has."""
+    default = row.default
+    if isinstance(default, bool):
+        return faults.switch(row.name, value, default)
+    if isinstance(default, float):
+        return faults.number(row.name, value, row)
+    if isinstance(default, str):
+        return faults.text(row.name, value, default)
+    if isinstance(default, tuple):
+        return faults.names(row.name, value)
+    return faults.table(row.name, value)
+
+
+# -- the robot ------------------------------------------------------------------------------------------
+
+
+def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | None, ArmModel | None]:
+    """The driver if robot and port are known, and the arm if the robot is."""
+    try:
+        robot = load_driver(values["robot"])
+    except (HexwireError, ImportError) as error:
+        faults.add("robot", error)
+        return None, None
+    url = values["port"] or os.environ.get(PORT_VARIABLE, "")
+    if url:
+        try:
+            driver = robot.from_url(url)
+            values["port"] = url
+            return driver, driver.model
+        except (HexwireError, ImportError) as error:
+            faults.add("port", error if values["port"] else f"{error} (from {PORT_VARIABLE})")
+    try:
+        # The arm is the same behind every port, and what else is wrong must be told without one.
+        return None, robot.from_url("/dev/null").model
+    except (HexwireError, ImportError) as error:
+        if not url:
+            faults.add("port", f"{values['robot']} needs one ({error})")
+        return None, None
+
+
+def _find_board(values: dict[str, Any]) -> str:
+    from hexwire.ipc.ports import find_only_board
+
+    # Those texts are for people on a command line.
+    try:
+        values["port"] = url = find_only_board()
+    except LinkNotFoundError as error:
+        raise LinkNotFoundError(str(error).replace("--port", "the parameter ~port")) from None
+    except UsageError as error:
+        raise UsageError(f"1 parameter is wrong: ~port: {str(error).replace('with --port', 'with it')}") from None
+    return url
+
+
+def _make_kinematics(values: dict[str, Any], faults: Faults) -> KinematicModel | None:
+    robot, links = values["robot"], values["links"]
+    if links != _ROWS["links"].default and robot != "hex7bot":
+        faults.add("links", f"only the hex7bot has link sets; leave it out for {robot}")
+        return None
+    try:
+        return kinematics_or_none(robot, links, for_motion=True)
+    except HexwireError as error:
+        faults.add("links", error)
+    except OSError as error:
+        faults.add("links", f"{links} cannot be read: {error.strerror or error}")
+    return None
+
+
+# -- what depends on the arm ----------------------------------------------------------------------------
+
+
+def _known_joint(name: str, joint: str, model: ArmModel | None, faults: Faults) -> bool:
+    """Whether the arm has a joint; True as well if the arm is not known."""
+    if model is None or joint in model.names:
+        return True
+    faults.add(name, f"no joint {joint!r}, there are {', '.join(model.names)}")
+    return False
+
+
+def _make_poses(
+    table: Mapping[str, object], model: ArmModel | None, kinematics: KinematicModel | None, faults: Faults
+) -> dict[str, dict[str, float]]:
+    poses = {}
+    for name, value in table.items():
+        path = f"poses/{name}"
+        if not _POSE_NAME.fullmatch(name):
+            faults.add(path, "no name for a service: a letter first, then letters, digits and _ only")
+        rows = faults.table(path, value)
+        if isinstance(value, Mapping) and not rows:
+            faults.add(path, "names no joint")
+        before = len(faults.texts)
+        pose = {}
+        for joint, angle in rows.items():
+            where, so_far = f"{path}/{joint}", len(faults.texts)
+            if _known_joint(where, joint, model, faults):
+                pose[joint] = faults.number(where, angle, _ANGLE)
+                if model is not None and len(faults.texts) == so_far:
+                    _check_limits(where, pose[joint], model.joint(joint), faults)
+        if len(faults.texts) == before:
+            _check_gates(path, pose, kinematics, faults)
+        poses[name] = pose
+    return poses
+
+
+def _check_limits(path: str, angle: float, joint: JointModel, faults: Faults) -> None:
+    try:
+        joint.check(angle)
+    except LimitError:
+        hint = "; angles are radians" if abs(angle) > math.tau else ""
+        faults.add(
+            path, f"{angle:g} rad is outside its limits {joint.minimum:.4g} to {joint.maximum:.4g} rad{hint}"
+        )
+
+
+def _check_gates(path: str, pose: Mapping[str, float], kinematics: KinematicModel | None, faults: Faults) -> None:
+    """What joints may only do together, if the pose says it of all that takes."""
+    if kinematics is None:
+        return
+    try:
+        angles = kinematics.from_joints(pose)
+    except UsageError:
+        # The joints that are left out are where they are when the arm goes there, and are checked then.
+        return
+    for text in kinematics.violations(angles):
+        faults.add(path, text)
+
+
+def _make_thresholds(table: Mapping[str, object], faults: Faults) -> dict[str, float]:
+    chosen = {}
+    for name, value in table.items():
+        if name in _THRESHOLDS:
+            chosen[name] = faults.number(f"safety/{name}", value, _THRESHOLD)
+        else:
+            faults.unknown(f"safety/{name}", _THRESHOLDS)
+    return chosen
+
+
+# -- controllers ----------------------------------------------------------------------------------------
+
+
+def _make_controllers(
+    values: dict[str, Any], model: ArmModel | None, faults: Faults
+) -> tuple[ControllerSettings, ...]:
+    several = _flattened(values["controllers"], faults)
+    if not several:
+        return (_make_controller("", values, model, faults),)
+    both = [name for name in _CONTROLLER_KEYS if values[name] != _ROWS[name].default]
+    if both:
+        faults.add("controllers", f"stands in place of {', '.join(both)}: give those inside each controller")
+    controllers = []
+    owners: dict[str, str] = {}
+    for name, table in several.items():
+        path = f"controllers/{name}"
+        if not _GRAPH_NAME.fullmatch(name):
+            faults.add(path, "no name that ROS takes: a letter first, then letters, digits, _ and / only")
+        for key in table:
+            if key not in _CONTROLLER_KEYS:
+                faults.unknown(f"{path}/{key}", _CONTROLLER_KEYS)
+        read: dict[str, Any] = {
+            "joints": faults.names(f"{path}/joints", table.get("joints", ())),
+            "allow_partial_joints_goal": faults.switch(
+                f"{path}/allow_partial_joints_goal", table.get("allow_partial_joints_goal", False)
+            ),
+            "constraints": faults.table(f"{path}/constraints", table.get("constraints", {})),
+        }
+        if not table.get("joints", ()):
+            faults.add(f"{path}/joints", "a controller needs at least one joint")
+        controllers.append(_make_controller(name, read, model, faults))
+        for joint in read["joints"]:
+            if joint in owners:
+                faults.add(f"{path}/joints", f"{joint} is in the controller {owners[joint]} already")
+            owners.setdefault(joint, name)
+    return tuple(controllers)
+
+
+def _flattened(table: Mapping[str, object], faults: Faults, above: str = "") -> dict[str, dict[str, object]]:
+    """Controllers by full name: the parameter server makes a table of every part of a name with a slash."""
+    found: dict[str, dict[str, object]] = {}
+    for key, value in table.items():
+        name = f"{above}{key}"
+        inner = faults.table(f"controllers/{name}", value)
+        is_namespace = inner and not inner.keys() & set(_CONTROLLER_KEYS) and _are_tables(inner)
+        for full, content in (_flattened(inner, faults, f"{name}/") if is_namespace else {name: inner}).items():
+            if full in found:
+                faults.add(f"controllers/{full}", "is there twice")
+            found[full] = content
+    return found
+
+
+def _are_tables(table: Mapping[str, object]) -> bool:
+    return all(isinstance(value, Mapping) for value in table.values())
+
+
+def _make_controller(
+    name: str, values: Mapping[str, Any], model: ArmModel | None, faults: Faults
+) -> ControllerSettings:
+    """A controller of its three parameters, which are of the right types already."""
+    above = f"controllers/{name}/" if name else ""
+    joints = tuple(joint for joint in values["joints"] if _known_joint(f"{above}joints", joint, model, faults))
+    if not name and not values["joints"] and model is not None:
+        joints = model.names
+    complete = bool(joints) and model is not None and len(joints) >= len(values["joints"])
+    tolerances = _make_tolerances(f"{above}constraints", values["constraints"], joints, complete, faults)
+    return ControllerSettings(name, joints, values["allow_partial_joints_goal"], tolerances)
+
+
+def _make_tolerances(
+    path: str, table: Mapping[str, object], joints: tuple[str, ...], complete: bool, faults: Faults
+) -> Tolerances:
+    """Tolerances of a controller. If its joints are not `complete`, a joint that is none of them is no fault."""
+    general = {}
+    for row in (_GOAL_TIME, _STOPPED):
+        general[row.name] = faults.number(f"{path}/{row.name}", table.get(row.name, row.default), row)
+    rows = {joint: {"trajectory": 0.0, "goal": 0.0} for joint in joints}
+    for joint, value in table.items():
+        if joint in general:
+            continue
+        if joint not in joints and not isinstance(value, Mapping):
+            faults.unknown(f"{path}/{joint}", (*general, *joints))
+            continue
+        if joint not in joints and complete:
+            faults.add(f"{path}/{joint}", f"no joint {joint!r} here, there are {', '.join(joints)}")
+            continue
+        own = rows.setdefault(joint, {})
+        for key, number in faults.table(f"{path}/{joint}", value).items():
+            if key in _JOINT_CONSTRAINTS:
+                own[key] = faults.number(f"{path}/{joint}/{key}", number, _TOLERANCE)
+            else:
+                faults.unknown(f"{path}/{joint}/{key}", _JOINT_CONSTRAINTS)
+    return Tolerances(
+        path={joint: Tolerance(position=rows[joint]["trajectory"]) for joint in joints},
+        goal={
+            joint: Tolerance(position=rows[joint]["goal"], velocity=general["stopped_velocity_tolerance"])
+            for joint in joints
+        },
+        goal_time=general["goal_time"],
+    )
+
+
+def _check_together(values: Mapping[str, Any], model: ArmModel | None, faults: Faults) -> None:
+    robot = values["robot"]
+    if values["table_height"] and values["check_table"] and model is not None and robot not in ROBOTS:
+        faults.add("table_height", f"{robot} has no geometry to check it with; set ~check_table to false")
+    rate, watchdog = values["command_rate"], values["watchdog"]
+    if rate and 0.0 < watchdog < 2.0 / rate:
+        least = f"two cycles of ~command_rate {rate:g} Hz, {2.0 / rate:.3g} s"
+        faults.add("watchdog", f"{watchdog:g} s is less than {least}: the board would stop the arm again and again")
