@@ -300,6 +300,15 @@ def test_a_watchdog_that_the_rate_cannot_feed() -> None:
     assert load(watchdog=0, command_rate=0.5).watchdog == 0.0
 
 
+def test_times_of_which_zero_is_never() -> None:
+    settings = load(watchdog=0, command_timeout=0)
+    assert (settings.watchdog, settings.command_timeout) == (0.0, 0.0)
+    assert faults(watchdog=0.01, command_timeout=-1) == [
+        "~watchdog: 0.01 must be 0, or 0.05 to 60 s",
+        "~command_timeout: -1 must be 0, or 0.05 to 60 s",
+    ]
+
+
 # -- controllers ----------------------------------------------------------------------------------------
 
 

@@ -86,7 +86,7 @@ PARAMETERS = (
     Parameter(
         "command_rate",
         0.0,
-        "set-points a second; 0 is what the link allows, 20 (1.5 with dialect 1)",
+        "set-points a second; 0 is what the robot's line allows",
         "Hz",
         low=0.0,
         high=1000.0,
@@ -106,11 +106,11 @@ PARAMETERS = (
     Parameter(
         "command_timeout",
         0.5,
-        "the arm holds when streamed set-points stay away for this long",
+        "the arm holds when streamed set-points stay away for this long; 0 is never",
         "s",
-        low=0.0,
+        low=0.05,
         high=60.0,
-        above=True,
+        zero=True,
     ),
     Parameter("links", "A", "link set of the 7Bot: A, B, V1, or the TOML file of one's own"),
     Parameter("table_height", 0.0, "height of the table above the arm's base", "m", low=-2.0, high=2.0),
@@ -123,7 +123,7 @@ PARAMETERS = (
     Parameter(
         "pose_speed", 0.3, "speed on the way to a pose, as a share of the limits", low=0.0, high=1.0, above=True
     ),
-    Parameter("teach_directory", "", "folder for what was taught; empty is ROS_HOME, which is ~/.ros"),
+    Parameter("teach_directory", "", "folder in which what was taught is saved; empty is not to save it"),
     Parameter("safety", {}, "thresholds at which the arm stops by itself, by name"),
     Parameter("joints", (), "joints of the only controller, in its order; empty is all"),
     Parameter("allow_partial_joints_goal", False, "a trajectory may leave joints out; they stay where they are"),
