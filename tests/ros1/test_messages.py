@@ -32,9 +32,11 @@ CHECKSUMS = {
 
 
 @pytest.fixture(autouse=True)
-def _ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _ros(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """ROS for these tests only: other tests must not find Debian's packages."""
     monkeypatch.setattr(sys, "path", list(sys.path))
+    # genpy clears up at exit, which a test process does not always come to.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path_factory.getbasetemp()))
     assert find_ros()
     yield
     monkeypatch.undo()
