@@ -11,6 +11,8 @@ import pytest
 
 import hexwire
 from hexwire.cli import ros1
+from hexwire.ros1.parameters import PARAMETERS
+from hexwire.ros1.path import ROS_MISSING
 
 SCRIPTS = Path(sys.executable).parent
 
@@ -40,6 +42,11 @@ def test_help_says_what_it_is_and_how_parameters_are_given() -> None:
     assert max(map(len, result.stdout.splitlines())) <= 116
 
 
+def test_help_has_every_parameter_with_its_default() -> None:
+    words = _run("--help").stdout.split()
+    assert {f"_{row.name}:={row.default_text}" for row in PARAMETERS} <= set(words)
+
+
 def test_version() -> None:
     result = _run("--version")
     assert (result.returncode, result.stdout) == (0, f"hexwire-ros1 {hexwire.__version__}\n")
@@ -48,6 +55,42 @@ def test_version() -> None:
 def test_package_path_holds_the_package() -> None:
     folder = Path(_run("--package-path").stdout.strip())
     assert (folder / "hexwire" / "package.xml").is_file()
+
+
+def _program(before: str, *args: str) -> subprocess.CompletedProcess[str]:
+    """The program in an interpreter in which something was done `before`."""
+    text = f"{before}; from hexwire.cli.ros1 import main; main()"
+    return subprocess.run([sys.executable, "-c", text, *args], capture_output=True, text=True, timeout=60)
+
+
+def test_without_ros_it_says_what_to_install() -> None:
+    result = _program("from hexwire.ros1 import path; path.find_ros = lambda: False", "_port:=/dev/ttyUSB0")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == f"error: {ROS_MISSING}\n"
+    assert "apt-get install" in ROS_MISSING
+
+
+_STUB = (
+    "import sys, types; from hexwire.ros1 import path; path.find_ros = lambda: True; "
+    "node = sys.modules['hexwire.ros1.node'] = types.ModuleType('node'); node.run = "
+)
+
+
+def test_arguments_of_ros_go_to_the_node_as_they_are() -> None:
+    args = ["_port:=/dev/tty USB0", "__name:=x", "command:=foo", "--odd:=1"]
+    result = _program(f"{_STUB} lambda argv: print(argv)", *args)
+    assert (result.returncode, result.stdout) == (0, f"{args}\n")
+
+
+def test_exit_status_is_that_of_the_node() -> None:
+    assert _program(f"{_STUB} lambda argv: 7").returncode == 7
+
+
+def test_an_error_of_the_node_is_one_line() -> None:
+    result = _program(
+        f"{_STUB} lambda argv: exec('from hexwire.errors import DeviceError as E; raise E(\"gone\")')"
+    )
+    assert (result.returncode, result.stderr) == (1, "error: gone\n")
 
 
 @pytest.mark.parametrize("args", [["--nonsense"], ["-x", "_port:=a"], ["/dev/ttyUSB0"], ["--help", "_port:=a"]])

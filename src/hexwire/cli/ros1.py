@@ -10,12 +10,17 @@ import os
 import shlex
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
 
 from .exits import ends_like_ctrl_c, run
+
+if TYPE_CHECKING:
+    from hexwire.ros1.parameters import Parameter
 
 __all__ = ["PROGRAM", "environment", "main", "package_path"]
 
@@ -36,7 +41,25 @@ Options:
   -V, --version   The version of hexwire.
   --package-path  The folder that holds the ROS package 'hexwire', for ROS_PACKAGE_PATH.
   --env           Shell lines that make roslaunch and rosrun find the package and this program, for eval.
+
+Parameters, all private, with their defaults; tables are for parameter files (see config/ in the package):
+{parameters}
+
+Publishes:
+  joint_states              sensor_msgs/JointState
+  state                     control_msgs/JointTrajectoryControllerState
+  ~taught                   trajectory_msgs/JointTrajectory, latched
+  /diagnostics              diagnostic_msgs/DiagnosticArray
+Takes:
+  command                   trajectory_msgs/JointTrajectory; one without points means hold
+  joint_commands            osrf_msgs/JointCommands, of which the positions
+  follow_joint_trajectory   action control_msgs/FollowJointTrajectory
+Services:
+  ~stop, ~reset, ~go_to/POSE, ~teach/start, ~teach/stop, ~teach/play    std_srvs/Trigger
+  ~enable                                                               std_srvs/SetBool
+With several controllers, state, command and follow_joint_trajectory lie below each one's name.
 """
+_WIDTH = 112
 
 
 def main() -> None:
@@ -101,7 +124,20 @@ def _start(args: list[str]) -> int | None:
 
 
 def _help() -> str:
-    return _HELP
+    from hexwire.ros1.parameters import PARAMETERS
+
+    rows = [(f"_{row.name}:={row.default_text}", _describe(row)) for row in PARAMETERS]
+    width = max(len(name) for name, _ in rows) + 4
+    lines = []
+    for name, text in rows:
+        first = f"  {name}".ljust(width)
+        lines += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * width)
+    return _HELP.format(parameters="\n".join(lines)).rstrip()
+
+
+def _describe(row: Parameter) -> str:
+    limits = f"{row.bounds} {row.unit}".strip()
+    return f"{row.help} ({limits})" if limits else row.help
 
 
 def _version() -> str:
