@@ -1,0 +1,447 @@
+"""Everything a node can be asked for: orders, set-points, poses, teaching, power, stop; and what it reports.
+
+Owns what is allowed when, across all controllers of an arm. Must not know ROS: requests come as plain values, and
+answers are words.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hexwire.errors import GoalError, HexwireError, UsageError
+from hexwire.motion.teach import approach
+
+from .controller import Ended, Outcome, TrajectoryController
+from .diagnostics import Facts
+from .goals import ErrorCode
+from .hardware import Hardware
+from .teaching import Teacher, save
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+    from hexwire.motion.teach import Taught
+    from hexwire.motion.waypoints import Trajectory
+
+    from .controller import Goal
+    from .goals import Tolerances, TrajectoryOrder
+    from .settings import Settings
+    from .states import PublishedState
+
+__all__ = ["Arm", "Waiter"]
+
+_log = logging.getLogger(__name__)
+
+_NEVER = 1e9
+_TREMOR = 0.1
+"""Seconds to either side over which taught positions are smoothed."""
+_GRACE = 10.0
+"""Seconds beyond a motion's own duration that whoever waits for its end is patient."""
+
+
+class Waiter:
+    """A goal that a thread waits for, instead of being told."""
+
+    def __init__(self) -> None:
+        self.end: Ended | None = None
+        self._event = threading.Event()
+
+    def ended(self, ended: Ended) -> None:
+        """It is over."""
+        self.end = ended
+        self._event.set()
+
+    def wait(self, timeout: float) -> Ended:
+        """The end.
+
+        Raises:
+            UsageError: It did not succeed, or not in time; the text says why.
+        """
+        if not self._event.wait(timeout) or self.end is None:
+            raise UsageError(f"still on its way after {timeout:.0f} s")
+        if self.end.outcome is not Outcome.SUCCEEDED:
+            raise UsageError(self.end.text or self.end.outcome.value)
+        return self.end
+
+
+class Arm:
+    """A robot as a node offers it. `connect`, then `start`; `shutdown` at the end.
+
+    Args:
+        robot: Not attached.
+        settings: The node's parameters.
+        on_state: As in `Hardware`.
+        on_taught: Called with what was taught, in the thread that ended it.
+
+    Attributes:
+        hardware: The robot and its owner.
+        controllers: By name; the only one has the empty name.
+        taught: What was taught last, or None.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDriver,
+        settings: Settings,
+        *,
+        on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
+        on_taught: Callable[[Taught], object] = lambda taught: None,
+    ) -> None:
+        self.settings = settings
+        self.hardware = Hardware(
+            robot,
+            publish_rate=settings.publish_rate,
+            command_rate=settings.command_rate,
+            watchdog=settings.watchdog,
+            on_state=on_state,
+        )
+        self.controllers: dict[str, TrajectoryController] = {}
+        self.taught: Taught | None = None
+        self._on_taught = on_taught
+        self._teacher = Teacher()
+        self._had_torque: tuple[str, ...] = ()
+        # One request at a time that takes the arm for longer: a pose, teaching, playing back.
+        self._busy = threading.Lock()
+
+    # -- coming and going ---------------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Find the robot and make its controllers; as `Hardware.connect`."""
+        settings, hardware = self.settings, self.hardware
+        hardware.connect(settings.connect_timeout)
+        limits = settings.safety_at(1.0 / hardware.command_period)
+        self.controllers = {
+            row.name: TrajectoryController(
+                row,
+                settings.model,
+                limits,
+                kinematics=settings.kinematics,
+                table=settings.table_height if settings.check_table else None,
+                command_timeout=settings.command_timeout or _NEVER,
+            )
+            for row in settings.controllers
+        }
+
+    def start(self) -> None:
+        """Read and move from now on."""
+        self.hardware.observers.append(self._teacher.take)
+        self.hardware.start(tuple(self.controllers.values()))
+        if self.settings.enable_on_start:
+            _log.info("%s", self.enable(True))
+
+    def shutdown(self) -> None:
+        """Stop what moves, and let go of the robot."""
+        self.hardware.shutdown(torque_off=self.settings.torque_off_at_exit)
+
+    # -- trajectories and set-points ------------------------------------------------------------------
+
+    def command(
+        self,
+        name: str,
+        order: TrajectoryOrder,
+        *,
+        goal: Goal | None = None,
+        tolerances: Tolerances | None = None,
+    ) -> None:
+        """Have a controller follow a trajectory; one without points means hold.
+
+        Raises:
+            GoalError: With ROS's code; what was followed before goes on.
+        """
+        controller, hardware = self.controllers[name], self.hardware
+        try:
+            received = hardware.now()
+            self._refuse_while_teaching()
+            state = hardware.newest()
+            if not order.points and goal is None:
+                self.hold(name, "an empty trajectory came")
+                return
+            with hardware.locked():
+                trajectory = controller.plan(order, state, received)
+            # Takes long for a long one, so not under the lock.
+            controller.check_way(trajectory, state)
+            with hardware.locked():
+                controller.accept(
+                    order, hardware.newest(), hardware.now(), goal=goal, tolerances=tolerances, received=received
+                )
+        except GoalError:
+            raise
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+        hardware.hurry()
+        hardware.deliver()
+
+    def hold(self, name: str, why: str) -> None:
+        """Have a controller's joints stay where they were told to be last."""
+        with self.hardware.locked():
+            self.controllers[name].hold(why)
+        self.hardware.deliver()
+
+    def cancel(self, name: str, goal: Goal) -> None:
+        """Hold, if this goal is the one that is followed."""
+        with self.hardware.locked():
+            self.controllers[name].cancel(goal)
+        self.hardware.deliver()
+
+    def set_points(self, names: Sequence[str], fields: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+        """Pursue the positions of an osrf_msgs/JointCommands: all of them, or none.
+
+        Args:
+            names: Joints.
+            fields: By the message's names. Each holds a value a joint, or none.
+
+        Returns:
+            Fields that ask for something these servos cannot do; only `position` (radians) was taken.
+
+        Raises:
+            UsageError: A name is unknown or doubled, a number is none or outside limits, or a length is wrong.
+            HexwireError: The arm is stopped or cannot be reached.
+        """
+        hardware = self.hardware
+        self._refuse_while_teaching()
+        if len(set(names)) != len(names):
+            raise UsageError(f"a joint is named twice: {', '.join(names)}")
+        for field, values in fields.items():
+            if len(values) not in {0, len(names)}:
+                raise UsageError(f"{field} has {len(values)} values for {len(names)} names")
+            for joint, value in zip(names, values, strict=False):
+                if not math.isfinite(value):
+                    raise UsageError(f"the {field} of {joint} is {value}, not a number")
+        shares: dict[str, dict[str, float]] = {}
+        for joint, angle in zip(names, fields["position"], strict=False):
+            owner = next((key for key, c in self.controllers.items() if joint in c.joints), None)
+            if owner is None:
+                raise UsageError(f"no joint {joint!r}; there are {', '.join(self._all_joints())}")
+            self.settings.model.joint(joint).check(angle)
+            shares.setdefault(owner, {})[joint] = angle
+        if not shares:
+            raise UsageError("it holds no position, and these servos take nothing else")
+        state = hardware.newest()
+        with hardware.locked():
+            now = hardware.now()
+            for key, share in shares.items():
+                self.controllers[key].set_points(share, state, now)
+        hardware.deliver()
+        return tuple(field for field, values in fields.items() if field != "position" and any(values))
+
+    # -- power and stop -------------------------------------------------------------------------------
+
+    def stop(self, why: str) -> str:
+        """Latched stop; the joints hold where they are.
+
+        Returns:
+            What was done, for people.
+
+        Raises:
+            HexwireError: Not every joint confirmed it; the controllers are stopped all the same.
+        """
+        self._end_teaching()
+        confirmed = self.hardware.stop(why)
+        missing = [name for name in self.settings.model.names if name not in confirmed]
+        if missing:
+            raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
+        return "stopped; all joints confirmed it"
+
+    def reset(self) -> str:
+        """End a stop. Nothing moves by it.
+
+        Raises:
+            HexwireError: Its cause is still there, or the robot refuses.
+        """
+        self.hardware.reset()
+        return "reset; nothing moves until it is told to"
+
+    def enable(self, on: bool) -> str:
+        """Torque of all controlled joints on, where they are, or off.
+
+        Raises:
+            HexwireError: Stopped, or not every joint confirmed it.
+        """
+        self._refuse_while_teaching()
+        names = self._all_joints()
+        confirmed = self.hardware.torque(on, names)
+        missing = [name for name in names if name not in confirmed]
+        if missing:
+            raise UsageError(f"{', '.join(missing)} did not confirm it")
+        return f"torque is {'on' if on else 'off'}"
+
+    # -- poses and teaching -----------------------------------------------------------------------------
+
+    def go_to(self, pose: str) -> str:
+        """Go to a named pose, and wait until the arm is there.
+
+        Raises:
+            HexwireError: There is no such pose, it cannot be gone to, or the arm did not arrive.
+        """
+        goals = self.settings.poses.get(pose)
+        if goals is None:
+            raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
+        with self._alone():
+            self._travel(goals)
+        return f"at {pose}"
+
+    def teach_start(self) -> str:
+        """Take the torque away and take down where a hand leads the arm. Somebody must hold it.
+
+        Raises:
+            HexwireError: Something moves, or the arm is stopped or cannot be reached.
+        """
+        with self._alone():
+            self._refuse_while_teaching()
+            moving = [c for c in self.controllers.values() if c.busy]
+            stopped = next((c.follower.reason for c in self.controllers.values() if c.follower.reason), None)
+            if stopped is not None:
+                raise UsageError(f"the arm is stopped ({stopped}); reset it first")
+            if moving:
+                raise UsageError("the arm is moving; wait, or cancel the goal first")
+            names = self._all_joints()
+            self._had_torque = tuple(n for n in self.hardware.newest().torque_on if n in names)
+            if self._had_torque:
+                self.hardware.torque(False, names)
+            self._teacher.start(names, self.hardware.now())
+        return f"teaching {', '.join(names)}; they have no torque"
+
+    def teach_stop(self) -> str:
+        """End teaching; joints that had torque before hold where they are now.
+
+        Raises:
+            HexwireError: Nothing was being taught, nothing moved, or the file cannot be written.
+        """
+        with self._alone():
+            if not self._teacher.active:
+                raise UsageError("nothing is being taught; start that first")
+            try:
+                taught = self._teacher.finish()
+            finally:
+                # Whatever was recorded: the arm must not go on hanging on somebody's hands.
+                if self._had_torque:
+                    self.hardware.torque(True, self._had_torque)
+            # A hand trembles.
+            taught = self.taught = taught.without_stillness().smoothed(_TREMOR)
+            self._on_taught(taught)
+            words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"
+            if self.settings.teach_directory:
+                path = save(taught, Path(self.settings.teach_directory), datetime.now())
+                words += f", saved as {path}"
+            return words
+
+    def teach_play(self) -> str:
+        """Go to where what was taught begins, follow it, and wait for its end.
+
+        Raises:
+            HexwireError: Nothing was taught, or it cannot be followed.
+        """
+        if self.taught is None:
+            raise UsageError("nothing was taught since the node started")
+        taught = self.taught
+        with self._alone():
+            self._travel(dict(zip(taught.names, taught.rows[0], strict=True)))
+            self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()})
+        return f"played {taught.duration:.1f} s"
+
+    # -- what it reports ------------------------------------------------------------------------------
+
+    def facts(self, node: str) -> Facts:
+        """What diagnostics are made of."""
+        hardware = self.hardware
+        reason = next((c.follower.reason for c in self.controllers.values() if c.follower.reason), None)
+        return Facts(
+            node=node,
+            robot=self.settings.model.name,
+            url=hardware.robot.session.ipc.link.url,
+            hardware_id=self.settings.hardware_id,
+            connected=hardware.connected,
+            error=hardware.error,
+            reconnects=hardware.reconnects,
+            probe=hardware.probe,
+            state=hardware.state,
+            state_age=hardware.state_age,
+            rate=hardware.rate,
+            wanted_rate=self.settings.publish_rate,
+            stopped=str(reason) if reason else "",
+            stop_kind=reason.kind if reason else "",
+            counters=self._counters(),
+            controllers={key: controller.words for key, controller in self.controllers.items()},
+            watchdog=hardware.watchdog,
+        )
+
+    def _counters(self) -> Mapping[str, int]:
+        counters = getattr(self.hardware.robot, "host_counters", None)
+        return counters() if counters is not None and self.hardware.connected else {}
+
+    # -- helpers --------------------------------------------------------------------------------------
+
+    def _alone(self) -> _Alone:
+        return _Alone(self._busy)
+
+    def _all_joints(self) -> tuple[str, ...]:
+        return tuple(name for controller in self.controllers.values() for name in controller.joints)
+
+    def _refuse_while_teaching(self) -> None:
+        if self._teacher.active:
+            raise UsageError("the arm is being taught; end that first")
+
+    def _end_teaching(self) -> None:
+        if self._teacher.active:
+            with suppress(UsageError):
+                self._teacher.finish()
+
+    def _travel(self, goals: Mapping[str, float]) -> None:
+        """Go somewhere the careful way, and wait."""
+        self._refuse_while_teaching()
+        state = self.hardware.newest()
+        ways: dict[str, Trajectory] = {}
+        for key, controller in self.controllers.items():
+            joints = controller.joints
+            if not any(name in goals for name in joints):
+                continue
+            with self.hardware.locked():
+                here = controller.here(state, self.hardware.now())
+            there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
+            ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
+        self._run(ways)
+
+    def _run(self, ways: Mapping[str, Trajectory]) -> None:
+        """Follow a checked trajectory a controller, and wait for the end of all."""
+        hardware = self.hardware
+        state = hardware.newest()
+        for key, way in ways.items():
+            self.controllers[key].check_way(way, state)
+        waiters: list[tuple[Waiter, float]] = []
+        with hardware.locked():
+            for key, way in ways.items():
+                waiter = Waiter()
+                self.controllers[key].follow(way, hardware.now(), goal=waiter)
+                waiters.append((waiter, way.duration))
+        hardware.hurry()
+        hardware.deliver()
+        for waiter, duration in waiters:
+            waiter.wait(duration + _GRACE)
+
+
+def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:
+    """The part of what was taught that is a controller's."""
+    places = [taught.names.index(name) for name in joints]
+    rows = tuple(tuple(row[i] for i in places) for row in taught.rows)
+    return type(taught)(tuple(joints), taught.times, rows).trajectory()
+
+
+class _Alone:
+    """Nobody else takes the arm meanwhile; whoever tries is told."""
+
+    def __init__(self, lock: threading.Lock) -> None:
+        self._lock = lock
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise UsageError("the arm is on its way for somebody else; wait, or stop it")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()

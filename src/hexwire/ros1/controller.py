@@ -1,0 +1,425 @@
+"""One trajectory controller: what its joints follow, for whom, and how that ended.
+
+Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, over. Time comes in as an
+argument, and what was sent as plain values. Must not know ROS, robots, threads or clocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+from hexwire.errors import GoalError, HexwireError, LimitError
+from hexwire.model.state import JointFlag, JointState, JointTarget
+from hexwire.motion.checks import check_trajectory
+from hexwire.motion.follower import Follower, Mode
+from hexwire.motion.safety import StopReason
+
+from .goals import ErrorCode, check_order, make_trajectory
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.motion.safety import SafetyLimits
+    from hexwire.motion.waypoints import Sample, Spline, Trajectory
+
+    from .goals import Tolerances, TrajectoryOrder
+    from .settings import ControllerSettings
+
+__all__ = ["Ended", "Goal", "Outcome", "Progress", "TrajectoryController"]
+
+_STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
+"""Kinds of a `StopReason` that mean the arm left its way; ROS has a code for that and for no other stop."""
+
+_HAIR = 1e-6
+"""Seconds: as good as now, but not nothing."""
+_BRIDGE_SAMPLES = 10
+_BRIDGE_GRACE = 1.1
+"""What the way to the first point may be faster than a joint's limit, since a motion at the limit begins late."""
+
+
+class Outcome(Enum):
+    """How a goal ended, in ROS's words."""
+
+    SUCCEEDED = "succeeded"
+    PREEMPTED = "preempted"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The end of a goal.
+
+    Attributes:
+        outcome: Which.
+        code: Of ROS's FollowJointTrajectoryResult.
+        text: In words; empty after a success.
+    """
+
+    outcome: Outcome
+    code: ErrorCode
+    text: str = ""
+
+
+class Goal(Protocol):
+    """Who wants to hear how an order ends. The controller never calls it; whoever owns the controller does."""
+
+    def ended(self, ended: Ended) -> None:
+        """It is over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where the joints are meant to be and where they are, in radians and seconds.
+
+    Attributes:
+        names: Joints, in the order of all values.
+        desired: What was planned for `stamp`.
+        position: Measured.
+        velocity: Measured; NaN where it is not known.
+        stamp: When it was measured, host clock.
+    """
+
+    names: tuple[str, ...]
+    desired: Sample
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    stamp: float
+
+    @property
+    def error(self) -> tuple[float, ...]:
+        """Desired less measured position, radians."""
+        return tuple(d - p for d, p in zip(self.desired.position, self.position, strict=True))
+
+
+@dataclass(slots=True)
+class _Active:
+    """What is being followed: with a goal somebody waits for its end, without one it is a mere command."""
+
+    goal: Goal | None
+    tolerances: Tolerances
+    begins: float
+    ends: float
+
+
+@dataclass(slots=True)
+class _Pending:
+    """An order whose time has not come: what was under way goes on until then."""
+
+    order: TrajectoryOrder
+    received: float
+    begins: float
+
+
+class TrajectoryController:
+    """Follows trajectories and set-points with some joints of an arm, as ROS's trajectory controllers do.
+
+    Args:
+        settings: Name, joints and tolerances.
+        arm: Limits and speeds.
+        limits: When to stop by itself.
+        kinematics: For gates and table; None to check neither.
+        table: Height of the table above the base, metres; None for none.
+        command_timeout: Seconds without a set-point after which the joints hold.
+
+    Attributes:
+        settings: As given.
+        follower: What the joints are told.
+    """
+
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        arm: ArmModel,
+        limits: SafetyLimits,
+        *,
+        kinematics: KinematicModel | None = None,
+        table: float | None = None,
+        command_timeout: float = 0.5,
+    ) -> None:
+        self.settings = settings
+        self.follower = Follower(arm, limits, lost_after=command_timeout)
+        self._arm, self._kinematics, self._table = arm, kinematics, table
+        self._places = tuple(arm.index(name) for name in settings.joints)
+        self._active: _Active | None = None
+        self._pending: _Pending | None = None
+        self._ended: list[tuple[Goal, Ended]] = []
+        self._progress: Progress | None = None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names, in the order of all values."""
+        return self.settings.joints
+
+    @property
+    def goal(self) -> Goal | None:
+        """Who waits for the end of what is followed."""
+        return self._active.goal if self._active else None
+
+    @property
+    def busy(self) -> bool:
+        """Something is followed, or will be; or the end of a goal is still waited for."""
+        return self._active is not None or self._pending is not None or not self.follower.done
+
+    @property
+    def words(self) -> str:
+        """What it does, for people."""
+        if self.follower.mode is Mode.STOPPED:
+            return f"stopped: {self.follower.reason}"
+        return "waiting for its time" if self._pending is not None else self.follower.mode.value
+
+    @property
+    def progress(self) -> Progress | None:
+        """Of the last cycle; None before there was one with all joints."""
+        return self._progress
+
+    def here(self, state: JointState, now: float) -> tuple[float, ...]:
+        """Where the joints are told to be, or are, radians; what begins now begins there.
+
+        Raises:
+            GoalError: Stopped, or not all of them have been heard of.
+        """
+        return self._start(state, now, 0.0).position
+
+    def take_ended(self) -> list[tuple[Goal, Ended]]:
+        """Goals that have ended since the last call. They must be told outside any lock."""
+        ended, self._ended = self._ended, []
+        return ended
+
+    # -- what others ask ----------------------------------------------------------------------------
+
+    def plan(self, order: TrajectoryOrder, state: JointState, now: float) -> Trajectory:
+        """What an order would make the joints do, if it were accepted now; changes nothing.
+
+        Raises:
+            GoalError: It is malformed, late or not for these joints, or the arm is stopped.
+        """
+        check_order(order, self.joints, allow_partial=self.settings.allow_partial)
+        return make_trajectory(order, self.joints, self._start(state, now, order.delay))[0]
+
+    def check_way(self, trajectory: Trajectory, state: JointState) -> None:
+        """Limits, speeds, gates and the table all along a trajectory, and that its joints have torque.
+
+        Raises:
+            GoalError: It must not be run.
+        """
+        self._refuse_without_torque(trajectory.names, state)
+        try:
+            check_trajectory(
+                trajectory, self._arm, self._kinematics, others=state.positions, table=self._table
+            ).require()
+        except LimitError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+
+    def accept(
+        self,
+        order: TrajectoryOrder,
+        state: JointState,
+        now: float,
+        *,
+        goal: Goal | None = None,
+        tolerances: Tolerances | None = None,
+        received: float | None = None,
+    ) -> None:
+        """Follow an order that was planned and checked; it replaces what was followed, whose goal is preempted.
+
+        Args:
+            order: What was sent.
+            state: The newest.
+            now: Seconds.
+            goal: Who wants to hear of it.
+            tolerances: In place of the controller's own.
+            received: When `order.delay` was true; now if None.
+
+        Raises:
+            GoalError: Stopped, or too late by now; nothing was changed.
+        """
+        self._refuse_if_stopped()
+        tolerances = tolerances or self.settings.tolerances
+        received = now if received is None else received
+        begins = received + order.delay
+        if order.delay > 0.0 and begins > self.follower.next_start(now):
+            self._preempt("replaced by a new one")
+            self._pending = _Pending(order, received, begins)
+            self._active = _Active(goal, tolerances, begins, math.inf)
+            return
+        trajectory = self._due(order, received, state, now)
+        self.follow(trajectory, now, goal=goal, tolerances=tolerances)
+
+    def follow(
+        self,
+        trajectory: Trajectory,
+        now: float,
+        *,
+        goal: Goal | None = None,
+        tolerances: Tolerances | None = None,
+    ) -> None:
+        """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
+        self._refuse_if_stopped()
+        try:
+            self.follower.follow(trajectory, now)
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+        self._preempt("replaced by a new one")
+        ends = now + self.follower.remaining(now)
+        self._active = _Active(goal, tolerances or self.settings.tolerances, now, ends)
+
+    def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
+        """Pursue set-points, radians by joint; a goal under way is preempted.
+
+        Raises:
+            LimitError: Outside limits, or stopped.
+            GoalError: A joint has no torque.
+        """
+        self._refuse_without_torque(positions, state)
+        self.follower.observe(state)
+        self.follower.set_point(positions, now)
+        self._preempt("replaced by set-points")
+
+    def hold(self, why: str) -> None:
+        """Stay where the last command was; a goal under way is preempted."""
+        self.follower.hold()
+        self._preempt(why)
+
+    def cancel(self, goal: Goal) -> None:
+        """Hold, if this is the goal that is followed."""
+        if self.goal is goal:
+            self.hold("cancelled")
+
+    def stop(self, reason: StopReason) -> None:
+        """Latch a stop; a goal under way is aborted."""
+        self.follower.stop(reason)
+        code = ErrorCode.PATH_TOLERANCE_VIOLATED if reason.kind in _STOPS_BY_PATH else ErrorCode.INVALID_GOAL
+        self._end(Outcome.ABORTED, code, f"stopped: {reason}")
+
+    def reset(self) -> None:
+        """End a stop. Nothing moves by it."""
+        self.follower.reset()
+
+    def release(self, why: str) -> None:
+        """The joints are no longer held: what was commanded is forgotten, a goal under way aborted."""
+        self.follower.forget()
+        self._end(Outcome.ABORTED, ErrorCode.INVALID_GOAL, why)
+
+    # -- the cycle ----------------------------------------------------------------------------------
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
+        """One cycle; as `Follower.cycle`."""
+        self._begin_pending(state, now)
+        order = self.follower.cycle(state, now, lead)
+        if isinstance(order, StopReason):
+            self.stop(order)
+        elif self._active is not None and self.follower.mode is Mode.TRAJECTORY:
+            # The follower slips after a stall; so does the end.
+            self._active.ends = now + self.follower.remaining(now)
+        return order
+
+    def _begin_pending(self, state: JointState, now: float) -> None:
+        pending, active = self._pending, self._active
+        if pending is None or active is None or self.follower.next_start(now) < pending.begins:
+            return
+        self._pending = None
+        try:
+            self.follower.follow(self._due(pending.order, pending.received, state, now), now)
+        except HexwireError as error:
+            self.follower.hold()
+            self._end(Outcome.ABORTED, getattr(error, "code", ErrorCode.INVALID_GOAL), str(error))
+        else:
+            active.ends = now + self.follower.remaining(now)
+
+    def _due(self, order: TrajectoryOrder, received: float, state: JointState, now: float) -> Trajectory:
+        """The trajectory of an order whose time has come; its points keep the times that were asked for.
+
+        Raises:
+            GoalError: So late by now that the way to the next point would be too fast.
+        """
+        if order.delay:
+            # Without a stamp it begins whenever it begins. What is over by now must at least not be far away.
+            late = received + order.delay - self.follower.next_start(now)
+            order = replace(order, delay=min(max(late, _HAIR - order.points[-1].time), 0.0) or -_HAIR)
+        trajectory, _ = make_trajectory(order, self.joints, self._start(state, now, 0.0))
+        self._check_bridge(trajectory)
+        return trajectory
+
+    def _check_bridge(self, trajectory: Spline) -> None:
+        """The way to the first point is not the one that was checked: time has passed, and points with it."""
+        seconds = trajectory.waypoints[1].time if len(trajectory.waypoints) > 1 else 0.0
+        for i in range(_BRIDGE_SAMPLES):
+            sample = trajectory.at(seconds * i / _BRIDGE_SAMPLES)
+            for name, speed in zip(self.joints, sample.velocity, strict=True):
+                allowed = self._arm.joint(name).max_speed
+                if abs(speed) > allowed * _BRIDGE_GRACE:
+                    raise GoalError(
+                        f"too late: {name} would have to turn at {math.degrees(abs(speed)):.4g} deg/s to the next "
+                        f"point, {math.degrees(allowed):.4g} are allowed",
+                        code=ErrorCode.OLD_HEADER_TIMESTAMP,
+                    )
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Compare measured with desired, at every state; ends a goal that is out of tolerance, or done.
+
+        Args:
+            state: Just read; its joints are the arm's.
+            velocity: Of all the arm's joints, radians per second; NaN where it is not known.
+            now: Seconds.
+        """
+        try:
+            sampled = state.stamp - min(state.age[i] for i in self._places)
+            desired = self.follower.desired(self.joints, min(sampled, now))
+        except HexwireError:
+            return  # not all joints have been heard of
+        position = tuple(state.position[i] for i in self._places)
+        speed = tuple(velocity[i] for i in self._places)
+        self._progress = Progress(self.joints, desired, position, speed, sampled)
+        active = self._active
+        if active is None or self._pending is not None:
+            return
+        if self.follower.mode is Mode.TRAJECTORY:
+            # What was sampled before the trajectory began says nothing about it.
+            if sampled > active.begins:
+                wrong = active.tolerances.path_violation(self.joints, desired, position, speed)
+                if wrong:
+                    self.follower.hold()
+                    self._end(Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, wrong)
+        elif active.goal is None:
+            self._active = None
+        elif now >= active.ends:
+            wrong = active.tolerances.goal_violation(self.joints, desired, position, speed)
+            patience = active.tolerances.goal_time
+            if not wrong:
+                self._end(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
+            elif patience and now > active.ends + patience:
+                self._end(Outcome.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, wrong)
+
+    # -- helpers --------------------------------------------------------------------------------------
+
+    def _start(self, state: JointState, now: float, delay: float) -> Sample:
+        """Where the joints are meant to be when an order begins."""
+        self._refuse_if_stopped()
+        self.follower.observe(state)
+        try:
+            return self.follower.desired(self.joints, self.follower.next_start(now) + max(0.0, delay))
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+
+    def _refuse_if_stopped(self) -> None:
+        if self.follower.mode is Mode.STOPPED:
+            raise GoalError(
+                f"the arm is stopped ({self.follower.reason}); reset first", code=ErrorCode.INVALID_GOAL
+            )
+
+    def _refuse_without_torque(self, names: Iterable[str], state: JointState) -> None:
+        limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
+        if limp:
+            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", code=ErrorCode.INVALID_GOAL)
+
+    def _preempt(self, why: str) -> None:
+        self._end(Outcome.PREEMPTED, ErrorCode.SUCCESSFUL, why)
+
+    def _end(self, outcome: Outcome, code: ErrorCode, text: str = "") -> None:
+        active, self._active, self._pending = self._active, None, None
+        if active is not None and active.goal is not None:
+            self._ended.append((active.goal, Ended(outcome, code, text)))

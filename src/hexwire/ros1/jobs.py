@@ -1,0 +1,74 @@
+"""What other threads want done by the one that owns something, and wait for.
+
+Owns the queue. Must not know what is done.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from typing import Any, TypeVar
+
+from hexwire.errors import DeviceError, LinkError, PreemptedError
+
+__all__ = ["Jobs"]
+
+_T = TypeVar("_T")
+
+
+class Jobs:
+    """Calls that wait for their owner.
+
+    Args:
+        timeout: Seconds that a caller waits.
+    """
+
+    def __init__(self, timeout: float = 10.0) -> None:
+        self._timeout = timeout
+        self._waiting: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+
+    def call(self, job: Callable[[], _T]) -> _T:
+        """Wait until the owner has done a job.
+
+        Raises:
+            DeviceError: It was not begun in time; it never will be.
+            Exception: What the job raised, or what `fail` was given.
+        """
+        future: Future[_T] = Future()
+        self._waiting.append((job, future))
+        try:
+            return future.result(self._timeout)
+        except FutureTimeoutError:
+            if not future.cancel():
+                # It is being done this moment.
+                return future.result(self._timeout)
+            raise DeviceError(f"the robot was busy for {self._timeout:g} s") from None
+
+    def run(self) -> None:
+        """Do all that waits; the owner calls this.
+
+        Raises:
+            LinkError: A job found the line lost, or a stop took it: the caller hears of it, and so does the owner.
+            PreemptedError: Likewise.
+        """
+        while self._waiting:
+            job, future = self._waiting.popleft()
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                result = job()
+            except Exception as error:
+                future.set_exception(error)
+                if isinstance(error, LinkError | PreemptedError):
+                    raise
+            else:
+                future.set_result(result)
+
+    def fail(self, error: Exception) -> None:
+        """Nothing that waits will be done."""
+        while self._waiting:
+            _, future = self._waiting.popleft()
+            if future.set_running_or_notify_cancel():
+                future.set_exception(error)

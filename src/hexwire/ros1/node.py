@@ -1,0 +1,446 @@
+"""The ROS 1 node `hardware_interface`: messages in, messages out, nothing decided.
+
+Owns topics, services, actions, the parameter server and the node's life. The only module that knows rospy. Must not
+decide anything about the arm: that is `arm`, `controller` and what is below them.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import actionlib
+import rosgraph
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rospy.impl import registration
+from sensor_msgs.msg import JointState as JointStateMessage
+from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from hexwire.errors import DeviceError, GoalError, HexwireError
+
+from .arm import Arm
+from .controller import Ended, Outcome
+from .diagnostics import ChangeWatch, diagnose
+from .goals import ErrorCode, Point, TrajectoryOrder
+from .messages import control_msgs, osrf_msgs
+from .settings import load_settings
+from .teaching import to_points, tolerance_of
+
+if TYPE_CHECKING:
+    from hexwire.model.state import JointState
+    from hexwire.motion.teach import Taught
+
+    from .controller import Progress
+    from .states import PublishedState
+
+__all__ = ["run"]
+
+_NAME = "hardware_interface"
+_MASTER_WAIT = 5.0
+_TICK = 0.1
+_MASTER_PERIOD = 1.0
+_QUEUE = 10
+_FIELDS = (
+    "position",
+    "velocity",
+    "effort",
+    "kp_position",
+    "ki_position",
+    "kd_position",
+    "kp_velocity",
+    "i_effort_min",
+    "i_effort_max",
+)
+"""Fields of osrf_msgs/JointCommands with a value a joint."""
+
+
+def run(argv: list[str]) -> int:
+    """Run the node until it is told to end.
+
+    Args:
+        argv: ROS's remapping arguments, without the program's name.
+
+    Returns:
+        Exit status.
+
+    Raises:
+        UsageError: Parameters are wrong; the text names all of them.
+        LinkError: The robot's port cannot be opened.
+        DeviceError: There is no master, or the robot does not answer, or the node failed.
+    """
+    _wait_for_master()
+    # Signals are ours: rospy's own would close the topics before the arm is safe.
+    rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
+    with _logging_to_ros():
+        try:
+            return HardwareInterface().run()
+        finally:
+            rospy.signal_shutdown("the node ends")
+
+
+class HardwareInterface:
+    """The node. `run` does everything; the rest are callbacks."""
+
+    def __init__(self) -> None:
+        self._params = rospy.get_param("~", {})
+        self._description = rospy.get_param("robot_description", None)
+        settings, robot = load_settings(self._params)
+        self._settings = settings
+        self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._ending = threading.Event()
+        self._connecting = True
+        # Goals, cancels and results, in their order; checking a goal takes longer than a callback may.
+        self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
+        self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
+        self._goals: dict[str, _ActionGoal] = {}
+        self._next_state = self._next_feedback = 0.0
+        self._control = control_msgs()
+        self._master_pid = rosgraph.Master(rospy.get_name()).getPid()
+
+    def run(self) -> int:
+        """Connect, offer everything, and end when told to."""
+        if rospy.get_param("/use_sim_time", False):
+            rospy.logwarn("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._on_signal)
+        try:
+            self._joint_states = rospy.Publisher("joint_states", JointStateMessage, queue_size=_QUEUE)
+            self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
+            self._taught = rospy.Publisher("~taught", JointTrajectory, queue_size=1, latch=True)
+            self._arm.connect()
+            self._connecting = False
+            self._offer_controllers()
+            self._worker.start()
+            self._arm.start()
+            self._offer_services()
+            threading.Thread(target=self._watch_master, name="master", daemon=True).start()
+            rospy.loginfo("%s is ready at %s", self._settings.model.name, self._settings.port)
+            while not self._ending.wait(_TICK) and not rospy.is_shutdown():
+                self._tick()
+        except KeyboardInterrupt:
+            return 0
+        finally:
+            self._arm.shutdown()
+            self._work.put(None)
+            if self._worker.is_alive():
+                self._worker.join(1.0)
+        return 0
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._ending.set()
+        if self._connecting:
+            # Nothing is there yet that must be made safe, and the wait for a board may be long.
+            raise KeyboardInterrupt
+
+    def _tick(self) -> None:
+        crash = self._arm.hardware.crash
+        if crash is not None:
+            raise DeviceError(f"the node failed: {crash!r}") from crash
+        rows = diagnose(self._arm.facts(rospy.get_name()))
+        if self._watch.due(rows, time.monotonic()):
+            message = DiagnosticArray()
+            message.header.stamp = rospy.Time.now()
+            message.status = [
+                DiagnosticStatus(
+                    int(row.level), row.name, row.message, row.hardware_id, [KeyValue(k, v) for k, v in row.values]
+                )
+                for row in rows
+            ]
+            self._diagnostics.publish(message)
+
+    # -- what is offered ------------------------------------------------------------------------------
+
+    def _offer_controllers(self) -> None:
+        self._states: dict[str, rospy.Publisher] = {}
+        for name in self._arm.controllers:
+            at = f"{name}/" if name else ""
+            self._states[name] = rospy.Publisher(
+                f"{at}state", self._control.JointTrajectoryControllerState, queue_size=_QUEUE
+            )
+            rospy.Subscriber(
+                f"{at}command",
+                JointTrajectory,
+                partial(self._on_command, name),
+                queue_size=_QUEUE,
+                tcp_nodelay=True,
+            )
+            server = actionlib.ActionServer(
+                f"{at}follow_joint_trajectory",
+                self._control.FollowJointTrajectoryAction,
+                partial(self._on_goal, name),
+                partial(self._on_cancel, name),
+                auto_start=False,
+            )
+            server.start()
+        rospy.Subscriber(
+            "joint_commands", osrf_msgs().JointCommands, self._on_joint_commands, queue_size=1, tcp_nodelay=True
+        )
+
+    def _offer_services(self) -> None:
+        arm = self._arm
+        triggers: dict[str, Callable[[], str]] = {
+            "~stop": lambda: arm.stop("asked for by service"),
+            "~reset": arm.reset,
+            "~teach/start": arm.teach_start,
+            "~teach/stop": arm.teach_stop,
+            "~teach/play": arm.teach_play,
+        }
+        triggers |= {f"~go_to/{pose}": partial(arm.go_to, pose) for pose in self._settings.poses}
+        for name, call in triggers.items():
+            rospy.Service(name, Trigger, partial(self._answer, TriggerResponse, call))
+        rospy.Service("~enable", SetBool, lambda r: self._answer(SetBoolResponse, partial(arm.enable, r.data)))
+
+    @staticmethod
+    def _answer(response: Callable[[bool, str], Any], call: Callable[[], str], request: object = None) -> Any:
+        try:
+            return response(True, call())
+        except HexwireError as error:
+            rospy.logwarn("%s", error)
+            return response(False, str(error))
+
+    # -- commands -------------------------------------------------------------------------------------
+
+    def _on_command(self, name: str, message: Any) -> None:
+        try:
+            self._arm.command(name, _order(message))
+        except HexwireError as error:
+            rospy.logwarn("command refused: %s", error)
+
+    def _on_joint_commands(self, message: Any) -> None:
+        try:
+            ignored = self._arm.set_points(message.name, {field: getattr(message, field) for field in _FIELDS})
+        except HexwireError as error:
+            rospy.logwarn_throttle_identical(1.0, f"joint_commands refused: {error}")
+            return
+        if ignored:
+            rospy.logwarn_once(f"joint_commands: the servos take positions only; ignored: {', '.join(ignored)}")
+
+    def _on_goal(self, name: str, handle: Any) -> None:
+        self._work.put(partial(self._begin, name, handle))
+
+    def _on_cancel(self, name: str, handle: Any) -> None:
+        self._work.put(partial(self._cancel, name, handle.get_goal_id().id))
+
+    def _begin(self, name: str, handle: Any) -> None:
+        message = handle.get_goal()
+        goal = _ActionGoal(handle, self._end)
+        try:
+            tolerances = self._arm.controllers[name].settings.tolerances.overridden(
+                _tolerances(message.path_tolerance),
+                _tolerances(message.goal_tolerance),
+                message.goal_time_tolerance.to_sec(),
+            )
+            self._arm.command(name, _order(message.trajectory), goal=goal, tolerances=tolerances)
+        except GoalError as error:
+            rospy.logwarn("goal refused: %s", error)
+            handle.set_rejected(self._result(ErrorCode(error.code), str(error)), str(error))
+        else:
+            handle.set_accepted()
+            self._goals[goal.key] = goal
+
+    def _cancel(self, name: str, key: str) -> None:
+        goal = self._goals.get(key)
+        if goal is not None:
+            self._arm.cancel(name, goal)
+
+    def _end(self, goal: _ActionGoal, ended: Ended) -> None:
+        # After what accepted it, which may still be under way.
+        self._work.put(partial(self._finish, goal, ended))
+
+    def _finish(self, goal: _ActionGoal, ended: Ended) -> None:
+        self._goals.pop(goal.key, None)
+        result = self._result(ended.code, ended.text)
+        if ended.outcome is Outcome.SUCCEEDED:
+            goal.handle.set_succeeded(result, ended.text)
+        elif ended.outcome is Outcome.PREEMPTED:
+            goal.handle.set_canceled(result, ended.text)
+        else:
+            rospy.logwarn("goal aborted: %s", ended.text)
+            goal.handle.set_aborted(result, ended.text)
+
+    def _result(self, code: ErrorCode, text: str) -> Any:
+        return self._control.FollowJointTrajectoryResult(error_code=int(code), error_string=text)
+
+    def _do_work(self) -> None:
+        while (job := self._work.get()) is not None:
+            try:
+                job()
+            except Exception:
+                # A goal must not take the others with it; this one's client sees that nothing comes.
+                logging.getLogger(__name__).exception("a goal could not be handled")
+
+    # -- what is published ----------------------------------------------------------------------------
+
+    def _publish_state(self, state: JointState, published: PublishedState) -> None:
+        message = JointStateMessage()
+        message.header.stamp = _stamp(state.stamp - published.age)
+        message.header.frame_id = self._settings.frame_id
+        message.name = published.names
+        message.position = published.position
+        message.velocity = published.velocity
+        self._joint_states.publish(message)
+        now = time.monotonic()
+        if now >= self._next_state:
+            self._next_state = max(self._next_state + 1.0 / self._settings.state_publish_rate, now)
+            self._publish_controllers()
+        if now >= self._next_feedback:
+            self._next_feedback = max(self._next_feedback + 1.0 / self._settings.action_monitor_rate, now)
+            self._publish_feedback()
+
+    def _publish_controllers(self) -> None:
+        for name, controller in self._arm.controllers.items():
+            publisher = self._states.get(name)
+            if controller.progress is not None and publisher is not None and publisher.get_num_connections():
+                publisher.publish(self._progress(self._control.JointTrajectoryControllerState, controller.progress))
+
+    def _publish_feedback(self) -> None:
+        for controller in self._arm.controllers.values():
+            goal = controller.goal
+            if isinstance(goal, _ActionGoal) and goal.key in self._goals and controller.progress is not None:
+                goal.handle.publish_feedback(
+                    self._progress(self._control.FollowJointTrajectoryFeedback, controller.progress)
+                )
+
+    @staticmethod
+    def _progress(kind: Any, progress: Progress) -> Any:
+        message = kind()
+        message.header.stamp = _stamp(progress.stamp)
+        message.joint_names = progress.names
+        message.desired = JointTrajectoryPoint(
+            positions=progress.desired.position, velocities=progress.desired.velocity
+        )
+        message.actual = JointTrajectoryPoint(positions=progress.position, velocities=progress.velocity)
+        message.error = JointTrajectoryPoint(
+            positions=progress.error,
+            velocities=[d - v for d, v in zip(progress.desired.velocity, progress.velocity, strict=True)],
+        )
+        return message
+
+    def _publish_taught(self, taught: Taught) -> None:
+        message = JointTrajectory(joint_names=taught.names)
+        message.points = [
+            JointTrajectoryPoint(positions=point.positions, time_from_start=rospy.Duration.from_sec(point.time))
+            for point in to_points(taught, tolerance_of(self._settings.model))
+        ]
+        self._taught.publish(message)
+
+    # -- the master -----------------------------------------------------------------------------------
+
+    def _watch_master(self) -> None:
+        """A master that was restarted knows nothing of us, and rospy does not tell it."""
+        master = rosgraph.Master(rospy.get_name())
+        while not self._ending.wait(_MASTER_PERIOD) and not rospy.is_shutdown():
+            try:
+                pid = master.getPid()
+            except (OSError, rosgraph.MasterException):
+                continue
+            if pid != self._master_pid:
+                self._master_pid = pid
+                self._register_again()
+
+    def _register_again(self) -> None:
+        rospy.logwarn("the master was restarted: registering everything again")
+        rospy.set_param("~", self._params)
+        if self._description is not None and not rospy.has_param("robot_description"):
+            rospy.set_param("robot_description", self._description)
+        topics, services = registration.get_topic_manager(), registration.get_service_manager()
+        kinds = registration.Registration
+        for kind, rows in (
+            (kinds.PUB, topics.get_publications()),
+            (kinds.SUB, topics.get_subscriptions()),
+            (kinds.SRV, services.get_services()),
+        ):
+            for name, what in rows:
+                registration.get_registration_listeners().notify_added(name, what, kind)
+
+
+class _ActionGoal:
+    """A goal of an action client.
+
+    Args:
+        handle: Of actionlib.
+        on_end: Called with this and how it ended.
+    """
+
+    def __init__(self, handle: Any, on_end: Callable[[_ActionGoal, Ended], object]) -> None:
+        self.handle = handle
+        self.key: str = handle.get_goal_id().id
+        self._on_end = on_end
+
+    def ended(self, ended: Ended) -> None:
+        """It is over."""
+        self._on_end(self, ended)
+
+
+def _order(message: Any) -> TrajectoryOrder:
+    stamp = message.header.stamp
+    delay = 0.0 if stamp.is_zero() else (stamp - rospy.Time.now()).to_sec()
+    points = tuple(
+        Point(
+            point.time_from_start.to_sec(),
+            tuple(point.positions),
+            tuple(point.velocities),
+            tuple(point.accelerations),
+            tuple(point.effort),
+        )
+        for point in message.points
+    )
+    return TrajectoryOrder(tuple(message.joint_names), points, delay)
+
+
+def _tolerances(rows: Any) -> list[tuple[str, float, float, float]]:
+    return [(row.name, row.position, row.velocity, row.acceleration) for row in rows]
+
+
+def _stamp(monotonic: float) -> Any:
+    """ROS time of a moment on the host's monotonic clock."""
+    now = rospy.Time.now()
+    ago = rospy.Duration.from_sec(max(0.0, time.monotonic() - monotonic))
+    return now - ago if now > rospy.Time(ago.secs, ago.nsecs) else now
+
+
+def _wait_for_master() -> None:
+    # rospy would wait for it for ever, without a word.
+    deadline = time.monotonic() + _MASTER_WAIT
+    while not rosgraph.is_master_online():
+        if time.monotonic() >= deadline:
+            uri = rosgraph.get_master_uri()
+            raise DeviceError(f"no ROS master at {uri}; start roscore, or set ROS_MASTER_URI to where it runs")
+        time.sleep(_TICK)
+
+
+class _ToRos(logging.Handler):
+    """What hexwire logs, in ROS's log."""
+
+    _LEVELS = ((logging.ERROR, rospy.logerr), (logging.WARNING, rospy.logwarn), (logging.INFO, rospy.loginfo))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = self.format(record)
+        tell = next((tell for level, tell in self._LEVELS if record.levelno >= level), rospy.logdebug)
+        tell("%s", text)
+
+
+@contextmanager
+def _logging_to_ros() -> Iterator[None]:
+    logger, handler = logging.getLogger("hexwire"), _ToRos()
+    before = logger.level, logger.propagate
+    logger.addHandler(handler)
+    # Or rospy's root handler would write it into its file a second time.
+    logger.propagate = False
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.level, logger.propagate = before
