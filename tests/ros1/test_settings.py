@@ -65,7 +65,7 @@ def test_every_parameter_has_a_default() -> None:
     assert (only.name, only.joints, only.allow_partial) == ("", ALL, False)
     assert only.tolerances.goal_time == 0.0
     assert only.tolerances.path == dict.fromkeys(ALL, Tolerance())
-    assert only.tolerances.goal == dict.fromkeys(ALL, Tolerance(velocity=0.01))
+    assert only.tolerances.goal == dict.fromkeys(ALL, Tolerance(velocity=0.05))
 
 
 def test_each_parameter_is_a_field_or_goes_into_the_controllers() -> None:
@@ -358,9 +358,9 @@ def test_several_controllers() -> None:
         }
     ).controllers
     assert (arm.name, arm.joints, arm.allow_partial) == ("arm_controller", ("J1", "J2"), False)
-    assert arm.tolerances.goal["J2"] == Tolerance(0.1, 0.01)
+    assert arm.tolerances.goal["J2"] == Tolerance(0.1, 0.05)
     assert (hand.name, hand.joints, hand.allow_partial) == ("left/hand", ("J7",), True)
-    assert hand.tolerances.goal == {"J7": Tolerance(velocity=0.01)}
+    assert hand.tolerances.goal == {"J7": Tolerance(velocity=0.05)}
     assert load(controllers={"left/hand": {"joints": ["J7"]}}).controllers[0].name == "left/hand"
 
 
