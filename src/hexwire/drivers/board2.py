@@ -143,6 +143,11 @@ class Board2:
         since_sample = ((frame.time_sec * 1_000_000 + frame.time_nsec // 1000 - time_us) & 0xFFFFFFFF) * 1e-6
         if since_sample > _HALF_WRAP:
             since_sample = 0.0  # the board rounds the two stamps differently
+        newest = min(age)
+        if 0.0 < newest < inf:
+            # The board counts ages from when it made this body, and the stamp here is the newest sample's. (Not from
+            # the frame's time: that of an answer sent again is later than its body.)
+            age = tuple([a - newest for a in age])
         self.clock = clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
             self._names,
