@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.cli.motion import _read_waypoints
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.teach import Taught
+from hexwire.motion.waypoint_file import parse_waypoints
 from hexwire.motion.waypoints import Spline, Waypoint
 from hexwire.ros1 import teaching
 from hexwire.ros1.teaching import TOLERANCE, Teacher, save, to_points, tolerance_of
@@ -237,7 +237,7 @@ def test_the_file_plays_as_what_was_taught(tmp_path: Path) -> None:
     taught = waved(30.0)
     path = save(taught, tmp_path, WHEN)
     assert path == tmp_path / "taught-20240131-235958.json"
-    way = _read_waypoints(str(path))
+    way = parse_waypoints(path.read_bytes(), path.name)
     assert way.names == taught.names
     assert way.duration == pytest.approx(taught.duration)
     for t, row in zip(taught.times, taught.rows, strict=True):
@@ -271,7 +271,8 @@ def test_no_file_is_overwritten(tmp_path: Path) -> None:
         "taught-20240131-235958-2.json",
         "taught-20240131-235958-3.json",
     ]
-    assert [_read_waypoints(str(path)).duration for path in saved] == pytest.approx([0.98, 1.98, 2.98])
+    ways = [parse_waypoints(path.read_bytes(), path.name) for path in saved]
+    assert [way.duration for way in ways] == pytest.approx([0.98, 1.98, 2.98])
 
 
 def test_a_coarser_file_is_smaller(tmp_path: Path) -> None:

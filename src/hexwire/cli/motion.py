@@ -6,11 +6,10 @@ Owns what a person types as a motion. Must not know how a motion is planned, che
 from __future__ import annotations
 
 import functools
-import json
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -384,39 +383,6 @@ def _want_mcap(file: str) -> None:
 
 
 def _read_waypoints(file: str) -> Trajectory:
-    from hexwire.motion.waypoints import Spline, Waypoint
+    from hexwire.motion.waypoint_file import parse_waypoints
 
-    try:
-        data = json.loads(Path(file).read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise UsageError(f"{file} is no JSON: {error}") from None
-    try:
-        names = [str(name) for name in data["joint_names"]]
-        points = [
-            Waypoint(
-                _seconds(point["time_from_start"]),
-                _values(point["positions"]) or (),
-                _values(point.get("velocities")),
-                _values(point.get("accelerations")),
-            )
-            for point in data["points"]
-        ]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(
-            f"{file} is no trajectory: it needs joint_names, and points with time_from_start, positions ({error!r})"
-        ) from None
-    return Spline(names, points)
-
-
-def _seconds(value: float | Mapping[str, float]) -> float:
-    """ROS writes a duration as seconds and nanoseconds; people write a number."""
-    if isinstance(value, Mapping):
-        return (
-            float(value.get("secs", value.get("sec", 0))) + float(value.get("nsecs", value.get("nanosec", 0))) / 1e9
-        )
-    return float(value)
-
-
-def _values(value: Sequence[float] | None) -> tuple[float, ...] | None:
-    """ROS writes an empty list for what is not given."""
-    return tuple(float(v) for v in value) if value else None
+    return parse_waypoints(Path(file).read_bytes(), file)
