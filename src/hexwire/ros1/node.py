@@ -9,10 +9,11 @@ from __future__ import annotations
 import logging
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -79,6 +80,9 @@ def run(argv: list[str]) -> int:
         DeviceError: There is no master, or the robot does not answer, or the node failed.
     """
     _wait_for_master()
+    # Whoever reads our output through a pipe or a file wants each line when it is said.
+    with suppress(AttributeError):
+        sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # not every stream has it
     # Signals are ours: rospy's own would close the topics before the arm is safe.
     rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
     with _logging_to_ros():
