@@ -1,0 +1,62 @@
+"""One master, one emulated arm and one node for all tests of a worker; a test that breaks more has its own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.ros1.ros_world import Arm, PtyBoard, World, made
+
+POSES = {"home": {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}}
+CONSTRAINTS = {"goal_time": 3.0, "stopped_velocity_tolerance": 0.2}
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    with made(tmp_path_factory.mktemp("ros")) as world:
+        yield world
+
+
+@pytest.fixture
+def own_world(tmp_path: Path) -> Iterator[World]:
+    """A master that a test may end."""
+    folder = tmp_path / "ros"
+    folder.mkdir()
+    with made(folder) as world:
+        try:
+            yield world
+        finally:
+            print(world.report())
+
+
+@pytest.fixture(scope="session")
+def shared_arm(world: World) -> Iterator[Arm]:
+    board = PtyBoard(world.folder / "shared")
+    try:
+        node = world.node(
+            f"_port:={board.port}",
+            "_publish_rate:=100",
+            f"_poses:={json.dumps(POSES)}",
+            f"_constraints:={json.dumps(CONSTRAINTS)}",
+            "_allow_partial_joints_goal:=true",
+            "_pose_speed:=1.0",
+            "_enable_on_start:=true",
+        )
+        yield Arm(world, node, board=board)
+        node.end()
+    finally:
+        board.close()
+
+
+@pytest.fixture
+def arm(shared_arm: Arm) -> Iterator[Arm]:
+    """The arm of all tests, holding with torque, and nothing wrong with it."""
+    before = len(shared_arm.node.err)
+    yield shared_arm
+    print("the node said:", shared_arm.node.err[before:])
+    shared_arm.board.faults()
+    shared_arm.client.trigger(service=shared_arm.service("stop"))
+    shared_arm.trigger("reset")
+    shared_arm.enable()

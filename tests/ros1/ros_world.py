@@ -1,0 +1,417 @@
+"""A ROS master of one's own, and everything that runs under it: nodes, emulated arms, Debian's ROS programs.
+
+Every process is ended with its world, whatever happens, and every wait has a deadline that only a fault meets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
+from hexwire.emulator.faults import FaultPlan
+from hexwire.emulator.serve import PtyServer
+from hexwire.model.hex7bot import HEX7BOT
+
+T = TypeVar("T")
+
+PATIENCE = 40.0
+"""Seconds after which what should have come by itself is said not to come."""
+ROS_PYTHON = "/usr/bin/python3"
+NODE = (sys.executable, "-m", "hexwire.cli.ros1")
+HEXWIRE = (sys.executable, "-m", "hexwire.cli")
+CLIENT = Path(__file__).with_name("ros_client.py")
+JOINTS = HEX7BOT.names
+
+
+def until(condition: Callable[[], T | None], what: str, explain: Callable[[], str] = str) -> T:
+    """Wait until something is neither None nor False; returns it."""
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        value = condition()
+        if value is not None and value is not False:
+            return value
+        assert time.monotonic() < deadline, f"waited in vain until {what}\n{explain()}"
+        time.sleep(0.02)
+
+
+def free_port() -> int:
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        port: int = server.getsockname()[1]
+        return port
+
+
+class Program:
+    """A process whose output goes to files."""
+
+    def __init__(self, command: Sequence[str], env: Mapping[str, str], folder: Path, name: str) -> None:
+        self.name = name
+        self._files = [folder / f"{name}.out", folder / f"{name}.err"]
+        with self._files[0].open("wb") as out, self._files[1].open("wb") as err:
+            self.process = subprocess.Popen(
+                command, env=env, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
+            )
+
+    @property
+    def out(self) -> str:
+        return self._files[0].read_text(encoding="utf-8", errors="replace")
+
+    @property
+    def err(self) -> str:
+        return self._files[1].read_text(encoding="utf-8", errors="replace")
+
+    @property
+    def running(self) -> bool:
+        return self.process.poll() is None
+
+    def said(self, text: str) -> None:
+        """Wait until it has written something."""
+        until(lambda: text in self.out + self.err or self._still_runs(text), f"it says {text!r}", self.report)
+
+    def wait(self) -> int:
+        """Wait for its end; returns the exit status."""
+        try:
+            return self.process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"it does not end\n{self.report()}") from None
+
+    def end(self, how: signal.Signals = signal.SIGTERM) -> int:
+        """End it; returns the exit status."""
+        if self.running:
+            self.process.send_signal(how)
+        return self.wait()
+
+    def kill_all(self) -> None:
+        """End it and what it started, one way or the other."""
+        for how, patience in ((signal.SIGTERM, 15.0), (signal.SIGKILL, 15.0)):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, how)
+            try:
+                self.process.wait(patience)
+            except subprocess.TimeoutExpired:
+                continue
+            if how is signal.SIGTERM:
+                # What it started may need a moment, or be beyond asking.
+                with contextlib.suppress(AssertionError, ProcessLookupError):
+                    self._wait_for_group(3.0)
+                    return
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+    def report(self) -> str:
+        return f"--- {self.name} (status {self.process.poll()})\n{self.out[-3000:]}{self.err[-3000:]}"
+
+    def _wait_for_group(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while True:
+            os.killpg(self.process.pid, 0)
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    def _still_runs(self, text: str) -> None:
+        assert self.running or text in self.out + self.err, f"ended without {text!r}\n{self.report()}"
+
+
+class Client:
+    """A rospy program in a process of its own; a call of any function of `ros_client.py` by its name."""
+
+    def __init__(self, env: Mapping[str, str], folder: Path) -> None:
+        self._errors = folder / "client.err"
+        with self._errors.open("ab") as errors:
+            self.process = subprocess.Popen(
+                [ROS_PYTHON, str(CLIENT)],
+                env=env,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                start_new_session=True,
+            )
+        assert self._answer() == "ready"
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        def call(**arguments: Any) -> Any:
+            assert self.process.stdin is not None
+            self.process.stdin.write(json.dumps([name, arguments]) + "\n")
+            self.process.stdin.flush()
+            return self._answer()
+
+        return call
+
+    def _answer(self) -> Any:
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line, f"the client ended\n{self._errors.read_text()[-3000:]}"
+        answer = json.loads(line)
+        assert "ok" in answer, answer["error"]
+        return answer["ok"]
+
+    def close(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            self.process.kill()
+        self.process.communicate()
+
+
+class World:
+    """A master on a free loopback port.
+
+    Args:
+        folder: For homes, logs and output; a new one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._programs: list[Program] = []
+        self._client: Client | None = None
+        self._count = 0
+        for name in ("home", "log", "tmp"):
+            (folder / name).mkdir()
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "HEXWIRE_", "PYTHON"))}
+        self.env = {
+            **kept,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder / "home"),
+            "ROS_LOG_DIR": str(folder / "log"),
+            "TMPDIR": str(folder / "tmp"),
+            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        }
+        self.master = self._start_master()
+
+    def _start_master(self) -> Program:
+        for _ in range(5):
+            port = free_port()
+            self.port = port
+            self.env["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
+            master = self.start_master()
+            if master.running:
+                return master
+        raise AssertionError(f"no master would start\n{master.report()}")
+
+    def start_master(self) -> Program:
+        """Start a master at the world's port; one that has ended is not there if somebody else has the port."""
+        master = self.start("rosmaster", "--core", "-p", str(self.port))
+
+        def online() -> bool:
+            with socket.socket() as probe:
+                probe.settimeout(1.0)
+                return not master.running or probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+        until(online, "the master answers", master.report)
+        return master
+
+    @property
+    def client(self) -> Client:
+        """The one for all; started when it is needed."""
+        if self._client is None:
+            self._client = Client(self.env, self.folder)
+        return self._client
+
+    def drop_client(self) -> None:
+        """The next one is new."""
+        if self._client is not None:
+            self._client.close()
+        self._client = None
+
+    def start(self, *command: str, **env: str) -> Program:
+        self._count += 1
+        name = f"{self._count:03}-{Path(command[0]).name if command[0] != sys.executable else command[2]}"
+        program = Program(command, {**self.env, **env}, self.folder, name)
+        self._programs.append(program)
+        return program
+
+    def run(self, *command: str, status: int | None = 0, **env: str) -> Program:
+        """Run a program to its end, which must have this status if one is given."""
+        program = self.start(*command, **env)
+        ended = program.wait()
+        assert status is None or ended == status, self.report()
+        return program
+
+    def node(self, *args: str, ready: bool = True, **env: str) -> Program:
+        """The node under test; arguments are remappings."""
+        program = self.start(*NODE, *args, **env)
+        if ready:
+            program.said("is ready at")
+        return program
+
+    def board(self, link: Path, *options: str) -> Program:
+        """An emulated Hex7Bot in a process of its own."""
+        return self.sim("board", "--baud", "0", "--link", str(link), *options)
+
+    def sim(self, *options: str) -> Program:
+        program = self.start(*HEXWIRE, "sim", *options)
+        until(lambda: program.out.endswith("\n") or not program.running, "it is served", program.report)
+        assert program.running, program.report()
+        return program
+
+    def report(self) -> str:
+        return "\n".join(program.report() for program in self._programs[-6:])
+
+    def close(self) -> None:
+        self.drop_client()
+        for program in reversed(self._programs):
+            program.kill_all()
+
+
+class PtyBoard:
+    """An emulated Hex7Bot on a pseudo-terminal of this process: its servos can be looked at, and given faults.
+
+    Args:
+        link: Name of the port, which stays.
+        dialect: What it speaks.
+    """
+
+    def __init__(self, link: Path, dialect: int = 2) -> None:
+        self.port = str(link)
+        self.board: EmulatedBoard = make_hex7bot_board(dialect=dialect, baud=0, start=time.monotonic())
+        self._server = PtyServer(self.board, link=link)
+        self._server.open()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="board")
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._ending.is_set():
+            self._server.run_once(0.05)
+
+    def faults(self, *specs: str) -> None:
+        """Faults from now on, in place of those before."""
+        self.board.faults = FaultPlan(specs, start=time.monotonic())
+
+    @property
+    def positions(self) -> dict[str, float]:
+        """Where the servos really are, radians."""
+        servos = {servo.servo_id: servo for servo in self.board.wire.servos}
+        return {
+            joint.name: joint.counts_to_angle(servos[joint.servo_id].present_position) for joint in HEX7BOT.joints
+        }
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join()
+        self._server.close()
+
+
+class Arm:
+    """A node and what a client does with it.
+
+    Args:
+        world: Its master.
+        node: Running.
+        namespace: Where its names are, with a slash at the end.
+        board: Behind it, if that is in this process.
+    """
+
+    def __init__(self, world: World, node: Program, namespace: str = "/", board: PtyBoard | None = None) -> None:
+        self.world, self.node, self.namespace = world, node, namespace
+        self._board = board
+
+    @property
+    def board(self) -> PtyBoard:
+        assert self._board is not None
+        return self._board
+
+    @property
+    def client(self) -> Client:
+        return self.world.client
+
+    def service(self, name: str) -> str:
+        return f"{self.namespace}hardware_interface/{name}"
+
+    def trigger(self, name: str) -> str:
+        """Call a service that must succeed."""
+        success, text = self.client.trigger(service=self.service(name))
+        assert success, text
+        return str(text)
+
+    def refused(self, name: str) -> str:
+        """Call a service that must not succeed."""
+        success, text = self.client.trigger(service=self.service(name))
+        assert not success, text
+        return str(text)
+
+    def enable(self, on: bool = True) -> None:
+        success, text = self.client.switch(service=self.service("enable"), on=on)
+        assert success, text
+
+    def send(
+        self, key: str, targets: Mapping[str, float], seconds: float, controller: str = "", **more: Any
+    ) -> None:
+        """Send a goal that takes the joints named to angles, and leaves the others."""
+        names = more.pop("names", list(targets))
+        points = more.pop("points", [{"t": seconds, "positions": list(targets.values())}])
+        action = f"{self.namespace}{controller}follow_joint_trajectory"
+        self.client.send(key=key, action=action, names=names, points=points, **more)
+
+    def result(self, key: str) -> dict[str, Any]:
+        result: dict[str, Any] = self.client.result(key=key)
+        return result
+
+    def position(self) -> dict[str, float]:
+        """As it is published."""
+        position: dict[str, float] = self.client.position(topic=f"{self.namespace}joint_states")
+        return position
+
+    def diagnostics(self) -> dict[str, dict[str, Any]]:
+        """Of this node, by the name without the node's."""
+        own = f"{self.namespace.strip('/')}/hardware_interface: ".lstrip("/")
+
+        def rows() -> dict[str, dict[str, Any]] | None:
+            (message,) = self.client.collect(topic="/diagnostics", kind="diagnostic_msgs/DiagnosticArray")
+            found = {row["name"].removeprefix(own): row for row in message["status"] if row["name"].startswith(own)}
+            return found or None
+
+        return until(rows, "diagnostics come", self.node.report)
+
+    def diagnosed(self, part: str, level: int, text: str = "") -> dict[str, Any]:
+        """Wait for a row of a level with a text in its message."""
+
+        def row() -> dict[str, Any] | None:
+            found = self.diagnostics().get(part)
+            return found if found and found["level"] == level and text in found["message"] else None
+
+        return until(row, f"{part} is at level {level} for {text!r}", self.node.report)
+
+    def logged(self, text: str) -> None:
+        self.node.said(text)
+
+
+def still(read: Callable[[], Mapping[str, float]], tolerance: float = 0.003) -> dict[str, float]:
+    """Wait until nothing moves any more; returns where it is."""
+    last = dict(read())
+
+    def settled() -> bool:
+        nonlocal last
+        time.sleep(0.3)
+        now = dict(read())
+        same = all(abs(now[name] - last[name]) <= tolerance for name in now)
+        last = now
+        return same
+
+    until(settled, "the arm stands")
+    return last
+
+
+def near(a: Mapping[str, float], b: Mapping[str, float], tolerance: float = 0.03) -> bool:
+    """Whether joints of both are at the same angles."""
+    return all(math.isclose(a[name], b[name], abs_tol=tolerance) for name in a.keys() & b.keys())
+
+
+@contextlib.contextmanager
+def made(folder: Path) -> Iterator[World]:
+    world = World(folder)
+    try:
+        yield world
+    finally:
+        world.close()
