@@ -146,7 +146,7 @@ class Board2:
         newest = min(age)
         if 0.0 < newest < inf:
             # The board counts ages from when it made this body, and the stamp here is the newest sample's. (Not from
-            # the frame's time: that of an answer sent again is later than its body.)
+            # the frame's time: an answer that is sent again is older than its frame.)
             age = tuple([a - newest for a in age])
         self.clock = clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
