@@ -145,8 +145,8 @@ class Board2:
             since_sample = 0.0  # the board rounds the two stamps differently
         newest = min(age)
         if 0.0 < newest < inf:
-            # The board counts ages from when it made this body, and the stamp here is the newest sample's. (Not from
-            # the frame's time: an answer that is sent again is older than its frame.)
+            # The board counts ages from when it made this body, and the stamp here is the newest sample's. Not from
+            # the frame's time: an answer that is sent again is older than its frame.
             age = tuple([a - newest for a in age])
         self.clock = clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
