@@ -42,6 +42,8 @@ def shared_arm(world: World) -> Iterator[Arm]:
             f"_constraints:={json.dumps(CONSTRAINTS)}",
             "_allow_partial_joints_goal:=true",
             "_pose_speed:=1.0",
+            "_hardware_id:=arm-7",
+            f"_teach_directory:={world.folder / 'taught'}",
             "_enable_on_start:=true",
         )
         yield Arm(world, node, board=board)

@@ -289,6 +289,16 @@ class PtyBoard:
         """Faults from now on, in place of those before."""
         self.board.faults = FaultPlan(specs, start=time.monotonic())
 
+    def lead(self, joint: str, angle: float, seconds: float) -> None:
+        """Lead a joint without torque by hand, so many radians in so many seconds."""
+        model = HEX7BOT.joint(joint)
+        servo = next(servo for servo in self.board.wire.servos if servo.servo_id == model.servo_id)
+        start, steps = servo.motion.position, round(seconds / 0.02)
+        for i in range(1, steps + 1):
+            servo.motion.position = start + model.sign * angle / model.scale * i / steps
+            servo.motion.settled = False
+            time.sleep(0.02)
+
     @property
     def positions(self) -> dict[str, float]:
         """Where the servos really are, radians."""

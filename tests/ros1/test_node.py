@@ -2,49 +2,196 @@
 
 from __future__ import annotations
 
+import json
+import math
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
-from tests.ros1.ros_world import JOINTS, Arm, near, still
+import pytest
+from tests.ros1.ros_world import JOINTS, Arm, near, still, until
+
+
+def _aside(arm: Arm, angle: float = 0.2) -> float:
+    """A place for J1 so far away, towards its middle."""
+    here = arm.position()["J1"]
+    return here - math.copysign(angle, here)
+
+
+# -- joint_states and controller state ---------------------------------------------------------------------
 
 
 def test_joint_states_have_the_stamps_of_their_samples(arm: Arm) -> None:
-    messages = arm.client.collect(topic="/joint_states", kind="sensor_msgs/JointState", count=200)
+    messages = arm.client.collect(topic="/joint_states", kind="sensor_msgs/JointState", count=150)
     assert all(tuple(message["name"]) == JOINTS for message in messages)
     assert all(len(m["position"]) == len(m["velocity"]) == len(JOINTS) and not m["effort"] for m in messages)
     stamps = [message["header"]["stamp"] for message in messages]
     assert stamps == sorted(set(stamps))
-    # Stalls of the machine make gaps, not bursts.
+    # Stalls of the machine make gaps, not a faster or slower raster.
     steps = sorted(later - earlier for earlier, later in pairwise(stamps))
     assert 1 / 140 < steps[len(steps) // 2] < 1 / 60
     assert near(arm.position(), arm.board.positions)
 
 
-def test_goal_is_reached_with_feedback(arm: Arm) -> None:
-    start = arm.position()
-    target = {"J1": start["J1"] + 0.2}
-    arm.send("one", target, 1.0)
-    result = arm.result("one")
-    assert (result["state"], result["code"], result["text"]) == ("SUCCEEDED", 0, "")
-    assert near(target, arm.board.positions)
-    (feedback, *_) = result["feedback"]
-    assert tuple(feedback["joint_names"]) == JOINTS
-    assert all(len(feedback[part]["positions"]) == len(JOINTS) for part in ("desired", "actual", "error"))
+def test_controller_state_says_what_is_desired_and_what_is(arm: Arm) -> None:
+    (message,) = arm.client.collect(topic="/state", kind="control_msgs/JointTrajectoryControllerState")
+    assert tuple(message["joint_names"]) == JOINTS
+    actual = dict(zip(JOINTS, message["actual"]["positions"], strict=True))
+    assert near(actual, arm.board.positions)
+    assert near(dict(zip(JOINTS, message["desired"]["positions"], strict=True)), actual)
 
 
-def test_stop_ends_a_goal_and_is_latched(arm: Arm) -> None:
-    start = arm.position()
-    arm.send("one", {"J1": start["J1"] + 0.6}, 4.0)
-    arm.client.wait_active(key="one")
-    assert arm.trigger("stop") == "stopped; all joints confirmed it"
-    result = arm.result("one")
-    assert (result["state"], result["code"]) == ("ABORTED", -1)
-    assert "stopped" in result["text"]
+# -- commands ----------------------------------------------------------------------------------------------
+
+
+def test_command_moves_the_arm_and_an_empty_one_holds_it(arm: Arm) -> None:
+    target = {"J1": _aside(arm, 0.6)}
+    start = arm.board.positions
+    arm.client.command(topic="/command", names=["J1"], points=[{"t": 4.0, "positions": [target["J1"]]}])
+    until(lambda: not near(start, arm.board.positions), "it moves", arm.node.report)
+    arm.client.command(topic="/command", names=[], points=[])
     stood = still(lambda: arm.board.positions)
-    assert not near({"J1": start["J1"] + 0.6}, stood)
-    arm.send("two", {"J1": start["J1"]}, 1.0)
-    result = arm.result("two")
-    assert result["state"] == "REJECTED"
-    assert "reset first" in result["text"]
+    assert not near(target, stood)
+    arm.client.command(topic="/command", names=["J1"], points=[{"t": 1.0, "positions": [start["J1"]]}])
+    until(lambda: near({"J1": start["J1"]}, arm.board.positions), "it is back", arm.node.report)
+
+
+WRONG_COMMANDS: dict[str, tuple[dict[str, Any], str]] = {
+    "unknown joint": ({"names": ["elbow"], "points": [{"t": 1.0, "positions": [0.0]}]}, "elbow"),
+    "not a number": ({"names": ["J1"], "points": [{"t": 1.0, "positions": [math.nan]}]}, "nan"),
+    "too short": ({"names": ["J1", "J2"], "points": [{"t": 1.0, "positions": [0.0]}]}, "command refused"),
+    "outside limits": ({"names": ["J1"], "points": [{"t": 5.0, "positions": [9.0]}]}, "limits"),
+    "past": ({"names": ["J1"], "points": [{"t": 1.0, "positions": [0.0]}], "delay": -100.0}, "ago"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_COMMANDS)
+def test_wrong_command_is_logged_and_moves_nothing(arm: Arm, case: str) -> None:
+    wrong, text = WRONG_COMMANDS[case]
+    before, said = arm.board.positions, len(arm.node.err)
+    arm.client.command(topic="/command", **wrong)
+    until(lambda: "command refused" in arm.node.err[said:], "it is logged", arm.node.report)
+    assert text in arm.node.err[said:].lower()
+    assert near(before, arm.board.positions, 0.002)
+
+
+def test_joint_commands_are_pursued(arm: Arm) -> None:
+    target = {"J1": _aside(arm), "J6": 0.1}
+    fields = {"name": list(target), "position": list(target.values())}
+    arm.client.joint_commands(topic="/joint_commands", times=80, kp_position=[1.0, 1.0], **fields)
+    until(lambda: near(target, arm.board.positions), "it is there", arm.node.report)
+    arm.logged("ignored: kp_position")
+
+
+WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
+    "unknown joint": ({"name": ["J1", "elbow"], "position": [0.3, 0.0]}, "'elbow'"),
+    "joint twice": ({"name": ["J1", "J1"], "position": [0.3, 0.4]}, "twice"),
+    "not a number": ({"name": ["J1", "J2"], "position": [0.3, math.nan]}, "the position of J2 is nan"),
+    "too short": ({"name": ["J1", "J2"], "position": [0.3]}, "position has 1 values for 2 names"),
+    "other field too long": ({"name": ["J1"], "position": [0.3], "effort": [0.0, 0.0]}, "effort has 2 values"),
+    "outside limits": ({"name": ["J1"], "position": [9.0]}, "outside its limits"),
+    "no position": ({"name": ["J1"], "velocity": [0.3]}, "no position"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_SET_POINTS)
+def test_wrong_set_points_are_logged_and_move_nothing(arm: Arm, case: str) -> None:
+    wrong, text = WRONG_SET_POINTS[case]
+    before = arm.board.positions
+    arm.client.joint_commands(topic="/joint_commands", **wrong)
+    until(
+        lambda: any("joint_commands refused" in line and text in line for line in arm.node.err.splitlines()),
+        "it is logged",
+        arm.node.report,
+    )
+    assert near(before, still(lambda: arm.board.positions), 0.002)
+
+
+# -- services ------------------------------------------------------------------------------------------------
+
+
+def test_stop_and_reset_can_be_repeated(arm: Arm) -> None:
+    for _ in range(2):
+        assert arm.trigger("stop") == "stopped; all joints confirmed it"
+    assert "reset" in arm.refused("go_to/home")
+    success, text = arm.client.switch(service=arm.service("enable"), on=True)
+    assert not success
+    assert "reset" in text
+    for _ in range(2):
+        assert arm.trigger("reset") == "reset; nothing moves until it is told to"
+
+
+def test_enable_gives_and_takes_torque(arm: Arm) -> None:
+    servos = arm.board.board.wire.servos
+    for on in (False, True):
+        arm.enable(on)
+        assert [servo.torque_on for servo in servos] == [on] * len(servos)
+
+
+def test_pose_is_gone_to_and_stop_ends_that(arm: Arm) -> None:
+    assert arm.trigger("go_to/home") == "at home"
+    assert near({"J1": -0.087, "J2": 0.96, "J3": -0.044}, arm.board.positions)
+    arm.send("away", {"J1": 0.3}, 1.5)
+    assert arm.result("away")["state"] == "SUCCEEDED"
+
+
+def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
+    arm.trigger("go_to/home")
+    assert "nothing is being taught" in arm.refused("teach/stop")
+    assert "no torque" in arm.trigger("teach/start")
+    assert not any(servo.torque_on for servo in arm.board.board.wire.servos)
+    arm.send("one", {"J1": 0.0}, 1.0)
+    assert "taught" in arm.result("one")["text"]
+    arm.board.lead("J1", 0.3, seconds=1.0)
+    words = arm.trigger("teach/stop")
+    assert words.startswith("taught ")
+    assert all(servo.torque_on for servo in arm.board.board.wire.servos)
+    led_to = arm.board.positions
+    # Latched: this subscriber comes after it was published.
+    (message,) = arm.client.collect(topic="/hardware_interface/taught", kind="trajectory_msgs/JointTrajectory")
+    assert tuple(message["joint_names"]) == JOINTS
+    assert near(dict(zip(JOINTS, message["points"][-1]["positions"], strict=True)), led_to)
+    saved = json.loads(Path(words.rpartition(" saved as ")[2]).read_text())
+    assert saved["joint_names"] == list(JOINTS)
+    arm.trigger("go_to/home")
+    assert "played" in arm.trigger("teach/play")
+    assert near(led_to, arm.board.positions)
+
+
+def test_teaching_without_a_motion_is_told_and_the_arm_is_held_again(arm: Arm) -> None:
+    arm.trigger("teach/start")
+    assert "move" in arm.refused("teach/stop")
+    assert all(servo.torque_on for servo in arm.board.board.wire.servos)
+
+
+# -- diagnostics ---------------------------------------------------------------------------------------------
+
+
+def test_diagnostics_come_with_every_servo(arm: Arm) -> None:
+    messages = arm.client.collect(topic="/diagnostics", kind="diagnostic_msgs/DiagnosticArray", count=3)
+    for message in messages:
+        names = [row["name"].removeprefix("hardware_interface: ") for row in message["status"]]
+        assert names == ["link", "board", *(f"{name} (servo {i})" for i, name in enumerate(JOINTS))]
+        assert {row["hardware_id"] for row in message["status"]} == {"arm-7"}
+    values = {pair["key"]: pair["value"] for pair in messages[-1]["status"][2]["values"]}
+    assert math.isclose(float(values["position (deg)"]), math.degrees(arm.board.positions["J1"]), abs_tol=1.0)
+    stamps = [message["header"]["stamp"] for message in messages]
+    assert stamps == sorted(set(stamps))
+
+
+def test_diagnostics_tell_a_stop(arm: Arm) -> None:
+    arm.diagnosed("board", 0, "ok")
+    arm.trigger("stop")
+    row = arm.diagnosed("board", 1, "stopped: asked for by service")
+    assert {"key": "stopped", "value": "asked for by service"} in row["values"]
     arm.trigger("reset")
-    arm.send("three", {"J1": start["J1"]}, 2.0)
-    assert arm.result("three")["state"] == "SUCCEEDED"
+    arm.diagnosed("board", 0, "ok")
+
+
+def test_everything_is_where_it_was_promised(arm: Arm) -> None:
+    kinds = dict(arm.client.topics())
+    assert kinds["/joint_states"] == "sensor_msgs/JointState"
+    assert kinds["/diagnostics"] == "diagnostic_msgs/DiagnosticArray"
+    assert kinds["/state"] == "control_msgs/JointTrajectoryControllerState"
+    assert kinds["/hardware_interface/taught"] == "trajectory_msgs/JointTrajectory"
+    assert kinds["/follow_joint_trajectory/result"] == "control_msgs/FollowJointTrajectoryActionResult"

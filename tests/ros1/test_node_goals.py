@@ -1,0 +1,205 @@
+"""The action follow_joint_trajectory of the node, with actionlib's client in another process."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from tests.ros1.ros_world import JOINTS, Arm, near, still, until
+
+
+def _elsewhere(arm: Arm, angle: float = 0.2) -> dict[str, float]:
+    """A place for J1 so far away, towards its middle."""
+    here = arm.position()["J1"]
+    return {"J1": here - math.copysign(angle, here)}
+
+
+def test_goal_is_reached_with_feedback(arm: Arm) -> None:
+    target = _elsewhere(arm)
+    arm.send("one", target, 1.0)
+    result = arm.result("one")
+    assert (result["state"], result["code"], result["text"]) == ("SUCCEEDED", 0, "")
+    assert near(target, arm.board.positions)
+    assert len(result["feedback"]) > 1
+    feedback = result["feedback"][-1]
+    assert tuple(feedback["joint_names"]) == JOINTS
+    for i in range(len(JOINTS)):
+        desired, actual, error = (feedback[part]["positions"][i] for part in ("desired", "actual", "error"))
+        assert error == pytest.approx(desired - actual)
+
+
+def test_names_and_not_their_order_count(arm: Arm) -> None:
+    here = arm.position()
+    names = list(reversed(JOINTS))
+    target = {**here, "J1": here["J1"] - math.copysign(0.1, here["J1"]), "J6": here["J6"] + 0.15}
+    points = [{"t": 1.0, "positions": [target[name] for name in names]}]
+    arm.send("one", {}, 1.0, names=names, points=points)
+    assert arm.result("one")["state"] == "SUCCEEDED"
+    assert near(target, arm.board.positions)
+    arm.send("back", {"J6": here["J6"]}, 1.0)
+    assert arm.result("back")["state"] == "SUCCEEDED"
+
+
+def test_cancelled_goal_is_preempted_and_the_arm_holds(arm: Arm) -> None:
+    target = _elsewhere(arm, 0.6)
+    arm.send("one", target, 5.0)
+    arm.client.wait_active(key="one", feedback=4)
+    arm.client.cancel(key="one")
+    assert arm.result("one")["state"] == "PREEMPTED"
+    stood = still(lambda: arm.board.positions)
+    assert not near(target, stood)
+    # It is no stop: what comes next needs no reset.
+    arm.send("two", {"J1": stood["J1"] + 0.05}, 1.0)
+    assert arm.result("two")["state"] == "SUCCEEDED"
+
+
+def test_goal_cancelled_at_once_is_over(arm: Arm) -> None:
+    target = _elsewhere(arm, 0.6)
+    arm.send("one", target, 5.0)
+    arm.client.cancel(key="one")
+    assert arm.result("one")["state"] in {"PREEMPTED", "RECALLED"}
+    assert not near(target, still(lambda: arm.board.positions))
+
+
+def test_new_goal_replaces_the_old_one(arm: Arm) -> None:
+    start = arm.position()["J1"]
+    arm.send("old", _elsewhere(arm, 0.6), 5.0)
+    arm.client.wait_active(key="old", feedback=4)
+    arm.send("new", {"J1": start}, 1.5)
+    assert arm.result("old")["state"] == "PREEMPTED"
+    assert arm.result("new")["state"] == "SUCCEEDED"
+    assert near({"J1": start}, arm.board.positions)
+
+
+def test_goal_may_begin_later(arm: Arm) -> None:
+    target = _elsewhere(arm)
+    arm.send("one", target, 1.0, delay=1.0)
+    assert arm.result("one")["state"] == "SUCCEEDED"
+    assert near(target, arm.board.positions)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], int, str]] = {
+    "unknown joint": ({"names": ["J1", "elbow"], "points": [{"t": 1.0, "positions": [0.0, 0.0]}]}, -2, "elbow"),
+    "joint twice": ({"names": ["J1", "J1"], "points": [{"t": 1.0, "positions": [0.0, 0.0]}]}, -2, "J1"),
+    "no joints": ({"names": [], "points": [{"t": 1.0, "positions": []}]}, -2, "joint"),
+    "not a number": ({"points": [{"t": 1.0, "positions": [math.nan]}]}, -1, "nan"),
+    "infinite speed": ({"points": [{"t": 1.0, "positions": [0.0], "velocities": [math.inf]}]}, -1, "inf"),
+    "short array": ({"names": ["J1", "J2"], "points": [{"t": 1.0, "positions": [0.0]}]}, -1, "1"),
+    "short speeds": (
+        {"names": ["J1", "J2"], "points": [{"t": 1.0, "positions": [0.0, 1.0], "velocities": [0.0]}]},
+        -1,
+        "1",
+    ),
+    "no points": ({"points": []}, -1, "point"),
+    "no positions": ({"points": [{"t": 1.0, "velocities": [0.0]}]}, -1, "position"),
+    "times fall": ({"points": [{"t": 2.0, "positions": [0.0]}, {"t": 1.0, "positions": [0.1]}]}, -1, "point"),
+    "outside limits": ({"points": [{"t": 5.0, "positions": [9.0]}]}, -1, "J1"),
+    "too fast": ({"points": [{"t": 0.001, "positions": [1.0]}]}, -1, "J1"),
+    "past stamp": ({"delay": -100.0}, -3, "ago"),
+    "unknown tolerance": ({"path": {"elbow": 0.1}}, -2, "elbow"),
+    "tolerance not a number": ({"goal": {"J1": math.nan}}, -1, "J1"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_wrong_goal_is_rejected_and_moves_nothing(arm: Arm, case: str) -> None:
+    more, code, word = REFUSED[case]
+    before = arm.board.positions
+    arm.send("one", {"J1": 0.0}, 1.0, **more)
+    result = arm.result("one")
+    assert (result["state"], result["code"]) == ("REJECTED", code), result["text"]
+    assert word in result["text"].lower() or word in result["text"]
+    assert near(before, arm.board.positions, 0.002)
+
+
+def test_wrong_goal_leaves_the_one_under_way_alone(arm: Arm) -> None:
+    target = _elsewhere(arm)
+    arm.send("good", target, 2.0)
+    arm.client.wait_active(key="good", feedback=4)
+    arm.send("bad", {"J1": 9.0}, 1.0)
+    assert arm.result("bad")["state"] == "REJECTED"
+    assert arm.result("good")["state"] == "SUCCEEDED"
+    assert near(target, arm.board.positions)
+
+
+def test_goal_without_torque_is_rejected(arm: Arm) -> None:
+    arm.enable(False)
+    arm.send("one", _elsewhere(arm), 1.0)
+    result = arm.result("one")
+    assert (result["state"], result["code"]) == ("REJECTED", -1)
+    assert "torque" in result["text"]
+
+
+def test_torque_taken_away_aborts_a_goal(arm: Arm) -> None:
+    target = _elsewhere(arm, 0.6)
+    arm.send("one", target, 5.0)
+    arm.client.wait_active(key="one", feedback=4)
+    arm.enable(False)
+    result = arm.result("one")
+    assert (result["state"], result["code"]) == ("ABORTED", -1)
+    assert "torque" in result["text"]
+    assert not near(target, still(lambda: arm.board.positions))
+
+
+def test_leaving_the_path_aborts_a_goal_and_the_arm_holds(arm: Arm) -> None:
+    # A servo is behind by its delay; so little is allowed for it.
+    target = _elsewhere(arm, 0.6)
+    arm.send("one", target, 2.0, path={"J1": 0.002})
+    result = arm.result("one")
+    assert (result["state"], result["code"]) == ("ABORTED", -4)
+    assert "J1" in result["text"]
+    stood = still(lambda: arm.board.positions)
+    assert not near(target, stood)
+    arm.send("two", {"J1": stood["J1"]}, 1.0)
+    assert arm.result("two")["state"] == "SUCCEEDED"
+
+
+def test_missing_the_goal_aborts_it_after_its_patience(arm: Arm) -> None:
+    # Between two counts of the servo.
+    arm.send("one", _elsewhere(arm), 1.0, goal={"J1": 1e-6}, goal_time=0.3)
+    result = arm.result("one")
+    assert (result["state"], result["code"]) == ("ABORTED", -5)
+    assert "J1" in result["text"]
+
+
+def test_goal_replaced_by_a_command_and_by_set_points(arm: Arm) -> None:
+    start = arm.position()["J1"]
+    arm.send("one", _elsewhere(arm, 0.6), 5.0)
+    arm.client.wait_active(key="one", feedback=4)
+    arm.client.command(topic="/command", names=["J1"], points=[{"t": 1.5, "positions": [start]}])
+    assert arm.result("one")["state"] == "PREEMPTED"
+    until(lambda: near({"J1": start}, arm.board.positions), "the command is followed", arm.node.report)
+    arm.send("two", _elsewhere(arm, 0.6), 5.0)
+    arm.client.wait_active(key="two", feedback=4)
+    arm.client.joint_commands(topic="/joint_commands", name=["J1"], position=[arm.position()["J1"]])
+    assert arm.result("two")["state"] == "PREEMPTED"
+
+
+def test_stop_aborts_a_goal_and_refuses_others_until_reset(arm: Arm) -> None:
+    target = _elsewhere(arm, 0.6)
+    arm.send("one", target, 5.0)
+    arm.client.wait_active(key="one", feedback=4)
+    assert arm.trigger("stop") == "stopped; all joints confirmed it"
+    result = arm.result("one")
+    assert (result["state"], result["code"]) == ("ABORTED", -1)
+    assert "stopped" in result["text"]
+    stood = still(lambda: arm.board.positions)
+    assert not near(target, stood)
+    arm.send("two", target, 5.0)
+    result = arm.result("two")
+    assert result["state"] == "REJECTED"
+    assert "reset first" in result["text"]
+    assert near(stood, arm.board.positions, 0.002)
+    arm.trigger("reset")
+    arm.send("three", {"J1": stood["J1"] + 0.05}, 1.0)
+    assert arm.result("three")["state"] == "SUCCEEDED"
+
+
+def test_many_goals_at_once_each_have_an_end(arm: Arm) -> None:
+    start = arm.position()["J1"]
+    for i in range(5):
+        arm.send(str(i), {"J1": start + 0.02 * (i % 2)}, 0.5)
+    states = [arm.result(str(i))["state"] for i in range(5)]
+    assert states[-1] == "SUCCEEDED"
+    assert set(states[:-1]) <= {"PREEMPTED", "SUCCEEDED"}
