@@ -16,7 +16,7 @@ from hexwire.model.hex7bot_links import LINK_SETS
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
 from hexwire.model.puma260 import PUMA260, Puma260Model
-from hexwire.model.urdf import LEVEL_JOINT, TIP_LINK, make_urdf
+from hexwire.model.urdf import LEVEL_JOINT, ROOT_LINK, TIP_LINK, make_urdf
 
 # An arm whose signs are not all alike: a wrong sign must not hide behind a one.
 MIXED = ArmModel(
@@ -96,3 +96,14 @@ def test_no_urdf_of_an_unknown_model() -> None:
 
 def test_every_digit_is_written() -> None:
     assert repr(math.pi / 2 + 0.087265) in make_urdf(SEVEN[0])
+
+
+@pytest.mark.parametrize("model", [SEVEN[0], Puma260Model()], ids=lambda model: model.name)
+def test_the_root_is_rep_105s_and_without_matter(model: KinematicModel) -> None:
+    root = ElementTree.fromstring(make_urdf(model))
+    links = {link.attrib["name"]: link for link in root.findall("link")}
+    children = {child.attrib["link"] for child in root.iter("child")}
+    assert set(links) - children == {ROOT_LINK}
+    assert not list(links[ROOT_LINK])
+    colours = [material.attrib["name"] for material in root.iter("material")]
+    assert set(colours) == {"dark", "light"}

@@ -18,14 +18,17 @@ from .hex7bot_kinematics import Hex7BotModel
 from .kinematics import KinematicModel
 from .pose import Vector
 
-__all__ = ["LEVEL_JOINT", "TIP_LINK", "make_urdf"]
+__all__ = ["LEVEL_JOINT", "ROOT_LINK", "TIP_LINK", "make_urdf"]
 
 LEVEL_JOINT = "J2_level"
 """The mimic joint of the 7Bot: it keeps the elbow's frame level while J2 moves."""
+ROOT_LINK = "base_link"
+"""The frame that REP-105 has an arm hang on. Without matter: ROS's kinematics library takes none in a root."""
 TIP_LINK = "tool"
 """The link whose frame is the pose that the kinematics give."""
 
 _HALF = math.pi / 2
+_GREYS = (("dark", 0.45), ("light", 0.8))
 # Nobody publishes torques; a stall of 6 kg.cm is known of the small servos only.
 _EFFORT = 3.0
 
@@ -33,6 +36,7 @@ _EFFORT = 3.0
 @dataclass
 class _Writer:
     rows: list[str] = field(default_factory=list)
+    links: int = 0
 
     def link(self, name: str, mass: float, start: Vector, end: Vector, radius: float) -> None:
         """A link whose matter is a rod from `start` to `end`, metres and kilograms."""
@@ -47,10 +51,14 @@ class _Writer:
         diagonal = f'ixx="{_n(across)}" iyy="{_n(across)}" izz="{_n(mass * radius**2 / 2)}"'
         inertia = f'<inertia {diagonal} ixy="0" ixz="0" iyz="0"/>'
         shape = f'<geometry><cylinder radius="{_n(radius)}" length="{_n(length)}"/></geometry>'
+        # In turns, so that one link can be told from the next.
+        shade, value = _GREYS[self.links % 2]
+        colour = f'<material name="{shade}"><color rgba="{value} {value} {value} 1"/></material>'
+        self.links += 1
         self.rows += [
             f'  <link name="{name}">',
             f'    <inertial>{origin}<mass value="{_n(mass)}"/>{inertia}</inertial>',
-            f"    <visual>{origin}{shape}</visual>",
+            f"    <visual>{origin}{shape}{colour}</visual>",
             f"    <collision>{origin}{shape}</collision>",
             "  </link>",
         ]
@@ -94,6 +102,8 @@ def make_urdf(model: KinematicModel) -> str:
         UsageError: There is none of this model.
     """
     writer = _Writer()
+    writer.frame(ROOT_LINK)
+    writer.joint("base_mount", ROOT_LINK, "base", (0.0, 0.0, 0.0))
     if isinstance(model, Hex7BotModel):
         _hex7bot(writer, model)
         remark = f"link set {model.links.name}: {model.links.source or 'own'}"
