@@ -1,14 +1,13 @@
 """What other threads want done by the one that owns something, and wait for.
 
-Owns the queue. Must not know what is done.
+Owns the queue, and that nobody waits in it for ever. Must not know what is done.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
+from concurrent.futures import Future, wait
 from typing import Any, TypeVar
 
 from hexwire.errors import DeviceError, LinkError, PreemptedError
@@ -22,7 +21,7 @@ class Jobs:
     """Calls that wait for their owner.
 
     Args:
-        timeout: Seconds that a caller waits.
+        timeout: Seconds that a caller waits for its turn, and then for the job itself.
     """
 
     def __init__(self, timeout: float = 10.0) -> None:
@@ -33,18 +32,20 @@ class Jobs:
         """Wait until the owner has done a job.
 
         Raises:
-            DeviceError: It was not begun in time; it never will be.
+            DeviceError: It was not begun in time, and never will be; or it was not done in time.
             Exception: What the job raised, or what `fail` was given.
         """
         future: Future[_T] = Future()
         self._waiting.append((job, future))
-        try:
-            return future.result(self._timeout)
-        except FutureTimeoutError:
-            if not future.cancel():
-                # It is being done this moment.
-                return future.result(self._timeout)
-            raise DeviceError(f"the robot was busy for {self._timeout:g} s") from None
+        # Not `result(timeout)`, whose time-out cannot be told from one that the job raises.
+        wait((future,), self._timeout)
+        if future.cancel():
+            raise DeviceError(f"the robot was busy for {self._timeout:g} s; nothing was done")
+        # It is done, or being done this moment.
+        wait((future,), self._timeout)
+        if not future.done():
+            raise DeviceError(f"the robot has not done it within {self._timeout:g} s")
+        return future.result()
 
     def run(self) -> None:
         """Do all that waits; the owner calls this.
@@ -59,9 +60,10 @@ class Jobs:
                 continue
             try:
                 result = job()
-            except Exception as error:
+            except BaseException as error:
                 future.set_exception(error)
-                if isinstance(error, LinkError | PreemptedError):
+                # What no job is meant to raise ends the owner, too; a fault of one job alone is its caller's.
+                if isinstance(error, LinkError | PreemptedError) or not isinstance(error, Exception):
                     raise
             else:
                 future.set_result(result)
