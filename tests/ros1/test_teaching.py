@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import threading
 from datetime import datetime
 from pathlib import Path
 
@@ -296,3 +297,22 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: p
     with pytest.raises(HexwireError, match="No space left on device"):
         save(waved(1.0), tmp_path, WHEN)
     assert [path.name for path in tmp_path.iterdir()] == [first.name]
+
+
+def test_a_recording_is_not_ended_in_the_midst_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    teacher = Teacher()
+    teacher.start(("J1",), 0.0)
+    teacher.take(make_state(1.0, 0.1))
+    ended: list[Taught] = []
+    ending = threading.Thread(target=lambda: ended.append(teacher.finish()), daemon=True)
+    clock = teacher._clock.time
+
+    def end_meanwhile(state: JointState) -> float:
+        ending.start()
+        ending.join(0.05)
+        return clock(state)
+
+    monkeypatch.setattr(teacher._clock, "time", end_meanwhile)
+    teacher.take(make_state(1.5, 0.2))
+    ending.join(30.0)
+    assert [taught.rows for taught in ended] == [((0.1,), (0.2,))]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import threading
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import count
@@ -36,6 +37,8 @@ _DIGITS = 6
 class Teacher:
     """Records the states of an arm that a hand guides, at most 50 a second.
 
+    One thread may take states while others begin and end.
+
     Args:
         limit: Seconds after which nothing more is taken.
 
@@ -54,6 +57,7 @@ class Teacher:
         self._clock = SampleClock()
         self._slot = -math.inf
         self._samples: list[tuple[float, tuple[float, ...]]] = []
+        self._lock = threading.Lock()
 
     def start(self, names: Sequence[str], now: float) -> None:
         """Begin; what was recorded before is gone.
@@ -67,18 +71,23 @@ class Teacher:
         """
         if not names or len(set(names)) != len(names):
             raise UsageError(f"joints to teach must be named once each, not {', '.join(names) or 'none at all'}")
-        self.active, self.full = True, False
-        self._names = tuple(names)
-        self._start = now
-        self._clock, self._slot, self._samples = SampleClock(), -math.inf, []
+        with self._lock:
+            self.active, self.full = True, False
+            self._names = tuple(names)
+            self._start = now
+            self._clock, self._slot, self._samples = SampleClock(), -math.inf, []
 
     def take(self, state: JointState) -> None:
         """Take a state; harmless when not recording. One that does not know all the joints is passed over.
 
         Its time is that of its newest sample. Of several states within a fiftieth of a second the first is kept.
         """
-        if not self.active or self.full:
-            return
+        # A recording that is begun or ended meanwhile must not get half of a sample.
+        with self._lock:
+            if self.active and not self.full:
+                self._take(state)
+
+    def _take(self, state: JointState) -> None:
         when = self._clock.time(state)
         if state.stamp - self._start > self.limit:
             self.full = True
@@ -108,8 +117,9 @@ class Teacher:
         Raises:
             UsageError: Fewer than two samples.
         """
-        samples, self._samples = self._samples, []
-        self.active = False
+        with self._lock:
+            samples, self._samples = self._samples, []
+            self.active = False
         if len(samples) < 2:
             raise UsageError(
                 "nothing was recorded: start teaching, move the arm, stop teaching; every joint's servo must answer"
