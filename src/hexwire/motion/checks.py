@@ -104,6 +104,7 @@ def check_trajectory(
     *,
     others: Mapping[str, float] | None = None,
     table: float | None = 0.0,
+    step: float = _STEP,
 ) -> MotionReport:
     """Check a trajectory of driver joints from start to end.
 
@@ -116,6 +117,7 @@ def check_trajectory(
         model: Kinematics, for gates and table; without it neither is checked.
         others: Positions of joints that the trajectory leaves where they are, radians.
         table: Height above the base below which no point of the arm may come, metres; None for no table.
+        step: Seconds between two samples that are looked at.
     """
     joints = [arm.joint(name) for name in trajectory.names]
     found: dict[str, Finding] = {}
@@ -128,8 +130,8 @@ def check_trajectory(
     def note(kind: str, t: float, text: str) -> None:
         found.setdefault(kind, Finding(t, text))
 
-    for t, sample in trajectory.samples(_STEP):
-        step = t - last[0] if last else 0.0
+    for t, sample in trajectory.samples(step):
+        since = t - last[0] if last else 0.0
         for i, (joint, angle) in enumerate(zip(joints, sample.position, strict=True)):
             try:
                 joint.check(angle)
@@ -137,8 +139,8 @@ def check_trajectory(
                 advice = "" if last else f"; bring it back first: hexwire move {joint.name}=..."
                 note(joint.name, t, str(error).partition(";")[0] + advice)
             speed = abs(sample.velocity[i])
-            if last and step > 1e-6:
-                speed = max(speed, abs(angle - last[1][i]) / step)
+            if last and since > 1e-6:
+                speed = max(speed, abs(angle - last[1][i]) / since)
             peak[i] = max(peak[i], speed)
             # A thousandth of grace: an optimal motion runs at its limit.
             if speed > joint.max_speed * 1.001:
