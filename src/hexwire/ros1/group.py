@@ -1,0 +1,119 @@
+"""The controllers of one arm, as several threads use them.
+
+Owns the lock around them, and that goals hear of their end outside of it. Must not know robots, clocks or threads.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.model.state import JointTarget
+from hexwire.motion.safety import StopReason
+
+if TYPE_CHECKING:
+    from hexwire.model.state import JointState
+
+    from .controller import TrajectoryController
+
+__all__ = ["ControllerGroup"]
+
+
+class ControllerGroup:
+    """Does to all controllers, or some, what one of them can do.
+
+    Attributes:
+        members: The controllers; no joint is in two of them.
+        lock: Guards them. Nobody waits or calls out while holding it.
+    """
+
+    def __init__(self, members: Sequence[TrajectoryController] = ()) -> None:
+        self.members = members
+        self.lock = threading.RLock()
+
+    @property
+    def busy(self) -> bool:
+        """One of them is."""
+        return any(controller.busy for controller in self.members)
+
+    @property
+    def moving(self) -> bool:
+        """One of them sends its joints somewhere."""
+        return any(not controller.follower.done for controller in self.members)
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Why the arm is stopped, or None."""
+        return next((c.follower.reason for c in self.members if c.follower.reason), None)
+
+    @property
+    def blamed(self) -> frozenset[str]:
+        """Joints that stops are blamed on."""
+        return frozenset(c.follower.reason.joint for c in self.members if c.follower.reason)
+
+    def cycle(
+        self, state: JointState, speeds: Sequence[float], now: float, lead: float, *, due: bool
+    ) -> JointTarget | StopReason | None:
+        """Judge all; if one is due, a cycle of all.
+
+        Args:
+            state: Just read.
+            speeds: Of the arm's joints, radians per second; NaN where it is not known.
+            now: Seconds.
+            lead: Seconds ahead for which a target is sent.
+            due: It is time for a target.
+
+        Returns:
+            What to write; or the first reason to stop the arm, and then all are stopped; None to leave it alone.
+        """
+        orders: list[JointTarget | StopReason | None] = []
+        with self.lock:
+            for controller in self.members:
+                controller.judge(state, speeds, now)
+                if due:
+                    orders.append(controller.cycle(state, now, lead))
+            reason = next((order for order in orders if isinstance(order, StopReason)), None)
+            if reason is not None:
+                self._stop(reason)
+        self.deliver()
+        if reason is not None:
+            return reason
+        positions = tuple(pair for order in orders if isinstance(order, JointTarget) for pair in order.positions)
+        return JointTarget(positions, lead) if positions else None
+
+    def stop(self, reason: StopReason) -> None:
+        """Latch a stop of all."""
+        with self.lock:
+            self._stop(reason)
+        self.deliver()
+
+    def reset(self) -> None:
+        """End a stop of all."""
+        with self.lock:
+            for controller in self.members:
+                controller.reset()
+
+    def release(self, why: str, joints: Collection[str] | None = None) -> None:
+        """What was commanded means nothing now; goals under way are aborted.
+
+        Args:
+            why: For those who wait for the goals.
+            joints: Only controllers of one of these; all if None.
+        """
+        with self.lock:
+            for controller in self.members:
+                if joints is None or not set(joints).isdisjoint(controller.joints):
+                    controller.release(why)
+        self.deliver()
+
+    def deliver(self) -> None:
+        """Tell goals how they ended; never under the lock, since who is told may take locks of its own."""
+        with self.lock:
+            ended = [row for controller in self.members for row in controller.take_ended()]
+        for goal, end in ended:
+            goal.ended(end)
+
+    def _stop(self, reason: StopReason) -> None:
+        for controller in self.members:
+            controller.stop(reason)
