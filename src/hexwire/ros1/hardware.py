@@ -7,33 +7,35 @@ and the robot is looked for until it is back. Must not know ROS, nor what is don
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, TypeVar
 
 from hexwire.drivers.base import StopMode
 from hexwire.errors import (
     CommandRefusedError,
+    DeviceError,
     HexwireError,
     LinkError,
     LinkLostError,
     LinkPermissionError,
     NotSupportedError,
     PreemptedError,
+    ReplyTimeoutError,
     StoppedError,
     UsageError,
 )
 from hexwire.model.state import JointFlag, JointTarget
-from hexwire.motion.loop import RateLoop
 from hexwire.motion.safety import StopReason
 from hexwire.session.policy import ReconnectPolicy
 
+from .group import ControllerGroup
 from .jobs import Jobs
-from .states import StateFilter
+from .latest import LatestState
+from .pace import Raster
+from .reader import StateReader
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport, RobotDriver
@@ -50,10 +52,15 @@ _T = TypeVar("_T")
 
 _RETRY = 0.5
 """Seconds between two tries to get a lost robot back."""
-_SILENCE = 0.5
-"""Seconds without a report after which the robot is asked whether it is there."""
-_RATE_WINDOW = 2.0
-_JOIN_TIMEOUT = 5.0
+_FEEDS = 4.0
+"""States in the time of the watchdog: between them a driver tells the board that somebody is there."""
+_FRESH = 1.0
+"""Seconds that a state is good for as the start of a motion; on a slow line three targets' time."""
+_SILENT = 0.5
+"""Seconds that a silent joint is published for; on a slow line likewise."""
+_PATIENCE, _PATIENCE_LOST = 5.0, 2.0
+"""Seconds until the owner is hung up on at the end: with a robot, and while it looks for one."""
+_HANG_UPS = 20
 
 
 class Hardware:
@@ -67,17 +74,16 @@ class Hardware:
         command_rate: Targets a second; what the robot's line takes if 0.
         watchdog: Seconds of silence after which the board stops by itself; 0 for never.
         on_state: Called with every new state and what is to be published of it, in the owner's thread.
-        clock: Monotonic seconds.
-        sleep: Waits for so many seconds.
+        clock: Monotonic seconds; the clock of the robot's link.
+        sleep: Waits for so many seconds; until `shutdown` at the latest if None.
 
     Attributes:
         robot: As given.
-        controllers: What decides; set by `start`.
+        group: The controllers, which decide; `start` fills it.
         connected: The robot answers.
         error: Why not; empty if it does.
         reconnects: How often it was back.
         probe: What the robot said of itself when it was found last.
-        state: The newest state, or None.
         watchdog: In force, seconds; 0 where there is none.
         crash: What ended the thread, if that was a fault of the program.
     """
@@ -91,28 +97,25 @@ class Hardware:
         watchdog: float = 1.0,
         on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
         clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], object] = time.sleep,
+        sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.robot = robot
-        self.controllers: Sequence[TrajectoryController] = ()
+        self.group = ControllerGroup()
         self.connected = False
         self.error = "not connected yet"
         self.reconnects = 0
         self.probe: ProbeReport | None = None
-        self.state: JointState | None = None
         self.watchdog = 0.0
         self.crash: BaseException | None = None
         self.observers: list[Callable[[JointState], object]] = []
         self._publish_rate, self._command_rate, self._wanted_watchdog = publish_rate, command_rate, watchdog
-        self._on_state, self._clock, self._sleep = on_state, clock, sleep
-        self._lock = threading.RLock()
-        self._filter = StateFilter()
-        self._speeds: dict[str, float] = {}
-        self._states: Iterator[JointState] | None = None
-        self._published: deque[float] = deque()
-        self._due = -math.inf
-        self._jobs = Jobs()
         self._ending = threading.Event()
+        self._on_state, self._clock, self._sleep = on_state, clock, sleep or self._ending.wait
+        self._reader: StateReader | None = None
+        self._restarts = 0
+        self._latest = LatestState(publish_rate)
+        self._raster = Raster()
+        self._jobs = Jobs()
         self._thread: threading.Thread | None = None
         # Whoever owns a robot decides what a lost link means; a session that reconnects by itself would hide it.
         for session in robot.sessions:
@@ -124,7 +127,7 @@ class Hardware:
         """Find the robot. Nothing moves.
 
         Args:
-            timeout: Seconds to wait for a port that is not there yet.
+            timeout: Seconds to go on trying for, while there is no port or nobody answers.
 
         Raises:
             LinkError: The port cannot be opened.
@@ -136,7 +139,7 @@ class Hardware:
                 self._attach()
             except LinkPermissionError:
                 raise
-            except LinkError as error:
+            except (LinkError, ReplyTimeoutError) as error:
                 if self._clock() >= deadline or self._ending.is_set():
                     raise
                 _log.info("%s; waiting for it", error)
@@ -146,7 +149,7 @@ class Hardware:
 
     def start(self, controllers: Sequence[TrajectoryController]) -> None:
         """Run `turn` in a thread of its own until `shutdown`."""
-        self.controllers = controllers
+        self.group.members = controllers
         self._thread = threading.Thread(target=self._run, name="hardware", daemon=True)
         self._thread.start()
 
@@ -157,30 +160,35 @@ class Hardware:
             torque_off: Take the torque away; the arm may fall.
         """
         self._ending.set()
-        thread = self._thread
-        if thread is not None:
-            thread.join(_JOIN_TIMEOUT)
-            if thread.is_alive():
-                # It waits for a robot that does not answer.
-                self.robot.session.close()
-                thread.join(_JOIN_TIMEOUT)
-        reason = StopReason("asked", "the node ends")
-        with self._lock:
-            moving = any(not controller.follower.done for controller in self.controllers)
-            for controller in self.controllers:
-                controller.stop(reason)
-        self._deliver()
-        self._jobs.fail(LinkLostError("the node ends"))
+        moving = self.group.moving
+        self.group.stop(StopReason("asked", "the node ends"))
         with suppress(HexwireError):
             if self.connected and moving:
                 self.robot.stop()
-        self._close_states()
+        self._end_thread()
+        self._jobs.fail(LinkLostError("the node ends"))
+        if not self.alive:
+            self._close_reader()
         with suppress(HexwireError):
             if self.connected and self.watchdog:
                 self._arm_watchdog(0.0)
         with suppress(HexwireError):
             self.robot.detach(torque_off=torque_off and self.connected)
-        self.connected = False
+        self.connected, self.error = False, "the node has ended"
+
+    def _end_thread(self) -> None:
+        thread = self._thread
+        if thread is None:
+            return
+        thread.join(_PATIENCE if self.connected else _PATIENCE_LOST)
+        for _ in range(_HANG_UPS):
+            if not thread.is_alive():
+                return
+            # It waits for a robot that does not answer; and may be about to open the line once more.
+            for session in self.robot.sessions:
+                session.close()
+            thread.join(_PATIENCE / _HANG_UPS)
+        _log.error("the hardware thread does not end")
 
     @property
     def alive(self) -> bool:
@@ -199,57 +207,57 @@ class Hardware:
 
     @property
     def rate(self) -> float:
-        """States a second over the last while."""
-        now = self._clock()
-        with self._lock:
-            while self._published and self._published[0] < now - _RATE_WINDOW:
-                self._published.popleft()
-            count = len(self._published)
-            if count < 2:
-                return 0.0
-            return (count - 1) / max(self._published[-1] - self._published[0], 1e-9)
+        """States a second that were published over the last while."""
+        return self._latest.rate(self._clock())
+
+    @property
+    def state(self) -> JointState | None:
+        """The newest state, or None."""
+        return self._latest.state
 
     @property
     def state_age(self) -> float:
-        """Seconds since a state came; infinite before the first."""
-        with self._lock:
-            return self._clock() - self._published[-1] if self._published else math.inf
+        """Seconds since a state came that could be published; infinite before the first."""
+        return self._latest.age(self._clock())
 
     # -- what any thread may ask ----------------------------------------------------------------------
 
     def locked(self) -> threading.RLock:
         """The lock that guards the controllers. Never wait for anything under it."""
-        return self._lock
+        return self.group.lock
 
     def now(self) -> float:
         """This clock, seconds."""
         return self._clock()
 
     def newest(self) -> JointState:
-        """The newest state.
+        """The newest state; what is to move may begin there.
 
         Raises:
             LinkLostError: The robot is not there.
+            DeviceError: None came for too long.
         """
-        if not self.connected or self.state is None:
-            raise LinkLostError(f"the robot cannot be reached: {self.error}")
-        return self.state
+        self._check_reachable()
+        state, age = self._latest.state, self._clock() - self._latest.heard
+        if state is None or age > max(_FRESH, 3.0 * self.command_period):
+            raise DeviceError(f"the robot has told nothing for {age:.1f} s; wait until it does")
+        return state
 
     def hurry(self) -> None:
-        """Let the next state lead to a target, without waiting for the next one due."""
-        self._due = -math.inf
+        """Let the next state lead to a target, if there was none for a period: something has begun."""
+        self._raster.hurry()
 
     def call(self, job: Callable[[], _T]) -> _T:
         """Have something done by the owner between two states, and wait for it.
 
         Raises:
             LinkLostError: The robot is not there.
-            DeviceError: It was not done in time.
+            DeviceError: It was not done in time, or the owner is gone.
             HexwireError: What the job raised.
         """
         if threading.current_thread() is self._thread:
             return job()
-        self.newest()
+        self._check_reachable()
         return self._jobs.call(job)
 
     def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
@@ -261,7 +269,7 @@ class Hardware:
         Raises:
             HexwireError: The robot could not be told; the controllers are stopped all the same.
         """
-        self._stop_controllers(StopReason("asked", why))
+        self.group.stop(StopReason("asked", why))
         if not self.connected:
             raise LinkLostError(f"the robot cannot be told: {self.error}")
         return self.robot.stop(mode)
@@ -276,7 +284,7 @@ class Hardware:
         self.call(self._reset)
 
     def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
-        """Torque on, where the joints are, or off; a motion under way ends.
+        """Torque on, where the joints are, or off; a motion of joints that had none ends, or that lose it.
 
         Returns:
             Names of the joints that confirmed it.
@@ -284,22 +292,27 @@ class Hardware:
         Raises:
             HexwireError: Stopped, or the robot refuses.
         """
+        return self.call(lambda: self._torque(on, names))
 
-        def job() -> tuple[str, ...]:
-            if on and any(controller.follower.reason for controller in self.controllers):
-                raise UsageError("the arm is stopped; reset it first")
-            if not on:
-                self._release("the torque was taken away")
-            whole = len(names) == len(self.robot.model.names)
-            confirmed = self.robot.torque(on, None if whole else names)
-            if not any(controller.busy for controller in self.controllers):
-                # A hand may have moved the arm since the last command.
-                self._release("")
-            # The next goal must see it.
-            self._take(self.robot.read())
-            return confirmed
-
-        return self.call(job)
+    def _torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
+        if on and self.group.reason is not None:
+            raise UsageError("the arm is stopped; reset it first")
+        wanted = list(names)
+        if on and self.group.busy:
+            # Torque on is "hold where you are": what has it already and is on its way must not be braked.
+            have = set(self.robot.read().torque_on)
+            wanted = [name for name in names if name not in have]
+        # A hand may have moved what has no torque, or will: what was commanded there means nothing now.
+        if not on:
+            self.group.release("the torque was taken away", wanted)
+        confirmed: tuple[str, ...] = ()
+        if wanted:
+            confirmed = self.robot.torque(on, None if len(wanted) == len(self.robot.model.names) else wanted)
+        if on:
+            self.group.release("a joint of it had no torque", wanted)
+        # The next goal must see it.
+        self._look_again()
+        return tuple(name for name in names if name in confirmed or name not in wanted)
 
     # -- the owner's turn -------------------------------------------------------------------------------
 
@@ -309,19 +322,17 @@ class Hardware:
             self._find_again()
             return
         try:
-            if self._states is None:
-                self._states = self._read_states()
-            state = next(self._states, None)
-            if state is None:
-                # The robot is there, but its reports stayed away.
-                self._states = None
-            else:
+            if self._reader is None:
+                self._reader = self._begin_reading()
+            state = self._reader.next()
+            if state is not None:
                 self._take(state)
+                self._see_restarts(self._reader.restarts)
                 self._update(state)
             self._jobs.run()
         except PreemptedError:
             # A stop took the line from what waited there: no failure, and whoever stopped has seen to the rest.
-            self._states = None
+            self._close_reader()
         except HexwireError as error:
             self._lose(error)
 
@@ -333,7 +344,8 @@ class Hardware:
             # A fault of the program: whoever watches this thread must hear of it, and the arm must not go on.
             _log.exception("the hardware thread failed")
             self.crash = error
-            self._stop_controllers(StopReason("lost", f"the node failed: {error}"))
+            self.group.stop(StopReason("lost", f"the node failed: {error}"))
+            self._jobs.fail(DeviceError(f"the node failed: {error}"))
             with suppress(HexwireError):
                 self.robot.stop()
 
@@ -341,17 +353,27 @@ class Hardware:
         self.robot.attach()
         try:
             self.probe = self.robot.probe()
-            self.watchdog = 0.0
-            if self._wanted_watchdog:
-                self._arm_watchdog(self._wanted_watchdog)
             state = self.robot.read()
         except BaseException:
             with suppress(HexwireError):
                 self.robot.detach()
             raise
-        self._filter = StateFilter(max_age=max(0.5, 3.0 * self.command_period))
+        self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
+        self._reader, self.watchdog = None, 0.0
         self.connected, self.error = True, ""
         self._take(state)
+
+    def _begin_reading(self) -> StateReader:
+        # Only now: between `connect` and the first turn nobody feeds a watchdog.
+        if self._wanted_watchdog:
+            self._arm_watchdog(self._wanted_watchdog)
+        # Every target needs a state, however seldom states are published.
+        least = max(1.0 / self.command_period, _FEEDS / self.watchdog if self.watchdog else 0.0)
+        rate = max(self._publish_rate, least)
+        reader = StateReader(self.robot, rate, clock=self._clock, sleep=self._sleep)
+        self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
+        self._restarts = reader.restarts
+        return reader
 
     def _arm_watchdog(self, seconds: float) -> None:
         watchdog = getattr(self.robot, "watchdog", None)
@@ -361,12 +383,13 @@ class Hardware:
                 self.watchdog = seconds
 
     def _find_again(self) -> None:
+        self._fail_jobs()
         try:
             self._attach()
         except HexwireError as error:
             self.error = str(error)
-            self._jobs.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
-            self._ending.wait(_RETRY)
+            self._fail_jobs()
+            self._sleep(_RETRY)
         else:
             self.reconnects += 1
             _log.warning("the robot is back")
@@ -374,39 +397,41 @@ class Hardware:
     def _lose(self, error: HexwireError) -> None:
         _log.error("%s", error)
         self.connected, self.error = False, str(error)
-        self._stop_controllers(StopReason("lost", f"the robot was lost: {error}"))
-        self._states = None
+        self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
+        self._fail_jobs()
         with suppress(HexwireError):
             self.robot.stop()
+        self._close_reader()
         with suppress(HexwireError):
             self.robot.detach()
+
+    def _fail_jobs(self) -> None:
         self._jobs.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
 
-    def _read_states(self) -> Iterator[JointState]:
-        period = 1.0 / self._publish_rate
-        stream = getattr(self.robot, "stream", None)
-        if stream is not None:
-            try:
-                yield from stream(period, _SILENCE)
-                return
-            except NotSupportedError:
-                pass
-        for _ in RateLoop(self._publish_rate, clock=self._clock, sleep=self._sleep).ticks():
-            yield self.robot.read()
+    def _check_reachable(self) -> None:
+        if self.crash is not None:
+            raise DeviceError(f"the node failed: {self.crash}")
+        if not self.connected or self._ending.is_set():
+            raise LinkLostError(f"the robot cannot be reached: {self.error or 'the node ends'}")
 
-    def _close_states(self) -> None:
-        states, self._states = self._states, None
-        if states is not None:
-            with suppress(HexwireError):
-                states.close()  # type: ignore[attr-defined]  # a generator
+    def _close_reader(self) -> None:
+        if self._reader is not None:
+            self._reader.close()
+
+    def _see_restarts(self, restarts: int) -> None:
+        """A board that was reset has forgotten its stop, and its servos may have been without power."""
+        if restarts == self._restarts:
+            return
+        self._restarts = restarts
+        if self.group.busy or self.group.reason is not None:
+            self._stop(StopReason("board", "the board was reset"))
+        self.group.release("the board was reset")
+        # A probe ends reports.
+        self._close_reader()
+        self.probe = self.robot.probe()
 
     def _take(self, state: JointState) -> None:
-        with self._lock:
-            self.state = state
-            published = self._filter.take(state)
-            if published is not None:
-                self._published.append(self._clock())
-                self._speeds = dict(zip(published.names, published.velocity, strict=True))
+        published = self._latest.take(state, self._clock())
         for observer in self.observers:
             observer(state)
         if published is not None:
@@ -415,69 +440,52 @@ class Hardware:
     def _update(self, state: JointState) -> None:
         """Judge at every state, decide and write at the raster of commands."""
         now = self._clock()
-        due = now >= self._due
-        orders: list[JointTarget | StopReason | None] = []
-        with self._lock:
-            speeds = [self._speeds.get(name, math.nan) for name in state.names]
-            for controller in self.controllers:
-                controller.judge(state, speeds, now)
-                if due:
-                    orders.append(controller.cycle(state, now, self.lead))
-        if due:
-            period = self.command_period
-            self._due = self._due + period if now < self._due + period else now + period
-        reason = next((order for order in orders if isinstance(order, StopReason)), None)
-        targets = [pair for order in orders if isinstance(order, JointTarget) for pair in order.positions]
-        if reason is not None:
-            _log.error("stopped: %s", reason)
-            self._stop_controllers(reason)
-            self.robot.stop()
-        elif targets:
-            self._write(JointTarget(tuple(targets), self.lead))
-        self._deliver()
+        due = self._raster.due(now, self.command_period)
+        speeds = self._latest.speeds(state.names)
+        order = self.group.cycle(state, speeds, now, self.lead, due=due)
+        if isinstance(order, StopReason):
+            self._stop(order)
+        elif order is not None:
+            self._raster.done(now)
+            self._write(order)
 
     def _write(self, target: JointTarget) -> None:
         try:
             self.robot.write(target)
         except StoppedError:
-            self._stop_controllers(StopReason("board", "the board has stopped the arm"))
+            self.group.stop(StopReason("board", "the board has stopped the arm"))
         except (CommandRefusedError, UsageError) as error:
             # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
             _log.error("%s", error)
-            self._release(str(error))
+            self.group.release(str(error))
 
     def _reset(self) -> None:
         state = self.robot.read()
         faults = {joint.name: JointFlag(joint.flags).faults for joint in state if JointFlag(joint.flags).faults}
-        for controller in self.controllers:
-            reason = controller.follower.reason
-            if reason is not None and reason.joint in faults:
-                raise UsageError(f"{reason.joint} still reports {faults[reason.joint]}; see to it first")
+        blamed = [f"{name} still reports {faults[name]}" for name in self.group.blamed if name in faults]
+        if blamed:
+            # A servo keeps an overload until its next command. This one holds; the next try shows what is true.
+            self.robot.stop()
+            raise UsageError(f"{', '.join(blamed)}; see to it, and reset again")
         self.robot.resume()
-        with self._lock:
-            for controller in self.controllers:
-                controller.reset()
-        self._take(self.robot.read())
+        self.group.reset()
+        self._look_again()
 
-    def _stop_controllers(self, reason: StopReason) -> None:
-        with self._lock:
-            for controller in self.controllers:
-                controller.stop(reason)
-        self._deliver()
+    def _look_again(self) -> None:
+        """Something was done: what waits to be read tells of a time before it, and must not be believed."""
+        state = self.robot.read()
+        if self._reader is not None:
+            self._reader.drop_waiting()
+        self._take(state)
 
-    def _release(self, why: str) -> None:
-        with self._lock:
-            for controller in self.controllers:
-                controller.release(why)
-        self._deliver()
-
-    def _deliver(self) -> None:
-        """Tell goals how they ended; never under the lock, since who is told may take locks of its own."""
-        with self._lock:
-            ended = [row for controller in self.controllers for row in controller.take_ended()]
-        for goal, end in ended:
-            goal.ended(end)
+    def _stop(self, reason: StopReason) -> None:
+        _log.error("stopped: %s", reason)
+        self.group.stop(reason)
+        confirmed = self.robot.stop()
+        missing = [name for name in self.robot.model.names if name not in confirmed]
+        if missing:
+            _log.error("%s did not confirm the stop", ", ".join(missing))
 
     def deliver(self) -> None:
         """Tell goals that have ended so; after every change from outside."""
-        self._deliver()
+        self.group.deliver()
