@@ -12,7 +12,7 @@ from hexwire.model.state import JointTarget
 from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import PointToPoint
+from hexwire.motion.waypoints import PointToPoint, Spline, Waypoint
 
 LEAD = 0.05
 J1 = HOME["J1"]
@@ -106,6 +106,33 @@ def test_desired_is_the_trajectory_while_it_runs_and_the_last_command_after() ->
     run(follower, 1.0, 3.0)
     assert follower.desired(("J1",), 3.0).position == (J1 + 1.0,)
     assert follower.desired(("J1",), 3.0).velocity == (0.0,)
+
+
+def test_what_replaces_a_motion_is_meant_only_from_when_it_begins() -> None:
+    follower = started()
+    old = way(J1, J1 + 1.0)
+    follower.follow(old, 0.0)
+    run(follower, 0.0, 1.0)
+    begin = follower.next_start(0.95)
+    here = follower.desired(("J1",), begin).position[0]
+    follower.follow(way(here, J1 - 0.5), 0.95)
+    for t in (0.9, 0.95, begin - 0.01):
+        assert follower.desired(("J1",), t) == old.sample(t), "what was sent before goes on until then"
+    assert follower.desired(("J1",), begin).position == pytest.approx((here,))
+
+
+def test_turning_round_at_a_limit_does_not_swing_beyond_it() -> None:
+    follower = started()
+    limit = HEX7BOT.joint("J1").maximum
+    follower.follow(Spline(("J1",), [Waypoint(0.0, (J1,)), Waypoint(0.6, (limit,))]), 0.0)
+    before = run(follower, 0.0, 0.55)
+    here = follower.desired(("J1",), follower.next_start(0.55)).position[0]
+    follower.follow(Spline(("J1",), [Waypoint(0.0, (here,)), Waypoint(1.0, (J1,))]), 0.55)
+    after = run(follower, 0.55, 1.9)
+    assert max(angle for _, angle in before) > limit - 0.1
+    assert max(angle for _, angle in after) == pytest.approx(limit)
+    assert all(angle <= limit for _, angle in after)
+    assert after[-1][1] == pytest.approx(J1)
 
 
 def test_after_forgetting_motion_starts_where_a_hand_has_led_the_arm() -> None:

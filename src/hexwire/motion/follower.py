@@ -95,6 +95,8 @@ class Follower:
         self._blend, self._lost_after, self._jump = blend, lost_after, jump
         self._trajectory: Trajectory | None = None
         self._started = 0.0
+        # What it took over from, and when that had begun.
+        self._earlier: tuple[Trajectory, float] | None = None
         self._set_point: dict[str, float] = {}
         self._set_point_time = -math.inf
         self._fresh = False
@@ -125,6 +127,7 @@ class Follower:
             old, switch = running, max(now, self._command_due) - self._started
             self.counters.blends += 1
         start = max(now, self._command_due)
+        earlier = None if running is None or old is not running else (running, self._started)
         seconds = min(self._blend, trajectory.duration)
         here = old.sample(switch).position
         for name, a, b in zip(names, here, trajectory.start, strict=True):
@@ -133,7 +136,7 @@ class Follower:
                 gap = math.degrees(abs(b - a))
                 raise LimitError(f"the trajectory begins {gap:.3g} deg from where {name} is; move there first")
         self._trajectory = Blend(old, switch, trajectory, seconds)
-        self._started = start
+        self._started, self._earlier = start, earlier
         self.mode = Mode.TRAJECTORY
         self._set_point = {}
 
@@ -213,6 +216,10 @@ class Follower:
         """
         running = self._trajectory
         if self.mode is Mode.TRAJECTORY and running is not None and running.names == names:
+            if now < self._started and self._earlier is not None:
+                # What was sent before goes on until then.
+                earlier, began = self._earlier
+                return earlier.sample(now - began)
             return running.sample(now - self._started)
         rest = (0.0,) * len(names)
         return Sample(self._present(names), rest, rest)
@@ -243,7 +250,10 @@ class Follower:
             trajectory, t = self._trajectory, now + lead - self._started
             if t >= trajectory.duration:
                 self._trajectory, self.mode = None, Mode.HOLD
-            return self._send(dict(zip(trajectory.names, trajectory.sample(t).position, strict=True)), now, lead)
+            positions = dict(zip(trajectory.names, trajectory.sample(t).position, strict=True))
+            if self._earlier is not None and t < self._blend:
+                positions = self._within_limits(positions)
+            return self._send(positions, now, lead)
         if self.mode is Mode.STREAM:
             self._fresh = False
             if now - self._set_point_time > self._lost_after:
@@ -252,6 +262,11 @@ class Follower:
                 return None
             return self._send(self._towards(self._set_point, now, lead), now, lead)
         return None
+
+    def _within_limits(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """While it turns round, a motion may swing out beyond both that it joins."""
+        joints = {name: self.arm.joint(name) for name in positions}
+        return {n: min(max(angle, joints[n].minimum), joints[n].maximum) for n, angle in positions.items()}
 
     def _slip(self, now: float, lead: float) -> None:
         """After a stall go on from the last command: to make up for it would be a leap."""
