@@ -7,6 +7,7 @@ decide anything about the arm: that is `arm`, `controller` and what is below the
 from __future__ import annotations
 
 import logging
+import os
 import queue
 import signal
 import sys
@@ -15,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from logging.handlers import QueueHandler, QueueListener
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,7 @@ import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rospy.impl import registration
+from rospy.impl.rosout import RosOutHandler
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -32,8 +35,9 @@ from hexwire.errors import DeviceError, GoalError, HexwireError
 from .arm import Arm
 from .controller import Ended, Outcome
 from .diagnostics import ChangeWatch, diagnose
-from .goals import ErrorCode, Point, TrajectoryOrder
+from .goals import ErrorCode
 from .messages import control_msgs, osrf_msgs
+from .orders import Sparing, order_of, set_points_of, tolerances_of
 from .settings import load_settings
 from .teaching import to_points, tolerance_of
 
@@ -46,23 +50,17 @@ if TYPE_CHECKING:
 
 __all__ = ["run"]
 
+# Never rospy's own: a line to /rosout asks the master something, and no thread that the arm needs may wait.
+_log = logging.getLogger(__name__)
+
 _NAME = "hardware_interface"
 _MASTER_WAIT = 5.0
 _TICK = 0.1
 _MASTER_PERIOD = 1.0
+_SHUTDOWN_WAIT = 15.0
+_LAST_WORDS = 0.2
+"""Seconds in which the last results go out: rospy sends in threads of its own, and drops what still waits there."""
 _QUEUE = 10
-_FIELDS = (
-    "position",
-    "velocity",
-    "effort",
-    "kp_position",
-    "ki_position",
-    "kd_position",
-    "kp_velocity",
-    "i_effort_min",
-    "i_effort_max",
-)
-"""Fields of osrf_msgs/JointCommands with a value a joint."""
 
 
 def run(argv: list[str]) -> int:
@@ -101,11 +99,12 @@ class HardwareInterface:
         settings, robot = load_settings(self._params)
         self._settings = settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
-        self._ending = threading.Event()
+        self._ending, self._ended = threading.Event(), threading.Event()
         self._connecting = True
         # Goals, cancels and results, in their order; checking a goal takes longer than a callback may.
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
+        self._sparing = Sparing()
         self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
         self._goals: dict[str, _ActionGoal] = {}
         self._next_state = self._next_feedback = 0.0
@@ -115,9 +114,10 @@ class HardwareInterface:
     def run(self) -> int:
         """Connect, offer everything, and end when told to."""
         if rospy.get_param("/use_sim_time", False):
-            rospy.logwarn("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
+            _log.warning("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
+        rospy.on_shutdown(self._on_ros_shutdown)
         try:
             self._joint_states = rospy.Publisher("joint_states", JointStateMessage, queue_size=_QUEUE)
             self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
@@ -129,16 +129,20 @@ class HardwareInterface:
             self._arm.start()
             self._offer_services()
             threading.Thread(target=self._watch_master, name="master", daemon=True).start()
-            rospy.loginfo("%s is ready at %s", self._settings.model.name, self._settings.port)
+            _log.info("%s is ready at %s", self._settings.model.name, self._settings.port)
             while not self._ending.wait(_TICK) and not rospy.is_shutdown():
                 self._tick()
         except KeyboardInterrupt:
             return 0
         finally:
+            ends_goals = bool(self._goals)
             self._arm.shutdown()
             self._work.put(None)
             if self._worker.is_alive():
                 self._worker.join(1.0)
+            if ends_goals:
+                time.sleep(_LAST_WORDS)
+            self._ended.set()
         return 0
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -146,6 +150,13 @@ class HardwareInterface:
         if self._connecting:
             # Nothing is there yet that must be made safe, and the wait for a board may be long.
             raise KeyboardInterrupt
+
+    def _on_ros_shutdown(self) -> None:
+        """ROS wants an end, as by `rosnode kill` or a newer node of our name: when this returns, topics close."""
+        if threading.current_thread() is not threading.main_thread():
+            _leave_rosout()
+            os.kill(os.getpid(), signal.SIGTERM)
+            self._ended.wait(_SHUTDOWN_WAIT)
 
     def _tick(self) -> None:
         crash = self._arm.hardware.crash
@@ -210,25 +221,29 @@ class HardwareInterface:
         try:
             return response(True, call())
         except HexwireError as error:
-            rospy.logwarn("%s", error)
+            _log.warning("%s", error)
             return response(False, str(error))
 
     # -- commands -------------------------------------------------------------------------------------
 
     def _on_command(self, name: str, message: Any) -> None:
         try:
-            self._arm.command(name, _order(message))
+            self._arm.command(name, order_of(message, rospy.Time.now()))
         except HexwireError as error:
-            rospy.logwarn("command refused: %s", error)
+            _log.warning("command refused: %s", error)
 
     def _on_joint_commands(self, message: Any) -> None:
         try:
-            ignored = self._arm.set_points(message.name, {field: getattr(message, field) for field in _FIELDS})
+            ignored = self._arm.set_points(message.name, set_points_of(message))
         except HexwireError as error:
-            rospy.logwarn_throttle_identical(1.0, f"joint_commands refused: {error}")
-            return
-        if ignored:
-            rospy.logwarn_once(f"joint_commands: the servos take positions only; ignored: {', '.join(ignored)}")
+            text, period = f"joint_commands refused: {error}", 1.0
+        else:
+            text = (
+                f"joint_commands: the servos take positions only; ignored: {', '.join(ignored)}" if ignored else ""
+            )
+            period = 60.0
+        if text and self._sparing.due(text, time.monotonic(), period):
+            _log.warning("%s", text)
 
     def _on_goal(self, name: str, handle: Any) -> None:
         self._work.put(partial(self._begin, name, handle))
@@ -241,14 +256,21 @@ class HardwareInterface:
         goal = _ActionGoal(handle, self._end)
         try:
             tolerances = self._arm.controllers[name].settings.tolerances.overridden(
-                _tolerances(message.path_tolerance),
-                _tolerances(message.goal_tolerance),
+                tolerances_of(message.path_tolerance),
+                tolerances_of(message.goal_tolerance),
                 message.goal_time_tolerance.to_sec(),
             )
-            self._arm.command(name, _order(message.trajectory), goal=goal, tolerances=tolerances)
+            self._arm.command(
+                name, order_of(message.trajectory, rospy.Time.now()), goal=goal, tolerances=tolerances
+            )
         except GoalError as error:
-            rospy.logwarn("goal refused: %s", error)
+            _log.warning("goal refused: %s", error)
             handle.set_rejected(self._result(ErrorCode(error.code), str(error)), str(error))
+        except Exception as error:
+            # Its client must not wait for an end that never comes.
+            text = f"the node failed: {error!r}"
+            handle.set_rejected(self._result(ErrorCode.INVALID_GOAL, text), text)
+            raise
         else:
             handle.set_accepted()
             self._goals[goal.key] = goal
@@ -270,7 +292,7 @@ class HardwareInterface:
         elif ended.outcome is Outcome.PREEMPTED:
             goal.handle.set_canceled(result, ended.text)
         else:
-            rospy.logwarn("goal aborted: %s", ended.text)
+            _log.warning("goal aborted: %s", ended.text)
             goal.handle.set_aborted(result, ended.text)
 
     def _result(self, code: ErrorCode, text: str) -> Any:
@@ -280,9 +302,8 @@ class HardwareInterface:
         while (job := self._work.get()) is not None:
             try:
                 job()
-            except Exception:
-                # A goal must not take the others with it; this one's client sees that nothing comes.
-                logging.getLogger(__name__).exception("a goal could not be handled")
+            except Exception:  # noqa: BLE001  # a goal must not take the others with it
+                _log.exception("a goal could not be handled")
 
     # -- what is published ----------------------------------------------------------------------------
 
@@ -354,7 +375,7 @@ class HardwareInterface:
                 self._register_again()
 
     def _register_again(self) -> None:
-        rospy.logwarn("the master was restarted: registering everything again")
+        _log.warning("the master was restarted: registering everything again")
         rospy.set_param("~", self._params)
         if self._description is not None and not rospy.has_param("robot_description"):
             rospy.set_param("robot_description", self._description)
@@ -387,26 +408,6 @@ class _ActionGoal:
         self._on_end(self, ended)
 
 
-def _order(message: Any) -> TrajectoryOrder:
-    stamp = message.header.stamp
-    delay = 0.0 if stamp.is_zero() else (stamp - rospy.Time.now()).to_sec()
-    points = tuple(
-        Point(
-            point.time_from_start.to_sec(),
-            tuple(point.positions),
-            tuple(point.velocities),
-            tuple(point.accelerations),
-            tuple(point.effort),
-        )
-        for point in message.points
-    )
-    return TrajectoryOrder(tuple(message.joint_names), points, delay)
-
-
-def _tolerances(rows: Any) -> list[tuple[str, float, float, float]]:
-    return [(row.name, row.position, row.velocity, row.acceleration) for row in rows]
-
-
 def _stamp(monotonic: float) -> Any:
     """ROS time of a moment on the host's monotonic clock."""
     now = rospy.Time.now()
@@ -437,14 +438,27 @@ class _ToRos(logging.Handler):
 
 @contextmanager
 def _logging_to_ros() -> Iterator[None]:
-    logger, handler = logging.getLogger("hexwire"), _ToRos()
+    logger = logging.getLogger("hexwire")
+    # In a thread of its own: a line to /rosout asks the master something, and the arm must not wait for a master.
+    lines: queue.SimpleQueue[logging.LogRecord | None] = queue.SimpleQueue()
+    listener, handler = QueueListener(lines, _ToRos()), QueueHandler(lines)
     before = logger.level, logger.propagate
     logger.addHandler(handler)
     # Or rospy's root handler would write it into its file a second time.
     logger.propagate = False
     logger.setLevel(logging.INFO)
+    listener.start()
     try:
         yield
     finally:
         logger.removeHandler(handler)
         logger.level, logger.propagate = before
+        listener.stop()
+
+
+def _leave_rosout() -> None:
+    """Say no more on /rosout: with each line we register, and the master ends a newer node of our name."""
+    logger = logging.getLogger("rosout")
+    for handler in list(logger.handlers):
+        if isinstance(handler, RosOutHandler):
+            logger.removeHandler(handler)
