@@ -140,10 +140,15 @@ class Program:
         }
 
     def command(
-        self, topic: str, names: list[str], points: list[dict[str, Any]], delay: float | None = None
+        self,
+        topic: str,
+        names: list[str],
+        points: list[dict[str, Any]],
+        delay: float | None = None,
+        listeners: int = 1,
     ) -> None:
-        """Publish a trajectory once."""
-        publisher = self._publisher(topic, JointTrajectory)
+        """Publish a trajectory once, to at least so many."""
+        publisher = self._publisher(topic, JointTrajectory, listeners)
         publisher.publish(trajectory(names, points, delay))
 
     def joint_commands(self, topic: str, times: int = 1, rate: float = 50.0, **fields: Any) -> None:
@@ -181,14 +186,14 @@ class Program:
         message = rospy.wait_for_message(topic, JointState, PATIENCE)
         return dict(zip(message.name, message.position, strict=True))
 
-    def _publisher(self, topic: str, kind: Any) -> Any:
+    def _publisher(self, topic: str, kind: Any, listeners: int = 1) -> Any:
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self._publishers[topic] = rospy.Publisher(topic, kind, queue_size=100)
         deadline = time.monotonic() + PATIENCE
-        while not publisher.get_num_connections():
+        while publisher.get_num_connections() < listeners:
             if time.monotonic() > deadline:
-                raise RuntimeError(f"nobody listens to {topic}")
+                raise RuntimeError(f"{publisher.get_num_connections()} of {listeners} listen to {topic}")
             time.sleep(0.01)
         return publisher
 

@@ -275,11 +275,21 @@ class PtyBoard:
     def __init__(self, link: Path, dialect: int = 2) -> None:
         self.port = str(link)
         self.board: EmulatedBoard = make_hex7bot_board(dialect=dialect, baud=0, start=time.monotonic())
-        self._server = PtyServer(self.board, link=link)
+        self.plug()
+
+    def plug(self) -> None:
+        """Plug it in; it goes on where it was."""
+        self._server = PtyServer(self.board, link=self.port)
         self._server.open()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="board")
         self._thread.start()
+
+    def unplug(self) -> None:
+        """Take the port away; the board lives on its own supply."""
+        self._ending.set()
+        self._thread.join()
+        self._server.close()
 
     def _serve(self) -> None:
         while not self._ending.is_set():
@@ -287,7 +297,7 @@ class PtyBoard:
 
     def faults(self, *specs: str) -> None:
         """Faults from now on, in place of those before."""
-        self.board.faults = FaultPlan(specs, start=time.monotonic())
+        self.board.faults = self.board.wire.faults = FaultPlan(specs, start=time.monotonic())
 
     def lead(self, joint: str, angle: float, seconds: float) -> None:
         """Lead a joint without torque by hand, so many radians in so many seconds."""
@@ -307,10 +317,14 @@ class PtyBoard:
             joint.name: joint.counts_to_angle(servos[joint.servo_id].present_position) for joint in HEX7BOT.joints
         }
 
-    def close(self) -> None:
-        self._ending.set()
-        self._thread.join()
-        self._server.close()
+    def block(self, joint: str | None) -> None:
+        """Have a joint run against something at once; None takes that away."""
+        for servo in self.board.wire.servos:
+            servo.motion.obstacle = (None, None)
+            if joint is not None and servo.servo_id == HEX7BOT.joint(joint).servo_id:
+                servo.motion.obstacle = (servo.motion.position - 20, servo.motion.position + 20)
+
+    close = unplug
 
 
 class Arm:

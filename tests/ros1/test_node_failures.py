@@ -1,0 +1,301 @@
+"""What the node does when something fails: itself, its master, the board, a servo, whoever started it."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.ros1.ros_world import HEXWIRE, JOINTS, NODE, Arm, PtyBoard, World, free_port, near, still, until
+
+TARGET = {"J1": 0.6}
+SETTINGS = ("_allow_partial_joints_goal:=true", "_enable_on_start:=true")
+
+
+@pytest.fixture
+def own_arm(world: World, tmp_path: Path) -> Iterator[Arm]:
+    """An arm and a node that a test may break."""
+    namespace = f"own{len(list(world.folder.glob('own*')))}"
+    board = PtyBoard(world.folder / namespace)
+    try:
+        node = world.node(f"__ns:={namespace}", f"_port:={board.port}", *SETTINGS)
+        yield Arm(world, node, f"/{namespace}/", board)
+        print(world.report())
+        node.kill_all()
+    finally:
+        board.close()
+
+
+def _moving(arm: Arm) -> None:
+    """Begin a motion that takes long."""
+    start = arm.board.positions
+    arm.send("move", TARGET, 6.0)
+    arm.client.wait_active(key="move", feedback=4)
+    until(lambda: not near(start, arm.board.positions, 0.02), "it moves", arm.node.report)
+
+
+def _held(arm: Arm) -> dict[str, float]:
+    """The arm stands somewhere on its way, and its servos hold it."""
+    stood = still(lambda: arm.board.positions)
+    assert not near(TARGET, stood, 0.1)
+    assert all(servo.torque_on for servo in arm.board.board.wire.servos)
+    return stood
+
+
+# -- the node ends ---------------------------------------------------------------------------------------------
+
+
+def test_killed_during_a_move_the_arm_is_held_by_its_board(own_arm: Arm) -> None:
+    arm, world = own_arm, own_arm.world
+    _moving(arm)
+    arm.node.end(signal.SIGKILL)
+    until(lambda: arm.board.board.state.stopped, "the board's watchdog stops the arm")
+    stood = _held(arm)
+    state = json.loads(world.run(*HEXWIRE, "state", "--json", "--port", arm.board.port).out)
+    assert state["stopped"]
+    assert state["watchdog_tripped"]
+    # Whoever comes next must say that he has seen it; "enable on start" is none of that.
+    node = world.node(f"__ns:={arm.namespace.strip('/')}", f"_port:={arm.board.port}", *SETTINGS)
+    arm = Arm(world, node, arm.namespace, arm.board)
+    arm.diagnosed("board", 2, "stopped")
+    arm.send("refused", TARGET, 3.0)
+    result = arm.result("refused")
+    assert result["state"] in {"REJECTED", "ABORTED"}
+    assert "stopped" in result["text"]
+    assert near(stood, arm.board.positions, 0.01)
+    arm.trigger("reset")
+    assert near(stood, still(lambda: arm.board.positions), 0.01)
+    arm.diagnosed("board", 0, "ok")
+    arm.enable()
+    arm.send("after", TARGET, 2.0)
+    assert arm.result("after")["state"] == "SUCCEEDED"
+    assert node.end() == 0
+
+
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "rosnode kill"])
+def test_ended_during_a_move_the_arm_is_held(own_arm: Arm, how: str) -> None:
+    _moving(own_arm)
+    if how.startswith("SIG"):
+        own_arm.node.end(signal.Signals[how])
+    else:
+        own_arm.world.run("rosnode", "kill", f"{own_arm.namespace}hardware_interface")
+    assert own_arm.node.wait() == 0
+    assert "Traceback" not in own_arm.node.err
+    _held(own_arm)
+    # Its client hears of it, one way or the other.
+    assert own_arm.result("move")["state"] == "ABORTED"
+
+
+def test_newer_node_of_the_same_name_takes_over(own_arm: Arm) -> None:
+    _moving(own_arm)
+    newer = own_arm.world.node(f"__ns:={own_arm.namespace.strip('/')}", f"_port:={own_arm.board.port}", *SETTINGS)
+    assert own_arm.node.wait() == 0
+    _held(own_arm)
+    assert own_arm.result("move")["state"] == "ABORTED"
+    arm = Arm(own_arm.world, newer, own_arm.namespace, own_arm.board)
+    arm.trigger("reset")
+    arm.enable()
+    arm.send("after", TARGET, 2.0)
+    assert arm.result("after")["state"] == "SUCCEEDED"
+    assert newer.end() == 0
+
+
+# -- the robot fails ------------------------------------------------------------------------------------------
+
+
+def test_unplugged_during_a_move_and_plugged_in_again(own_arm: Arm) -> None:
+    arm, board = own_arm, own_arm.board
+    _moving(arm)
+    board.unplug()
+    result = arm.result("move")
+    assert result["state"] == "ABORTED"
+    assert "lost" in result["text"]
+    arm.diagnosed("link", 2, "not connected")
+    assert arm.diagnosed("J1 (servo 0)", 3)
+    assert "cannot be reached" in arm.refused("reset")
+    arm.send("none", TARGET, 3.0)
+    assert arm.result("none")["state"] == "REJECTED"
+    board.plug()
+    # By themselves.
+    assert arm.position().keys() == set(JOINTS)
+    row = arm.diagnosed("link", 0)
+    assert {"key": "reconnects", "value": "1"} in row["values"]
+    stood = still(lambda: board.positions)
+    arm.send("still none", TARGET, 3.0)
+    result = arm.result("still none")
+    assert (result["state"], result["code"]) == ("REJECTED", -1)
+    assert "reset first" in result["text"]
+    arm.trigger("reset")
+    assert near(stood, still(lambda: board.positions), 0.01)
+    arm.enable()
+    arm.send("again", TARGET, 2.0)
+    assert arm.result("again")["state"] == "SUCCEEDED"
+
+
+def _published(arm: Arm) -> set[str]:
+    return set(arm.position())
+
+
+def test_servo_lost_during_a_move_stops_the_arm(arm: Arm) -> None:
+    here = arm.position()
+    arm.send("move", {"J1": here["J1"] - 0.5, "J5": here["J5"] - 0.3}, 5.0)
+    arm.client.wait_active(key="move", feedback=4)
+    arm.board.faults("silent:4")
+    result = arm.result("move")
+    assert result["state"] == "ABORTED"
+    assert "J5" in result["text"]
+    until(lambda: _published(arm) == set(JOINTS) - {"J5"}, "J5 is left out", arm.node.report)
+    arm.diagnosed("J5 (servo 4)", 2)
+    assert arm.diagnostics()["J4 (servo 3)"]["level"] == 0
+    still(lambda: arm.board.positions)
+    arm.board.faults()
+    until(lambda: _published(arm) == set(JOINTS), "J5 is back", arm.node.report)
+    arm.trigger("reset")
+    arm.enable()
+    arm.send("after", {"J5": here["J5"]}, 2.0)
+    assert arm.result("after")["state"] == "SUCCEEDED"
+
+
+def test_servo_lost_at_rest_is_told_and_the_others_go_on(arm: Arm) -> None:
+    arm.board.faults("silent:5")
+    until(lambda: _published(arm) == set(JOINTS) - {"J6"}, "J6 is left out", arm.node.report)
+    arm.diagnosed("J6 (servo 5)", 2)
+    arm.board.faults()
+    until(lambda: _published(arm) == set(JOINTS), "J6 is back", arm.node.report)
+    arm.diagnosed("J6 (servo 5)", 0)
+
+
+def test_blocked_arm_stops_by_itself(arm: Arm) -> None:
+    here = arm.position()["J1"]
+    arm.board.block("J1")
+    try:
+        arm.send("move", {"J1": here - 0.6}, 1.5)
+        result = arm.result("move")
+    finally:
+        arm.board.block(None)
+    assert (result["state"], result["code"]) == ("ABORTED", -4)
+    assert "J1" in result["text"]
+    assert "reset" in arm.refused("go_to/home")
+    arm.diagnosed("board", 2, "J1")
+
+
+def test_board_that_restarts_is_watched_again(arm: Arm) -> None:
+    said = len(arm.node.err)
+    arm.board.faults("reset:0.1")
+    until(lambda: "the board was reset" in arm.node.err[said:], "it is told", arm.node.report)
+    until(lambda: arm.board.board.state.watchdog_timeout == 1.0, "its watchdog is set again", arm.node.report)
+    arm.trigger("reset")
+    arm.enable()
+    here = arm.position()["J1"]
+    arm.send("after", {"J1": here - math.copysign(0.1, here)}, 1.0)
+    assert arm.result("after")["state"] == "SUCCEEDED"
+
+
+# -- the start fails --------------------------------------------------------------------------------------------
+
+
+def _one_line(text: str) -> str:
+    (line,) = text.splitlines()
+    assert line.startswith("error: ")
+    return str(line)
+
+
+def test_port_of_another_node_is_left_alone(arm: Arm) -> None:
+    second = arm.world.run(*NODE, "__ns:=second", f"_port:={arm.board.port}", "_connect_timeout:=0.2", status=1)
+    assert "another" in _one_line(second.err) or "in use" in second.err
+    arm.send("one", {"J1": arm.position()["J1"] + 0.05}, 0.5)
+    assert arm.result("one")["state"] == "SUCCEEDED"
+
+
+def test_without_a_master_it_ends_with_a_line(world: World) -> None:
+    nowhere = f"http://127.0.0.1:{free_port()}"
+    program = world.run(*NODE, f"_port:={world.folder / 'none'}", status=1, ROS_MASTER_URI=nowhere)
+    line = _one_line(program.err)
+    assert nowhere in line
+    assert "roscore" in line
+
+
+def test_wrong_port_ends_with_a_line(world: World) -> None:
+    port = str(world.folder / "none")
+    program = world.run(*NODE, "__ns:=wrong", f"_port:={port}", "_connect_timeout:=0.2", status=1)
+    assert port in _one_line(program.err)
+
+
+def test_all_wrong_parameters_are_told_at_once(world: World) -> None:
+    program = world.run(
+        *NODE,
+        *("__ns:=wrong", "_port:=/dev/null", "_watchdog:=-1", "_publish_rat:=5", "_joints:=[J9]"),
+        status=2,
+    )
+    line = _one_line(program.err)
+    assert "3 parameters are wrong" in line
+    for text in ("~watchdog: -1", "~publish_rat: unknown, did you mean ~publish_rate?", "'J9'"):
+        assert text in line
+
+
+def test_waits_for_a_board_that_is_plugged_in_later(world: World) -> None:
+    port = world.folder / "later"
+    node = world.start(*NODE, "__ns:=later", f"_port:={port}", "_connect_timeout:=60")
+    node.said("waiting for it")
+    world.board(port)
+    node.said("is ready at")
+    assert node.end() == 0
+
+
+def test_interrupted_while_it_waits_for_a_board(world: World) -> None:
+    node = world.start(*NODE, "__ns:=waits", f"_port:={world.folder / 'none'}", "_connect_timeout:=60")
+    node.said("waiting for it")
+    assert node.end(signal.SIGINT) == 0
+    assert "Traceback" not in node.err
+
+
+# -- the master fails -------------------------------------------------------------------------------------------
+
+
+def test_master_that_is_restarted_has_everything_again(own_world: World) -> None:
+    world = own_world
+    board = PtyBoard(world.folder / "arm")
+    try:
+        node = world.node(f"_port:={board.port}", *SETTINGS)
+        arm = Arm(world, node, board=board)
+        topics = arm.client.topics()
+        arm.send("move", TARGET, 4.0)
+        arm.client.wait_active(key="move", feedback=4)
+        world.master.end()
+        world.drop_client()
+        # A motion needs no master.
+        until(lambda: near(TARGET, board.positions), "it is there", node.report)
+        world.master = world.start_master()
+        assert world.master.running
+        ours = [row for row in topics if "somebody" not in row[0] and "rosout" not in row[0]]
+        until(lambda: all(row in arm.client.topics() for row in ours), "topics are back", node.report)
+        assert arm.client.get_param(name="/hardware_interface/port") == board.port
+        assert near(arm.position(), board.positions)
+        arm.trigger("stop")
+        arm.trigger("reset")
+        arm.send("back", {"J1": 0.3}, 1.0)
+        assert arm.result("back")["state"] == "SUCCEEDED"
+        assert node.end() == 0
+    finally:
+        board.close()
+
+
+def test_arm_does_not_wait_for_a_master_that_hangs(own_world: World) -> None:
+    board = PtyBoard(own_world.folder / "arm")
+    try:
+        node = own_world.node(f"_port:={board.port}", *SETTINGS)
+        arm = Arm(own_world, node, board=board)
+        _moving(arm)
+        own_world.master.process.send_signal(signal.SIGSTOP)
+        try:
+            board.faults("silent:0")
+            until(lambda: board.board.state.stopped, "the arm is stopped", node.report)
+            assert arm.result("move")["state"] == "ABORTED"
+        finally:
+            own_world.master.process.send_signal(signal.SIGCONT)
+        assert node.end() == 0
+    finally:
+        board.close()

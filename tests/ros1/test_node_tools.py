@@ -1,0 +1,165 @@
+"""The node with ROS's own programs: what a person types in a second terminal."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from tests.model.poses import pose_error
+from tests.ros1.ros_world import HEXWIRE, JOINTS, Arm, World, near, still, until
+
+import hexwire.ros1
+from hexwire.model.geometry import make_kinematics
+from hexwire.model.pose import Pose, apply, multiply
+
+SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"
+
+
+def test_rostopic_echo(arm: Arm) -> None:
+    out = arm.world.run("rostopic", "echo", "-n1", "-p", "/joint_states").out
+    head, row = out.splitlines()
+    values = dict(zip(head.split(","), row.split(","), strict=True))
+    angles = {name: float(values[f"field.position{i}"]) for i, name in enumerate(JOINTS)}
+    assert [values[f"field.name{i}"] for i in range(len(JOINTS))] == list(JOINTS)
+    assert near(angles, arm.board.positions)
+
+
+def test_rostopic_hz(arm: Arm) -> None:
+    # Counts arrivals, which stall with the machine; that the raster is right is said by stamps, elsewhere.
+    program = arm.world.start("rostopic", "hz", "-w", "100", "/joint_states", PYTHONUNBUFFERED="1")
+    program.said("average rate")
+    program.kill_all()
+    rate = float(program.out.partition("average rate: ")[2].split()[0])
+    assert 40 < rate < 160
+
+
+def test_rostopic_pub_moves_the_arm(arm: Arm) -> None:
+    here = arm.position()["J1"]
+    target = here - math.copysign(0.2, here)
+    text = f"{{joint_names: [J1], points: [{{positions: [{target}], time_from_start: {{secs: 1}}}}]}}"
+    program = arm.world.start("rostopic", "pub", "-1", "/command", "trajectory_msgs/JointTrajectory", text)
+    until(lambda: near({"J1": target}, arm.board.positions), "it is there", arm.node.report)
+    program.kill_all()
+
+
+def test_rosservice_stops_and_resets(arm: Arm) -> None:
+    listed = arm.world.run("rosservice", "list").out.split()
+    names = ("stop", "reset", "enable", "go_to/home", "teach/start", "teach/stop", "teach/play")
+    assert {arm.service(name) for name in names} <= set(listed)
+    out = arm.world.run("rosservice", "call", arm.service("stop")).out
+    assert "success: True" in out
+    assert "all joints confirmed" in out
+    out = arm.world.run("rosservice", "call", arm.service("enable"), "true").out
+    assert "success: False" in out
+    assert "reset" in out
+    assert "success: True" in arm.world.run("rosservice", "call", arm.service("reset")).out
+
+
+def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
+    world, bag = arm.world, tmp_path / "motion.bag"
+    home, away = {"J1": -0.2, "J6": 0.0}, {"J1": 0.2, "J6": 0.2}
+    arm.send("home", home, 1.0)
+    assert arm.result("home")["state"] == "SUCCEEDED"
+    record = world.start("rosbag", "record", "-O", str(bag), "/command", "/joint_states")
+    points = [
+        {"t": 1.0, "positions": list(away.values())},
+        {"t": 1.5, "positions": [0.0, 0.2]},
+    ]
+    arm.client.command(topic="/command", names=list(away), points=points, listeners=2)
+    until(lambda: near(away, arm.board.positions), "it is there", arm.node.report)
+    ended = {"J1": 0.0, "J6": 0.2}
+    until(lambda: near(ended, arm.board.positions), "it is at the end", arm.node.report)
+    record.end()
+    info = world.run("rosbag", "info", str(bag)).out
+    assert "trajectory_msgs/JointTrajectory" in info
+    assert "sensor_msgs/JointState" in info
+    # Another arm, whose node never heard of the first.
+    port = world.folder / "played"
+    world.board(port)
+    node = world.node(
+        "__ns:=played", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true"
+    )
+    other = Arm(world, node, "/played/")
+    other.send("home", home, 1.0)
+    assert other.result("home")["state"] == "SUCCEEDED"
+    reached: list[float] = []
+    play = world.start(
+        "rosbag", "play", "--quiet", "-d", "1", str(bag), "--topics", "/command", "/command:=/played/command"
+    )
+
+    def is_there() -> bool:
+        here = other.position()
+        reached.append(here["J1"])
+        return near(ended, here) and max(reached) > 0.15
+
+    until(is_there, "it has made the same motion", lambda: f"{play.report()}{node.report()}{reached}")
+    play.kill_all()
+    assert node.end() == 0
+
+
+def test_robot_state_publisher_puts_the_tool_where_the_model_does(arm: Arm) -> None:
+    urdf = arm.world.run(*HEXWIRE, "model", "urdf").out
+    arm.client.set_param(name="robot_description", value=urdf)
+    publisher = arm.world.start("/usr/lib/robot_state_publisher/robot_state_publisher")
+    try:
+        arm.send("pose", {"J1": -0.3, "J2": 1.1, "J3": 0.2, "J5": 0.4, "J6": 0.3}, 2.0)
+        assert arm.result("pose")["state"] == "SUCCEEDED"
+        stood = still(lambda: arm.board.positions)
+        model = make_kinematics("hex7bot", "A")
+        wanted = model.forward(model.from_joints(stood))
+        fixed = arm.client.collect(topic="/tf_static", kind="tf2_msgs/TFMessage")
+        moving = arm.client.collect(topic="/tf", kind="tf2_msgs/TFMessage", count=20)
+        # The last of each link counts.
+        links = {row["child_frame_id"]: row for message in fixed + moving for row in message["transforms"]}
+        assert pose_error(_pose(links, "tool"), wanted) < 0.01
+    finally:
+        publisher.kill_all()
+        arm.client.delete_param(name="robot_description")
+
+
+def _pose(links: dict[str, Any], tip: str) -> Pose:
+    """Of a link in the frame that has no parent."""
+    if tip not in links:
+        return Pose((0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    row = links[tip]
+    parent = _pose(links, row["header"]["frame_id"])
+    x, y, z, w = (row["transform"]["rotation"][axis] for axis in "xyzw")
+    turn = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    step = apply(parent.rotation, [row["transform"]["translation"][axis] for axis in "xyz"])
+    at = (parent.position[0] + step[0], parent.position[1] + step[1], parent.position[2] + step[2])
+    return Pose(at, multiply(parent.rotation, turn))
+
+
+def test_rosnode_finds_the_node(arm: Arm) -> None:
+    assert "/hardware_interface" in arm.world.run("rosnode", "list").out.split()
+    info = arm.world.run("rosnode", "info", "/hardware_interface").out
+    assert f"Pid: {arm.node.process.pid}" in info
+    assert "/joint_states [sensor_msgs/JointState]" in info
+
+
+def test_roslaunch_brings_up_an_emulated_arm(world: World) -> None:
+    launch = world.start(
+        *("roslaunch", "hexwire", "hardware.launch", "sim:=true", "sim_options:=--baud 0", "__ns:=launched"),
+        ROS_PACKAGE_PATH=str(SHARE),
+        ROS_NAMESPACE="launched",
+        PYTHONUNBUFFERED="1",
+    )
+    launch.said("is ready at")
+    arm = Arm(world, launch, "/launched/")
+    arm.enable()
+    assert arm.trigger("go_to/ready") == "at ready"
+    assert near({"J2": 0.904, "J3": 0.499, "J5": 1.029}, arm.position(), 0.05)
+    transforms = world.client.collect(topic="/tf", kind="tf2_msgs/TFMessage")[0]["transforms"]
+    assert "base" in {transform["header"]["frame_id"] for transform in transforms}
+    launch.kill_all()
+
+
+def test_rosparam_shows_the_parameters(arm: Arm) -> None:
+    out = arm.world.run("rosparam", "get", "/hardware_interface").out
+    assert f"port: {arm.board.port}" in out
+    assert "goal_time: 3.0" in out
