@@ -1057,18 +1057,19 @@ def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hexwire.ros1.hardware._PATIENCE", 1.0)
-    stuck, free = threading.Event(), threading.Event()
+    stick, stuck, free = threading.Event(), threading.Event(), threading.Event()
 
     def on_state(state: JointState, published: PublishedState) -> None:
-        if stuck.is_set():
+        if stick.is_set():
+            stuck.set()
             free.wait(60)
 
     node = Threaded(served, on_state=on_state)
     node.hardware.torque(True, node.driver.model.names)
     told = node.go("J1", 0.4, 20.0)
     time.sleep(0.2)
-    stuck.set()
-    wait_for(lambda: node.hardware.state_age > 0.1)
+    stick.set()
+    assert stuck.wait(30)
     node.hardware.shutdown()
     assert told.text == "aborted: stopped: the node ends"
     # It was told before anybody waited for the thread.
