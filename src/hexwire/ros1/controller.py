@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
@@ -17,14 +18,15 @@ from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
+from hexwire.motion.waypoints import Sample, Spline
 
-from .goals import ErrorCode, check_order, make_trajectory
+from .goals import ErrorCode, Point, check_order, make_trajectory
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
     from hexwire.motion.safety import SafetyLimits
-    from hexwire.motion.waypoints import Sample, Spline, Trajectory
+    from hexwire.motion.waypoints import Trajectory
 
     from .goals import Tolerances, TrajectoryOrder
     from .settings import ControllerSettings
@@ -36,7 +38,13 @@ _STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
 
 _HAIR = 1e-6
 """Seconds: as good as now, but not nothing."""
-_BRIDGE_SAMPLES = 10
+_BRIDGE_SAMPLES = 20
+_BRIDGE_STEP = 0.01
+"""The way to the first point is looked at so often, but not at shorter steps of seconds."""
+_LONGEST = 3600.0
+"""Seconds; a longer trajectory would take too long to check, and is most often a unit that was mistaken."""
+_TOGETHER = 0.03
+"""Seconds between samples of joints that count as taken at once."""
 _BRIDGE_GRACE = 1.1
 """What the way to the first point may be faster than a joint's limit, since a motion at the limit begins late."""
 
@@ -103,6 +111,8 @@ class _Active:
     tolerances: Tolerances
     begins: float
     ends: float
+    missed: float = math.inf
+    """When the goal was first found to be missed; time in which nobody looked is not held against it."""
 
 
 @dataclass(slots=True)
@@ -143,6 +153,9 @@ class TrajectoryController:
         self.settings = settings
         self.follower = Follower(arm, limits, lost_after=command_timeout)
         self._arm, self._kinematics, self._table = arm, kinematics, table
+        self._bridge_arm = replace(
+            arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
+        )
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
         self._pending: _Pending | None = None
@@ -182,7 +195,7 @@ class TrajectoryController:
         Raises:
             GoalError: Stopped, or not all of them have been heard of.
         """
-        return self._start(state, now, 0.0).position
+        return self._start(state, now).position
 
     def take_ended(self) -> list[tuple[Goal, Ended]]:
         """Goals that have ended since the last call. They must be told outside any lock."""
@@ -198,7 +211,7 @@ class TrajectoryController:
             GoalError: It is malformed, late or not for these joints, or the arm is stopped.
         """
         check_order(order, self.joints, allow_partial=self.settings.allow_partial)
-        return make_trajectory(order, self.joints, self._start(state, now, order.delay))[0]
+        return make_trajectory(order, self.joints, self._start(state, now + max(0.0, order.delay)))[0]
 
     def check_way(self, trajectory: Trajectory, state: JointState) -> None:
         """Limits, speeds, gates and the table all along a trajectory, and that its joints have torque.
@@ -207,6 +220,9 @@ class TrajectoryController:
             GoalError: It must not be run.
         """
         self._refuse_without_torque(trajectory.names, state)
+        if trajectory.duration > _LONGEST:
+            text = f"the trajectory lasts {trajectory.duration:g} s; send at most {_LONGEST:g} s at a time"
+            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
         try:
             check_trajectory(
                 trajectory, self._arm, self._kinematics, others=state.positions, table=self._table
@@ -235,9 +251,10 @@ class TrajectoryController:
             received: When `order.delay` was true; now if None.
 
         Raises:
-            GoalError: Stopped, or too late by now; nothing was changed.
+            GoalError: Stopped, without torque, or too late by now; nothing was changed.
         """
         self._refuse_if_stopped()
+        self._refuse_without_torque(self.joints, state)
         tolerances = tolerances or self.settings.tolerances
         received = now if received is None else received
         begins = received + order.delay
@@ -259,25 +276,37 @@ class TrajectoryController:
     ) -> None:
         """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
         self._refuse_if_stopped()
+        begins = self.follower.next_start(now)
         try:
             self.follower.follow(trajectory, now)
         except HexwireError as error:
             raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
         self._preempt("replaced by a new one")
         ends = now + self.follower.remaining(now)
-        self._active = _Active(goal, tolerances or self.settings.tolerances, now, ends)
+        self._active = _Active(goal, tolerances or self.settings.tolerances, begins, ends)
 
     def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
         """Pursue set-points, radians by joint; a goal under way is preempted.
 
         Raises:
-            LimitError: Outside limits, or stopped.
-            GoalError: A joint has no torque.
+            LimitError: Outside limits.
+            GoalError: Stopped, or a joint has no torque or was never heard of.
         """
-        self._refuse_without_torque(positions, state)
-        self.follower.observe(state)
+        self.check_set_points(positions, state)
         self.follower.set_point(positions, now)
         self._preempt("replaced by set-points")
+
+    def check_set_points(self, positions: Mapping[str, float], state: JointState) -> None:
+        """Refuse what `set_points` would; changes nothing."""
+        self._refuse_if_stopped()
+        self._refuse_without_torque(positions, state)
+        for name, angle in positions.items():
+            self._arm.joint(name).check(angle)
+        self.follower.observe(state)
+        try:
+            self.follower.desired(tuple(positions), 0.0)
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
 
     def hold(self, why: str) -> None:
         """Stay where the last command was; a goal under way is preempted."""
@@ -309,12 +338,17 @@ class TrajectoryController:
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
         """One cycle; as `Follower.cycle`."""
         self._begin_pending(state, now)
+        slips = self.follower.counters.slips
         order = self.follower.cycle(state, now, lead)
+        active = self._active
         if isinstance(order, StopReason):
             self.stop(order)
-        elif self._active is not None and self.follower.mode is Mode.TRAJECTORY:
+        elif active is not None and self._pending is None:
             # The follower slips after a stall; so does the end.
-            self._active.ends = now + self.follower.remaining(now)
+            if self.follower.mode is Mode.TRAJECTORY:
+                active.ends = now + self.follower.remaining(now)
+            elif self.follower.counters.slips > slips:
+                active.ends = now + lead
         return order
 
     def _begin_pending(self, state: JointState, now: float) -> None:
@@ -322,13 +356,15 @@ class TrajectoryController:
         if pending is None or active is None or self.follower.next_start(now) < pending.begins:
             return
         self._pending = None
+        begins = self.follower.next_start(now)
         try:
+            self._refuse_without_torque(self.joints, state)
             self.follower.follow(self._due(pending.order, pending.received, state, now), now)
         except HexwireError as error:
             self.follower.hold()
             self._end(Outcome.ABORTED, getattr(error, "code", ErrorCode.INVALID_GOAL), str(error))
         else:
-            active.ends = now + self.follower.remaining(now)
+            active.begins, active.ends = begins, now + self.follower.remaining(now)
 
     def _due(self, order: TrajectoryOrder, received: float, state: JointState, now: float) -> Trajectory:
         """The trajectory of an order whose time has come; its points keep the times that were asked for.
@@ -336,27 +372,32 @@ class TrajectoryController:
         Raises:
             GoalError: So late by now that the way to the next point would be too fast.
         """
+        start = self._start(state, now)
         if order.delay:
-            # Without a stamp it begins whenever it begins. What is over by now must at least not be far away.
-            late = received + order.delay - self.follower.next_start(now)
-            order = replace(order, delay=min(max(late, _HAIR - order.points[-1].time), 0.0) or -_HAIR)
-        trajectory, _ = make_trajectory(order, self.joints, self._start(state, now, 0.0))
-        self._check_bridge(trajectory)
+            # Without a stamp it begins whenever it begins.
+            delay = min(0.0, received + order.delay - self.follower.next_start(now))
+            last = order.points[-1]
+            if delay + last.time <= _HAIR:
+                # It is over by now, or ends as it begins: well, if that is where the joints are.
+                there = replace(order, points=(Point(0.0, last.positions),), delay=_HAIR)
+                with suppress(GoalError):
+                    return make_trajectory(there, self.joints, start)[0]
+            order = replace(order, delay=delay)
+        trajectory, _ = make_trajectory(order, self.joints, start)
+        self._check_bridge(trajectory, state, late=order.delay < 0.0)
         return trajectory
 
-    def _check_bridge(self, trajectory: Spline) -> None:
+    def _check_bridge(self, trajectory: Spline, state: JointState, *, late: bool) -> None:
         """The way to the first point is not the one that was checked: time has passed, and points with it."""
-        seconds = trajectory.waypoints[1].time if len(trajectory.waypoints) > 1 else 0.0
-        for i in range(_BRIDGE_SAMPLES):
-            sample = trajectory.at(seconds * i / _BRIDGE_SAMPLES)
-            for name, speed in zip(self.joints, sample.velocity, strict=True):
-                allowed = self._arm.joint(name).max_speed
-                if abs(speed) > allowed * _BRIDGE_GRACE:
-                    raise GoalError(
-                        f"too late: {name} would have to turn at {math.degrees(abs(speed)):.4g} deg/s to the next "
-                        f"point, {math.degrees(allowed):.4g} are allowed",
-                        code=ErrorCode.OLD_HEADER_TIMESTAMP,
-                    )
+        bridge = Spline(trajectory.names, trajectory.waypoints[:2])
+        step = max(_BRIDGE_STEP, bridge.duration / _BRIDGE_SAMPLES)
+        findings = check_trajectory(
+            bridge, self._bridge_arm, self._kinematics, others=state.positions, table=self._table, step=step
+        ).findings
+        if findings:
+            why = "too late" if late else "not any more"
+            code = ErrorCode.OLD_HEADER_TIMESTAMP if late else ErrorCode.INVALID_GOAL
+            raise GoalError(f"{why}: on the way to the next point, {'; '.join(map(str, findings))}", code=code)
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Compare measured with desired, at every state; ends a goal that is out of tolerance, or done.
@@ -366,9 +407,10 @@ class TrajectoryController:
             velocity: Of all the arm's joints, radians per second; NaN where it is not known.
             now: Seconds.
         """
+        ages = [state.age[i] for i in self._places]
+        sampled, oldest = state.stamp - min(ages), state.stamp - max(ages)
         try:
-            sampled = state.stamp - min(state.age[i] for i in self._places)
-            desired = self.follower.desired(self.joints, min(sampled, now))
+            desired = self._desired(ages, state.stamp, now)
         except HexwireError:
             return  # not all joints have been heard of
         position = tuple(state.position[i] for i in self._places)
@@ -388,20 +430,32 @@ class TrajectoryController:
             self._active = None
         elif now >= active.ends:
             wrong = active.tolerances.goal_violation(self.joints, desired, position, speed)
+            if not wrong and oldest < active.ends:
+                wrong = "not every joint has been heard of since the end"
             patience = active.tolerances.goal_time
+            active.missed = min(active.missed, now)
             if not wrong:
                 self._end(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
-            elif patience and now > active.ends + patience:
+            elif patience and now > active.missed + patience:
                 self._end(Outcome.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, wrong)
+
+    def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
+        """Where each joint was meant to be when it was sampled; never further than it was told."""
+        told = min(now, self.follower.next_start(-math.inf))
+        youngest = min(ages)
+        if not max(ages) - youngest > _TOGETHER:
+            return self.follower.desired(self.joints, min(stamp - youngest, told))
+        rows = [self.follower.desired(self.joints, min(stamp - age, told)) for age in ages]
+        return Sample(*(tuple(row[k][i] for i, row in enumerate(rows)) for k in range(3)))
 
     # -- helpers --------------------------------------------------------------------------------------
 
-    def _start(self, state: JointState, now: float, delay: float) -> Sample:
-        """Where the joints are meant to be when an order begins."""
+    def _start(self, state: JointState, when: float) -> Sample:
+        """Where the joints are meant to be when an order begins that is for `when`, or for now if that is past."""
         self._refuse_if_stopped()
         self.follower.observe(state)
         try:
-            return self.follower.desired(self.joints, self.follower.next_start(now) + max(0.0, delay))
+            return self.follower.desired(self.joints, self.follower.next_start(when))
         except HexwireError as error:
             raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
 
