@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
@@ -18,15 +19,17 @@ from typing import TYPE_CHECKING
 from hexwire.errors import GoalError, HexwireError, UsageError
 from hexwire.motion.teach import approach
 
-from .controller import Ended, Outcome, TrajectoryController
+from .controller import TrajectoryController
 from .diagnostics import Facts
 from .goals import ErrorCode
 from .hardware import Hardware
-from .teaching import Teacher, save
+from .teaching import Teacher, save, tolerance_of
+from .waiting import Alone, Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
+    from hexwire.motion.safety import StopReason
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
 
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
     from .settings import Settings
     from .states import PublishedState
 
-__all__ = ["Arm", "Waiter"]
+__all__ = ["Arm"]
 
 _log = logging.getLogger(__name__)
 
@@ -46,31 +49,6 @@ _GRACE = 10.0
 """Seconds beyond a motion's own duration that whoever waits for its end is patient."""
 
 
-class Waiter:
-    """A goal that a thread waits for, instead of being told."""
-
-    def __init__(self) -> None:
-        self.end: Ended | None = None
-        self._event = threading.Event()
-
-    def ended(self, ended: Ended) -> None:
-        """It is over."""
-        self.end = ended
-        self._event.set()
-
-    def wait(self, timeout: float) -> Ended:
-        """The end.
-
-        Raises:
-            UsageError: It did not succeed, or not in time; the text says why.
-        """
-        if not self._event.wait(timeout) or self.end is None:
-            raise UsageError(f"still on its way after {timeout:.0f} s")
-        if self.end.outcome is not Outcome.SUCCEEDED:
-            raise UsageError(self.end.text or self.end.outcome.value)
-        return self.end
-
-
 class Arm:
     """A robot as a node offers it. `connect`, then `start`; `shutdown` at the end.
 
@@ -79,6 +57,8 @@ class Arm:
         settings: The node's parameters.
         on_state: As in `Hardware`.
         on_taught: Called with what was taught, in the thread that ended it.
+        clock: As in `Hardware`.
+        sleep: Likewise.
 
     Attributes:
         hardware: The robot and its owner.
@@ -93,6 +73,8 @@ class Arm:
         *,
         on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
         on_taught: Callable[[Taught], object] = lambda taught: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.settings = settings
         self.hardware = Hardware(
@@ -101,12 +83,18 @@ class Arm:
             command_rate=settings.command_rate,
             watchdog=settings.watchdog,
             on_state=on_state,
+            clock=clock,
+            sleep=sleep,
         )
         self.controllers: dict[str, TrajectoryController] = {}
         self.taught: Taught | None = None
         self._on_taught = on_taught
         self._teacher = Teacher()
+        # The joints are, or are about to be, in somebody's hands. Set under the controllers' lock.
+        self._teaching = False
         self._had_torque: tuple[str, ...] = ()
+        # Whoever switches torque looks first whether that is right; in between nobody else may.
+        self._power = threading.Lock()
         # One request at a time that takes the arm for longer: a pose, teaching, playing back.
         self._busy = threading.Lock()
 
@@ -116,6 +104,7 @@ class Arm:
         """Find the robot and make its controllers; as `Hardware.connect`."""
         settings, hardware = self.settings, self.hardware
         hardware.connect(settings.connect_timeout)
+        hardware.observers.append(self._teacher.take)
         limits = settings.safety_at(1.0 / hardware.command_period)
         self.controllers = {
             row.name: TrajectoryController(
@@ -123,7 +112,7 @@ class Arm:
                 settings.model,
                 limits,
                 kinematics=settings.kinematics,
-                table=settings.table_height if settings.check_table else None,
+                table=settings.table,
                 command_timeout=settings.command_timeout or _NEVER,
             )
             for row in settings.controllers
@@ -131,10 +120,13 @@ class Arm:
 
     def start(self) -> None:
         """Read and move from now on."""
-        self.hardware.observers.append(self._teacher.take)
         self.hardware.start(tuple(self.controllers.values()))
         if self.settings.enable_on_start:
-            _log.info("%s", self.enable(True))
+            try:
+                _log.info("%s", self.enable(True))
+            except HexwireError as error:
+                # One servo that is silent must not keep the others from being seen.
+                _log.error("not enabled: %s", error)
 
     def shutdown(self) -> None:
         """Stop what moves, and let go of the robot."""
@@ -168,6 +160,7 @@ class Arm:
             # Takes long for a long one, so not under the lock.
             controller.check_way(trajectory, state)
             with hardware.locked():
+                self._refuse_while_teaching()
                 controller.accept(
                     order, hardware.newest(), hardware.now(), goal=goal, tolerances=tolerances, received=received
                 )
@@ -223,9 +216,11 @@ class Arm:
             shares.setdefault(owner, {})[joint] = angle
         if not shares:
             raise UsageError("it holds no position, and these servos take nothing else")
-        state = hardware.newest()
         with hardware.locked():
-            now = hardware.now()
+            self._refuse_while_teaching()
+            state, now = hardware.newest(), hardware.now()
+            for key, share in shares.items():
+                self.controllers[key].check_set_points(share, state)
             for key, share in shares.items():
                 self.controllers[key].set_points(share, state, now)
         hardware.deliver()
@@ -234,7 +229,7 @@ class Arm:
     # -- power and stop -------------------------------------------------------------------------------
 
     def stop(self, why: str) -> str:
-        """Latched stop; the joints hold where they are.
+        """Latched stop; the joints hold where they are, and those without torque get none. Teaching ends.
 
         Returns:
             What was done, for people.
@@ -242,8 +237,10 @@ class Arm:
         Raises:
             HexwireError: Not every joint confirmed it; the controllers are stopped all the same.
         """
-        self._end_teaching()
-        confirmed = self.hardware.stop(why)
+        try:
+            confirmed = self.hardware.stop(why)
+        finally:
+            self._end_teaching()
         missing = [name for name in self.settings.model.names if name not in confirmed]
         if missing:
             raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
@@ -262,20 +259,23 @@ class Arm:
         """Torque of all controlled joints on, where they are, or off.
 
         Raises:
-            HexwireError: Stopped, or not every joint confirmed it.
+            HexwireError: Stopped, being taught, or not every joint confirmed it.
         """
-        self._refuse_while_teaching()
-        names = self._all_joints()
+        with self._power:
+            self._refuse_while_teaching()
+            self._switch(on, self._all_joints())
+        return f"torque is {'on' if on else 'off'}"
+
+    def _switch(self, on: bool, names: Sequence[str]) -> None:
         confirmed = self.hardware.torque(on, names)
         missing = [name for name in names if name not in confirmed]
         if missing:
-            raise UsageError(f"{', '.join(missing)} did not confirm it")
-        return f"torque is {'on' if on else 'off'}"
+            raise UsageError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
 
     # -- poses and teaching -----------------------------------------------------------------------------
 
     def go_to(self, pose: str) -> str:
-        """Go to a named pose, and wait until the arm is there.
+        """Go to a named pose, and wait until the arm is there. What was followed before ends.
 
         Raises:
             HexwireError: There is no such pose, it cannot be gone to, or the arm did not arrive.
@@ -284,53 +284,90 @@ class Arm:
         if goals is None:
             raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
         with self._alone():
-            self._travel(goals)
+            self._travel(goals, f"the arm goes to {pose}")
         return f"at {pose}"
 
     def teach_start(self) -> str:
         """Take the torque away and take down where a hand leads the arm. Somebody must hold it.
 
         Raises:
-            HexwireError: Something moves, or the arm is stopped or cannot be reached.
+            HexwireError: Something moves, or the arm is stopped or cannot be reached, or a joint kept its torque.
         """
-        with self._alone():
+        names = self._all_joints()
+        with self._alone(), self._power:
             self._refuse_while_teaching()
-            moving = [c for c in self.controllers.values() if c.busy]
-            stopped = next((c.follower.reason for c in self.controllers.values() if c.follower.reason), None)
-            if stopped is not None:
-                raise UsageError(f"the arm is stopped ({stopped}); reset it first")
-            if moving:
-                raise UsageError("the arm is moving; wait, or cancel the goal first")
-            names = self._all_joints()
-            self._had_torque = tuple(n for n in self.hardware.newest().torque_on if n in names)
-            if self._had_torque:
-                self.hardware.torque(False, names)
-            self._teacher.start(names, self.hardware.now())
+            torque = self.hardware.newest().torque_on
+            with self.hardware.locked():
+                reason = self._reason()
+                if reason is not None:
+                    raise UsageError(f"the arm is stopped ({reason}); reset it first")
+                if any(controller.busy for controller in self.controllers.values()):
+                    raise UsageError("the arm is moving; wait, or cancel the goal first")
+                # From here on nothing is accepted that would move it.
+                self._teaching = True
+            self._had_torque = tuple(name for name in names if name in torque)
+            try:
+                if self._had_torque:
+                    self._switch(False, names)
+                with self.hardware.locked():
+                    if not self._teaching:
+                        raise UsageError("the arm was stopped meanwhile; it has no torque")
+                    self._teacher.start(names, self.hardware.now())
+            except BaseException:
+                self._end_teaching()
+                if self._had_torque:
+                    # Refused if a stop is why.
+                    with suppress(HexwireError):
+                        self.hardware.torque(True, self._had_torque)
+                raise
         return f"teaching {', '.join(names)}; they have no torque"
 
     def teach_stop(self) -> str:
         """End teaching; joints that had torque before hold where they are now.
 
         Raises:
-            HexwireError: Nothing was being taught, nothing moved, or the file cannot be written.
+            HexwireError: Nothing was being taught, nothing was recorded, a joint got no torque, or the file cannot
+                be written. What was recorded is kept all the same.
         """
+        faults: list[str] = []
+        words = ""
         with self._alone():
-            if not self._teacher.active:
+            taught = self._end_lesson(faults)
+            try:
+                words = "" if taught is None else self._keep(taught)
+            except HexwireError as error:
+                faults.append(str(error))
+        if faults:
+            raise UsageError("; ".join(filter(None, (words, *faults))))
+        return words
+
+    def _end_lesson(self, faults: list[str]) -> Taught | None:
+        taught = None
+        with self._power:
+            if not self._teaching:
                 raise UsageError("nothing is being taught; start that first")
             try:
                 taught = self._teacher.finish()
-            finally:
-                # Whatever was recorded: the arm must not go on hanging on somebody's hands.
+            except UsageError as error:
+                faults.append(str(error))
+            # Whatever was recorded: the arm must not go on hanging on somebody's hands.
+            try:
                 if self._had_torque:
-                    self.hardware.torque(True, self._had_torque)
-            # A hand trembles.
-            taught = self.taught = taught.without_stillness().smoothed(_TREMOR)
-            self._on_taught(taught)
-            words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"
-            if self.settings.teach_directory:
-                path = save(taught, Path(self.settings.teach_directory), datetime.now())
-                words += f", saved as {path}"
-            return words
+                    self._switch(True, self._had_torque)
+            except HexwireError as error:
+                faults.append(str(error))
+            self._teaching = False
+        return taught
+
+    def _keep(self, taught: Taught) -> str:
+        # A hand trembles.
+        taught = self.taught = taught.without_stillness().smoothed(_TREMOR)
+        self._on_taught(taught)
+        words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"
+        if self.settings.teach_directory:
+            folder, model = Path(self.settings.teach_directory), self.settings.model
+            words += f", saved as {save(taught, folder, datetime.now(), tolerance=tolerance_of(model))}"
+        return words
 
     def teach_play(self) -> str:
         """Go to where what was taught begins, follow it, and wait for its end.
@@ -338,11 +375,11 @@ class Arm:
         Raises:
             HexwireError: Nothing was taught, or it cannot be followed.
         """
-        if self.taught is None:
-            raise UsageError("nothing was taught since the node started")
         taught = self.taught
+        if taught is None:
+            raise UsageError("nothing was taught since the node started")
         with self._alone():
-            self._travel(dict(zip(taught.names, taught.rows[0], strict=True)))
+            self._travel(dict(zip(taught.names, taught.rows[0], strict=True)), "the arm plays what was taught")
             self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()})
         return f"played {taught.duration:.1f} s"
 
@@ -351,7 +388,7 @@ class Arm:
     def facts(self, node: str) -> Facts:
         """What diagnostics are made of."""
         hardware = self.hardware
-        reason = next((c.follower.reason for c in self.controllers.values() if c.follower.reason), None)
+        reason = self._reason()
         return Facts(
             node=node,
             robot=self.settings.model.name,
@@ -378,52 +415,68 @@ class Arm:
 
     # -- helpers --------------------------------------------------------------------------------------
 
-    def _alone(self) -> _Alone:
-        return _Alone(self._busy)
+    def _alone(self) -> Alone:
+        return Alone(self._busy)
 
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
+    def _reason(self) -> StopReason | None:
+        return next((c.follower.reason for c in self.controllers.values() if c.follower.reason), None)
+
     def _refuse_while_teaching(self) -> None:
-        if self._teacher.active:
+        if self._teaching:
             raise UsageError("the arm is being taught; end that first")
 
     def _end_teaching(self) -> None:
-        if self._teacher.active:
+        """Without giving back the torque."""
+        with self.hardware.locked():
+            was, self._teaching = self._teaching, False
+        if was:
             with suppress(UsageError):
                 self._teacher.finish()
 
-    def _travel(self, goals: Mapping[str, float]) -> None:
-        """Go somewhere the careful way, and wait."""
-        self._refuse_while_teaching()
-        state = self.hardware.newest()
+    def _travel(self, goals: Mapping[str, float], why: str) -> None:
+        """Go somewhere the careful way, from rest, and wait."""
+        lost = [name for name in goals if name not in self._all_joints()]
+        if lost:
+            raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
         ways: dict[str, Trajectory] = {}
-        for key, controller in self.controllers.items():
-            joints = controller.joints
-            if not any(name in goals for name in joints):
-                continue
-            with self.hardware.locked():
-                here = controller.here(state, self.hardware.now())
-            there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
-            ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
+        with self.hardware.locked():
+            self._refuse_while_teaching()
+            state, now = self.hardware.newest(), self.hardware.now()
+            for key, controller in self.controllers.items():
+                joints = controller.joints
+                if not any(name in goals for name in joints):
+                    continue
+                controller.hold(why)
+                here = controller.here(state, now)
+                there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
+                ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
+        self.hardware.deliver()
         self._run(ways)
 
     def _run(self, ways: Mapping[str, Trajectory]) -> None:
-        """Follow a checked trajectory a controller, and wait for the end of all."""
+        """Check trajectories, one a controller, follow them together, and wait for the end of all."""
         hardware = self.hardware
         state = hardware.newest()
         for key, way in ways.items():
             self.controllers[key].check_way(way, state)
-        waiters: list[tuple[Waiter, float]] = []
-        with hardware.locked():
-            for key, way in ways.items():
-                waiter = Waiter()
-                self.controllers[key].follow(way, hardware.now(), goal=waiter)
-                waiters.append((waiter, way.duration))
-        hardware.hurry()
-        hardware.deliver()
-        for waiter, duration in waiters:
-            waiter.wait(duration + _GRACE)
+        waiter = Waiter(len(ways))
+        try:
+            with hardware.locked():
+                self._refuse_while_teaching()
+                for key, way in ways.items():
+                    self.controllers[key].follow(way, hardware.now(), goal=waiter)
+            hardware.hurry()
+            hardware.deliver()
+            waiter.wait(max(way.duration for way in ways.values()) + _GRACE)
+        finally:
+            # If one fails, or nobody waits any more, the others must not go on.
+            with hardware.locked():
+                for key in ways:
+                    self.controllers[key].cancel(waiter)
+            hardware.deliver()
 
 
 def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:
@@ -431,17 +484,3 @@ def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:
     places = [taught.names.index(name) for name in joints]
     rows = tuple(tuple(row[i] for i in places) for row in taught.rows)
     return type(taught)(tuple(joints), taught.times, rows).trajectory()
-
-
-class _Alone:
-    """Nobody else takes the arm meanwhile; whoever tries is told."""
-
-    def __init__(self, lock: threading.Lock) -> None:
-        self._lock = lock
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise UsageError("the arm is on its way for somebody else; wait, or stop it")
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
