@@ -335,10 +335,18 @@ class Arm:
         node: Running.
         namespace: Where its names are, with a slash at the end.
         board: Behind it, if that is in this process.
+        name: Of the node.
     """
 
-    def __init__(self, world: World, node: Program, namespace: str = "/", board: PtyBoard | None = None) -> None:
-        self.world, self.node, self.namespace = world, node, namespace
+    def __init__(
+        self,
+        world: World,
+        node: Program,
+        namespace: str = "/",
+        board: PtyBoard | None = None,
+        name: str = "hardware_interface",
+    ) -> None:
+        self.world, self.node, self.namespace, self.name = world, node, namespace, name
         self._board = board
 
     @property
@@ -351,7 +359,7 @@ class Arm:
         return self.world.client
 
     def service(self, name: str) -> str:
-        return f"{self.namespace}hardware_interface/{name}"
+        return f"{self.namespace}{self.name}/{name}"
 
     def trigger(self, name: str) -> str:
         """Call a service that must succeed."""
@@ -389,7 +397,7 @@ class Arm:
 
     def diagnostics(self) -> dict[str, dict[str, Any]]:
         """Of this node, by the name without the node's."""
-        own = f"{self.namespace.strip('/')}/hardware_interface: ".lstrip("/")
+        own = f"{self.namespace}{self.name}: ".lstrip("/")
 
         def rows() -> dict[str, dict[str, Any]] | None:
             (message,) = self.client.collect(topic="/diagnostics", kind="diagnostic_msgs/DiagnosticArray")

@@ -1,45 +1,58 @@
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from hexwire.ros1.goals import Point, TrajectoryOrder
-from hexwire.ros1.messages import osrf_msgs
+from hexwire.ros1.messages import _OSRF
 from hexwire.ros1.orders import FIELDS, Sparing, order_of, set_points_of, tolerances_of
-from hexwire.ros1.path import find_ros
-
-assert find_ros()
-
-import genpy  # noqa: E402  # found only now
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402  # likewise
 
 
-def _trajectory(stamp: Any = None) -> Any:
-    message = JointTrajectory(joint_names=["J2", "J1"])
-    message.header.stamp = stamp or genpy.Time()
-    message.points = [
-        JointTrajectoryPoint(positions=[0.1, 0.2], time_from_start=genpy.Duration(0, 500_000_000)),
-        JointTrajectoryPoint([0.3, 0.4], [1.0, 2.0], [3.0, 4.0], [5.0, 6.0], genpy.Duration(1)),
-    ]
-    return message
+@dataclass
+class Time:
+    """As ROS's times and durations: whole nanoseconds."""
+
+    nanoseconds: int
+
+    def is_zero(self) -> bool:
+        return self.nanoseconds == 0
+
+    def to_sec(self) -> float:
+        return self.nanoseconds / 1e9
+
+    def __sub__(self, other: Time) -> Time:
+        return Time(self.nanoseconds - other.nanoseconds)
+
+
+NOW = Time(1_700_000_000_500_000_000)
+
+
+def _point(seconds: float, *values: list[float]) -> Any:
+    fields = dict(
+        zip(("positions", "velocities", "accelerations", "effort"), [*values, [], [], [], []], strict=False)
+    )
+    return SimpleNamespace(time_from_start=Time(round(seconds * 1e9)), **fields)
+
+
+def _trajectory(stamp: int) -> Any:
+    points = [_point(0.5, [0.1, 0.2]), _point(1.0, [0.3, 0.4], [1.0, 2.0], [3.0, 4.0], [5.0, 6.0])]
+    return SimpleNamespace(header=SimpleNamespace(stamp=Time(stamp)), joint_names=["J2", "J1"], points=points)
 
 
 def test_trajectory_is_read_as_it_is() -> None:
-    assert order_of(_trajectory(), genpy.Time(1_700_000_000)) == TrajectoryOrder(
+    assert order_of(_trajectory(0), NOW) == TrajectoryOrder(
         ("J2", "J1"),
         (Point(0.5, (0.1, 0.2)), Point(1.0, (0.3, 0.4), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))),
         0.0,
     )
 
 
-@pytest.mark.parametrize(("nanoseconds", "delay"), [(750_000_001, 0.250000001), (0, -0.5)])
-def test_stamp_is_told_from_now_and_exactly(nanoseconds: int, delay: float) -> None:
-    stamp = genpy.Time(1_700_000_000, nanoseconds)
-    assert order_of(_trajectory(stamp), genpy.Time(1_700_000_000, 500_000_000)).delay == pytest.approx(
-        delay, rel=1e-12
-    )
+@pytest.mark.parametrize("nanoseconds", [250_000_001, 1, -500_000_000])
+def test_stamp_is_told_from_now_and_exactly(nanoseconds: int) -> None:
+    assert order_of(_trajectory(NOW.nanoseconds + nanoseconds), NOW).delay == nanoseconds / 1e9
 
 
 def test_tolerances() -> None:
@@ -48,10 +61,10 @@ def test_tolerances() -> None:
 
 
 def test_set_points_have_every_field_of_the_message() -> None:
-    kind = osrf_msgs().JointCommands
-    assert tuple(kind.__slots__) == ("header", "name", *FIELDS)
-    fields = set_points_of(kind(name=["J1"], position=[0.5]))
-    assert fields == {**dict.fromkeys(FIELDS, ()), "position": (0.5,)}
+    names = [line.split()[1] for line in _OSRF["JointCommands"][1].splitlines()]
+    assert names == ["header", "name", *FIELDS]
+    message = SimpleNamespace(**{**dict.fromkeys(names, ()), "name": ["J1"], "position": [0.5]})
+    assert set_points_of(message) == {**dict.fromkeys(FIELDS, ()), "position": (0.5,)}
 
 
 def test_same_text_is_said_again_after_its_period() -> None:

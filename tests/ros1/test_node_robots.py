@@ -1,0 +1,152 @@
+"""The node with every kind of robot, several controllers, other names and simulated time."""
+
+from __future__ import annotations
+
+import json
+
+from tests.ros1.ros_world import JOINTS, Arm, World, near, until
+
+MOVEIT = {
+    "arm_controller": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"], "constraints": {"goal_time": 3.0}},
+    "gripper_controller": {"joints": ["J7"]},
+}
+
+
+def _columns(message: dict[str, list[float]]) -> dict[str, float]:
+    return dict(zip(message["name"], message["position"], strict=True))
+
+
+def test_two_controllers_move_at_once(world: World) -> None:
+    port = world.folder / "two"
+    world.board(port)
+    node = world.node(
+        "__ns:=two", f"_port:={port}", f"_controllers:={json.dumps(MOVEIT)}", "_enable_on_start:=true"
+    )
+    arm = Arm(world, node, "/two/")
+    here = arm.position()
+    target = {**here, "J1": here["J1"] + 0.3, "J7": here["J7"] + 0.3}
+    six = {name: angle for name, angle in target.items() if name != "J7"}
+    arm.send("arm", six, 1.5, "arm_controller/")
+    arm.send("gripper", {"J7": target["J7"]}, 1.0, "gripper_controller/")
+    assert arm.result("gripper")["state"] == "SUCCEEDED"
+    assert arm.result("arm")["state"] == "SUCCEEDED"
+    assert near(target, arm.position())
+    # Neither takes the other's joints.
+    arm.send("wrong", {"J1": 0.0}, 1.0, "gripper_controller/")
+    assert arm.result("wrong")["code"] == -2
+    arm.send("partly", {"J1": 0.0}, 1.0, "arm_controller/")
+    assert arm.result("partly")["code"] == -2
+    # A stop is everybody's.
+    arm.send("arm", {name: here[name] for name in six}, 5.0, "arm_controller/")
+    arm.send("gripper", {"J7": here["J7"]}, 5.0, "gripper_controller/")
+    arm.client.wait_active(key="arm")
+    arm.client.wait_active(key="gripper")
+    arm.trigger("stop")
+    assert arm.result("arm")["state"] == arm.result("gripper")["state"] == "ABORTED"
+    assert node.end() == 0
+
+
+def test_puma_over_tcp(world: World) -> None:
+    url = world.sim("puma260", "--tcp", "127.0.0.1:0").out.split()[0]
+    node = world.node("__ns:=puma", "_robot:=puma260", f"_port:={url}", "_enable_on_start:=true")
+    arm = Arm(world, node, "/puma/")
+    here = arm.position()
+    assert list(here) == ["J1", "J2", "J3", "J4", "J5", "J6"]
+    target = {**here, "J1": here["J1"] + 0.1, "J5": here["J5"] + 0.1}
+    arm.send("one", target, 2.0)
+    assert arm.result("one")["state"] == "SUCCEEDED"
+    assert near(target, arm.position())
+    arm.diagnosed("link", 0, "ok")
+    assert node.end() == 0
+
+
+def test_bus_arm(world: World) -> None:
+    port = world.folder / "bus"
+    world.sim("bus", "--ids", "1-6", "--baud", "0", "--link", str(port))
+    node = world.node(
+        "__ns:=bus",
+        *("_robot:=so101", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true"),
+    )
+    arm = Arm(world, node, "/bus/")
+    here = arm.position()
+    assert list(here)[:2] == ["shoulder_pan", "shoulder_lift"]
+    target = {"shoulder_pan": here["shoulder_pan"] + 0.2}
+    arm.send("one", target, 1.5)
+    assert arm.result("one")["state"] == "SUCCEEDED"
+    assert near(target, arm.position())
+    arm.diagnosed("board", 1, "no watchdog")
+    assert node.end() == 0
+
+
+def test_board_of_the_chapter_works_at_its_own_pace(world: World) -> None:
+    port = world.folder / "slow"
+    world.board(port, "--dialect", "1")
+    node = world.node("__ns:=slow", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true")
+    arm = Arm(world, node, "/slow/")
+    here = arm.position()
+    assert set(here) == set(JOINTS)
+    target = {"J1": here["J1"] + 0.2}
+    arm.send("one", target, 3.0)
+    assert arm.result("one")["state"] == "SUCCEEDED"
+    assert near(target, arm.position())
+    arm.diagnosed("board", 1, "no watchdog, no limits on this board")
+    assert node.end() == 0
+
+
+def test_names_follow_namespace_and_remappings(world: World) -> None:
+    port = world.folder / "left"
+    world.board(port)
+    node = world.node("__ns:=left", "joint_states:=js", "__name:=arm", f"_port:={port}", "_frame_id:=left_base")
+    (message,) = world.client.collect(topic="/left/js", kind="sensor_msgs/JointState")
+    assert message["header"]["frame_id"] == "left_base"
+    kinds = dict(world.client.topics())
+    assert {"/left/state", "/left/follow_joint_trajectory/status", "/left/arm/taught"} <= set(kinds)
+    assert "/left/joint_states" not in kinds
+    success, _ = world.client.trigger(service="/left/arm/stop")
+    assert success
+    assert "link" in Arm(world, node, "/left/", name="arm").diagnostics()
+    assert node.end() == 0
+
+
+def test_simulated_time_without_a_clock_holds_nothing_up(world: World) -> None:
+    port = world.folder / "simulated"
+    world.board(port)
+    world.client.set_param(name="/use_sim_time", value=True)
+    try:
+        node = world.node(
+            "__ns:=simulated", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true"
+        )
+    finally:
+        world.client.delete_param(name="/use_sim_time")
+    arm = Arm(world, node, "/simulated/")
+    arm.logged("use_sim_time")
+    # There is no time yet, but an arm.
+    (message,) = arm.client.collect(topic="/simulated/joint_states", kind="sensor_msgs/JointState")
+    assert message["header"]["stamp"] == 0
+    target = {"J1": _columns(message)["J1"] + 0.2}
+    arm.client.command(topic="/simulated/command", names=["J1"], points=[{"t": 1.0, "positions": [target["J1"]]}])
+    until(lambda: near(target, arm.position()), "it is there", node.report)
+    arm.trigger("stop")
+    assert node.end() == 0
+
+
+def test_simulated_time_stamps_joint_states(world: World) -> None:
+    port = world.folder / "clocked"
+    world.board(port)
+    world.client.set_param(name="/use_sim_time", value=True)
+    clock = world.start(
+        "rostopic", "pub", "-r", "20", "/clock", "rosgraph_msgs/Clock", "clock: {secs: 1000, nsecs: 0}"
+    )
+    try:
+        node = world.node("__ns:=clocked", f"_port:={port}")
+        arm = Arm(world, node, "/clocked/")
+
+        def stamp() -> float:
+            (message,) = arm.client.collect(topic="/clocked/joint_states", kind="sensor_msgs/JointState")
+            return float(message["header"]["stamp"])
+
+        until(lambda: 990.0 < stamp() <= 1000.0, "stamps are those of the clock", node.report)
+        assert node.end() == 0
+    finally:
+        clock.kill_all()
+        world.client.delete_param(name="/use_sim_time")
