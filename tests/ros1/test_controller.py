@@ -545,6 +545,16 @@ def test_after_a_stall_the_goal_goes_on_and_ends_later(after: float) -> None:
     assert max(map(abs, loop.speeds("J1"))) < 1.2, "it is not made up for"
 
 
+@pytest.mark.parametrize("after", [0.9, 0.94])
+def test_a_stall_before_the_last_target_gives_the_arm_the_time_to_get_there(after: float) -> None:
+    loop = Loop(tolerances=tolerances(goal=0.005, goal_time=0.05))
+    told = loop.send(order((1.0, {"J1": J1 + 0.8})))
+    loop.run(after)
+    loop.time.sleep(0.7)
+    loop.run(0.4)
+    assert told.outcome == SUCCEEDED, told.text
+
+
 # -- around an emulated arm ----------------------------------------------------------------------------------------
 
 
