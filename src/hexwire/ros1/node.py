@@ -16,9 +16,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from http.client import HTTPException
 from logging.handlers import QueueHandler, QueueListener
 from types import FrameType
 from typing import TYPE_CHECKING, Any
+from xmlrpc.client import Error as XmlRpcError
 
 import actionlib
 import rosgraph
@@ -57,6 +59,8 @@ _NAME = "hardware_interface"
 _MASTER_WAIT = 5.0
 _TICK = 0.1
 _MASTER_PERIOD = 1.0
+_MASTER_TROUBLE = (OSError, HTTPException, XmlRpcError, rosgraph.MasterException, rospy.ROSException)
+"""What calls of a master raise that is not there, or is something else."""
 _SHUTDOWN_WAIT = 15.0
 _LAST_WORDS = 0.2
 """Seconds in which the last results go out: rospy sends in threads of its own, and drops what still waits there."""
@@ -109,7 +113,6 @@ class HardwareInterface:
         self._goals: dict[str, _ActionGoal] = {}
         self._next_state = self._next_feedback = 0.0
         self._control = control_msgs()
-        self._master_pid = rosgraph.Master(rospy.get_name()).getPid()
 
     def run(self) -> int:
         """Connect, offer everything, and end when told to."""
@@ -365,17 +368,18 @@ class HardwareInterface:
     def _watch_master(self) -> None:
         """A master that was restarted knows nothing of us, and rospy does not tell it."""
         master = rosgraph.Master(rospy.get_name())
-        while not self._ending.wait(_MASTER_PERIOD) and not rospy.is_shutdown():
-            try:
-                pid = master.getPid()
-            except (OSError, rosgraph.MasterException):
-                continue
-            if pid != self._master_pid:
-                self._master_pid = pid
-                self._register_again()
+        # Its process id says nothing in a container, and that it knows our name says that we have logged a line.
+        service = rospy.resolve_name("~stop")
+        while not self._ending.wait(_MASTER_PERIOD):
+            with suppress(*_MASTER_TROUBLE):
+                try:
+                    master.lookupService(service)
+                except rosgraph.MasterError:
+                    if not self._ending.is_set():
+                        self._register_again()
 
     def _register_again(self) -> None:
-        _log.warning("the master was restarted: registering everything again")
+        _log.warning("the master does not know us, was it restarted? Registering everything again")
         rospy.set_param("~", self._params)
         if self._description is not None and not rospy.has_param("robot_description"):
             rospy.set_param("robot_description", self._description)
