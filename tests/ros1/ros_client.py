@@ -15,6 +15,7 @@ from typing import Any
 
 import actionlib
 import genpy
+import rosgraph
 import roslib.message
 import rospy
 from sensor_msgs.msg import JointState
@@ -75,6 +76,7 @@ class Program:
 
     def __init__(self) -> None:
         self._publishers: dict[str, Any] = {}
+        self._seen: dict[str, list[Any]] = {}
 
     def collect(self, topic: str, kind: str, count: int = 1, patience: float = PATIENCE) -> list[Any]:
         """The next messages of a topic."""
@@ -94,6 +96,24 @@ class Program:
         finally:
             subscriber.unregister()
         return found
+
+    def watch(self, topic: str, kind: str) -> None:
+        """Note every message of a topic from now on, for `seen`."""
+        messages = self._seen[topic] = []
+        subscriber = rospy.Subscriber(topic, message_class(kind), messages.append, queue_size=1000)
+        deadline = time.monotonic() + PATIENCE
+        while not subscriber.get_num_connections():
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"nobody publishes {topic}")
+            time.sleep(0.01)
+
+    def seen(self, topic: str) -> list[Any]:
+        return [plain(message) for message in self._seen[topic]]
+
+    def forget(self, node: str, service: str) -> None:
+        """Have the master forget a node's service."""
+        master = rosgraph.Master(node)
+        master.unregisterService(service, master.lookupService(service))
 
     def send(
         self,

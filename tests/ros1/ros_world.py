@@ -43,7 +43,7 @@ def until(condition: Callable[[], T | None], what: str, explain: Callable[[], st
         if value is not None and value is not False:
             return value
         assert time.monotonic() < deadline, f"waited in vain until {what}\n{explain()}"
-        time.sleep(0.02)
+        time.sleep(0.05)
 
 
 def free_port() -> int:

@@ -103,6 +103,17 @@ def test_newer_node_of_the_same_name_takes_over(own_arm: Arm) -> None:
     assert newer.end() == 0
 
 
+def test_torque_is_taken_at_the_end_where_that_is_asked_for(world: World) -> None:
+    board = PtyBoard(world.folder / "limp")
+    try:
+        node = world.node("__ns:=limp", f"_port:={board.port}", "_torque_off_at_exit:=true", *SETTINGS)
+        assert all(servo.torque_on for servo in board.board.wire.servos)
+        assert node.end() == 0
+        assert not any(servo.torque_on for servo in board.board.wire.servos)
+    finally:
+        board.close()
+
+
 # -- the robot fails ------------------------------------------------------------------------------------------
 
 
@@ -281,6 +292,11 @@ def test_master_that_is_restarted_has_everything_again(own_world: World) -> None
         assert node.end() == 0
     finally:
         board.close()
+
+
+def test_master_that_forgot_a_service_is_told_again(arm: Arm) -> None:
+    arm.client.forget(node="/hardware_interface", service=arm.service("stop"))
+    assert arm.trigger("stop")
 
 
 def test_arm_does_not_wait_for_a_master_that_hangs(own_world: World) -> None:

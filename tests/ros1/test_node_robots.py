@@ -96,15 +96,24 @@ def test_board_of_the_chapter_works_at_its_own_pace(world: World) -> None:
 def test_names_follow_namespace_and_remappings(world: World) -> None:
     port = world.folder / "left"
     world.board(port)
-    node = world.node("__ns:=left", "joint_states:=js", "__name:=arm", f"_port:={port}", "_frame_id:=left_base")
+    node = world.node(
+        "__ns:=left",
+        *("joint_states:=js", "__name:=arm", f"_port:={port}", "_frame_id:=left_base", "_diagnostics_rate:=0.001"),
+    )
     (message,) = world.client.collect(topic="/left/js", kind="sensor_msgs/JointState")
     assert message["header"]["frame_id"] == "left_base"
     kinds = dict(world.client.topics())
     assert {"/left/state", "/left/follow_joint_trajectory/status", "/left/arm/taught"} <= set(kinds)
     assert "/left/joint_states" not in kinds
-    success, _ = world.client.trigger(service="/left/arm/stop")
-    assert success
-    assert "link" in Arm(world, node, "/left/", name="arm").diagnostics()
+    # At this rate the next diagnostics that are no change come when nobody waits for them any more.
+    world.client.watch(topic="/diagnostics", kind="diagnostic_msgs/DiagnosticArray")
+    assert "all joints confirmed" in Arm(world, node, "/left/", name="arm").trigger("stop")
+
+    def told() -> bool:
+        rows = [row for message in world.client.seen(topic="/diagnostics") for row in message["status"]]
+        return any(row["name"] == "left/arm: board" and "stopped" in row["message"] for row in rows)
+
+    until(told, "the stop is told", node.report)
     assert node.end() == 0
 
 
