@@ -243,6 +243,17 @@ def test_poses(controllers: dict[str, object]) -> None:
         bench.arm.go_to("nowhere")
 
 
+def test_poses_and_goals_with_a_board_of_dialect_1() -> None:
+    bench = make_bench(dialect=1, constraints={"J1": {"trajectory": 0.1, "goal": 0.02}})
+    for _ in range(2):
+        assert bench.ask(lambda: bench.arm.go_to("side")) == "at side"
+        assert bench.where("J1") == pytest.approx(J1 + 0.5, abs=0.02)
+        told = bench.command(order((4.0, {})))
+        bench.until(lambda: told.ends)  # noqa: B023  # called before the next round
+        assert told.outcome == SUCCEEDED, told.text
+        assert bench.where("J1") == pytest.approx(J1, abs=0.02)
+
+
 def test_a_pose_with_a_joint_that_no_controller_has() -> None:
     bench = make_bench(joints=["J1", "J2"])
     for pose, joint in (("side", "J4"), ("grip", "J7")):
