@@ -10,6 +10,7 @@ import logging
 import os
 import queue
 import signal
+import socket
 import sys
 import threading
 import time
@@ -32,7 +33,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hexwire.errors import DeviceError, GoalError, HexwireError
+from hexwire.errors import DeviceError, GoalError, HexwireError, UsageError
 
 from .arm import Arm
 from .controller import Ended, Outcome
@@ -77,7 +78,7 @@ def run(argv: list[str]) -> int:
         Exit status.
 
     Raises:
-        UsageError: Parameters are wrong; the text names all of them.
+        UsageError: Parameters are wrong, and the text names all of them; or ROS's own settings are.
         LinkError: The robot's port cannot be opened.
         DeviceError: There is no master, or the robot does not answer, or the node failed.
     """
@@ -85,8 +86,7 @@ def run(argv: list[str]) -> int:
     # Whoever reads our output through a pipe or a file wants each line when it is said.
     with suppress(AttributeError):
         sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # not every stream has it
-    # Signals are ours: rospy's own would close the topics before the arm is safe.
-    rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
+    _init_node(argv)
     with _logging_to_ros():
         try:
             return HardwareInterface().run()
@@ -375,7 +375,7 @@ class HardwareInterface:
                 try:
                     master.lookupService(service)
                 except rosgraph.MasterError:
-                    if not self._ending.is_set():
+                    if not self._ending.is_set() and not _replaced(master):
                         self._register_again()
 
     def _register_again(self) -> None:
@@ -421,12 +421,28 @@ def _stamp(monotonic: float) -> Any:
 
 def _wait_for_master() -> None:
     # rospy would wait for it for ever, without a word.
+    uri = rosgraph.get_master_uri()
     deadline = time.monotonic() + _MASTER_WAIT
-    while not rosgraph.is_master_online():
-        if time.monotonic() >= deadline:
-            uri = rosgraph.get_master_uri()
-            raise DeviceError(f"no ROS master at {uri}; start roscore, or set ROS_MASTER_URI to where it runs")
-        time.sleep(_TICK)
+    # Something that takes the call may still never answer it.
+    socket.setdefaulttimeout(_MASTER_WAIT)
+    try:
+        while not rosgraph.is_master_online():
+            if time.monotonic() >= deadline:
+                raise DeviceError(f"no ROS master at {uri}; start roscore, or set ROS_MASTER_URI to where it runs")
+            time.sleep(_TICK)
+    except ValueError:
+        text = f"ROS_MASTER_URI is {uri!r}; set it as in http://localhost:11311"
+        raise UsageError(text) from None
+    finally:
+        socket.setdefaulttimeout(None)
+
+
+def _init_node(argv: list[str]) -> None:
+    try:
+        # Signals are ours: rospy's own would close the topics before the arm is safe.
+        rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
+    except (ValueError, rospy.ROSException) as error:
+        raise UsageError(f"ROS does not take these arguments: {' '.join(str(error).split())}") from None
 
 
 class _ToRos(logging.Handler):
@@ -458,6 +474,14 @@ def _logging_to_ros() -> Iterator[None]:
         logger.removeHandler(handler)
         logger.level, logger.propagate = before
         listener.stop()
+
+
+def _replaced(master: Any) -> bool:
+    """Whether a newer node has our name. To register again would end it; that we are to end, we will hear."""
+    try:
+        return bool(master.lookupNode(rospy.get_name()) != rospy.get_node_uri())
+    except rosgraph.MasterError:
+        return False
 
 
 def _leave_rosout() -> None:
