@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import signal
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -229,6 +230,18 @@ def test_without_a_master_it_ends_with_a_line(world: World) -> None:
     assert "roscore" in line
 
 
+def test_master_that_never_answers_is_none(world: World) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        uri = f"http://127.0.0.1:{mute.getsockname()[1]}"
+        program = world.run(*NODE, f"_port:={world.folder / 'none'}", status=1, ROS_MASTER_URI=uri)
+    assert uri in _one_line(program.err)
+
+
+def test_settings_that_ros_does_not_take_end_it_with_a_line(world: World) -> None:
+    assert "ROS_MASTER_URI" in _one_line(world.run(*NODE, status=2, ROS_MASTER_URI="nowhere").err)
+    assert "{" in _one_line(world.run(*NODE, "__ns:=wrong", "_poses:={", status=2).err)
+
+
 def test_wrong_port_ends_with_a_line(world: World) -> None:
     port = str(world.folder / "none")
     program = world.run(*NODE, "__ns:=wrong", f"_port:={port}", "_connect_timeout:=0.2", status=1)
@@ -256,10 +269,15 @@ def test_waits_for_a_board_that_is_plugged_in_later(world: World) -> None:
     assert node.end() == 0
 
 
-def test_interrupted_while_it_waits_for_a_board(world: World) -> None:
-    node = world.start(*NODE, "__ns:=waits", f"_port:={world.folder / 'none'}", "_connect_timeout:=60")
+@pytest.mark.parametrize("how", ["SIGINT", "rosnode kill"])
+def test_ended_while_it_waits_for_a_board(world: World, how: str) -> None:
+    node = world.start(*NODE, "__ns:=waits", f"_port:={world.folder / 'none'}", "_connect_timeout:=3600")
     node.said("waiting for it")
-    assert node.end(signal.SIGINT) == 0
+    if how == "SIGINT":
+        node.end(signal.SIGINT)
+    else:
+        world.run("rosnode", "kill", "/waits/hardware_interface")
+    assert node.wait() == 0
     assert "Traceback" not in node.err
 
 
