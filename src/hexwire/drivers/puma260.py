@@ -173,7 +173,7 @@ class Puma260Driver(RobotDriver):
 
     def read(self) -> JointState:
         reply = check_reply(self.states.request(Command.JOINT_STATES, repeatable=True))
-        return self._decode(EncoderStates.parse(reply.body))
+        return self._decode(EncoderStates.parse(reply.body), self.states.now())
 
     def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
         """Yield the states that the controller reports by itself every `period` seconds.
@@ -186,16 +186,16 @@ class Puma260Driver(RobotDriver):
             while True:
                 check_reply(states.request(Command.REPORT, body, repeatable=True))
                 generation = states.generation
-                for frame in states.stream(timeout):
+                for frame, arrived in states.reports(timeout):
                     if frame.cmd == Command.JOINT_STATES:
-                        yield self._decode(EncoderStates.parse(frame.body))
+                        yield self._decode(EncoderStates.parse(frame.body), arrived)
                 if states.generation == generation:
                     return
         finally:
             if states.is_open:
                 check_reply(states.request(Command.REPORT, b"\0\0\0"))
 
-    def _decode(self, states: EncoderStates) -> JointState:
+    def _decode(self, states: EncoderStates, now: float) -> JointState:
         counts = [row.counts for row in states.rows]
         if len(counts) != len(self.model.joints):
             raise RemoteProtocolError(f"JOINT_STATES of {len(counts)} joints; puma260 has {len(self.model.joints)}")
@@ -215,7 +215,7 @@ class Puma260Driver(RobotDriver):
             nan,
             (int(JointFlag.TORQUE_ON) if power else 0,) * n,
             (0.0,) * n,
-            self.states.now(),
+            now,
             states.time_us * 1e-6,
             bool(states.robot_flags & tables.ROBOT_FLAGS_STOPPED),
         )

@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from hexwire.errors import (
     LinkClosedError,
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 __all__ = ["Session"]
 
 _log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
 
 _WRITE_TIMEOUT = 2.0
 _KEPT = 256
@@ -103,7 +105,7 @@ class Session:
         self._turn = Turn()
         self._awaited: set[int] = set()
         self._stash: dict[int, Event] = {}
-        self._reports: deque[Frame] = deque(maxlen=_KEPT)
+        self._reports: deque[tuple[Frame, float]] = deque(maxlen=_KEPT)
         self._frames: deque[Frame] = deque(maxlen=_KEPT)
         self._negotiation: tuple[float, Sequence[int], int | None] | None = None
 
@@ -262,15 +264,20 @@ class Session:
 
     def stream(self, timeout: float | None = None) -> Iterator[Frame]:
         """Yield unsolicited frames as they come; ends when none came for `timeout` seconds."""
-        while (frame := self._receive(self._reports, timeout)) is not None:
+        for frame, _ in self.reports(timeout):
             yield frame
+
+    def reports(self, timeout: float | None = None) -> Iterator[tuple[Frame, float]]:
+        """As `stream`, each frame with the time of its arrival: it may have waited while something was asked."""
+        while (row := self._receive(self._reports, timeout)) is not None:
+            yield row
 
     def poll_reports(self) -> Frame | None:
         """Take what has arrived without waiting; the newest unsolicited frame, or None."""
         with self._turn.taken():
             self._step(self.now())
             self._sort_events()
-            newest = self._reports[-1] if self._reports else None
+            newest = self._reports[-1][0] if self._reports else None
             self._reports.clear()
             return newest
 
@@ -342,7 +349,7 @@ class Session:
         for data in self.connection.data_to_send():
             self.ipc.link.write(data, self.now() + _WRITE_TIMEOUT)
 
-    def _receive(self, queue: deque[Frame], timeout: float | None) -> Frame | None:
+    def _receive(self, queue: deque[_T], timeout: float | None) -> _T | None:
         deadline = None if timeout is None else self.now() + timeout
         looked = False
         while True:
@@ -366,7 +373,7 @@ class Session:
 
     def _sort(self, event: Event) -> None:
         if isinstance(event, Report):
-            self._reports.append(event.frame)
+            self._reports.append((event.frame, self.now()))
         elif isinstance(event, Reply | TimedOut):
             if event.ticket in self._awaited:
                 self._stash[event.ticket] = event
