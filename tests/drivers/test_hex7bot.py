@@ -327,6 +327,31 @@ def test_who_only_listens_keeps_the_watchdog_quiet() -> None:
     assert arm.driver.read().watchdog_tripped, "nobody feeds it any more"
 
 
+def test_listening_does_not_hide_that_the_watchdog_tripped() -> None:
+    arm = Arm(2)
+    arm.driver.watchdog(0.3)
+    arm.wait(1.0)
+    states = list(itertools.islice(arm.driver.stream(0.05), 100))
+    assert all(state.watchdog_tripped for state in states)
+    assert states[-1].stamp - states[0].stamp > 4.0
+    assert arm.board.state.watchdog_trips == 1, "it was fed, and did not trip again"
+
+
+def test_a_report_that_waited_keeps_the_time_of_its_arrival() -> None:
+    arm = Arm(2)
+    stream = arm.driver.stream(0.05)
+    first = next(stream).stamp
+    arm.driver.session.negotiate()  # something that takes its time, while a report comes
+    arm.driver._board.report(0.05)  # type: ignore[union-attr]  # an IDENTIFY ends the reports
+    begin = arm.clock.time
+    while not arm.driver.session._reports:
+        arm.driver.stats()
+        arm.wait(0.01)
+    arrived = arm.clock.time
+    arm.wait(0.3)
+    assert first < begin <= next(stream).stamp <= arrived
+
+
 @pytest.mark.parametrize(("dialect", "rate"), [(1, 1.5), (2, 20.0)])
 def test_command_rate_is_what_the_line_takes(dialect: int, rate: float) -> None:
     arm = Arm(dialect)

@@ -487,6 +487,18 @@ def test_a_watchdog_that_tripped_is_seen_and_reset() -> None:
     assert bench.board.state.watchdog_trips == 2
 
 
+def test_after_a_node_that_died_the_next_one_says_why_the_arm_is_stopped() -> None:
+    bench, _ = moving()
+    # The node dies: nothing more comes, and its port is closed by the system.
+    bench.arm.wait(3.0)
+    bench.robot.session.close()
+    robot = Hex7BotDriver(bench.robot.session)
+    again = Bench(robot, bench.clock)
+    again.hardware.connect()
+    again.turn(1.0)
+    assert str(again.controller.follower.reason) == "the board has stopped the arm: the host fell silent"
+
+
 def test_a_fault_of_a_joint_at_rest_is_no_stop() -> None:
     bench = BoardBench(faults=("overload:5",))
     bench.hardware.connect()

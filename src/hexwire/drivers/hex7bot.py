@@ -196,14 +196,14 @@ class Hex7BotDriver(RobotDriver):
         try:
             while True:
                 board = self._dialect2("REPORT")
-                for frame in self.session.stream(silence):
+                for frame, arrived in self.session.reports(silence):
                     if self.session.generation != self._generation:
                         board = self._dialect2("REPORT")
                     if self._watchdog is not None and self.session.now() - fed >= self._watchdog[0] / _FEEDS:
-                        board.watchdog(*self._watchdog)
+                        self._feed(board, self._watchdog)
                         fed = self.session.now()
                     if frame.cmd == Command.JOINT_STATE:
-                        state = board.decode_state(frame.body, frame, self.session.now())
+                        state = board.decode_state(frame.body, frame, arrived)
                         self._remember(state)
                         yield state
                 # Silence: the port was away, the board was reset, or it stopped reporting.
@@ -215,6 +215,13 @@ class Hex7BotDriver(RobotDriver):
             self._report = None
             if self.session.is_open and isinstance(self._board, Board2):
                 self._board.report(0.0)
+
+    def _feed(self, board: Board2, watchdog: tuple[float, StopMode]) -> None:
+        """Any frame does; the shortest is the watchdog's own, but it makes the board forget that it tripped."""
+        if self._last is not None and self._last.watchdog_tripped:
+            board.stats()
+        else:
+            board.watchdog(*watchdog)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         board = self._attached()

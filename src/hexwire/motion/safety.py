@@ -15,7 +15,7 @@ from typing import Any, Self
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["Guard", "SafetyLimits", "StopReason"]
+__all__ = ["Guard", "SafetyLimits", "StopReason", "board_stop"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +92,14 @@ class StopReason:
         return self.text
 
 
+def board_stop(state: JointState) -> StopReason | None:
+    """Why the board has stopped the arm, as far as it tells; None if it has not."""
+    if not state.stopped:
+        return None
+    why = "the host fell silent" if state.watchdog_tripped else "it was told to"
+    return StopReason("board", f"the board has stopped the arm: {why}")
+
+
 class Guard:
     """Judges states against what was commanded.
 
@@ -126,9 +134,9 @@ class Guard:
         """Whether the arm must stop, by the worst of its joints; None if all is well."""
         limits = self.limits
         self._pass_over_stalls(now)
-        if state.stopped:
-            why = "the host fell silent" if state.watchdog_tripped else "it was told to"
-            return StopReason("board", f"the board has stopped the arm: {why}")
+        stopped = board_stop(state)
+        if stopped is not None:
+            return stopped
         for joint in state:
             name = joint.name
             flags = JointFlag(joint.flags)

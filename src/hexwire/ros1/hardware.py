@@ -28,7 +28,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.model.state import JointFlag, JointTarget
-from hexwire.motion.safety import StopReason
+from hexwire.motion.safety import StopReason, board_stop
 from hexwire.session.policy import ReconnectPolicy
 
 from .group import ControllerGroup
@@ -364,6 +364,10 @@ class Hardware:
         self._take(state)
 
     def _begin_reading(self) -> StateReader:
+        # First, since arming a watchdog makes the board forget that it tripped.
+        found = None if self.state is None else board_stop(self.state)
+        if found is not None:
+            self.group.stop(found)
         # Only now: between `connect` and the first turn nobody feeds a watchdog.
         if self._wanted_watchdog:
             self._arm_watchdog(self._wanted_watchdog)
