@@ -35,8 +35,8 @@ _POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
 _CONTROLLER_KEYS = ("joints", "allow_partial_joints_goal", "constraints")
 _JOINT_CONSTRAINTS = ("trajectory", "goal")
-# Rows of numbers inside tables. The defaults are those of ROS's joint trajectory controller, but for the speed at
-# which a joint counts as standing: ROS's 0.01 is less than a 4096-count servo's flicker of one count within the tenth
+# Rows of numbers in tables. The defaults are those of the joint trajectory controller of ROS, but for the speed at
+# which a joint counts as standing: its 0.01 is less than the flicker of one count of 4096 within the tenth
 # of a second that speeds are taken over, and a goal with goal_time 0 would never end.
 _GOAL_TIME = Parameter("goal_time", 0.0, "", "s", low=0.0, high=3600.0)
 _STOPPED = Parameter("stopped_velocity_tolerance", 0.05, "", "rad/s", low=0.0)
