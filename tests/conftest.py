@@ -9,6 +9,9 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+# Programs that tests start with the system's Python, for its rospy: nothing that pytest could import here.
+collect_ignore = ["bench/ros1_client.py", "ros1/ros_client.py"]
+
 # The user's own settings (HEXWIRE_PORT and the like) must not steer a test.
 for _name in [name for name in os.environ if name.startswith("HEXWIRE_")]:
     del os.environ[_name]
