@@ -8,7 +8,8 @@ import pytest
 
 from hexwire.ros1.goals import Point, TrajectoryOrder
 from hexwire.ros1.messages import _OSRF
-from hexwire.ros1.orders import FIELDS, Sparing, order_of, set_points_of, tolerances_of
+from hexwire.ros1.orders import Sparing, order_of, set_points_of, tolerances_of
+from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
 
 @dataclass
@@ -62,9 +63,9 @@ def test_tolerances() -> None:
 
 def test_set_points_have_every_field_of_the_message() -> None:
     names = [line.split()[1] for line in _OSRF["JointCommands"][1].splitlines()]
-    assert names == ["header", "name", *FIELDS]
+    assert names == ["header", "name", *COMMAND_ARRAYS]
     message = SimpleNamespace(**{**dict.fromkeys(names, ()), "name": ["J1"], "position": [0.5]})
-    assert set_points_of(message) == {**dict.fromkeys(FIELDS, ()), "position": (0.5,)}
+    assert set_points_of(message) == {**dict.fromkeys(COMMAND_ARRAYS, ()), "position": (0.5,)}
 
 
 def test_same_text_is_said_again_after_its_period() -> None:

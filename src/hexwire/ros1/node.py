@@ -252,7 +252,12 @@ class HardwareInterface:
         self._work.put(partial(self._begin, name, handle))
 
     def _on_cancel(self, name: str, handle: Any) -> None:
-        self._work.put(partial(self._cancel, name, handle.get_goal_id().id))
+        key = handle.get_goal_id().id
+        if key in self._goals:
+            # At once: another goal may be on the way through its check.
+            self._cancel(name, key)
+        else:
+            self._work.put(partial(self._cancel, name, key))
 
     def _begin(self, name: str, handle: Any) -> None:
         message = handle.get_goal()

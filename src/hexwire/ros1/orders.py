@@ -9,22 +9,11 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from hexwire.wire.robot_bodies import COMMAND_ARRAYS
+
 from .goals import Point, TrajectoryOrder
 
-__all__ = ["FIELDS", "Sparing", "order_of", "set_points_of", "tolerances_of"]
-
-FIELDS = (
-    "position",
-    "velocity",
-    "effort",
-    "kp_position",
-    "ki_position",
-    "kd_position",
-    "kp_velocity",
-    "i_effort_min",
-    "i_effort_max",
-)
-"""Fields of osrf_msgs/JointCommands with a value a joint."""
+__all__ = ["Sparing", "order_of", "set_points_of", "tolerances_of"]
 
 _MEMORY = 60.0
 
@@ -59,7 +48,7 @@ def tolerances_of(rows: Iterable[Any]) -> list[tuple[str, float, float, float]]:
 
 def set_points_of(message: Any) -> dict[str, tuple[float, ...]]:
     """Values a joint of an osrf_msgs/JointCommands, by field."""
-    return {field: tuple(getattr(message, field)) for field in FIELDS}
+    return {field: tuple(getattr(message, field)) for field in COMMAND_ARRAYS}
 
 
 class Sparing:
