@@ -1,0 +1,31 @@
+"""The ROS node with the firmware on a simulated chip: a goal from ROS ends at the servos behind it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.avr.machines import ChipBoard
+from tests.avr.pty import PtyBoard, on_pty
+from tests.ros1.ros_world import Arm, made, near
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
+
+
+def test_a_goal_from_ros_moves_the_firmwares_servos(tmp_path: Path) -> None:
+    with on_pty(PtyBoard(ChipBoard())) as board, made(tmp_path) as world:
+        node = world.node(f"_port:={board.path}")
+        arm = Arm(world, node)
+        arm.enable()
+        here = arm.position()
+        # Less than what counts as off its way: on a loaded machine the chip runs slower than the clock.
+        there = {**here, "J1": here["J1"] + 0.15, "J5": here["J5"] - 0.1}
+        arm.send("there", there, 2.0)
+        assert arm.result("there")["state"] == "SUCCEEDED"
+        assert near(there, arm.position())
+        arm.send("back", here, 5.0)
+        arm.client.wait_active(key="back")
+        assert "all joints confirmed" in arm.trigger("stop")
+        assert arm.result("back")["state"] == "ABORTED"
+        assert "reset" in arm.trigger("reset")
+        assert node.end() == 0
