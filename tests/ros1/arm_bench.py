@@ -44,6 +44,12 @@ class Told:
         (end,) = self.ends
         return end.text
 
+    @property
+    def words(self) -> str:
+        """Outcome and text."""
+        (end,) = self.ends
+        return f"{end.outcome.value}: {end.text}"
+
 
 SUCCEEDED = (Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
 PREEMPTED = (Outcome.PREEMPTED, ErrorCode.SUCCESSFUL)

@@ -62,7 +62,7 @@ def test_no_controllers_do_nothing() -> None:
     assert (group.busy, group.moving, group.reason, group.blamed) == (False, False, None, frozenset())
     group.stop(StopReason("asked", "a test"))
     group.release("a test")
-    group.reset()
+    assert group.reset(group.stops)
 
 
 def test_targets_of_all_controllers_are_one() -> None:
@@ -110,9 +110,20 @@ def test_a_stop_of_one_is_a_stop_of_all() -> None:
     assert group.cycle(bad, STILL, 0.1, 0.1, due=True) is None
     with pytest.raises(GoalError, match="J6 reports overload"):
         go(group, 0, "J1", 0.1)
-    group.reset()
+    assert group.reset(group.stops)
     assert not group.blamed
     go(group, 0, "J1", 0.1)
+
+
+def test_a_reset_ends_no_stop_but_those_it_was_asked_for() -> None:
+    group = make_group()
+    group.stop(StopReason("asked", "first"))
+    asked = group.stops
+    group.stop(StopReason("asked", "second"))
+    assert not group.reset(asked)
+    assert group.reason is not None
+    assert group.reset(group.stops)
+    assert group.reason is None
 
 
 def test_a_release_of_some_joints_leaves_other_controllers_alone() -> None:

@@ -26,11 +26,13 @@ class ControllerGroup:
     Attributes:
         members: The controllers; no joint is in two of them.
         lock: Guards them. Nobody waits or calls out while holding it.
+        stops: How often a stop was asked for or found necessary, whether one was latched already or not.
     """
 
     def __init__(self, members: Sequence[TrajectoryController] = ()) -> None:
         self.members = members
         self.lock = threading.RLock()
+        self.stops = 0
 
     @property
     def busy(self) -> bool:
@@ -88,11 +90,21 @@ class ControllerGroup:
             self._stop(reason)
         self.deliver()
 
-    def reset(self) -> None:
-        """End a stop of all."""
+    def reset(self, stops: int) -> bool:
+        """End a stop of all, unless there was another one.
+
+        Args:
+            stops: What `stops` was when the reset was asked for.
+
+        Returns:
+            False if there was another stop since: it stays.
+        """
         with self.lock:
+            if self.stops != stops:
+                return False
             for controller in self.members:
                 controller.reset()
+            return True
 
     def release(self, why: str, joints: Collection[str] | None = None) -> None:
         """What was commanded means nothing now; goals under way are aborted.
@@ -115,5 +127,6 @@ class ControllerGroup:
             goal.ended(end)
 
     def _stop(self, reason: StopReason) -> None:
+        self.stops += 1
         for controller in self.members:
             controller.stop(reason)

@@ -278,10 +278,11 @@ class Hardware:
         """End a stop. Nothing moves by it.
 
         Raises:
-            UsageError: What caused it is still there.
+            UsageError: What caused it is still there, or somebody stopped the arm meanwhile.
             HexwireError: The robot refuses.
         """
-        self.call(self._reset)
+        stops = self.group.stops
+        self.call(lambda: self._reset(stops))
 
     def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
         """Torque on, where the joints are, or off; a motion of joints that had none ends, or that lose it.
@@ -463,7 +464,7 @@ class Hardware:
             _log.error("%s", error)
             self.group.release(str(error))
 
-    def _reset(self) -> None:
+    def _reset(self, stops: int) -> None:
         state = self.robot.read()
         faults = {joint.name: JointFlag(joint.flags).faults for joint in state if JointFlag(joint.flags).faults}
         blamed = [f"{name} still reports {faults[name]}" for name in self.group.blamed if name in faults]
@@ -472,7 +473,10 @@ class Hardware:
             self.robot.stop()
             raise UsageError(f"{', '.join(blamed)}; see to it, and reset again")
         self.robot.resume()
-        self.group.reset()
+        if not self.group.reset(stops):
+            # Whoever pressed stop last must not find the arm ready to move.
+            self.robot.stop()
+            raise UsageError("the arm was stopped again meanwhile; reset it again")
         self._look_again()
 
     def _look_again(self) -> None:
