@@ -141,8 +141,16 @@ class Arm:
         *,
         goal: Goal | None = None,
         tolerances: Tolerances | None = None,
+        wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         """Have a controller follow a trajectory; one without points means hold.
+
+        Args:
+            name: Of the controller.
+            order: What was sent.
+            goal: As in `TrajectoryController.accept`.
+            tolerances: Likewise.
+            wanted: Asked when it was checked, which takes time: whether it is still to be followed.
 
         Raises:
             GoalError: With ROS's code; what was followed before goes on.
@@ -161,6 +169,8 @@ class Arm:
             controller.check_way(trajectory, state)
             with hardware.locked():
                 self._refuse_while_teaching()
+                if not wanted():
+                    raise GoalError("cancelled before it began")
                 controller.accept(
                     order, hardware.newest(), hardware.now(), goal=goal, tolerances=tolerances, received=received
                 )

@@ -33,15 +33,15 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hexwire.errors import DeviceError, GoalError, HexwireError, UsageError
+from hexwire.errors import DeviceError, HexwireError, UsageError
 
+from .actions import ActionGoal, ActionGoals
 from .arm import Arm
-from .controller import Ended, Outcome
 from .diagnostics import ChangeWatch, diagnose
-from .goals import ErrorCode
 from .messages import control_msgs, osrf_msgs
-from .orders import Sparing, order_of, set_points_of, tolerances_of
+from .orders import Sparing, order_of, set_points_of
 from .settings import load_settings
+from .stamps import StampClock
 from .teaching import to_points, tolerance_of
 
 if TYPE_CHECKING:
@@ -105,14 +105,11 @@ class HardwareInterface:
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
         self._ending, self._ended = threading.Event(), threading.Event()
         self._connecting = True
-        # Goals, cancels and results, in their order; checking a goal takes longer than a callback may.
-        self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
-        self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
         self._sparing = Sparing()
         self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
-        self._goals: dict[str, _ActionGoal] = {}
         self._next_state = self._next_feedback = 0.0
         self._control = control_msgs()
+        self._goals = ActionGoals(self._arm, self._control.FollowJointTrajectoryResult, rospy.Time.now)
 
     def run(self) -> int:
         """Connect, offer everything, and end when told to."""
@@ -128,7 +125,7 @@ class HardwareInterface:
             self._arm.connect()
             self._connecting = False
             self._offer_controllers()
-            self._worker.start()
+            self._goals.start()
             self._arm.start()
             self._offer_services()
             threading.Thread(target=self._watch_master, name="master", daemon=True).start()
@@ -138,11 +135,9 @@ class HardwareInterface:
         except KeyboardInterrupt:
             return 0
         finally:
-            ends_goals = bool(self._goals)
+            ends_goals = self._goals.open
             self._arm.shutdown()
-            self._work.put(None)
-            if self._worker.is_alive():
-                self._worker.join(1.0)
+            self._goals.close()
             if ends_goals:
                 time.sleep(_LAST_WORDS)
             self._ended.set()
@@ -196,8 +191,8 @@ class HardwareInterface:
             server = actionlib.ActionServer(
                 f"{at}follow_joint_trajectory",
                 self._control.FollowJointTrajectoryAction,
-                partial(self._on_goal, name),
-                partial(self._on_cancel, name),
+                partial(self._goals.on_goal, name),
+                partial(self._goals.on_cancel, name),
                 auto_start=False,
             )
             server.start()
@@ -233,85 +228,21 @@ class HardwareInterface:
         try:
             self._arm.command(name, order_of(message, rospy.Time.now()))
         except HexwireError as error:
-            _log.warning("command refused: %s", error)
+            self._warn(f"command refused: {error}")
 
     def _on_joint_commands(self, message: Any) -> None:
         try:
             ignored = self._arm.set_points(message.name, set_points_of(message))
         except HexwireError as error:
-            text, period = f"joint_commands refused: {error}", 1.0
+            self._warn(f"joint_commands refused: {error}")
         else:
-            text = (
-                f"joint_commands: the servos take positions only; ignored: {', '.join(ignored)}" if ignored else ""
-            )
-            period = 60.0
-        if text and self._sparing.due(text, time.monotonic(), period):
+            if ignored:
+                text = f"joint_commands: the servos take positions only; ignored: {', '.join(ignored)}"
+                self._warn(text, 60.0)
+
+    def _warn(self, text: str, period: float = 1.0) -> None:
+        if self._sparing.due(text, time.monotonic(), period):
             _log.warning("%s", text)
-
-    def _on_goal(self, name: str, handle: Any) -> None:
-        self._work.put(partial(self._begin, name, handle))
-
-    def _on_cancel(self, name: str, handle: Any) -> None:
-        key = handle.get_goal_id().id
-        if key in self._goals:
-            # At once: another goal may be on the way through its check.
-            self._cancel(name, key)
-        else:
-            self._work.put(partial(self._cancel, name, key))
-
-    def _begin(self, name: str, handle: Any) -> None:
-        message = handle.get_goal()
-        goal = _ActionGoal(handle, self._end)
-        try:
-            tolerances = self._arm.controllers[name].settings.tolerances.overridden(
-                tolerances_of(message.path_tolerance),
-                tolerances_of(message.goal_tolerance),
-                message.goal_time_tolerance.to_sec(),
-            )
-            self._arm.command(
-                name, order_of(message.trajectory, rospy.Time.now()), goal=goal, tolerances=tolerances
-            )
-        except GoalError as error:
-            _log.warning("goal refused: %s", error)
-            handle.set_rejected(self._result(ErrorCode(error.code), str(error)), str(error))
-        except Exception as error:
-            # Its client must not wait for an end that never comes.
-            text = f"the node failed: {error!r}"
-            handle.set_rejected(self._result(ErrorCode.INVALID_GOAL, text), text)
-            raise
-        else:
-            handle.set_accepted()
-            self._goals[goal.key] = goal
-
-    def _cancel(self, name: str, key: str) -> None:
-        goal = self._goals.get(key)
-        if goal is not None:
-            self._arm.cancel(name, goal)
-
-    def _end(self, goal: _ActionGoal, ended: Ended) -> None:
-        # After what accepted it, which may still be under way.
-        self._work.put(partial(self._finish, goal, ended))
-
-    def _finish(self, goal: _ActionGoal, ended: Ended) -> None:
-        self._goals.pop(goal.key, None)
-        result = self._result(ended.code, ended.text)
-        if ended.outcome is Outcome.SUCCEEDED:
-            goal.handle.set_succeeded(result, ended.text)
-        elif ended.outcome is Outcome.PREEMPTED:
-            goal.handle.set_canceled(result, ended.text)
-        else:
-            _log.warning("goal aborted: %s", ended.text)
-            goal.handle.set_aborted(result, ended.text)
-
-    def _result(self, code: ErrorCode, text: str) -> Any:
-        return self._control.FollowJointTrajectoryResult(error_code=int(code), error_string=text)
-
-    def _do_work(self) -> None:
-        while (job := self._work.get()) is not None:
-            try:
-                job()
-            except Exception:  # noqa: BLE001  # a goal must not take the others with it
-                _log.exception("a goal could not be handled")
 
     # -- what is published ----------------------------------------------------------------------------
 
@@ -340,7 +271,7 @@ class HardwareInterface:
     def _publish_feedback(self) -> None:
         for controller in self._arm.controllers.values():
             goal = controller.goal
-            if isinstance(goal, _ActionGoal) and goal.key in self._goals and controller.progress is not None:
+            if isinstance(goal, ActionGoal) and goal.accepted and controller.progress is not None:
                 goal.handle.publish_feedback(
                     self._progress(self._control.FollowJointTrajectoryFeedback, controller.progress)
                 )
@@ -351,7 +282,9 @@ class HardwareInterface:
         message.header.stamp = _stamp(progress.stamp)
         message.joint_names = progress.names
         message.desired = JointTrajectoryPoint(
-            positions=progress.desired.position, velocities=progress.desired.velocity
+            positions=progress.desired.position,
+            velocities=progress.desired.velocity,
+            accelerations=progress.desired.acceleration,
         )
         message.actual = JointTrajectoryPoint(positions=progress.position, velocities=progress.velocity)
         message.error = JointTrajectoryPoint(
@@ -399,28 +332,16 @@ class HardwareInterface:
                 registration.get_registration_listeners().notify_added(name, what, kind)
 
 
-class _ActionGoal:
-    """A goal of an action client.
-
-    Args:
-        handle: Of actionlib.
-        on_end: Called with this and how it ended.
-    """
-
-    def __init__(self, handle: Any, on_end: Callable[[_ActionGoal, Ended], object]) -> None:
-        self.handle = handle
-        self.key: str = handle.get_goal_id().id
-        self._on_end = on_end
-
-    def ended(self, ended: Ended) -> None:
-        """It is over."""
-        self._on_end(self, ended)
+_STAMPS = StampClock(time.time, time.monotonic)
 
 
-def _stamp(monotonic: float) -> Any:
+def _stamp(moment: float) -> Any:
     """ROS time of a moment on the host's monotonic clock."""
+    if rospy.rostime.is_wallclock():
+        return rospy.Time.from_sec(_STAMPS.stamp(moment))
+    # Simulated time goes at its own rate, or stands still.
     now = rospy.Time.now()
-    ago = rospy.Duration.from_sec(max(0.0, time.monotonic() - monotonic))
+    ago = rospy.Duration.from_sec(max(0.0, time.monotonic() - moment))
     return now - ago if now > rospy.Time(ago.secs, ago.nsecs) else now
 
 

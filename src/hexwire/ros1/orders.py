@@ -6,6 +6,7 @@ Owns the reading of messages, whose classes it does not need. Must not know rosp
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -15,7 +16,9 @@ from .goals import Point, TrajectoryOrder
 
 __all__ = ["Sparing", "order_of", "set_points_of", "tolerances_of"]
 
-_MEMORY = 60.0
+_NUMBER = re.compile(r"[+-]?\d[\d.e+-]*")
+_KINDS = 100
+"""Texts that are remembered."""
 
 
 def order_of(message: Any, now: Any) -> TrajectoryOrder:
@@ -52,22 +55,28 @@ def set_points_of(message: Any) -> dict[str, tuple[float, ...]]:
 
 
 class Sparing:
-    """Decides whether to say something again: what comes fifty times a second must not fill the log."""
+    """Decides whether to say something again: what comes fifty times a second must not fill the log.
+
+    Texts that differ in their numbers alone are one: a sender who streams what is refused sends others each time.
+    """
 
     def __init__(self) -> None:
         self._said: dict[str, float] = {}
 
-    def due(self, text: str, now: float, period: float = _MEMORY) -> bool:
+    def due(self, text: str, now: float, period: float = 1.0) -> bool:
         """Whether to say `text` now; the answer True counts as said.
 
         Args:
             text: What is to be said.
             now: Seconds.
-            period: Between two times, at most a minute.
+            period: Between two times, seconds.
         """
-        if now - self._said.get(text, -math.inf) < period:
+        kind = _NUMBER.sub("#", text)
+        if now - self._said.get(kind, -math.inf) < period:
             return False
-        # Texts hold numbers that a sender makes up; they must not fill the memory either.
-        self._said = {old: when for old, when in self._said.items() if now - when < _MEMORY}
-        self._said[text] = now
+        # The newest last, and the oldest forgotten: names in a text may be made up, too.
+        self._said.pop(kind, None)
+        self._said[kind] = now
+        while len(self._said) > _KINDS:
+            del self._said[next(iter(self._said))]
         return True

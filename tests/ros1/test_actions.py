@@ -1,0 +1,178 @@
+"""Action goals with handles that are made up, and an emulated arm in simulated time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tests.motion.arms import HOME, NAMES
+from tests.ros1.arm_bench import Bench
+from tests.ros1.hardware_bench import wait_for
+
+from hexwire.ros1.actions import ActionGoal, ActionGoals
+
+SPLIT = {"arm": {"joints": list(NAMES[:6])}, "hand": {"joints": ["J7"]}}
+
+
+class Time(float):
+    """As much of ROS's times and durations as orders take."""
+
+    def is_zero(self) -> bool:
+        return self == 0.0
+
+    def to_sec(self) -> float:
+        return float(self)
+
+
+def message(where: dict[str, float], seconds: float) -> Any:
+    point = SimpleNamespace(
+        time_from_start=Time(seconds), positions=list(where.values()), velocities=[], accelerations=[], effort=[]
+    )
+    header = SimpleNamespace(stamp=Time(0.0))
+    return SimpleNamespace(
+        trajectory=SimpleNamespace(header=header, joint_names=list(where), points=[point]),
+        path_tolerance=[],
+        goal_tolerance=[],
+        goal_time_tolerance=Time(0.0),
+    )
+
+
+class Handle:
+    """A goal's handle: what was said of it, in its order."""
+
+    def __init__(self, goal_id: str, where: dict[str, float], seconds: float = 1.0) -> None:
+        self._id, self._message = goal_id, message(where, seconds)
+        self.said: list[Any] = []
+
+    def get_goal_id(self) -> Any:
+        return SimpleNamespace(id=self._id)
+
+    def get_goal(self) -> Any:
+        return self._message
+
+    def set_accepted(self) -> None:
+        self.said.append("accepted")
+
+    def __getattr__(self, name: str) -> Callable[[Any, str], None]:
+        end = name.removeprefix("set_")
+        return lambda result, text: self.said.append((end, result.error_code, text))
+
+    @property
+    def over(self) -> bool:
+        return bool(self.said) and self.said[-1] != "accepted"
+
+
+class Actions:
+    """Goals of an emulated arm that has torque."""
+
+    def __init__(self, **params: Any) -> None:
+        self.bench = Bench(**({"check_table": False} | (params or {"allow_partial_joints_goal": True})))
+        self.bench.ask(lambda: self.bench.arm.enable(True))
+        self.goals = ActionGoals(self.bench.arm, SimpleNamespace, lambda: Time(0.0))
+
+    def send(self, handle: Handle, controller: str = "") -> Handle:
+        self.goals.on_goal(controller, handle)
+        return handle
+
+
+@pytest.fixture
+def actions() -> Iterator[Actions]:
+    made = Actions()
+    yield made
+    made.goals.close()
+
+
+def test_a_goal_is_accepted_and_reached(actions: Actions) -> None:
+    actions.goals.start()
+    handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.2}))
+    wait_for(lambda: handle.said == ["accepted"])
+    goal = actions.bench.controller.goal
+    assert isinstance(goal, ActionGoal)
+    wait_for(lambda: goal.accepted)
+    assert actions.goals.open
+    actions.bench.until(lambda: handle.over)
+    assert handle.said == ["accepted", ("succeeded", 0, "")]
+    assert not actions.goals.open
+
+
+def test_a_goal_that_is_cancelled_on_its_way_is_preempted(actions: Actions) -> None:
+    actions.goals.start()
+    handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))
+    wait_for(lambda: handle.said)
+    actions.bench.turn(1.0)
+    actions.goals.on_cancel("", Handle("one", {}))
+    wait_for(lambda: handle.over)
+    assert handle.said == ["accepted", ("canceled", 0, "cancelled")]
+
+
+@pytest.mark.parametrize("when", ["before", "while it is checked"])
+def test_a_goal_that_is_recalled_never_begins(actions: Actions, when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = actions.bench.controller
+    check = controller.check_way
+
+    def check_way(*args: Any) -> None:
+        check(*args)
+        actions.goals.on_cancel("", Handle("one", {}))
+
+    if when != "before":
+        monkeypatch.setattr(controller, "check_way", check_way)
+    handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}))
+    if when == "before":
+        actions.goals.on_cancel("", handle)
+    actions.goals.start()
+    wait_for(lambda: handle.over)
+    assert handle.said == [("canceled", 0, "cancelled")]
+    assert not controller.busy
+    assert not actions.goals.open
+
+
+def test_a_cancel_for_nobody_is_nothing(actions: Actions) -> None:
+    actions.goals.on_cancel("", Handle("nobody", {}))
+    assert not actions.goals.open
+
+
+def test_two_controllers_may_have_goals_of_one_id() -> None:
+    actions = Actions(controllers=SPLIT)
+    actions.goals.start()
+    first = actions.send(Handle("one", {name: HOME[name] + 0.2 * (name == "J1") for name in NAMES[:6]}, 3.0), "arm")
+    second = actions.send(Handle("one", {"J7": HOME["J7"] + 0.1}, 3.0), "hand")
+    wait_for(lambda: first.said and second.said)
+    actions.goals.on_cancel("arm", first)
+    wait_for(lambda: first.over)
+    assert first.said[-1] == ("canceled", 0, "cancelled")
+    assert actions.goals.open
+    actions.bench.until(lambda: second.over)
+    assert second.said[-1] == ("succeeded", 0, "")
+    actions.goals.close()
+
+
+def test_a_refusal_has_its_code_and_what_went_wrong_in_the_node_ends_no_other_goal(
+    actions: Actions, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    actions.goals.start()
+    unknown = actions.send(Handle("one", {"elbow": 0.0}))
+    wait_for(lambda: unknown.over)
+    ((end, code, text),) = unknown.said
+    assert (end, code) == ("rejected", -2)
+    assert "elbow" in text
+    with monkeypatch.context() as patch, caplog.at_level(logging.CRITICAL, logger="hexwire"):
+        patch.setattr(actions.bench.controller, "check_way", lambda *_: 1 / 0)
+        broken = actions.send(Handle("two", {"J1": HOME["J1"]}))
+        wait_for(lambda: broken.over)
+    ((end, code, text),) = broken.said
+    assert (end, code) == ("rejected", -1)
+    assert text.startswith("the node failed: ZeroDivisionError")
+    last = actions.send(Handle("three", {"J1": HOME["J1"] + 0.1}))
+    wait_for(lambda: last.said == ["accepted"])
+
+
+def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(actions: Actions) -> None:
+    actions.goals.start()
+    handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))
+    wait_for(lambda: handle.said)
+    actions.bench.arm.shutdown()
+    actions.goals.close()
+    assert handle.said == ["accepted", ("aborted", -1, "stopped: the node ends")]
