@@ -60,9 +60,15 @@ def test_fewer_states_than_are_wanted_are_all_published() -> None:
     assert all(latest.take(state(stamp=1.0 + 0.5 * i), 1.0 + 0.5 * i) for i in range(10))
 
 
-def test_a_new_beginning_forgets_old_stamps() -> None:
+def test_a_new_beginning_forgets_the_boards_clock_and_speeds_but_stamps_go_on_rising() -> None:
     latest = LatestState(100.0)
-    latest.take(state(stamp=100.0), 100.0)
-    assert latest.take(state(stamp=50.0), 100.1) is None
+    for i in range(5):
+        latest.take(replace(state({"J1": 0.1 * i}, stamp=100.0 + 0.01 * i), velocity=(math.nan,) * 7), 100.0)
+    assert latest.speeds(("J1",)) != [0.0]
     latest.begin(0.01, 0.5)
-    assert latest.take(state(stamp=50.1), 100.2) is not None
+    # The sample that was published last, and one a little before it, as the line's jitter makes them.
+    for stamp in (100.04, 100.038):
+        assert latest.take(replace(state(stamp=stamp), board_time=3.0), 100.1) is None
+    published = latest.take(replace(state(stamp=100.05), velocity=(math.nan,) * 7, board_time=3.01), 100.2)
+    assert published is not None
+    assert published.velocity[0] == 0.0

@@ -50,7 +50,8 @@ class LatestState:
             between: Seconds between two states.
             max_age: As in `StateFilter`.
         """
-        self._between, self._filter = between, StateFilter(max_age)
+        self._between = between
+        self._filter.begin(max_age)
 
     def take(self, state: JointState, now: float) -> PublishedState | None:
         """The next state; what is to be published of it, if anything."""

@@ -83,6 +83,17 @@ class StateFilter:
         self._newest = -math.inf
         self._stamp = -math.inf
 
+    def begin(self, max_age: float) -> None:
+        """What comes now has nothing to do with what came before, but for time, which goes on.
+
+        Args:
+            max_age: As of the filter.
+        """
+        self._max_age = max_age
+        self._clock = SampleClock()
+        self._slopes.clear()
+        self._newest = -math.inf
+
     def take(self, state: JointState) -> PublishedState | None:
         """The next state, as it is to be published.
 
