@@ -21,7 +21,8 @@ from hexwire.model.geometry import kinematics_or_none, make_kinematics
 from hexwire.model.urdf import make_urdf
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.optimal import time_optimal
-from hexwire.ros1.settings import PARAMETERS, load_settings
+from hexwire.ros1.parameters import PARAMETERS
+from hexwire.ros1.settings import load_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"

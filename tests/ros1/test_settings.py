@@ -16,7 +16,8 @@ from hexwire.ipc import ports
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.motion.safety import SafetyLimits
 from hexwire.ros1.goals import Tolerance
-from hexwire.ros1.settings import PARAMETERS, Settings, load_settings
+from hexwire.ros1.parameters import PARAMETERS
+from hexwire.ros1.settings import Settings, load_settings
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
 
@@ -59,7 +60,7 @@ def test_every_parameter_has_a_default() -> None:
     for row in PARAMETERS:
         if row.name not in {"port", "safety", "joints", "allow_partial_joints_goal", "constraints", "controllers"}:
             assert getattr(settings, row.name) == row.default, row.name
-    assert settings.safety == SafetyLimits()
+    assert settings.safety_at(20.0) == SafetyLimits()
     assert settings.table == 0.0
     (only,) = settings.controllers
     assert (only.name, only.joints, only.allow_partial) == ("", ALL, False)
@@ -277,8 +278,8 @@ def test_a_whole_pose_that_the_elbow_forbids() -> None:
 
 def test_thresholds_that_were_chosen_stay_and_others_follow_the_rate() -> None:
     settings = load(safety={"max_age": 0.7, "load": 1}, command_rate=1, watchdog=3)
-    assert settings.safety == SafetyLimits(max_age=0.7, load=1.0, lag=2.5)
-    assert settings.thresholds == {"max_age": 0.7, "load": 1.0}
+    assert settings.safety_at(1.0) == SafetyLimits(max_age=0.7, load=1.0, lag=2.5)
+    assert settings.safety == {"max_age": 0.7, "load": 1.0}
     assert settings.safety_at(20.0) == SafetyLimits(max_age=0.7, load=1.0)
     assert load().safety_at(1.5) == SafetyLimits.at_period(1 / 1.5)
 
@@ -297,7 +298,7 @@ def test_a_watchdog_that_the_rate_cannot_feed() -> None:
     (text,) = faults(watchdog=0.5, command_rate=2)
     assert text.startswith("~watchdog: 0.5 s is less than two cycles of ~command_rate 2 Hz, 1 s")
     assert load(watchdog=1, command_rate=2).watchdog == 1.0
-    assert load(watchdog=0, command_rate=0.5).watchdog == 0.0
+    assert load(watchdog=0, command_rate=1).watchdog == 0.0
 
 
 def test_times_of_which_zero_is_never() -> None:

@@ -88,11 +88,12 @@ PARAMETERS = (
         0.0,
         "set-points a second; 0 is what the robot's line allows",
         "Hz",
-        low=0.0,
-        high=1000.0,
+        low=1.0,
+        high=200.0,
+        zero=True,
     ),
     _rate("state_publish_rate", 50.0, "controller states a second"),
-    _rate("action_monitor_rate", 20.0, "how often a goal is looked at and its feedback sent"),
+    _rate("action_monitor_rate", 20.0, "feedback messages a second while a goal is followed"),
     _rate("diagnostics_rate", 1.0, "diagnostics a second; a change is published at once", high=100.0),
     Parameter(
         "watchdog",
@@ -118,7 +119,7 @@ PARAMETERS = (
     Parameter("enable_on_start", False, "give torque when the node starts; nothing moves by it"),
     Parameter("torque_off_at_exit", False, "take the torque away when the node ends: the arm may fall"),
     Parameter("frame_id", "", "frame in the headers of joint states"),
-    Parameter("hardware_id", "", "serial number in the diagnostics; empty is what the robot says"),
+    Parameter("hardware_id", "", "serial number in the diagnostics; empty is the URL of its link"),
     Parameter("poses", {}, "poses by name, each with angles by joint, for the services ~go_to/NAME", "rad"),
     Parameter(
         "pose_speed", 0.3, "speed on the way to a pose, as a share of the limits", low=0.0, high=1.0, above=True

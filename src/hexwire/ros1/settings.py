@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.kinematics import KinematicModel
 
-__all__ = ["PARAMETERS", "ControllerSettings", "Settings", "load_settings"]
+__all__ = ["ControllerSettings", "Settings", "load_settings"]
 
-_FAST_LINE = 20.0
-"""Cycles a second at which nothing needs to be widened."""
 _ROWS = {row.name: row for row in PARAMETERS}
 _POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
@@ -73,8 +71,7 @@ class Settings:
     Attributes:
         port: URL or device of the robot, wherever it came from.
         poses: Angle by joint, by name of the pose.
-        safety: At `command_rate`; see `safety_at`.
-        thresholds: What `safety` names, as it was given.
+        safety: Thresholds that were given; see `safety_at`.
         controllers: At least one.
         model: The arm.
         kinematics: With limits for motion; None for an arm without geometry.
@@ -100,8 +97,7 @@ class Settings:
     poses: Mapping[str, Mapping[str, float]]
     pose_speed: float
     teach_directory: str
-    safety: SafetyLimits
-    thresholds: Mapping[str, float]
+    safety: Mapping[str, float]
     controllers: tuple[ControllerSettings, ...]
     model: ArmModel
     kinematics: KinematicModel | None
@@ -113,7 +109,7 @@ class Settings:
 
     def safety_at(self, rate: float) -> SafetyLimits:
         """Thresholds at `rate` set-points a second: on a slow line, what was not given is widened."""
-        return SafetyLimits.at_period(1.0 / rate, **self.thresholds)
+        return SafetyLimits.at_period(1.0 / rate, **self.safety)
 
 
 def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
@@ -138,13 +134,12 @@ def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
     driver, model = _make_driver(values, faults)
     values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, faults)
     values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
-    values["thresholds"] = thresholds = _make_thresholds(values["safety"], faults)
+    values["safety"] = _make_thresholds(values["safety"], faults)
     values["controllers"] = _make_controllers(values, model, faults)
     _check_together(values, model, faults)
     faults.check()
     if driver is None:
         driver = load_driver(values["robot"]).from_url(_find_board(values))
-    values["safety"] = SafetyLimits.at_period(1.0 / (values["command_rate"] or _FAST_LINE), **thresholds)
     values["model"] = driver.model
     return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
 
