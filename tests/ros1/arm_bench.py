@@ -112,7 +112,7 @@ class Loop:
     def send(self, sent: TrajectoryOrder, **options: Any) -> Told:
         """As a node does it; time does not pass."""
         told, controller = Told(), self.controller
-        controller.check_way(controller.plan(sent, self.state, self.now), self.state)
+        controller.check_way(controller.plan(sent, controller.start(sent.delay, self.state, self.now)), self.state)
         controller.accept(sent, self.state, self.now, goal=told, **options)
         self.deliver()
         return told

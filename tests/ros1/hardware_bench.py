@@ -102,7 +102,7 @@ class Bench:
         order = TrajectoryOrder((joint,), (Point(seconds, (state[joint].position + by,)),))
         chosen = controller or self.controller
         with hardware.locked():
-            chosen.check_way(chosen.plan(order, state, hardware.now()), state)
+            chosen.check_way(chosen.plan(order, chosen.start(0.0, state, hardware.now())), state)
             chosen.accept(order, state, hardware.now(), goal=told)
         hardware.hurry()
         hardware.deliver()

@@ -351,7 +351,7 @@ def test_checking_took_so_long_that_points_are_past() -> None:
     loop = Loop()
     sent = order((0.2, {"J1": J1 - 0.3}), (0.9, {"J1": J1 + 0.3}), delay=-1e-3)
     received = loop.now
-    loop.controller.plan(sent, loop.state, received)
+    loop.controller.plan(sent, loop.controller.start(sent.delay, loop.state, received))
     loop.run(0.3)
     told = Told()
     loop.controller.accept(sent, loop.state, loop.now, goal=told, received=received)
@@ -472,12 +472,25 @@ def test_a_joint_never_heard_of() -> None:
     controller._progress = None
     controller.judge(deaf, [0.0] * 7, loop.now)
     assert controller.progress is None
-    sent = TrajectoryOrder(("J2",), (Point(1.0, (J2 - 0.1,)),))
     with pytest.raises(GoalError, match="not known yet where J1 is"):
-        controller.plan(sent, deaf, loop.now)
+        controller.start(0.0, deaf, loop.now)
     with pytest.raises(GoalError, match="not known yet where J1 is"):
         controller.set_points({"J1": J1}, deaf, loop.now)
     controller.set_points({"J2": J2 - 0.01}, deaf, loop.now)
+
+
+def test_a_joint_that_is_silent_is_no_joint_to_move() -> None:
+    loop = Loop()
+    silent = (JointFlag.SILENT | JointFlag.TORQUE_ON, *[JointFlag.TORQUE_ON] * 6)
+    loop.change = lambda what: replace(what, flags=silent, age=(0.3, *what.age[1:]))
+    assert loop.send(order((1.0, {"J2": J2 - 0.1}))).ends == [], "one missed answer is nothing"
+    loop.controller.hold("")
+    loop.change = lambda what: replace(what, flags=silent, age=(0.6, *what.age[1:]))
+    with pytest.raises(GoalError, match=r"J1 has not been heard of for more than 0\.5 s"):
+        loop.send(order((1.0, {"J2": J2 - 0.1})))
+    with pytest.raises(GoalError, match="J1 has not been heard of"):
+        loop.controller.set_points({"J1": J1}, loop.state, loop.now)
+    loop.controller.set_points({"J2": J2}, loop.state, loop.now)
 
 
 def test_partial_goals_leave_the_others_where_they_are() -> None:

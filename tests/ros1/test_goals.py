@@ -196,7 +196,7 @@ def test_a_stamp_must_be_a_time(delay: float) -> None:
 def test_too_many_points_are_refused_before_any_is_looked_at() -> None:
     point = Point(math.nan, ())
     text = refusal(order(*[point] * (MAX_POINTS + 1)), ErrorCode.INVALID_GOAL)
-    assert text == "the trajectory has 100001 points; send at most 100000 at a time"
+    assert text == "the trajectory has 10001 points; send at most 10000 at a time"
 
 
 # -- the bridge from where the arm is ---------------------------------------------------------------

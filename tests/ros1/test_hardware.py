@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import logging
+from dataclasses import replace
+from typing import Any
 
 import pytest
 from tests.ipc.bus_bench import make_bus
@@ -259,6 +262,34 @@ def test_torque_off_ends_a_motion() -> None:
     assert told.words == "aborted: the torque was taken away"
     assert bench.arm.torques() == [False] * 7
     assert bench.hardware.newest().torque_on == ()
+
+
+def test_torque_off_ends_what_was_accepted_that_moment() -> None:
+    bench, first = moving()
+    torque, late = bench.robot.torque, []
+
+    def torque_and_a_goal(*args: Any) -> Any:
+        # Of another thread, which has not seen yet that the torque goes.
+        late.append(bench.go("J2", -0.1, 2.0))
+        return torque(*args)
+
+    bench.robot.torque = torque_and_a_goal
+    bench.ask(lambda: bench.hardware.torque(False, bench.robot.model.names))
+    assert first.words == late[0].words == "aborted: the torque was taken away"
+    writes = len(bench.writes)
+    bench.turn(1.0)
+    assert len(bench.writes) == writes
+
+
+def test_a_target_that_the_board_kept_within_its_limits_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    bench, told = moving()
+    write = bench.robot.write
+    bench.robot.write = lambda target: replace(write(target), clamped=("J1",))
+    bench.turn(1.0)
+    bench.robot.write = write
+    bench.until(lambda: told.ends)
+    texts = [r.message for r in caplog.records if r.levelno == logging.WARNING]
+    assert texts == ["the board's own limits are tighter: it kept J1 within them"]
 
 
 def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:

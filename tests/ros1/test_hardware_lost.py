@@ -57,6 +57,22 @@ def test_an_unplugged_robot_is_stopped_and_found_again(dialect: int, baud: int) 
     assert bench.board.state.watchdog_trips == (dialect == 2)
 
 
+def test_a_board_of_another_dialect_is_not_taken_for_the_one_that_was_there() -> None:
+    bench, told = moving()
+    hardware = bench.hardware
+    bench.link.lost = True
+    bench.until(lambda: told.ends)
+    bench.link.lost = False
+    bench.robot._only_dialect = 1
+    bench.until(lambda: "of dialect 1" in hardware.error)
+    assert "a board of dialect 1 is there, where one of dialect 2 was" in hardware.error
+    assert not hardware.connected
+    assert not bench.link.is_open
+    bench.robot._only_dialect = None
+    bench.until(lambda: hardware.connected)
+    assert hardware.command_period == 0.05
+
+
 def test_a_board_that_says_nothing_more_is_lost_though_its_port_stays() -> None:
     bench, told = moving()
     dead = {"dead": True}

@@ -164,9 +164,9 @@ class Arm:
                 self.hold(name, "an empty trajectory came")
                 return
             with hardware.locked():
-                trajectory = controller.plan(order, state, received)
+                start = controller.start(order.delay, state, received)
             # Takes long for a long one, so not under the lock.
-            controller.check_way(trajectory, state)
+            controller.check_way(controller.plan(order, start), state)
             with hardware.locked():
                 self._refuse_while_teaching()
                 if not wanted():

@@ -7,7 +7,7 @@ argument, and what was sent as plain values. Must not know ROS, robots, threads 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -204,22 +204,34 @@ class TrajectoryController:
 
     # -- what others ask ----------------------------------------------------------------------------
 
-    def plan(self, order: TrajectoryOrder, state: JointState, now: float) -> Trajectory:
-        """What an order would make the joints do, if it were accepted now; changes nothing.
+    def start(self, delay: float, state: JointState, now: float) -> Sample:
+        """Where the joints are meant to be when an order begins that is for `delay` seconds from now.
 
         Raises:
-            GoalError: It is malformed, late or not for these joints, or the arm is stopped.
+            GoalError: Stopped, or not all of them have been heard of.
+        """
+        return self._start(state, now + max(0.0, delay))
+
+    def plan(self, order: TrajectoryOrder, start: Sample) -> Trajectory:
+        """What an order would make the joints do; looks at nothing that changes, so needs no lock.
+
+        Args:
+            order: What was sent.
+            start: As `start` has it.
+
+        Raises:
+            GoalError: It is malformed, late or not for these joints.
         """
         check_order(order, self.joints, allow_partial=self.settings.allow_partial)
-        return make_trajectory(order, self.joints, self._start(state, now + max(0.0, order.delay)))[0]
+        return make_trajectory(order, self.joints, start)[0]
 
     def check_way(self, trajectory: Trajectory, state: JointState) -> None:
-        """Limits, speeds, gates and the table all along a trajectory, and that its joints have torque.
+        """Limits, speeds, gates and the table all along a trajectory, and that its joints can move.
 
         Raises:
             GoalError: It must not be run.
         """
-        self._refuse_without_torque(trajectory.names, state)
+        self._refuse_unready(trajectory.names, state)
         if trajectory.duration > _LONGEST:
             text = f"the trajectory lasts {trajectory.duration:g} s; send at most {_LONGEST:g} s at a time"
             raise GoalError(text, code=ErrorCode.INVALID_GOAL)
@@ -254,7 +266,7 @@ class TrajectoryController:
             GoalError: Stopped, without torque, or too late by now; nothing was changed.
         """
         self._refuse_if_stopped()
-        self._refuse_without_torque(self.joints, state)
+        self._refuse_unready(self.joints, state)
         tolerances = tolerances or self.settings.tolerances
         received = now if received is None else received
         begins = received + order.delay
@@ -299,7 +311,7 @@ class TrajectoryController:
     def check_set_points(self, positions: Mapping[str, float], state: JointState) -> None:
         """Refuse what `set_points` would; changes nothing."""
         self._refuse_if_stopped()
-        self._refuse_without_torque(positions, state)
+        self._refuse_unready(positions, state)
         for name, angle in positions.items():
             self._arm.joint(name).check(angle)
         self.follower.observe(state)
@@ -358,7 +370,7 @@ class TrajectoryController:
         self._pending = None
         begins = self.follower.next_start(now)
         try:
-            self._refuse_without_torque(self.joints, state)
+            self._refuse_unready(self.joints, state)
             self.follower.follow(self._due(pending.order, pending.received, state, now), now)
         except HexwireError as error:
             self.follower.hold()
@@ -465,7 +477,13 @@ class TrajectoryController:
                 f"the arm is stopped ({self.follower.reason}); reset first", code=ErrorCode.INVALID_GOAL
             )
 
-    def _refuse_without_torque(self, names: Iterable[str], state: JointState) -> None:
+    def _refuse_unready(self, names: Collection[str], state: JointState) -> None:
+        """A servo without torque or without a word would only have the guard stop the whole arm a moment later."""
+        most = self.follower.guard.limits.max_age
+        deaf = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > most]
+        if deaf:
+            text = f"{', '.join(deaf)} has not been heard of for more than {most:g} s; see to the servo"
+            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
         limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
         if limp:
             raise GoalError(f"no torque on {', '.join(limp)}; enable it first", code=ErrorCode.INVALID_GOAL)

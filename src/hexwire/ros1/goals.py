@@ -26,8 +26,9 @@ __all__ = [
     "make_trajectory",
 ]
 
-MAX_POINTS = 100_000
-"""Points that a trajectory may have: hours of motion, and a bound on the work."""
+MAX_POINTS = 10_000
+"""Points that a trajectory may have. The owner of a robot makes its spline anew when it begins, and must not be
+late for that: so many take about 0.1 s."""
 _MOST = 1e6
 """Positions, velocities and accelerations beyond it are garbage, and would overflow the polynomials."""
 _LONGEST = 2.0**31

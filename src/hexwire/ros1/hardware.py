@@ -113,6 +113,7 @@ class Hardware:
         self._on_state, self._clock, self._sleep = on_state, clock, sleep or self._ending.wait
         self._reader: StateReader | None = None
         self._restarts = 0
+        self._clamped: frozenset[str] = frozenset()
         self._latest = LatestState(publish_rate)
         self._raster = Raster()
         self._jobs = Jobs()
@@ -303,14 +304,15 @@ class Hardware:
             # Torque on is "hold where you are": what has it already and is on its way must not be braked.
             have = set(self.robot.read().torque_on)
             wanted = [name for name in names if name not in have]
-        # A hand may have moved what has no torque, or will: what was commanded there means nothing now.
+        why = "a joint of it had no torque" if on else "the torque was taken away"
         if not on:
-            self.group.release("the torque was taken away", wanted)
+            self.group.release(why, wanted)
         confirmed: tuple[str, ...] = ()
         if wanted:
             confirmed = self.robot.torque(on, None if len(wanted) == len(self.robot.model.names) else wanted)
-        if on:
-            self.group.release("a joint of it had no torque", wanted)
+        # A hand may have moved what has no torque, or will: what was commanded there means nothing now. That holds
+        # for what was accepted in between as well.
+        self.group.release(why, wanted)
         # The next goal must see it.
         self._look_again()
         return tuple(name for name in names if name in confirmed or name not in wanted)
@@ -353,7 +355,14 @@ class Hardware:
     def _attach(self) -> None:
         self.robot.attach()
         try:
-            self.probe = self.robot.probe()
+            probe = self.robot.probe()
+            if self.probe is not None and probe.dialect != self.probe.dialect:
+                # What the arm may be told how often, and when it counts as lost, is of the one that was there.
+                raise DeviceError(
+                    f"a board of dialect {probe.dialect} is there, where one of dialect {self.probe.dialect} was; "
+                    "plug that in again, or start the node anew"
+                )
+            self.probe = probe
             state = self.robot.read()
         except BaseException:
             with suppress(HexwireError):
@@ -456,13 +465,17 @@ class Hardware:
 
     def _write(self, target: JointTarget) -> None:
         try:
-            self.robot.write(target)
+            clamped = frozenset(self.robot.write(target).clamped)
         except StoppedError:
             self.group.stop(StopReason("board", "the board has stopped the arm"))
         except (CommandRefusedError, UsageError) as error:
             # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
             _log.error("%s", error)
             self.group.release(str(error))
+        else:
+            if not clamped <= self._clamped:
+                _log.warning("the board's own limits are tighter: it kept %s within them", ", ".join(clamped))
+            self._clamped = clamped
 
     def _reset(self, stops: int) -> None:
         state = self.robot.read()
