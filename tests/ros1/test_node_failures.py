@@ -240,6 +240,29 @@ def test_master_that_never_answers_is_none(world: World) -> None:
 def test_settings_that_ros_does_not_take_end_it_with_a_line(world: World) -> None:
     assert "ROS_MASTER_URI" in _one_line(world.run(*NODE, status=2, ROS_MASTER_URI="nowhere").err)
     assert "{" in _one_line(world.run(*NODE, "__ns:=wrong", "_poses:={", status=2).err)
+    assert "namespace" in _one_line(world.run(*NODE, "__ns:=1 x", status=2).err)
+
+
+def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
+    node = (*NODE, "__ns:=forgotten", f"_port:={world.folder / 'none'}", "_connect_timeout:=0.2")
+    world.run(*node, "_publish_rat:=5", "_links:=Z", status=2)
+    assert "/forgotten/" not in world.run("rosparam", "list").out
+    # The same without the mistakes is not refused.
+    world.run(*node, status=1)
+
+
+def test_address_that_is_none_of_this_machine_is_told(world: World) -> None:
+    port = world.folder / "elsewhere"
+    board = world.board(port)
+    node = world.start(*NODE, "__ns:=elsewhere", f"_port:={port}", ROS_IP="192.0.2.7")
+    node.said("no other node can reach this one at http://192.0.2.7:")
+    assert node.end() == 0
+    board.end()
+
+
+def test_without_a_place_for_log_files_it_still_speaks(world: World) -> None:
+    node = (*NODE, "__ns:=silent", f"_port:={world.folder / 'none'}", "_connect_timeout:=0.2")
+    assert "waiting for it" in world.run(*node, status=1, ROS_LOG_DIR="/proc/none").out
 
 
 def test_wrong_port_ends_with_a_line(world: World) -> None:

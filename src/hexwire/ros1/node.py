@@ -21,12 +21,14 @@ from http.client import HTTPException
 from logging.handlers import QueueHandler, QueueListener
 from types import FrameType
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 from xmlrpc.client import Error as XmlRpcError
 
 import actionlib
 import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rosgraph.roslogging import RosStreamHandler
 from rospy.impl import registration
 from rospy.impl.rosout import RosOutHandler
 from sensor_msgs.msg import JointState as JointStateMessage
@@ -65,6 +67,7 @@ _MASTER_TROUBLE = (OSError, HTTPException, XmlRpcError, rosgraph.MasterException
 _SHUTDOWN_WAIT = 15.0
 _LAST_WORDS = 0.2
 """Seconds in which the last results go out: rospy sends in threads of its own, and drops what still waits there."""
+_ADDRESS_WAIT = 2.0
 _QUEUE = 10
 
 
@@ -89,7 +92,12 @@ def run(argv: list[str]) -> int:
     _init_node(argv)
     with _logging_to_ros():
         try:
-            return HardwareInterface().run()
+            try:
+                node = HardwareInterface()
+            except UsageError:
+                _forget(argv)
+                raise
+            return node.run()
         finally:
             rospy.signal_shutdown("the node ends")
 
@@ -305,6 +313,7 @@ class HardwareInterface:
 
     def _watch_master(self) -> None:
         """A master that was restarted knows nothing of us, and rospy does not tell it."""
+        _check_own_address()
         master = rosgraph.Master(rospy.get_name())
         # Its process id says nothing in a container, and that it knows our name says that we have logged a line.
         service = rospy.resolve_name("~stop")
@@ -364,11 +373,36 @@ def _wait_for_master() -> None:
 
 
 def _init_node(argv: list[str]) -> None:
+    if not rosgraph.names.is_legal_name(rospy.get_namespace()):
+        raise UsageError(f"{rospy.get_namespace()!r} is no namespace in ROS; use letters, digits and underscores")
     try:
         # Signals are ours: rospy's own would close the topics before the arm is safe.
         rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
     except (ValueError, rospy.ROSException) as error:
         raise UsageError(f"ROS does not take these arguments: {' '.join(str(error).split())}") from None
+    logger = logging.getLogger("rosout")
+    # Where ROS cannot write its log files, it leaves out the screen too.
+    if not any(isinstance(handler, RosStreamHandler) for handler in logger.handlers):
+        logger.addHandler(RosStreamHandler())
+        logger.setLevel(logging.INFO)
+
+
+def _forget(argv: list[str]) -> None:
+    """Take back what a refused command line has set: the master keeps it, and would hand it to the next start."""
+    for name in (arg.partition(":=")[0] for arg in argv):
+        if name.startswith("_") and not name.startswith("__"):
+            with suppress(KeyError, *_MASTER_TROUBLE):
+                rospy.delete_param(f"~{name[1:]}")
+
+
+def _check_own_address() -> None:
+    """Others call this node where it told the master that it is, which a wrong ROS_IP makes nowhere."""
+    uri = rospy.get_node_uri()
+    parts = urlsplit(uri)
+    try:
+        socket.create_connection((parts.hostname, parts.port), _ADDRESS_WAIT).close()
+    except (OSError, ValueError):
+        _log.warning("no other node can reach this one at %s; set ROS_IP to an address of this machine", uri)
 
 
 class _ToRos(logging.Handler):
