@@ -258,3 +258,30 @@ class Bench:
         told = Told()
         self.arm.command(name, sent, goal=told, **options)
         return told
+
+
+POSES = {"side": {"J1": HOME["J1"] + 0.5, "J4": 0.4}, "home": dict(HOME), "grip": {"J7": 0.3}}
+SPLIT = {"arm": {"joints": list(NAMES[:6])}, "hand": {"joints": ["J7"]}}
+
+
+def make_bench(*, on: bool = True, **options: Any) -> Bench:
+    bench = Bench(**({"poses": POSES, "check_table": False} | options))
+    if on:
+        assert bench.ask(lambda: bench.arm.enable(True)) == "torque is on"
+    return bench
+
+
+def free(bench: Bench) -> bool:
+    """Nobody has the arm for longer."""
+    return not bench.arm._busy.locked() and not bench.arm.lessons.power.locked()
+
+
+def guide(bench: Bench, joint: str, by: float, seconds: float = 1.0) -> None:
+    """A hand moves a limp joint."""
+    model = HEX7BOT.joint(joint)
+    servo = bench.board.wire[model.servo_id]
+    assert not servo.torque_on
+    start, begin = bench.emulated.shaft(model.servo_id), bench.clock.time
+    while bench.clock.time < begin + seconds:
+        servo.motion.position = start + by / model.scale * min(1.0, (bench.clock.time - begin) / seconds)
+        bench._step()

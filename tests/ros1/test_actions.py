@@ -9,12 +9,10 @@ from typing import Any
 
 import pytest
 from tests.motion.arms import HOME, NAMES
-from tests.ros1.arm_bench import Bench
+from tests.ros1.arm_bench import SPLIT, Bench
 from tests.ros1.hardware_bench import wait_for
 
 from hexwire.ros1.actions import ActionGoal, ActionGoals
-
-SPLIT = {"arm": {"joints": list(NAMES[:6])}, "hand": {"joints": ["J7"]}}
 
 
 class Time(float):

@@ -2,52 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import math
-import threading
-from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.motion.arms import HOME, NAMES
-from tests.ros1.arm_bench import PREEMPTED, SUCCEEDED, Bench, order
+from tests.ros1.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, free, guide, make_bench, order
 
-from hexwire.errors import GoalError, HexwireError, LimitError, LinkLostError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.motion.waypoint_file import parse_waypoints
+from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
-from hexwire.ros1.arm import taught_part
 from hexwire.ros1.controller import Outcome
 from hexwire.ros1.diagnostics import diagnose
 from hexwire.ros1.goals import ErrorCode, Point, TrajectoryOrder
 
 J1 = HOME["J1"]
-POSES = {"side": {"J1": J1 + 0.5, "J4": 0.4}, "home": dict(HOME), "grip": {"J7": 0.3}}
-SPLIT = {"arm": {"joints": list(NAMES[:6])}, "hand": {"joints": ["J7"]}}
 ABORTED = (Outcome.ABORTED, ErrorCode.INVALID_GOAL)
-
-
-def make_bench(*, on: bool = True, **options: Any) -> Bench:
-    bench = Bench(**({"poses": POSES, "check_table": False} | options))
-    if on:
-        assert bench.ask(lambda: bench.arm.enable(True)) == "torque is on"
-    return bench
-
-
-def free(bench: Bench) -> bool:
-    """Nobody has the arm for longer."""
-    return not bench.arm._busy.locked() and not bench.arm._power.locked()
-
-
-def guide(bench: Bench, joint: str, by: float, seconds: float = 1.0) -> None:
-    """A hand moves a limp joint."""
-    model = HEX7BOT.joint(joint)
-    servo = bench.board.wire[model.servo_id]
-    assert not servo.torque_on
-    start, begin = bench.emulated.shaft(model.servo_id), bench.clock.time
-    while bench.clock.time < begin + seconds:
-        servo.motion.position = start + by / model.scale * min(1.0, (bench.clock.time - begin) / seconds)
-        bench._step()
 
 
 # -- orders ------------------------------------------------------------------------------------------------
@@ -347,178 +316,6 @@ def test_if_one_controller_fails_the_others_hold() -> None:
     assert not bench.controller.busy
 
 
-# -- teaching ----------------------------------------------------------------------------------------------
-
-
-def test_teaching_and_playing_back(tmp_path: Path) -> None:
-    bench = make_bench(teach_directory=str(tmp_path))
-    assert bench.ask(bench.arm.teach_start) == f"teaching {', '.join(NAMES)}; they have no torque"
-    assert not any(bench.torques())
-    guide(bench, "J1", 0.4)
-    guide(bench, "J1", -0.1)
-    end = bench.where("J1")
-    words = bench.ask(bench.arm.teach_stop)
-    assert all(bench.torques())
-    assert "taught " in words
-    (path,) = tmp_path.iterdir()
-    assert str(path) in words
-    assert json.loads(path.read_text(encoding="utf-8"))["joint_names"] == list(NAMES)
-    way = parse_waypoints(path.read_bytes(), path.name)
-    assert way.goal[0] == pytest.approx(end, abs=0.02)
-    (taught,) = bench.taught
-    assert taught is bench.arm.taught
-    bench.ask(lambda: bench.arm.go_to("home"))
-    assert bench.ask(bench.arm.teach_play) == f"played {taught.duration:.1f} s"
-    assert bench.where("J1") == pytest.approx(end, abs=0.02)
-
-
-def test_nothing_moves_while_somebody_holds_the_arm() -> None:
-    bench = make_bench()
-    bench.ask(bench.arm.teach_start)
-    requests = [
-        lambda: bench.command(order((1.0, {}))),
-        lambda: bench.arm.command("", order()),
-        lambda: bench.arm.set_points(["J1"], {"position": [J1]}),
-        lambda: bench.arm.go_to("home"),
-        lambda: bench.arm.enable(True),
-        lambda: bench.arm.enable(False),
-        bench.arm.teach_start,
-    ]
-    for request in requests:
-        with pytest.raises(UsageError, match="the arm is being taught; end that first"):
-            request()
-    assert not any(bench.torques())
-    with pytest.raises(UsageError, match="nothing was taught since"):
-        bench.arm.teach_play()
-    assert free(bench)
-
-
-def test_an_arm_without_torque_is_taught_and_left_so() -> None:
-    bench = make_bench(on=False)
-    bench.ask(bench.arm.teach_start)
-    guide(bench, "J1", 0.4)
-    bench.ask(bench.arm.teach_stop)
-    assert not any(bench.torques())
-    assert bench.arm.taught is not None
-
-
-def test_a_moving_arm_is_not_taught() -> None:
-    bench = make_bench()
-    told = bench.command(order((1.0, {"J1": J1 + 0.3})))
-    with pytest.raises(UsageError, match="the arm is moving; wait, or cancel the goal first"):
-        bench.arm.teach_start()
-    bench.until(lambda: told.ends)
-    assert told.outcome == SUCCEEDED
-    with pytest.raises(UsageError, match="nothing is being taught"):
-        bench.arm.teach_stop()
-
-
-def test_torque_comes_back_even_if_nothing_was_recorded() -> None:
-    bench = make_bench()
-    bench.ask(bench.arm.teach_start)
-    bench.hardware.observers.clear()
-    bench.arm._teacher._samples.clear()
-    with pytest.raises(UsageError, match="nothing was recorded"):
-        bench.ask(bench.arm.teach_stop)
-    assert all(bench.torques())
-    assert free(bench)
-    bench.ask(lambda: bench.arm.go_to("home"))
-
-
-def test_a_stop_in_teaching_leaves_the_arm_without_torque() -> None:
-    bench = make_bench()
-    bench.ask(bench.arm.teach_start)
-    guide(bench, "J1", 0.3)
-    assert bench.arm.stop("test") == "stopped; all joints confirmed it"
-    bench.turn(0.5)
-    assert not any(bench.torques()), "somebody has a hand in it"
-    with pytest.raises(UsageError, match="nothing is being taught"):
-        bench.arm.teach_stop()
-    bench.ask(bench.arm.reset)
-    bench.turn(0.5)
-    with pytest.raises(UsageError, match="nothing is being taught"):
-        bench.arm.teach_stop()
-    assert not any(bench.torques())
-    bench.ask(lambda: bench.arm.enable(True))
-    assert all(bench.torques())
-
-
-def test_a_stop_while_teaching_begins() -> None:
-    bench = make_bench()
-    service = bench.begin(bench.arm.teach_start)
-    pause = threading.Event()
-    while not bench.arm._teaching and service.thread.is_alive():
-        pause.wait(0.001)
-    bench.arm.stop("test")
-    bench.settle(service)
-    with pytest.raises(HexwireError):
-        service.answer()
-    assert free(bench)
-    assert not bench.arm._teaching
-    assert not bench.arm._teacher.active
-
-
-def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
-    bench = make_bench()
-    bench.ask(bench.arm.teach_start)
-    guide(bench, "J1", 0.3)
-    bench.silence("J6")
-    with pytest.raises(UsageError, match=r"^taught .* points; J6 did not confirm that torque is on$"):
-        bench.ask(bench.arm.teach_stop)
-    assert bench.arm.taught is not None
-    assert not bench.arm._teaching
-    assert free(bench)
-
-
-def test_what_was_taught_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
-    (tmp_path / "taken").write_text("mine")
-    bench = make_bench(teach_directory=str(tmp_path / "taken"))
-    bench.ask(bench.arm.teach_start)
-    guide(bench, "J1", 0.3)
-    with pytest.raises(UsageError, match="cannot be saved"):
-        bench.ask(bench.arm.teach_stop)
-    assert all(bench.torques())
-    assert bench.arm.taught is not None
-
-
-def test_a_joint_that_keeps_its_torque_is_not_taught() -> None:
-    bench = make_bench()
-    bench.silence("J2")
-    with pytest.raises(UsageError, match="J2 did not confirm that torque is off"):
-        bench.ask(bench.arm.teach_start)
-    assert not bench.arm._teaching
-    assert free(bench)
-    assert bench.torques()[0], "the others hold again"
-
-
-def test_a_robot_that_is_lost_while_it_is_taught() -> None:
-    bench = make_bench()
-    bench.ask(bench.arm.teach_start)
-    guide(bench, "J1", 0.3)
-    bench.link.lost = True
-    bench.turn(1.0)
-    with pytest.raises(UsageError, match="the robot cannot be reached"):
-        bench.arm.teach_stop()
-    assert bench.arm.taught is not None
-    bench.link.lost = False
-    bench.until(lambda: bench.hardware.connected)
-    bench.turn(1.0)
-    assert not any(bench.torques())
-    assert free(bench)
-
-
-def test_a_part_of_what_was_taught() -> None:
-    bench = make_bench(controllers=SPLIT)
-    bench.ask(bench.arm.teach_start)
-    guide(bench, "J7", 0.3)
-    bench.ask(bench.arm.teach_stop)
-    assert bench.arm.taught is not None
-    part = taught_part(bench.arm.taught, ("J7", "J1"))
-    assert part.names == ("J7", "J1")
-    assert part.goal == pytest.approx((0.3, J1), abs=0.02)
-    bench.ask(bench.arm.teach_play)
-
-
 # -- what it reports ---------------------------------------------------------------------------------------
 
 
@@ -555,3 +352,42 @@ def test_limits_are_told_as_such() -> None:
     bench = make_bench()
     with pytest.raises(LimitError):
         bench.arm.set_points(["J1"], {"position": [3.0]})
+
+
+# -- what happens meanwhile --------------------------------------------------------------------------------
+
+
+def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make_bench()
+    check = bench.controller.check_way
+
+    def check_way(*args: Any) -> None:
+        check(*args)
+        bench.ask(bench.arm.teach_start)
+
+    monkeypatch.setattr(bench.controller, "check_way", check_way)
+    with pytest.raises(GoalError, match="being taught"):
+        bench.command(order((1.0, {"J1": J1 + 0.3})))
+    assert not bench.controller.busy
+
+
+def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make_bench()
+    locked = bench.hardware.locked
+
+    def late() -> Any:
+        monkeypatch.setattr(bench.hardware, "locked", locked)
+        bench.ask(bench.arm.teach_start)
+        return locked()
+
+    monkeypatch.setattr(bench.hardware, "locked", late)
+    with pytest.raises(UsageError, match="being taught"):
+        bench.arm.set_points(["J1"], {"position": [J1 + 0.1]})
+    assert not bench.controller.busy
+
+
+def test_a_goal_that_nobody_wants_any_more_does_not_begin() -> None:
+    bench = make_bench()
+    with pytest.raises(GoalError, match="cancelled"):
+        bench.command(order((1.0, {"J1": J1 + 0.3})), wanted=lambda: False)
+    assert not bench.controller.busy

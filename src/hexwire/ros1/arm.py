@@ -11,9 +11,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, UsageError
@@ -23,13 +20,12 @@ from .controller import TrajectoryController
 from .diagnostics import Facts
 from .goals import ErrorCode
 from .hardware import Hardware
-from .teaching import Teacher, save, tolerance_of
+from .lessons import Lessons, switch_torque
 from .waiting import Alone, Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
-    from hexwire.motion.safety import StopReason
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
 
@@ -43,8 +39,6 @@ __all__ = ["Arm"]
 _log = logging.getLogger(__name__)
 
 _NEVER = 1e9
-_TREMOR = 0.1
-"""Seconds to either side over which taught positions are smoothed."""
 _GRACE = 10.0
 """Seconds beyond a motion's own duration that whoever waits for its end is patient."""
 
@@ -63,7 +57,7 @@ class Arm:
     Attributes:
         hardware: The robot and its owner.
         controllers: By name; the only one has the empty name.
-        taught: What was taught last, or None.
+        lessons: Teaching by hand, and what was taught.
     """
 
     def __init__(
@@ -87,14 +81,7 @@ class Arm:
             sleep=sleep,
         )
         self.controllers: dict[str, TrajectoryController] = {}
-        self.taught: Taught | None = None
-        self._on_taught = on_taught
-        self._teacher = Teacher()
-        # The joints are, or are about to be, in somebody's hands. Set under the controllers' lock.
-        self._teaching = False
-        self._had_torque: tuple[str, ...] = ()
-        # Whoever switches torque looks first whether that is right; in between nobody else may.
-        self._power = threading.Lock()
+        self.lessons = Lessons(self.hardware, settings.teach_directory, on_taught)
         # One request at a time that takes the arm for longer: a pose, teaching, playing back.
         self._busy = threading.Lock()
 
@@ -104,7 +91,6 @@ class Arm:
         """Find the robot and make its controllers; as `Hardware.connect`."""
         settings, hardware = self.settings, self.hardware
         hardware.connect(settings.connect_timeout)
-        hardware.observers.append(self._teacher.take)
         limits = settings.safety_at(1.0 / hardware.command_period)
         self.controllers = {
             row.name: TrajectoryController(
@@ -158,7 +144,7 @@ class Arm:
         controller, hardware = self.controllers[name], self.hardware
         try:
             received = hardware.now()
-            self._refuse_while_teaching()
+            self.lessons.refuse()
             state = hardware.newest()
             if not order.points and goal is None:
                 self.hold(name, "an empty trajectory came")
@@ -168,7 +154,7 @@ class Arm:
             # Takes long for a long one, so not under the lock.
             controller.check_way(controller.plan(order, start), state)
             with hardware.locked():
-                self._refuse_while_teaching()
+                self.lessons.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began")
                 controller.accept(
@@ -208,7 +194,7 @@ class Arm:
             HexwireError: The arm is stopped or cannot be reached.
         """
         hardware = self.hardware
-        self._refuse_while_teaching()
+        self.lessons.refuse()
         if len(set(names)) != len(names):
             raise UsageError(f"a joint is named twice: {', '.join(names)}")
         for field, values in fields.items():
@@ -227,7 +213,7 @@ class Arm:
         if not shares:
             raise UsageError("it holds no position, and these servos take nothing else")
         with hardware.locked():
-            self._refuse_while_teaching()
+            self.lessons.refuse()
             state, now = hardware.newest(), hardware.now()
             for key, share in shares.items():
                 self.controllers[key].check_set_points(share, state)
@@ -250,7 +236,7 @@ class Arm:
         try:
             confirmed = self.hardware.stop(why)
         finally:
-            self._end_teaching()
+            self.lessons.abandon()
         missing = [name for name in self.settings.model.names if name not in confirmed]
         if missing:
             raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
@@ -271,16 +257,10 @@ class Arm:
         Raises:
             HexwireError: Stopped, being taught, or not every joint confirmed it.
         """
-        with self._power:
-            self._refuse_while_teaching()
-            self._switch(on, self._all_joints())
+        with self.lessons.power:
+            self.lessons.refuse()
+            switch_torque(self.hardware, on, self._all_joints())
         return f"torque is {'on' if on else 'off'}"
-
-    def _switch(self, on: bool, names: Sequence[str]) -> None:
-        confirmed = self.hardware.torque(on, names)
-        missing = [name for name in names if name not in confirmed]
-        if missing:
-            raise UsageError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
 
     # -- poses and teaching -----------------------------------------------------------------------------
 
@@ -301,83 +281,21 @@ class Arm:
         """Take the torque away and take down where a hand leads the arm. Somebody must hold it.
 
         Raises:
-            HexwireError: Something moves, or the arm is stopped or cannot be reached, or a joint kept its torque.
+            HexwireError: As `Lessons.start`, or somebody else has the arm.
         """
         names = self._all_joints()
-        with self._alone(), self._power:
-            self._refuse_while_teaching()
-            torque = self.hardware.newest().torque_on
-            with self.hardware.locked():
-                reason = self._reason()
-                if reason is not None:
-                    raise UsageError(f"the arm is stopped ({reason}); reset it first")
-                if any(controller.busy for controller in self.controllers.values()):
-                    raise UsageError("the arm is moving; wait, or cancel the goal first")
-                # From here on nothing is accepted that would move it.
-                self._teaching = True
-            self._had_torque = tuple(name for name in names if name in torque)
-            try:
-                if self._had_torque:
-                    self._switch(False, names)
-                with self.hardware.locked():
-                    if not self._teaching:
-                        raise UsageError("the arm was stopped meanwhile; it has no torque")
-                    self._teacher.start(names, self.hardware.now())
-            except BaseException:
-                self._end_teaching()
-                if self._had_torque:
-                    # Refused if a stop is why.
-                    with suppress(HexwireError):
-                        self.hardware.torque(True, self._had_torque)
-                raise
+        with self._alone():
+            self.lessons.start(names)
         return f"teaching {', '.join(names)}; they have no torque"
 
     def teach_stop(self) -> str:
         """End teaching; joints that had torque before hold where they are now.
 
         Raises:
-            HexwireError: Nothing was being taught, nothing was recorded, a joint got no torque, or the file cannot
-                be written. What was recorded is kept all the same.
+            HexwireError: As `Lessons.stop`, or somebody else has the arm.
         """
-        faults: list[str] = []
-        words = ""
         with self._alone():
-            taught = self._end_lesson(faults)
-            try:
-                words = "" if taught is None else self._keep(taught)
-            except HexwireError as error:
-                faults.append(str(error))
-        if faults:
-            raise UsageError("; ".join(filter(None, (words, *faults))))
-        return words
-
-    def _end_lesson(self, faults: list[str]) -> Taught | None:
-        taught = None
-        with self._power:
-            if not self._teaching:
-                raise UsageError("nothing is being taught; start that first")
-            try:
-                taught = self._teacher.finish()
-            except UsageError as error:
-                faults.append(str(error))
-            # Whatever was recorded: the arm must not go on hanging on somebody's hands.
-            try:
-                if self._had_torque:
-                    self._switch(True, self._had_torque)
-            except HexwireError as error:
-                faults.append(str(error))
-            self._teaching = False
-        return taught
-
-    def _keep(self, taught: Taught) -> str:
-        # A hand trembles.
-        taught = self.taught = taught.without_stillness().smoothed(_TREMOR)
-        self._on_taught(taught)
-        words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"
-        if self.settings.teach_directory:
-            folder, model = Path(self.settings.teach_directory), self.settings.model
-            words += f", saved as {save(taught, folder, datetime.now(), tolerance=tolerance_of(model))}"
-        return words
+            return self.lessons.stop()
 
     def teach_play(self) -> str:
         """Go to where what was taught begins, follow it, and wait for its end.
@@ -385,7 +303,7 @@ class Arm:
         Raises:
             HexwireError: Nothing was taught, or it cannot be followed.
         """
-        taught = self.taught
+        taught = self.lessons.taught
         if taught is None:
             raise UsageError("nothing was taught since the node started")
         with self._alone():
@@ -398,7 +316,7 @@ class Arm:
     def facts(self, node: str) -> Facts:
         """What diagnostics are made of."""
         hardware = self.hardware
-        reason = self._reason()
+        reason = hardware.group.reason
         return Facts(
             node=node,
             robot=self.settings.model.name,
@@ -431,21 +349,6 @@ class Arm:
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
-    def _reason(self) -> StopReason | None:
-        return next((c.follower.reason for c in self.controllers.values() if c.follower.reason), None)
-
-    def _refuse_while_teaching(self) -> None:
-        if self._teaching:
-            raise UsageError("the arm is being taught; end that first")
-
-    def _end_teaching(self) -> None:
-        """Without giving back the torque."""
-        with self.hardware.locked():
-            was, self._teaching = self._teaching, False
-        if was:
-            with suppress(UsageError):
-                self._teacher.finish()
-
     def _travel(self, goals: Mapping[str, float], why: str) -> None:
         """Go somewhere the careful way, from rest, and wait."""
         lost = [name for name in goals if name not in self._all_joints()]
@@ -453,7 +356,7 @@ class Arm:
             raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
         ways: dict[str, Trajectory] = {}
         with self.hardware.locked():
-            self._refuse_while_teaching()
+            self.lessons.refuse()
             state, now = self.hardware.newest(), self.hardware.now()
             for key, controller in self.controllers.items():
                 joints = controller.joints
@@ -475,7 +378,6 @@ class Arm:
         waiter = Waiter(len(ways))
         try:
             with hardware.locked():
-                self._refuse_while_teaching()
                 for key, way in ways.items():
                     self.controllers[key].follow(way, hardware.now(), goal=waiter)
             hardware.hurry()
