@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import replace
 
 import pytest
@@ -52,6 +53,17 @@ def test_more_states_than_are_published(rate: float, between: float, count: int)
     taken = [latest.take(state(stamp=1.0 + between * i), 1.0 + between * i) for i in range(300)]
     assert sum(published is not None for published in taken) == pytest.approx(3 * count, abs=2)
     assert latest.rate(3.99) == pytest.approx(rate, rel=0.06)
+
+
+@pytest.mark.parametrize("rate", [30.0, 50.0])
+def test_what_is_published_is_what_is_nearest_to_its_time(rate: float) -> None:
+    latest = LatestState(rate)
+    latest.begin(0.01, 0.5)
+    chance = random.Random(3)
+    times = [1.0 + 0.01 * i + chance.uniform(-0.0003, 0.0003) for i in range(300)]
+    taken = [now for now in times if latest.take(state(stamp=now), now) is not None]
+    late = [now - (taken[0] + i / rate) for i, now in enumerate(taken)]
+    assert max(map(abs, late)) <= 0.006
 
 
 def test_fewer_states_than_are_wanted_are_all_published() -> None:

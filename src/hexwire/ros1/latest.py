@@ -63,8 +63,7 @@ class LatestState:
             self._known = now
             self._speeds = dict(zip(published.names, published.velocity, strict=True))
             # Half a state early is nearer than half a state late.
-            early = now + 0.5 * self._between
-            if self._between < self._period and not self._raster.due(early, self._period):
+            if self._between < self._period and not self._raster.due(now, self._period, 0.5 * self._between):
                 return None
             self._meter.count(now)
             return published

@@ -27,14 +27,15 @@ class Raster:
         """Do not wait for the next point of the raster, if nothing was done for a period."""
         self._hurried = True
 
-    def due(self, now: float, period: float) -> bool:
+    def due(self, now: float, period: float, early: float = 0.0) -> bool:
         """Whether it is time; the next time is later then.
 
         Args:
             now: Seconds.
             period: Seconds.
+            early: So many seconds before its time it is time already; below half a period.
         """
-        if now >= self._due:
+        if now + early >= self._due:
             # A late cycle keeps the raster; one that is later than a period begins a new one.
             following = self._due + period if now < self._due + period else now + period
         elif self._hurried and now >= self._done + period:
