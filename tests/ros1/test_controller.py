@@ -218,6 +218,19 @@ def test_turning_round_at_speed_stays_within_limits(after: float, still: bool) -
     assert max(map(abs, loop.speeds("J1"))) < limit.max_speed
 
 
+def test_a_goal_is_not_judged_by_what_was_sampled_before_it_began() -> None:
+    loop = Loop(tolerances=tolerances(path={"J1": Tolerance(0.009)}))
+    loop.send(order((1.0, {"J1": J1 + 0.5})), tolerances=tolerances())
+    loop.run(0.5)
+    # On its way to the last target, where the next goal begins.
+    loop.controller.hold("")
+    target = loop.robot.targets[-1][1].positions[0][1]
+    assert target - loop.where("J1") > 0.01
+    told = loop.send(order((1.0, {"J1": target})))
+    loop.run(1.3)
+    assert told.outcome == SUCCEEDED
+
+
 def test_a_refused_goal_leaves_the_other_alone() -> None:
     loop = Loop()
     first = loop.send(order((2.0, {"J1": J1 + 1.0})))
@@ -369,6 +382,21 @@ def test_checking_took_so_long_that_it_would_be_too_fast() -> None:
         loop.controller.accept(sent, loop.state, loop.now, goal=Told(), received=received)
     assert caught.value.code == ErrorCode.OLD_HEADER_TIMESTAMP
     assert not loop.controller.busy
+
+
+def test_a_motion_at_the_speed_limit_may_begin_a_little_late() -> None:
+    loop = Loop()
+    way = 0.5 * 0.98 * HEX7BOT.joint("J1").max_speed
+    sent = order((0.5, {"J1": J1 + way}), delay=-1e-3)
+    received = loop.now
+    loop.controller.check_way(
+        loop.controller.plan(sent, loop.controller.start(-1e-3, loop.state, received)), loop.state
+    )
+    loop.time.sleep(0.03)
+    told = Told()
+    loop.controller.accept(sent, loop.state, loop.now, goal=told, received=received)
+    loop.run(1.0)
+    assert told.outcome == SUCCEEDED
 
 
 def test_a_stamp_now_and_points_from_now_are_on_time_to_a_cycle() -> None:

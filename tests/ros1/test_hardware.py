@@ -151,6 +151,20 @@ def test_one_target_a_period_however_much_hurry() -> None:
     assert len(gaps) == pytest.approx(60, abs=2)
 
 
+def test_a_target_lasts_beyond_the_next_one_or_a_late_cycle_would_be_a_pause() -> None:
+    bench, told = moving()
+    write, rows = bench.robot.write, []
+
+    def noted(target: JointTarget) -> Any:
+        rows.append((bench.clock.time, bench.clock.time + target.duration))
+        return write(target)
+
+    bench.robot.write = noted
+    bench.until(lambda: told.ends)
+    spare = [end - following for (_, end), (following, _) in itertools.pairwise(rows)]
+    assert min(spare) > 0.2 * bench.hardware.command_period
+
+
 def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
     bench = BoardBench()
     bench.hardware.connect()

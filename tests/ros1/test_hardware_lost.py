@@ -11,6 +11,7 @@ from tests.ros1.hardware_bench import (
 from hexwire.errors import (
     DeviceError,
     LinkLostError,
+    ServoError,
 )
 from hexwire.ros1.controller import Outcome
 
@@ -89,6 +90,19 @@ def test_a_board_that_says_nothing_more_is_lost_though_its_port_stays() -> None:
     assert bench.hardware.group.reason.kind == "lost"
 
 
+def test_a_robot_that_cannot_be_understood_is_told_to_stop_before_it_is_left() -> None:
+    bench, told = moving()
+
+    def garbled(*_: object) -> object:
+        raise ServoError("the board reports 3 joints and has 7")
+
+    bench.robot._board.decode_state = garbled
+    bench.until(lambda: told.ends)
+    assert "reports 3 joints" in told.text
+    assert bench.board.state.stopped
+    assert bench.board.state.report_due is None
+
+
 def test_a_board_that_is_reset_on_its_way_stops_the_arm() -> None:
     bench, told = moving()
     boot = bench.hardware.probe.boot_id if bench.hardware.probe else None
@@ -126,10 +140,17 @@ def test_a_board_that_is_reset_at_rest_is_only_told_its_watchdog() -> None:
     bench.hardware.connect()
     bench.turn(0.5)
     bench.enable()
+    told = bench.go("J1", 0.2, 1.0)
+    bench.until(lambda: told.ends)
+    # Its power was gone for a moment, and the arm has sunk.
+    bench.board.wire[0].motion.position -= 200.0
     bench.board.reset(bench.clock.time)
     bench.turn(2.0)
     assert bench.hardware.group.reason is None
     assert not bench.board.state.stopped
+    state = bench.hardware.newest()
+    here = bench.controller.here(state, bench.hardware.now())
+    assert here == state.position, "what was commanded before means nothing now"
     assert bench.board.state.watchdog_timeout == 1.0
     assert bench.board.state.report_due is not None
 

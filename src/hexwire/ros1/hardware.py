@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, TypeVar
 
-from hexwire.drivers.base import StopMode
 from hexwire.errors import (
     CommandRefusedError,
     DeviceError,
@@ -36,6 +35,7 @@ from .jobs import Jobs
 from .latest import LatestState
 from .pace import Raster
 from .reader import StateReader
+from .waiting import join_or_hang_up
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport, RobotDriver
@@ -60,7 +60,6 @@ _SILENT = 0.5
 """Seconds that a silent joint is published for; on a slow line likewise."""
 _PATIENCE, _PATIENCE_LOST = 5.0, 2.0
 """Seconds until the owner is hung up on at the end: with a robot, and while it looks for one."""
-_HANG_UPS = 20
 
 
 class Hardware:
@@ -112,8 +111,7 @@ class Hardware:
         self._ending = threading.Event()
         self._on_state, self._clock, self._sleep = on_state, clock, sleep or self._ending.wait
         self._reader: StateReader | None = None
-        self._restarts = 0
-        self._clamped: frozenset[str] = frozenset()
+        self._restarts, self._clamped = 0, frozenset[str]()
         self._latest = LatestState(publish_rate)
         self._raster = Raster()
         self._jobs = Jobs()
@@ -178,18 +176,13 @@ class Hardware:
         self.connected, self.error = False, "the node has ended"
 
     def _end_thread(self) -> None:
-        thread = self._thread
-        if thread is None:
-            return
-        thread.join(_PATIENCE if self.connected else _PATIENCE_LOST)
-        for _ in range(_HANG_UPS):
-            if not thread.is_alive():
-                return
-            # It waits for a robot that does not answer; and may be about to open the line once more.
+        def hang_up() -> None:
             for session in self.robot.sessions:
                 session.close()
-            thread.join(_PATIENCE / _HANG_UPS)
-        _log.error("the hardware thread does not end")
+
+        patience = _PATIENCE if self.connected else _PATIENCE_LOST
+        if self._thread is not None and not join_or_hang_up(self._thread, patience, hang_up, _PATIENCE):
+            _log.error("the hardware thread does not end")
 
     @property
     def alive(self) -> bool:
@@ -261,8 +254,8 @@ class Hardware:
         self._check_reachable()
         return self._jobs.call(job)
 
-    def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
-        """Latched stop, ahead of everything else.
+    def stop(self, why: str) -> tuple[str, ...]:
+        """Latched stop, ahead of everything else; the joints hold.
 
         Returns:
             Names of the joints that confirmed it.
@@ -273,7 +266,7 @@ class Hardware:
         self.group.stop(StopReason("asked", why))
         if not self.connected:
             raise LinkLostError(f"the robot cannot be told: {self.error}")
-        return self.robot.stop(mode)
+        return self.robot.stop()
 
     def reset(self) -> None:
         """End a stop. Nothing moves by it.
@@ -375,15 +368,13 @@ class Hardware:
 
     def _begin_reading(self) -> StateReader:
         # First, since arming a watchdog makes the board forget that it tripped.
-        found = None if self.state is None else board_stop(self.state)
-        if found is not None:
+        if self.state is not None and (found := board_stop(self.state)) is not None:
             self.group.stop(found)
         # Only now: between `connect` and the first turn nobody feeds a watchdog.
         if self._wanted_watchdog:
             self._arm_watchdog(self._wanted_watchdog)
         # Every target needs a state, however seldom states are published.
-        least = max(1.0 / self.command_period, _FEEDS / self.watchdog if self.watchdog else 0.0)
-        rate = max(self._publish_rate, least)
+        rate = max(self._publish_rate, 1.0 / self.command_period, _FEEDS / self.watchdog if self.watchdog else 0.0)
         reader = StateReader(self.robot, rate, clock=self._clock, sleep=self._sleep)
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
         self._restarts = reader.restarts
@@ -455,8 +446,7 @@ class Hardware:
         """Judge at every state, decide and write at the raster of commands."""
         now = self._clock()
         due = self._raster.due(now, self.command_period)
-        speeds = self._latest.speeds(state.names)
-        order = self.group.cycle(state, speeds, now, self.lead, due=due)
+        order = self.group.cycle(state, self._latest.speeds(state.names), now, self.lead, due=due)
         if isinstance(order, StopReason):
             self._stop(order)
         elif order is not None:
@@ -478,16 +468,15 @@ class Hardware:
             self._clamped = clamped
 
     def _reset(self, stops: int) -> None:
-        state = self.robot.read()
-        faults = {joint.name: JointFlag(joint.flags).faults for joint in state if JointFlag(joint.flags).faults}
-        blamed = [f"{name} still reports {faults[name]}" for name in self.group.blamed if name in faults]
-        if blamed:
+        suspects = [joint for joint in self.robot.read() if joint.name in self.group.blamed]
+        faults = [(joint.name, JointFlag(joint.flags).faults) for joint in suspects]
+        if blamed := [f"{name} still reports {fault}" for name, fault in faults if fault]:
             # A servo keeps an overload until its next command. This one holds; the next try shows what is true.
             self.robot.stop()
             raise UsageError(f"{', '.join(blamed)}; see to it, and reset again")
         self.robot.resume()
         if not self.group.reset(stops):
-            # Whoever pressed stop last must not find the arm ready to move.
+            # Whoever stopped it last must not find it ready to move.
             self.robot.stop()
             raise UsageError("the arm was stopped again meanwhile; reset it again")
         self._look_again()
@@ -503,8 +492,7 @@ class Hardware:
         _log.error("stopped: %s", reason)
         self.group.stop(reason)
         confirmed = self.robot.stop()
-        missing = [name for name in self.robot.model.names if name not in confirmed]
-        if missing:
+        if missing := [name for name in self.robot.model.names if name not in confirmed]:
             _log.error("%s did not confirm the stop", ", ".join(missing))
 
     def deliver(self) -> None:

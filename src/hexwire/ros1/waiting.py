@@ -1,4 +1,4 @@
-"""How a thread waits for goals, and how only one at a time takes the arm for longer.
+"""How a thread waits: for goals, for another thread's end, and how only one at a time takes the arm for longer.
 
 Owns nothing but the waiting. Must not know what is waited for, nor who ends it.
 """
@@ -6,12 +6,15 @@ Owns nothing but the waiting. Must not know what is waited for, nor who ends it.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from hexwire.errors import UsageError
 
 from .controller import Ended, Outcome
 
-__all__ = ["Alone", "Waiter"]
+__all__ = ["Alone", "Waiter", "join_or_hang_up"]
+
+_HANG_UPS = 20
 
 
 class Waiter:
@@ -65,3 +68,24 @@ class Alone:
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
+
+
+def join_or_hang_up(thread: threading.Thread, patience: float, hang_up: Callable[[], object], more: float) -> bool:
+    """Wait for a thread to end; take from it what it waits for, if it does not.
+
+    Args:
+        thread: Which.
+        patience: Seconds to wait at first.
+        hang_up: Ends what it waits for. Called again and again, since it may be about to begin once more.
+        more: Seconds to go on for with that.
+
+    Returns:
+        Whether it has ended.
+    """
+    thread.join(patience)
+    for _ in range(_HANG_UPS):
+        if not thread.is_alive():
+            return True
+        hang_up()
+        thread.join(more / _HANG_UPS)
+    return not thread.is_alive()
