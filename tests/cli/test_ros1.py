@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -91,6 +92,13 @@ def test_an_error_of_the_node_is_one_line() -> None:
         f"{_STUB} lambda argv: exec('from hexwire.errors import DeviceError as E; raise E(\"gone\")')"
     )
     assert (result.returncode, result.stderr) == (1, "error: gone\n")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_in_what_ros_does_at_the_end_ends_it_without_a_word(name: str) -> None:
+    at_the_end = f"import atexit, os, signal; atexit.register(lambda: os.kill(os.getpid(), signal.{name}))"
+    result = _program(f"{at_the_end}; {_STUB} lambda argv: 0")
+    assert (result.returncode, result.stderr) == (-signal.Signals[name], "")
 
 
 @pytest.mark.parametrize("args", [["--nonsense"], ["-x", "_port:=a"], ["/dev/ttyUSB0"], ["--help", "_port:=a"]])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
+import signal
 import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -65,7 +66,11 @@ _WIDTH = 112
 def main() -> None:
     """Entry point of the program."""
     ends_like_ctrl_c()
-    sys.exit(run(lambda: _main(sys.argv[1:])))
+    status = run(lambda: _main(sys.argv[1:]))
+    # The arm has been seen to. A second Ctrl-C in what ROS does at the end shall end that, without a traceback.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    sys.exit(status)
 
 
 def package_path() -> Path:
