@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
 
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointState, JointTarget
+from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits, StopReason
 from hexwire.motion.teach import Taught
 from hexwire.ros1.arm import Arm
@@ -77,6 +78,11 @@ def order(*points: tuple[float, Mapping[str, float]], delay: float = 0.0, still:
         for time, where in points
     ]
     return TrajectoryOrder(NAMES, tuple(rows), delay)
+
+
+def limp(what: JointState) -> JointState:
+    """The same without torque."""
+    return replace(what, flags=tuple(flag & ~JointFlag.TORQUE_ON for flag in what.flags))
 
 
 class Loop:
