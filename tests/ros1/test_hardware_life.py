@@ -68,6 +68,24 @@ def test_a_port_that_is_not_ours_is_not_waited_for(monkeypatch: pytest.MonkeyPat
     assert bench.clock.time == begun
 
 
+def test_what_was_found_in_vain_is_not_held_against_what_is_found_next() -> None:
+    bench = BoardBench()
+    read, sleep = bench.robot.read, bench.hardware._sleep
+    bench.robot._only_dialect = 1
+
+    def no_answer() -> None:
+        raise ReplyTimeoutError("JOINT_STATE", attempts=1)
+
+    def waited(seconds: float) -> None:
+        bench.robot.read, bench.robot._only_dialect = read, None
+        sleep(seconds)
+
+    bench.robot.read, bench.hardware._sleep = no_answer, waited
+    bench.hardware.connect(10.0)
+    assert bench.hardware.probe is not None
+    assert bench.hardware.probe.dialect == 2
+
+
 def test_nobody_answers() -> None:
     bench = BoardBench(faults=("boot:1000",))
     bench.robot._boot_window = 2.0

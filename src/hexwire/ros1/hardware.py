@@ -355,8 +355,8 @@ class Hardware:
                     f"a board of dialect {probe.dialect} is there, where one of dialect {self.probe.dialect} was; "
                     "plug that in again, or start the node anew"
                 )
-            self.probe = probe
             state = self.robot.read()
+            self.probe = probe
         except BaseException:
             with suppress(HexwireError):
                 self.robot.detach()
