@@ -262,6 +262,17 @@ def test_a_namespace_takes_everything_with_it(ros: dict[str, str], tmp_path: Pat
     assert {name.split("/")[1] for name in names} == {"left", "right"}
 
 
+def test_frames_of_two_arms_can_be_told_apart(ros: dict[str, str]) -> None:
+    prefix = "/robot_state_publisher/tf_prefix"
+    assert _params(ros, "hardware.launch", "sim:=true", "tf_prefix:=left")[prefix] == "left"
+    assert prefix not in _params(ros, "hardware.launch", "sim:=true")
+
+
+def test_what_ends_is_not_started_again_unasked() -> None:
+    for node in ET.parse(PACKAGE / "launch" / "hardware.launch").getroot().iter("node"):
+        assert node.get("respawn", "false") in ("false", "$(arg respawn)"), node.get("name")
+
+
 def test_moveit_is_told_of_the_controllers_that_the_node_has(ros: dict[str, str]) -> None:
     node = _config("hex7bot_moveit.yaml")["controllers"]
     params = _params(ros, "simple_moveit_controller_manager.launch.xml")
