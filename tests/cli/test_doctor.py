@@ -53,6 +53,19 @@ def test_a_healthy_arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert any("no udev rule" in text and level == "hint" for text, level in found.items())
 
 
+@pytest.mark.parametrize(("device", "text"), [("ttyS0", "no likely board"), ("", "no serial port")])
+def test_without_a_board_it_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: str, text: str
+) -> None:
+    (tmp_path / "ttyS0").touch()
+    ports = [PortInfo(str(tmp_path / device), guess="built-in serial port")] if device else []
+    monkeypatch.setattr("hexwire.ipc.ports.list_ports", lambda: ports)
+    monkeypatch.delenv("HEXWIRE_PORT", raising=False)
+    found, status = levels([])
+    assert status == 0
+    assert [level for about, level in found.items() if text in about] == ["hint"]
+
+
 def test_a_silent_and_a_hot_servo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     plug_in(monkeypatch, tmp_path, "silent:4", "hot:6")
     found, status = levels([])

@@ -41,13 +41,17 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
 
     ports = list_ports()
     findings: list[Finding] = []
-    if not ports:
-        findings.append(Finding(Level.HINT, "ports", "no serial port here", "plug the board in; try another cable"))
+    asked = bool(options.port) or any(port.likely_board for port in ports)
+    if not asked:
+        text = "no likely board among the serial ports" if ports else "no serial port here"
+        findings.append(
+            Finding(Level.HINT, "ports", text, "plug the board in; try another cable; or name its --port")
+        )
     for port in ports:
         findings += diagnose_port(port)
     findings += diagnose_system(ports)
     findings.append(diagnose_baud(options.baud or 115200))
-    if options.port or any(port.likely_board for port in ports):
+    if asked:
         findings += _ask_board(options)
     missing = sorted({p.usb_id for p in ports if p.usb_id and any("no udev rule" in f.text for f in findings)})
     if as_json:
