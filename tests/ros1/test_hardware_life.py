@@ -28,7 +28,8 @@ from hexwire.ros1.states import PublishedState
 # -- coming -------------------------------------------------------------------------------------------------------
 
 
-def test_a_port_that_comes_in_time() -> None:
+def test_a_port_that_comes_in_time(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
     bench = BoardBench()
     bench.link.lost = True
     begun = bench.clock.time
@@ -41,6 +42,8 @@ def test_a_port_that_comes_in_time() -> None:
     bench.hardware.connect(10.0)
     assert bench.hardware.connected
     assert 3.0 <= bench.clock.time - begun < 4.5
+    # Told once, however often it looked.
+    assert caplog.text.count("waiting for it") == 1
 
 
 @pytest.mark.parametrize("timeout", [0.0, 10.0])

@@ -132,8 +132,8 @@ class Hardware:
             LinkError: The port cannot be opened.
             DeviceError: Nobody answers, or not what was expected.
         """
-        deadline = self._clock() + timeout
-        while True:
+        deadline, said = self._clock() + timeout, ""
+        while not self.connected:
             try:
                 self._attach()
             except LinkPermissionError:
@@ -141,10 +141,9 @@ class Hardware:
             except (LinkError, ReplyTimeoutError) as error:
                 if self._clock() >= deadline or self._ending.is_set():
                     raise
-                _log.info("%s; waiting for it", error)
+                if said != (said := str(error)):
+                    _log.info("%s; waiting for it", said)
                 self._sleep(_RETRY)
-            else:
-                return
 
     def start(self, controllers: Sequence[TrajectoryController]) -> None:
         """Run `turn` in a thread of its own until `shutdown`."""
@@ -291,7 +290,7 @@ class Hardware:
 
     def _torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
         if on and self.group.reason is not None:
-            raise UsageError("the arm is stopped; reset it first")
+            raise UsageError(f"the arm is stopped ({self.group.reason}); reset it first")
         wanted = list(names)
         if on and self.group.busy:
             # Torque on is "hold where you are": what has it already and is on its way must not be braked.
