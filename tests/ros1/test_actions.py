@@ -174,3 +174,14 @@ def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(actions: Actions
     actions.bench.arm.shutdown()
     actions.goals.close()
     assert handle.said == ["accepted", ("aborted", -1, "stopped: the node ends")]
+
+
+def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_id(actions: Actions) -> None:
+    first = actions.send(Handle("one", {"elbow": 0.0}))
+    second = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))
+    actions.goals.start()
+    wait_for(lambda: first.over and second.said)
+    assert actions.goals.open
+    actions.goals.on_cancel("", second)
+    wait_for(lambda: second.over)
+    assert second.said[-1] == ("canceled", 0, "cancelled")

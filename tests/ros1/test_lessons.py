@@ -184,3 +184,12 @@ def test_a_part_of_what_was_taught() -> None:
     assert part.names == ("J7", "J1")
     assert part.goal == pytest.approx((0.3, J1), abs=0.02)
     bench.ask(bench.arm.teach_play)
+
+
+def test_a_stopped_arm_keeps_its_torque_and_is_not_taught() -> None:
+    bench = make_bench()
+    bench.arm.stop("test")
+    with pytest.raises(UsageError, match=r"the arm is stopped \(test\); reset it first"):
+        bench.ask(bench.arm.teach_start)
+    assert all(bench.torques())
+    assert free(bench)

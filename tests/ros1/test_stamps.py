@@ -90,3 +90,15 @@ def test_an_older_moment_has_its_own_stamp() -> None:
     stamps = clocks.stamps()
     late = stamps.stamp(1000.0)
     assert stamps.stamp(999.5) == pytest.approx(late - 0.5, abs=1e-6)
+
+
+def test_older_moments_in_between_leave_the_order_of_the_others_alone() -> None:
+    clocks = Clocks()
+    stamps = clocks.stamps()
+    last = stamps.stamp(clocks.now)
+    clocks.ahead -= 0.2
+    for i in range(50):
+        stamps.stamp(990.0)
+        stamp = stamps.stamp(1000.0 + 1e-4 * (i + 1))
+        assert stamp > last
+        last = stamp

@@ -49,7 +49,6 @@ class StampClock:
         low, high = wall - after, wall - before
         if not low - _SET <= self._offset <= high + _SET:
             self._offset = (low + high) / 2
-            self._latest = moment
         most = _SLEW * max(0.0, moment - self._latest)
         self._latest = max(self._latest, moment)
         wanted = min(max(self._offset, low), high)
