@@ -311,7 +311,7 @@ def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
     bench.hardware.connect()
     bench.turn(0.2)
     bench.hardware.stop("a test")
-    with pytest.raises(UsageError, match="stopped .a test.; reset it first"):
+    with pytest.raises(UsageError, match=r"stopped \(a test\); reset it first"):
         bench.enable()
     assert bench.arm.torques() == [False] * 7
 
