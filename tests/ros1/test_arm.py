@@ -326,6 +326,10 @@ def test_facts() -> None:
     assert facts.connected
     assert facts.controllers == {"arm": "hold", "hand": "hold"}
     assert facts.counters["requests"] > 0
+    assert facts.counters["stalls_of_the_loop"] == facts.counters["set_points_lost"] == 0
+    bench.arm.controllers["hand"].follower.counters.slips = 2
+    bench.arm.controllers["arm"].follower.counters.slips = 1
+    assert bench.arm.facts("n").counters["stalls_of_the_loop"] == 3
     assert (facts.stopped, facts.stop_kind) == ("", "")
     assert diagnose(facts)
     bench.arm.stop("test")

@@ -338,8 +338,12 @@ class Arm:
         )
 
     def _counters(self) -> Mapping[str, int]:
+        own = {
+            "stalls_of_the_loop": sum(c.follower.counters.slips for c in self.controllers.values()),
+            "set_points_lost": sum(c.follower.counters.lost for c in self.controllers.values()),
+        }
         counters = getattr(self.hardware.robot, "host_counters", None)
-        return counters() if counters is not None and self.hardware.connected else {}
+        return own | (counters() if counters is not None and self.hardware.connected else {})
 
     # -- helpers --------------------------------------------------------------------------------------
 
