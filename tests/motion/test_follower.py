@@ -241,7 +241,7 @@ def test_after_reset_motion_starts_where_the_arm_is() -> None:
     run(follower, 0.0, 1.0)
     follower.stop("x")
     follower.reset()
-    with pytest.raises(UsageError, match="run a cycle first"):
+    with pytest.raises(UsageError, match="nothing has been heard of it"):
         follower.set_point({"J1": J1}, 1.0)
     follower.cycle(state({"J1": J1 - 0.2}), 1.0, LEAD)
     follower.set_point({"J1": J1 - 0.2}, 1.0)

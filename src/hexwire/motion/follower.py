@@ -301,7 +301,7 @@ class Follower:
             elif state is not None and name in state.names and math.isfinite(state[name].position):
                 values.append(state[name].position)
             else:
-                raise UsageError(f"it is not known yet where {name} is; run a cycle first")
+                raise UsageError(f"it is not known yet where {name} is: nothing has been heard of it")
         return tuple(values)
 
     def _refuse_if_stopped(self) -> None:

@@ -302,8 +302,7 @@ class Hardware:
         confirmed: tuple[str, ...] = ()
         if wanted:
             confirmed = self.robot.torque(on, None if len(wanted) == len(self.robot.model.names) else wanted)
-        # A hand may have moved what has no torque, or will: what was commanded there means nothing now. That holds
-        # for what was accepted in between as well.
+        # What was commanded means nothing where a hand moves the joint; nor does what was accepted in between.
         self.group.release(why, wanted)
         # The next goal must see it.
         self._look_again()
@@ -326,7 +325,7 @@ class Hardware:
                 self._update(state)
             self._jobs.run()
         except PreemptedError:
-            # A stop took the line from what waited there: no failure, and whoever stopped has seen to the rest.
+            # A stop took the line from what waited there: no failure, and whoever stopped sees to the rest.
             self._close_reader()
         except HexwireError as error:
             self._lose(error)
@@ -369,6 +368,7 @@ class Hardware:
         # First, since arming a watchdog makes the board forget that it tripped.
         if self.state is not None and (found := board_stop(self.state)) is not None:
             self.group.stop(found)
+            _log.warning("%s; reset it before it is to move", found)
         # Only now: between `connect` and the first turn nobody feeds a watchdog.
         if self._wanted_watchdog:
             self._arm_watchdog(self._wanted_watchdog)
@@ -399,7 +399,8 @@ class Hardware:
             _log.warning("the robot is back")
 
     def _lose(self, error: HexwireError) -> None:
-        _log.error("%s", error)
+        # At the end of everything an emulated board ends as well.
+        _log.log(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_jobs()
