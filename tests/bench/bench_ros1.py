@@ -1,13 +1,14 @@
 """The ROS 1 node beside a bare rospy publisher: rate, jitter, processor time, memory; a goal's way to the servos.
 
-Everything is real: a master, the node and its clients in processes of their own, an emulated board behind a
-pseudo-terminal in this one, so that the moment of a servo's first byte is on the same clock.
+Everything is real: a master, the node, its clients and an emulated board behind a pseudo-terminal, each in a
+process of its own. The monotonic clock is the same in all of them, also for the moment of a servo's first byte.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import multiprocessing
 import os
 import signal
 import socket
@@ -15,12 +16,12 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import pairwise
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from hexwire.emulator.board import make_hex7bot_board
@@ -83,10 +84,10 @@ def _jitter(rows: list[list[float]]) -> float:
 class _World:
     """A master, a board and a node."""
 
-    def __init__(self, environment: dict[str, str], node: subprocess.Popen[str], moved: list[float]) -> None:
+    def __init__(self, environment: dict[str, str], node: subprocess.Popen[str], moves: Connection) -> None:
         self.node = node
         self._environment = environment
-        self._moved = moved
+        self._moves = moves
 
     @contextmanager
     def client(self, *args: str) -> Iterator[subprocess.Popen[str]]:
@@ -118,9 +119,9 @@ class _World:
         """When goals were sent, and when bytes went to servos that move them."""
         call = ["rosservice", "call", "/hardware_interface/enable", "true"]
         subprocess.run(call, env=self._environment, check=True, capture_output=True, timeout=_PATIENCE)
-        self._moved.clear()
         sent = self.ask("goals", str(_GOALS))
-        return sent, list(self._moved)
+        self._moves.send(None)
+        return sent, self._moves.recv()
 
     def one_way(self) -> list[float]:
         """Seconds from publishing to the callback in another process."""
@@ -146,12 +147,11 @@ def _world() -> Iterator[_World]:
             "TMPDIR": str(folder),
         }
         stack.enter_context(_process(["rosmaster", "--core", "-p", str(port)], environment))
-        moved: list[float] = []
-        path = stack.enter_context(_board(moved))
+        path, moves = stack.enter_context(_board())
         node = stack.enter_context(
             _process([sys.executable, "-P", "-m", "hexwire.cli.ros1", f"_port:={path}"], environment)
         )
-        world = _World(environment, node, moved)
+        world = _World(environment, node, moves)
         deadline = time.monotonic() + _PATIENCE
         while "/hardware_interface/stop" not in _services(environment):
             if node.poll() is not None or time.monotonic() > deadline:
@@ -161,10 +161,26 @@ def _world() -> Iterator[_World]:
 
 
 @contextmanager
-def _board(moved: list[float]) -> Iterator[str]:
-    """An emulated board on an unpaced line; notes when bytes go out that move a servo."""
+def _board() -> Iterator[tuple[str, Connection]]:
+    """An emulated board on an unpaced line, in a process of its own so that nothing here holds it up.
+
+    Yields its terminal, and whom to ask when bytes went out that move a servo.
+    """
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs,), daemon=True)
+    process.start()
+    try:
+        yield ours.recv(), ours
+    finally:
+        process.terminate()
+        process.join()
+
+
+def _serve(parent: Connection) -> None:
     board = make_hex7bot_board(baud=0, start=time.monotonic())
     plain = board.wire.transact
+    moved: list[float] = []
 
     def transact(packet: bytes, now: float) -> tuple[bytes, float]:
         if len(packet) > 4 and packet[4] in _WRITES:
@@ -172,20 +188,14 @@ def _board(moved: list[float]) -> Iterator[str]:
         return plain(packet, now)
 
     board.wire.transact = transact  # type: ignore[method-assign]
-    ended = threading.Event()
     with PtyServer(board, baud=0) as server:
-
-        def serve() -> None:
-            while not ended.is_set():
-                server.run_once()
-
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
-        try:
-            yield server.path
-        finally:
-            ended.set()
-            thread.join()
+        parent.send(server.path)
+        while True:
+            server.run_once()
+            # Not as they come: a pipe that is full would hold the board up.
+            if parent.poll():
+                parent.recv()
+                parent.send(moved)
 
 
 @contextmanager
