@@ -295,7 +295,7 @@ def test_a_stop_aborts_latches_and_is_reset(kind: str, code: ErrorCode) -> None:
         lambda: loop.send(order((1.0, {}))),
         lambda: loop.controller.accept(order((1.0, {})), loop.state, loop.now),
         lambda: loop.controller.set_points({"J1": J1}, loop.state, loop.now),
-        lambda: loop.controller.here(loop.state, loop.now),
+        lambda: loop.controller.start(0.0, loop.state, loop.now),
     ):
         with pytest.raises(GoalError, match=r"stopped \(something happened\); reset first"):
             refused()

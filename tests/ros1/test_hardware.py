@@ -264,7 +264,7 @@ def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
     bench.turn(1.0)
     assert bench.ask(lambda: hardware.torque(True, hardware.robot.model.names)) == hardware.robot.model.names
     here = hardware.newest()["J5"].position
-    assert second.here(hardware.newest(), hardware.now())[1] == pytest.approx(here, abs=1e-6)
+    assert second.start(0.0, hardware.newest(), hardware.now()).position[1] == pytest.approx(here, abs=1e-6)
     assert not moved.ends
     bench.until(lambda: moved.ends)
     assert moved.words == "succeeded: "

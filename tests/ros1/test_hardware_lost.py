@@ -149,7 +149,7 @@ def test_a_board_that_is_reset_at_rest_is_only_told_its_watchdog() -> None:
     assert bench.hardware.group.reason is None
     assert not bench.board.state.stopped
     state = bench.hardware.newest()
-    here = bench.controller.here(state, bench.hardware.now())
+    here = bench.controller.start(0.0, state, bench.hardware.now()).position
     assert here == state.position, "what was commanded before means nothing now"
     assert bench.board.state.watchdog_timeout == 1.0
     assert bench.board.state.report_due is not None

@@ -367,7 +367,7 @@ class Arm:
                 if not any(name in goals for name in joints):
                     continue
                 controller.hold(why)
-                here = controller.here(state, now)
+                here = controller.start(0.0, state, now).position
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
                 ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
         self.hardware.deliver()

@@ -189,14 +189,6 @@ class TrajectoryController:
         """Of the last cycle; None before there was one with all joints."""
         return self._progress
 
-    def here(self, state: JointState, now: float) -> tuple[float, ...]:
-        """Where the joints are told to be, or are, radians; what begins now begins there.
-
-        Raises:
-            GoalError: Stopped, or not all of them have been heard of.
-        """
-        return self._start(state, now).position
-
     def take_ended(self) -> list[tuple[Goal, Ended]]:
         """Goals that have ended since the last call. They must be told outside any lock."""
         ended, self._ended = self._ended, []
@@ -205,12 +197,17 @@ class TrajectoryController:
     # -- what others ask ----------------------------------------------------------------------------
 
     def start(self, delay: float, state: JointState, now: float) -> Sample:
-        """Where the joints are meant to be when an order begins that is for `delay` seconds from now.
+        """Where the joints are meant to be when what is for `delay` seconds from now begins; now at the earliest.
 
         Raises:
             GoalError: Stopped, or not all of them have been heard of.
         """
-        return self._start(state, now + max(0.0, delay))
+        self._refuse_if_stopped()
+        self.follower.observe(state)
+        try:
+            return self.follower.desired(self.joints, self.follower.next_start(now + max(0.0, delay)))
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
 
     def plan(self, order: TrajectoryOrder, start: Sample) -> Trajectory:
         """What an order would make the joints do; looks at nothing that changes, so needs no lock.
@@ -384,7 +381,7 @@ class TrajectoryController:
         Raises:
             GoalError: So late by now that the way to the next point would be too fast.
         """
-        start = self._start(state, now)
+        start = self.start(0.0, state, now)
         if order.delay:
             # Without a stamp it begins whenever it begins.
             delay = min(0.0, received + order.delay - self.follower.next_start(now))
@@ -461,15 +458,6 @@ class TrajectoryController:
         return Sample(*(tuple(row[k][i] for i, row in enumerate(rows)) for k in range(3)))
 
     # -- helpers --------------------------------------------------------------------------------------
-
-    def _start(self, state: JointState, when: float) -> Sample:
-        """Where the joints are meant to be when an order begins that is for `when`, or for now if that is past."""
-        self._refuse_if_stopped()
-        self.follower.observe(state)
-        try:
-            return self.follower.desired(self.joints, self.follower.next_start(when))
-        except HexwireError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
 
     def _refuse_if_stopped(self) -> None:
         if self.follower.mode is Mode.STOPPED:
