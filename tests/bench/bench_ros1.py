@@ -6,33 +6,31 @@ process of its own. The monotonic clock is the same in all of them, also for the
 
 from __future__ import annotations
 
-import contextlib
 import json
 import multiprocessing
 import os
-import signal
-import socket
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
 from bisect import bisect_left
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.ros1.ros_world import ROS_PYTHON, Program, World, made
+
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve import PtyServer
 
-_SYSTEM_PYTHON = "/usr/bin/python3"
 _CLIENT = Path(__file__).with_name("ros1_client.py")
 _LISTEN = 6.0
 _GOALS = 20
 _ONE_WAYS = 60
-_PATIENCE = 30.0
 _WRITES = (0x03, 0x83)
 """Instructions of a servo packet that move a servo: write and sync write."""
 _TICKS = os.sysconf("SC_CLK_TCK")
@@ -42,12 +40,13 @@ def run() -> list[str]:
     """Figures of the node, each beside that of a bare publisher in the same run."""
     if not Path("/usr/bin/rosmaster").exists():
         return ["left out: ROS 1 is not installed (`make test` installs it)"]
-    with _world() as world:
-        ours, our_cpu, our_memory = world.watch("joint_states", world.node)
-        sent, moved = world.goals()
-        one_way = world.one_way()
-        with world.client("publish", "bare", "100") as bare:
-            theirs, bare_cpu, bare_memory = world.watch("bare", bare)
+    with tempfile.TemporaryDirectory() as folder, made(Path(folder)) as world, _board() as (path, moves):
+        node = world.node(f"_port:={path}")
+        ours, our_cpu, our_memory = _watch(world, "joint_states", node)
+        sent, moved = _goals(world, moves)
+        one_way = _one_way(world)
+        bare = world.start(ROS_PYTHON, str(_CLIENT), "publish", "bare", "100")
+        theirs, bare_cpu, bare_memory = _watch(world, "bare", bare)
     late = []
     for goal in sent:
         i = bisect_left(moved, goal)
@@ -81,83 +80,37 @@ def _jitter(rows: list[list[float]]) -> float:
     return statistics.pstdev([b - a for a, b in pairwise(arrivals)])
 
 
-class _World:
-    """A master, a board and a node."""
-
-    def __init__(self, environment: dict[str, str], node: subprocess.Popen[str], moves: Connection) -> None:
-        self.node = node
-        self._environment = environment
-        self._moves = moves
-
-    @contextmanager
-    def client(self, *args: str) -> Iterator[subprocess.Popen[str]]:
-        """The far side with these arguments."""
-        command = [_SYSTEM_PYTHON, str(_CLIENT), *args]
-        process = subprocess.Popen(command, env=self._environment, stdout=subprocess.PIPE, text=True)
-        try:
-            yield process
-        finally:
-            _end(process)
-
-    def ask(self, *args: str) -> list:
-        """What the far side says at its end."""
-        with self.client(*args) as process:
-            said, _ = process.communicate(timeout=_PATIENCE + _LISTEN)
-        if process.returncode:
-            raise RuntimeError(f"{args[0]} ended with {process.returncode}")
-        return json.loads(said)
-
-    def watch(self, topic: str, process: subprocess.Popen[str]) -> tuple[list[list[float]], float, float]:
-        """Messages of a topic, and what the process that publishes them takes meanwhile: share of a core, MB."""
-        before, begin = _cpu(process.pid), time.monotonic()
-        rows = self.ask("listen", topic, str(_LISTEN))
-        share = (_cpu(process.pid) - before) / (time.monotonic() - begin)
-        # The connection takes its time.
-        return rows[20:], share, _memory(process.pid)
-
-    def goals(self) -> tuple[list[float], list[float]]:
-        """When goals were sent, and when bytes went to servos that move them."""
-        call = ["rosservice", "call", "/hardware_interface/enable", "true"]
-        subprocess.run(call, env=self._environment, check=True, capture_output=True, timeout=_PATIENCE)
-        sent = self.ask("goals", str(_GOALS))
-        self._moves.send(None)
-        return sent, self._moves.recv()
-
-    def one_way(self) -> list[float]:
-        """Seconds from publishing to the callback in another process."""
-        with self.client("echo", "there") as far:
-            assert far.stdout is not None
-            far.stdout.readline()
-            with self.client("send", "there", str(_ONE_WAYS)) as near:
-                near.wait(_PATIENCE)
-            rows = [json.loads(far.stdout.readline()) for _ in range(_ONE_WAYS // 2)]
-        return [came - went for went, came in rows]
+def _ask(world: World, *args: str) -> list:
+    """What the far side says at its end."""
+    return json.loads(world.run(ROS_PYTHON, str(_CLIENT), *args).out)
 
 
-@contextmanager
-def _world() -> Iterator[_World]:
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        port = _free_port()
-        environment = {
-            **{key: value for key, value in os.environ.items() if key != "ROS_HOSTNAME"},
-            "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
-            "ROS_IP": "127.0.0.1",
-            "ROS_HOME": str(folder),
-            "TMPDIR": str(folder),
-        }
-        stack.enter_context(_process(["rosmaster", "--core", "-p", str(port)], environment))
-        path, moves = stack.enter_context(_board())
-        node = stack.enter_context(
-            _process([sys.executable, "-P", "-m", "hexwire.cli.ros1", f"_port:={path}"], environment)
-        )
-        world = _World(environment, node, moves)
-        deadline = time.monotonic() + _PATIENCE
-        while "/hardware_interface/stop" not in _services(environment):
-            if node.poll() is not None or time.monotonic() > deadline:
-                raise RuntimeError("the node did not start")
-            time.sleep(0.2)
-        yield world
+def _watch(world: World, topic: str, program: Program) -> tuple[list[list[float]], float, float]:
+    """Messages of a topic, and what the process that publishes them takes meanwhile: share of a core, MB."""
+    pid = program.process.pid
+    before, begin = _cpu(pid), time.monotonic()
+    rows = _ask(world, "listen", topic, str(_LISTEN))
+    share = (_cpu(pid) - before) / (time.monotonic() - begin)
+    # The connection takes its time.
+    return rows[20:], share, _memory(pid)
+
+
+def _goals(world: World, moves: Connection) -> tuple[list[float], list[float]]:
+    """When goals were sent, and when bytes went to servos that move them."""
+    world.run("rosservice", "call", "/hardware_interface/enable", "true")
+    sent = _ask(world, "goals", str(_GOALS))
+    moves.send(None)
+    return sent, moves.recv()
+
+
+def _one_way(world: World) -> list[float]:
+    """Seconds from publishing to the callback in another process."""
+    far = world.start(ROS_PYTHON, str(_CLIENT), "echo", "there")
+    far.said("ready")
+    world.run(ROS_PYTHON, str(_CLIENT), "send", "there", str(_ONE_WAYS))
+    far.end()
+    rows = [json.loads(line) for line in far.out.splitlines()[1:]]
+    return [came - went for went, came in rows]
 
 
 @contextmanager
@@ -196,35 +149,6 @@ def _serve(parent: Connection) -> None:
             if parent.poll():
                 parent.recv()
                 parent.send(moved)
-
-
-@contextmanager
-def _process(command: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, text=True)
-    try:
-        yield process
-    finally:
-        _end(process)
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(5.0)
-            return
-        process.kill()
-        process.wait()
-
-
-def _services(environment: dict[str, str]) -> str:
-    return subprocess.run(["rosservice", "list"], env=environment, capture_output=True, text=True).stdout
-
-
-def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 def _cpu(pid: int) -> float:
