@@ -85,6 +85,10 @@ class Program:
         try:
             return self.process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
+            # Python says by this where its threads hang.
+            self.process.send_signal(signal.SIGABRT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(5.0)
             raise AssertionError(f"it does not end\n{self.report()}") from None
 
     def end(self, how: signal.Signals = signal.SIGTERM) -> int:
@@ -185,6 +189,7 @@ class World:
             "ROS_HOME": str(folder / "home"),
             "ROS_LOG_DIR": str(folder / "log"),
             "TMPDIR": str(folder / "tmp"),
+            "PYTHONFAULTHANDLER": "1",
             "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         }
         self.master = self._start_master()

@@ -19,7 +19,6 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from http.client import HTTPException
 from logging.handlers import QueueHandler, QueueListener
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from xmlrpc.client import Error as XmlRpcError
@@ -40,6 +39,7 @@ from hexwire.errors import DeviceError, HexwireError, UsageError
 from .actions import ActionGoal, ActionGoals
 from .arm import Arm
 from .diagnostics import ChangeWatch, diagnose
+from .ending import Ending
 from .messages import control_msgs, osrf_msgs
 from .orders import Sparing, order_of, set_points_of
 from .settings import load_settings
@@ -65,6 +65,8 @@ _MASTER_PERIOD = 1.0
 _MASTER_TROUBLE = (OSError, HTTPException, XmlRpcError, rosgraph.MasterException, rospy.ROSException)
 """What calls of a master raise that is not there, or is something else."""
 _SHUTDOWN_WAIT = 15.0
+_LONGEST_END = 30.0
+"""Seconds from a signal to the end of the process; a robot that answers nothing takes about ten."""
 _LAST_WORDS = 0.2
 """Seconds in which the last results go out: rospy sends in threads of its own, and drops what still waits there."""
 _ADDRESS_WAIT = 2.0
@@ -111,8 +113,7 @@ class HardwareInterface:
         settings, robot = load_settings(self._params)
         self._settings = settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
-        self._ending, self._ended = threading.Event(), threading.Event()
-        self._connecting = True
+        self._ending, self._ended = Ending(_LONGEST_END), threading.Event()
         self._sparing = Sparing()
         self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
         self._next_state = self._next_feedback = 0.0
@@ -123,15 +124,16 @@ class HardwareInterface:
         """Connect, offer everything, and end when told to."""
         if rospy.get_param("/use_sim_time", False):
             _log.warning("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, self._on_signal)
+        # Until it is connected nothing is there that must be made safe, and the wait for a board may be long.
+        self._ending.interrupts = True
+        self._ending.listen()
         rospy.on_shutdown(self._on_ros_shutdown)
         try:
             self._joint_states = rospy.Publisher("joint_states", JointStateMessage, queue_size=_QUEUE)
             self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
             self._taught = rospy.Publisher("~taught", JointTrajectory, queue_size=1, latch=True)
             self._arm.connect()
-            self._connecting = False
+            self._ending.interrupts = False
             self._offer_controllers()
             self._goals.start()
             self._arm.start()
@@ -143,6 +145,8 @@ class HardwareInterface:
         except KeyboardInterrupt:
             return 0
         finally:
+            self._ending.interrupts = False
+            self._ending.ask()
             ends_goals = self._goals.open
             self._arm.shutdown()
             self._goals.close()
@@ -150,12 +154,6 @@ class HardwareInterface:
                 time.sleep(_LAST_WORDS)
             self._ended.set()
         return 0
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._ending.set()
-        if self._connecting:
-            # Nothing is there yet that must be made safe, and the wait for a board may be long.
-            raise KeyboardInterrupt
 
     def _on_ros_shutdown(self) -> None:
         """ROS wants an end, as by `rosnode kill` or a newer node of our name: when this returns, topics close."""
@@ -322,7 +320,7 @@ class HardwareInterface:
                 try:
                     master.lookupService(service)
                 except rosgraph.MasterError:
-                    if not self._ending.is_set() and not _replaced(master):
+                    if not self._ending.asked and not _replaced(master):
                         self._register_again()
 
     def _register_again(self) -> None:
