@@ -4,6 +4,8 @@ import errno
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -230,6 +232,38 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
         signal.signal(signal.SIGUSR1, before)
     assert link.closed == 1, "its descriptors are freed by the call that was interrupted"
     assert not link.is_open
+
+
+@pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
+def test_a_signal_handler_may_close_the_link_at_any_moment(use: str) -> None:
+    """Also where a call has taken its turn this moment, or is about to give it back."""
+    code = f"""
+import os, random, signal
+from hexwire.errors import LinkClosedError
+from hexwire.ipc.serial import SerialLink
+
+master, slave = os.openpty()
+os.set_blocking(master, False)
+random.seed(1)
+for _ in range(1000):
+    link = SerialLink(os.ttyname(slave))
+    link.open()
+    signal.signal(signal.SIGALRM, lambda *_: link.close())
+    signal.setitimer(signal.ITIMER_REAL, random.uniform(0.00002, 0.0004))
+    try:
+        while True:
+            {use}
+            try:
+                os.read(master, 4096)
+            except BlockingIOError:
+                pass
+    except LinkClosedError:
+        pass
+    assert not link.is_open
+    assert link._fd == -1
+"""
+    # In a process of its own: what hangs in a lock cannot be ended from inside.
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)
 
 
 def test_closing_ends_an_opening_that_waits() -> None:

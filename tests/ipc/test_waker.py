@@ -2,8 +2,11 @@ from __future__ import annotations
 
 import os
 import select
+import subprocess
 import sys
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -67,3 +70,47 @@ def test_it_ends_a_poll_of_another_thread() -> None:
     thread.join(10.0)
     assert not thread.is_alive()
     waker.close()
+
+
+def test_a_signal_handler_may_set_it_at_any_moment() -> None:
+    code = """
+import random, signal
+from hexwire.ipc.waker import Waker
+
+waker = Waker()
+waker.open()
+random.seed(1)
+for _ in range(1000):
+    done = []
+    signal.signal(signal.SIGALRM, lambda *_: (waker.set(), done.append(1)))
+    signal.setitimer(signal.ITIMER_REAL, random.uniform(0.00002, 0.0004))
+    while not done:
+        waker.clear()
+        waker.set()
+"""
+    # In a process of its own: what hangs in a lock cannot be ended from inside.
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)
+
+
+@pytest.mark.parametrize("use", [Waker.set, Waker.clear])
+def test_closed_in_the_middle_of_its_use(use: Callable[[Waker], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by a signal handler, in the thread that uses it."""
+    waker = Waker()
+    waker.open()
+    fd = waker.fileno()
+    real = {"write": os.write, "read": os.read}
+
+    def interrupted(name: str) -> Callable[..., object]:
+        def call(*args: Any) -> object:
+            waker.close()
+            assert os.fstat(fd), "it is still in use"
+            return real[name](*args)
+
+        return call
+
+    for name in real:
+        monkeypatch.setattr(waker_module.os, name, interrupted(name))
+    use(waker)
+    assert waker.fileno() == -1
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(fd)

@@ -95,7 +95,7 @@ class Listener:
         self._closing = False
         self._close_pending = False
         self._context: ssl.SSLContext | None = None
-        self._accepting = threading.Lock()
+        self._accepting = threading.RLock()
         self._accepter = 0
 
     @property

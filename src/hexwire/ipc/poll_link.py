@@ -61,10 +61,11 @@ class PollLink(Link):
         self._closing = False
         self._close_pending = False
         self._why_lost = ""
-        # Re-entrant, since a signal handler may close the link in the middle of open().
+        # Re-entrant, since a signal handler may close the link at any moment: in the middle of open(), or when its
+        # thread has just taken one of these and not said so below yet.
         self._changing = threading.RLock()
-        self._reading = threading.Lock()
-        self._writing = threading.Lock()
+        self._reading = threading.RLock()
+        self._writing = threading.RLock()
         # Which threads hold the two locks above: close() must not wait for a reader that is its own caller.
         self._reader = 0
         self._writer = 0
@@ -331,7 +332,7 @@ class PollLink(Link):
 
     # --- helpers for this class and its backends --------------------------------------------------
 
-    def _take_turn(self, lock: threading.Lock, deadline: float | None) -> bool:
+    def _take_turn(self, lock: threading.RLock, deadline: float | None) -> bool:
         """Wait for another thread's read or write to end."""
         got = lock.acquire(timeout=lock_timeout(deadline))
         if not got and self._closing:

@@ -9,6 +9,7 @@ import contextlib
 import os
 import sys
 import threading
+from collections.abc import Iterator
 
 __all__ = ["Waker"]
 
@@ -16,11 +17,16 @@ _ONE = (1).to_bytes(8, sys.byteorder)
 
 
 class Waker:
-    """Readable from `set` until `clear`. Between `close` and `open` it does nothing."""
+    """Readable from `set` until `clear`. Between `close` and `open` it does nothing.
+
+    A signal handler may do any of it, in the middle of another as well.
+    """
 
     def __init__(self) -> None:
         # Held while a descriptor is used: after close() its number may belong to a stranger.
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._uses = 0
+        self._close_pending = False
         self._receive_fd = -1
         self._send_fd = -1
 
@@ -37,22 +43,37 @@ class Waker:
 
     def close(self) -> None:
         with self._lock:
-            for fd in {self._receive_fd, self._send_fd} - {-1}:
-                os.close(fd)
-            self._receive_fd = self._send_fd = -1
+            # A signal handler closes what its own thread is using, which will do it on leaving.
+            self._close_pending = self._uses > 0
+            if not self._close_pending:
+                fds = {self._receive_fd, self._send_fd} - {-1}
+                self._receive_fd = self._send_fd = -1
+                for fd in fds:
+                    os.close(fd)
 
     def fileno(self) -> int:
         return self._receive_fd
 
     def set(self) -> None:
-        with self._lock:
+        with self._used():
             if self._send_fd >= 0:
                 # A full pipe is set already.
                 with contextlib.suppress(BlockingIOError):
                     os.write(self._send_fd, _ONE)
 
     def clear(self) -> None:
-        with self._lock:
+        with self._used():
             if self._receive_fd >= 0:
                 with contextlib.suppress(BlockingIOError):
                     os.read(self._receive_fd, 4096)
+
+    @contextlib.contextmanager
+    def _used(self) -> Iterator[None]:
+        with self._lock:
+            self._uses += 1
+            try:
+                yield
+            finally:
+                self._uses -= 1
+                if self._close_pending:
+                    self.close()
