@@ -30,7 +30,8 @@ class Turn:
         self.urgent_waiting = 0
         self._lock = threading.RLock()
         self._depth = 0
-        self._counting = threading.Lock()
+        # Re-entrant for the same reason; what a signal handler counts in between it has counted back as well.
+        self._counting = threading.RLock()
 
     def begin(self, interrupt: Callable[[], None] | None = None) -> None:
         """Wait for the turn.
