@@ -113,6 +113,8 @@ class HardwareInterface:
         settings, robot = load_settings(self._params)
         self._settings = settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
+        self._states: dict[str, rospy.Publisher] = {}
+        self._servers: list[actionlib.ActionServer] = []
         self._ending, self._ended = Ending(_LONGEST_END), threading.Event()
         self._sparing = Sparing()
         self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
@@ -152,6 +154,10 @@ class HardwareInterface:
             self._goals.close()
             if ends_goals:
                 time.sleep(_LAST_WORDS)
+            for server in self._servers:
+                # Or its timer publishes to a topic that is closed, and says so with a traceback.
+                with server.lock:
+                    server.started = False
             self._ended.set()
         return 0
 
@@ -181,7 +187,6 @@ class HardwareInterface:
     # -- what is offered ------------------------------------------------------------------------------
 
     def _offer_controllers(self) -> None:
-        self._states: dict[str, rospy.Publisher] = {}
         for name in self._arm.controllers:
             at = f"{name}/" if name else ""
             self._states[name] = rospy.Publisher(
@@ -202,6 +207,7 @@ class HardwareInterface:
                 auto_start=False,
             )
             server.start()
+            self._servers.append(server)
         rospy.Subscriber(
             "joint_commands", osrf_msgs().JointCommands, self._on_joint_commands, queue_size=1, tcp_nodelay=True
         )
