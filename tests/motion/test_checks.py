@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.errors import LimitError
+from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
@@ -115,3 +115,30 @@ def test_line_in_joints_of_the_driver() -> None:
         assert angles == pytest.approx(line.at(t).position)
         assert joints.at(t).velocity == pytest.approx(line.at(t).velocity)
     assert check_trajectory(joints, HEX7BOT, A).findings == ()
+
+
+def one(joint: str, degrees: float, seconds: float) -> Spline:
+    """A joint from its neutral angle on."""
+    here = NEUTRAL[joint]
+    return Spline((joint,), [Waypoint(0.0, (here,)), Waypoint(seconds, (here + math.radians(degrees),))])
+
+
+def test_what_others_do_meanwhile_counts_for_the_gates() -> None:
+    upper, fore = one("J2", 60, 2.0), one("J3", 40, 4.0)
+    for way in (upper, fore):
+        assert check_trajectory(way, HEX7BOT, A, others=NEUTRAL, table=None).findings == ()
+    report = check_trajectory(fore, HEX7BOT, A, others=NEUTRAL, meanwhile=[upper], table=None)
+    assert [f.text.split(" 0.")[0].split(" deg")[0].startswith("elbow folded") for f in report.findings] == [True]
+    # The upper arm is there first and rests; the forearm folds onto it after that.
+    late = check_trajectory(upper, HEX7BOT, A, others=NEUTRAL, meanwhile=[fore], table=None)
+    assert late.findings[0].time == pytest.approx(report.findings[0].time)
+    assert late.findings[0].time > upper.duration
+    assert late.duration == upper.duration
+
+
+def test_joints_that_the_model_does_not_know_have_no_gates() -> None:
+    spline = Spline(("J7",), [Waypoint(0.0, (NEUTRAL["J7"],)), Waypoint(1.0, (NEUTRAL["J7"] + 0.1,))])
+    unknown = {**NEUTRAL, "J2": math.nan}
+    assert check_trajectory(spline, HEX7BOT, A, others=unknown).findings == ()
+    with pytest.raises(UsageError, match="not known where J2 is"):
+        check_trajectory(one("J3", 5, 1.0), HEX7BOT, A, others=unknown)

@@ -263,3 +263,37 @@ def test_nothing_is_known_before_the_first_cycle() -> None:
         Follower(HEX7BOT).follow(way(J1, J1 + 0.1), 0.0)
     with pytest.raises(UsageError, match="must be above 0"):
         Follower(HEX7BOT, blend=0.0)
+
+
+def test_a_takeover_can_be_looked_at_before_it_begins() -> None:
+    follower = started()
+    assert list(follower.takeover(way(J1, J1 + 1.0), 0.0)) == [], "from rest there is nothing to take over"
+    assert follower.ahead(0.0) is None
+    follower.follow(way(J1, J1 + 1.0), 0.0)
+    first = run(follower, 0.0, 1.0, 0.02)
+    back = way(first[-1][1], J1 - 0.5)
+    rest = follower.ahead(1.0)
+    assert rest is not None
+    assert rest.duration == pytest.approx(1.0)
+    assert rest.goal == (J1 + 1.0,)
+    looked = list(follower.takeover(back, 1.0))
+    assert follower.counters.blends == 0
+    assert rest.sample(0.5).position == follower.desired(("J1",), 1.5).position, "nothing has changed by looking"
+    assert [t for t, _ in looked] == pytest.approx([0.01 * i for i in range(31)])
+    follower.follow(back, 1.0)
+    begins = follower.next_start(1.0)
+    for t, positions in looked:
+        assert follower.desired(("J1",), begins + t).position == pytest.approx((positions["J1"],))
+    follower.stop("a test")
+    with pytest.raises(LimitError, match="stopped"):
+        list(follower.takeover(back, 2.0))
+
+
+def test_a_takeover_is_kept_within_limits() -> None:
+    follower = started()
+    limit = HEX7BOT.joint("J1").maximum
+    follower.follow(Spline(("J1",), [Waypoint(0.0, (J1,)), Waypoint(0.9, (limit,))]), 0.0)
+    run(follower, 0.0, 0.85, 0.02)
+    here = follower.desired(("J1",), follower.next_start(0.85)).position[0]
+    looked = [positions["J1"] for _, positions in follower.takeover(way(here, J1), 0.85)]
+    assert max(looked) == limit

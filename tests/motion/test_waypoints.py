@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
 from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import Blend, PointToPoint, Sample, Scaled, Spline, Trajectory, Waypoint
+from hexwire.motion.waypoints import Blend, PointToPoint, Sample, Scaled, Spline, Tail, Trajectory, Waypoint
 
 VALUES = st.floats(-3.0, 3.0)
 
@@ -160,3 +160,17 @@ def test_blend_wants_the_same_joints() -> None:
 def test_blend_into_a_pose_goes_there_at_once() -> None:
     still = Spline(("a",), [Waypoint(0, (0.0,))])
     assert Blend(still, 0, still, 0.5).sample(0.0).position == (0.0,)
+
+
+def test_what_is_left_of_a_trajectory() -> None:
+    whole = Spline(("a",), [Waypoint(0, (0.0,)), Waypoint(2, (1.0,))])
+    rest = Tail(whole, 0.5)
+    assert rest.duration == 1.5
+    assert rest.sample(0.5) == whole.sample(1.0)
+    assert rest.sample(9.0) == whole.sample(9.0)
+    later = Tail(whole, -1.0)
+    assert later.duration == 3.0
+    assert later.sample(0.5) == whole.sample(-1.0)
+    over = Tail(whole, 3.0)
+    assert over.duration == 0.0
+    assert over.sample(1.0).position == (1.0,)

@@ -7,24 +7,20 @@ trajectory came to be.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
 
+from .fence import Fence
 from .waypoints import Sample, Trajectory
 
 __all__ = ["Finding", "InJoints", "MotionReport", "check_trajectory"]
 
 _STEP = 0.01
 """Seconds between checks: 1.5 degrees of the fastest 7Bot joint."""
-_CREEP = 1e-6
-"""Radians or metres that rounding is granted."""
-_WAY_OUT_ANGLE = math.radians(0.5)
-_WAY_OUT_HEIGHT = 0.002
-"""What an arm that begins where it must not be may go further in on its way out, radians and metres."""
 
 
 class InJoints(Trajectory):
@@ -103,6 +99,7 @@ def check_trajectory(
     model: KinematicModel | None = None,
     *,
     others: Mapping[str, float] | None = None,
+    meanwhile: Sequence[Trajectory] = (),
     table: float | None = 0.0,
     step: float = _STEP,
 ) -> MotionReport:
@@ -114,8 +111,10 @@ def check_trajectory(
     Args:
         trajectory: What shall be run; its names are the arm's, any subset.
         arm: Limits and speeds.
-        model: Kinematics, for gates and table; without it neither is checked.
+        model: Kinematics, for gates and table; neither is checked without it, or if it knows none of the joints.
         others: Positions of joints that the trajectory leaves where they are, radians.
+        meanwhile: What such joints do from its beginning on, if they move. The trajectory's own rest at its end
+            until they have ended too.
         table: Height above the base below which no point of the arm may come, metres; None for no table.
         step: Seconds between two samples that are looked at.
     """
@@ -123,14 +122,15 @@ def check_trajectory(
     found: dict[str, Finding] = {}
     peak = [0.0] * len(joints)
     lowest = math.inf
-    # How far in the arm may be: as far as it was at the start, and never again as far as it was before.
-    gate, floor = 0.0, -math.inf
+    fence = Fence(model, table) if model is not None else None
+    if fence is not None and fence.joints.isdisjoint(trajectory.names):
+        fence = None
     last: tuple[float, tuple[float, ...]] | None = None
 
     def note(kind: str, t: float, text: str) -> None:
         found.setdefault(kind, Finding(t, text))
 
-    for t, sample in trajectory.samples(step):
+    for t, sample in _looks(trajectory, max((other.duration for other in meanwhile), default=0.0), step):
         since = t - last[0] if last else 0.0
         for i, (joint, angle) in enumerate(zip(joints, sample.position, strict=True)):
             try:
@@ -150,26 +150,24 @@ def check_trajectory(
                     f"{joint.name} would turn at {math.degrees(speed):.4g} deg/s, "
                     f"{math.degrees(joint.max_speed):.4g} are allowed",
                 )
-        if model is not None:
-            where = {**(others or {}), **dict(zip(trajectory.names, sample.position, strict=True))}
-            angles = model.from_joints(where)
-            excess = model.gate_excess(angles)
-            if last is None and excess:
-                gate = excess + _WAY_OUT_ANGLE
-            if excess > gate + _CREEP:
-                own = [r.name for r in model.ranges]
-                text = next((v for v in model.violations(angles) if v.split("=")[0] not in own), "a gate is shut")
-                note("gate", t, text)
-            gate = min(gate, excess)
-            name, height = min(((n, p[2]) for n, p in model.points(angles).items()), key=lambda row: row[1])
-            lowest = min(lowest, height)
-            if table is not None:
-                if last is None:
-                    floor = table if height >= table else height - _WAY_OUT_HEIGHT
-                if height < floor - _CREEP:
-                    depth, level = 1e3 * (table - height), 1e3 * table
-                    note("table", t, f"the {name} would be {depth:.1f} mm below the table at {level:.0f} mm")
-                floor = min(table, max(floor, height))
+        if fence is not None:
+            where = dict(others or {})
+            for other in meanwhile:
+                where.update(zip(other.names, other.sample(t).position, strict=True))
+            where.update(zip(trajectory.names, sample.position, strict=True))
+            if last is None:
+                fence.begin(where)
+            for kind, text in fence.check(where).items():
+                note(kind, t, text)
+            lowest = min(lowest, fence.lowest)
         last = (t, sample.position)
     findings = tuple(sorted(found.values(), key=lambda f: f.time))
     return MotionReport(trajectory.duration, dict(zip(trajectory.names, peak, strict=True)), lowest, findings)
+
+
+def _looks(trajectory: Trajectory, until: float, step: float) -> Iterator[tuple[float, Sample]]:
+    """Samples of a trajectory, and of its end as long as others are still moving."""
+    yield from trajectory.samples(step)
+    for i in range(1, math.ceil((until - trajectory.duration) / step) + 1):
+        t = trajectory.duration + i * step
+        yield t, trajectory.sample(t)

@@ -7,7 +7,7 @@ latched. Time comes in as an argument. Must not know robots, clocks or threads.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -17,12 +17,14 @@ from hexwire.model.state import JointState, JointTarget
 
 from .safety import Guard, SafetyLimits, StopReason
 from .trajectory import PEAK_SPEED
-from .waypoints import Blend, Sample, Spline, Trajectory, Waypoint
+from .waypoints import Blend, Sample, Spline, Tail, Trajectory, Waypoint
 
 __all__ = ["Follower", "FollowerCounters", "Mode"]
 
 _STALL = 1.0
 """Leads behind the last command from which the loop has stalled."""
+_LOOK = 0.01
+"""Seconds between two looks at a blend."""
 _INSTANT = 0.05
 """Seconds that even a step is granted: a trajectory without duration may begin a little off."""
 
@@ -114,6 +116,38 @@ class Follower:
             UsageError: No state is known yet, or a joint does not exist.
             LimitError: Stopped, or it starts too far from where the arm is.
         """
+        running = self._running(trajectory.names)
+        blend = self._blended(trajectory, now)
+        self.counters.blends += running is not None
+        self._earlier = None if running is None else (running, self._started)
+        self._trajectory, self._started = blend, max(now, self._command_due)
+        self.mode = Mode.TRAJECTORY
+        self._set_point = {}
+
+    def takeover(self, trajectory: Trajectory, now: float) -> Iterator[tuple[float, dict[str, float]]]:
+        """Where a motion under way would take the joints until a trajectory has taken over; changes nothing.
+
+        Yields:
+            Seconds from its start, and radians by joint; nothing if the joints are at rest.
+
+        Raises:
+            UsageError, LimitError: As `follow`.
+        """
+        blend = self._blended(trajectory, now)
+        if self._running(trajectory.names) is None:
+            return
+        seconds = min(self._blend, trajectory.duration)
+        steps = max(1, math.ceil(seconds / _LOOK))
+        for i in range(steps + 1):
+            t = seconds * i / steps
+            yield t, self._within_limits(dict(zip(blend.names, blend.sample(t).position, strict=True)))
+
+    def _running(self, names: tuple[str, ...]) -> Trajectory | None:
+        """The motion under way of just these joints."""
+        running = self._trajectory
+        return running if self.mode is Mode.TRAJECTORY and running is not None and running.names == names else None
+
+    def _blended(self, trajectory: Trajectory, now: float) -> Blend:
         self._refuse_if_stopped()
         names = trajectory.names
         for name in names:
@@ -121,13 +155,10 @@ class Follower:
         here = self._present(names)
         old: Trajectory = Spline(names, [Waypoint(0.0, here)])
         switch = 0.0
-        running = self._trajectory
-        if self.mode is Mode.TRAJECTORY and running is not None and running.names == names:
+        running = self._running(names)
+        if running is not None:
             # What was told last may be ahead of now; going back behind it would be a jump.
             old, switch = running, max(now, self._command_due) - self._started
-            self.counters.blends += 1
-        start = max(now, self._command_due)
-        earlier = None if running is None or old is not running else (running, self._started)
         seconds = min(self._blend, trajectory.duration)
         here = old.sample(switch).position
         for name, a, b in zip(names, here, trajectory.start, strict=True):
@@ -135,10 +166,7 @@ class Follower:
             if PEAK_SPEED * abs(b - a) > self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
                 gap = math.degrees(abs(b - a))
                 raise LimitError(f"the trajectory begins {gap:.3g} deg from where {name} is; move there first")
-        self._trajectory = Blend(old, switch, trajectory, seconds)
-        self._started, self._earlier = start, earlier
-        self.mode = Mode.TRAJECTORY
-        self._set_point = {}
+        return Blend(old, switch, trajectory, seconds)
 
     def set_point(self, positions: Mapping[str, float], now: float) -> None:
         """Go to a set-point; it replaces one that waits, and any trajectory.
@@ -200,6 +228,10 @@ class Follower:
             return 0.0
         return max(0.0, self._started + self._trajectory.duration - now)
 
+    def ahead(self, when: float) -> Trajectory | None:
+        """What is left at a time of the trajectory under way, or None."""
+        return None if self._trajectory is None else Tail(self._trajectory, when - self._started)
+
     def observe(self, state: JointState) -> None:
         """Take note of a state between cycles, so that what begins now begins where the arm is."""
         self._state = state
@@ -214,8 +246,8 @@ class Follower:
         Raises:
             UsageError: It is not known yet where they are.
         """
-        running = self._trajectory
-        if self.mode is Mode.TRAJECTORY and running is not None and running.names == names:
+        running = self._running(names)
+        if running is not None:
             if now < self._started and self._earlier is not None:
                 # What was sent before goes on until then.
                 earlier, began = self._earlier

@@ -79,7 +79,7 @@ class StopReason:
     """Why the arm was stopped.
 
     Attributes:
-        kind: asked, following, overload, collision, fault, lost or board.
+        kind: asked, following, overload, collision, fence, fault, lost or board.
         text: In words.
         joint: Name of the joint; empty if it is none in particular.
     """

@@ -243,6 +243,22 @@ class Scaled(Trajectory):
         return Sample(position, tuple(k * v for v in velocity), tuple(k * k * a for a in acceleration))
 
 
+class Tail(Trajectory):
+    """What is left of a trajectory.
+
+    Args:
+        whole: The trajectory.
+        begin: Seconds from its start; before it the joints rest there.
+    """
+
+    def __init__(self, whole: Trajectory, begin: float) -> None:
+        self.names, self.duration = whole.names, max(0.0, whole.duration - begin)
+        self._whole, self._begin = whole, begin
+
+    def at(self, t: float) -> Sample:
+        return self._whole.sample(self._begin + t)
+
+
 class Blend(Trajectory):
     """From one trajectory into another without a jump in position, velocity or acceleration.
 

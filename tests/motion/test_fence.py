@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from tests.motion.arms import HOME
+
+from hexwire.errors import UsageError
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.motion.fence import Fence
+
+A = Hex7BotModel()
+SLACK = math.radians(0.5)
+
+
+def posture(t1: float, t2: float) -> dict[str, float]:
+    """Home but for servo angles of upper arm and forearm, degrees: from 150 and 120 on the elbow is folded."""
+    return {**HOME, **A.to_joints([math.radians(d) for d in (90, t1, t2, 90, 90, 90)])}
+
+
+def lowest(where: dict[str, float]) -> float:
+    fence = Fence(A)
+    fence.begin(where)
+    fence.check(where)
+    return fence.lowest
+
+
+GOOD, FOLDED, DEEPER = posture(100, 120), posture(148, 120), posture(150, 120)
+UP, LOW = posture(90, 110), posture(60, 155)
+
+
+def test_each_kind_is_told_in_words() -> None:
+    fence = Fence(A, lowest(LOW) + 0.01)
+    fence.begin(UP)
+    assert fence.check(GOOD) == {}
+    assert fence.check(FOLDED)["gate"].startswith("elbow folded")
+    assert fence.check(LOW) == {
+        "table": f"the tool would be 10.0 mm below the table at {1e3 * lowest(LOW) + 10:.0f} mm"
+    }
+    assert fence.check(UP) == {}
+
+
+def test_without_a_table_there_is_none() -> None:
+    fence = Fence(A, None)
+    fence.begin(UP)
+    assert fence.check(LOW) == {}
+    assert fence.lowest == lowest(LOW)
+
+
+def test_who_begins_outside_may_leave_but_not_get_further_in_or_come_back() -> None:
+    fence = Fence(A)
+    fence.begin(FOLDED)
+    assert fence.check(FOLDED) == {}
+    assert "gate" in fence.check(DEEPER)
+    assert fence.check(FOLDED) == {}, "what was refused does not count"
+    assert fence.check(GOOD) == {}
+    assert "gate" in fence.check(FOLDED)
+    table = lowest(LOW) + 0.05
+    fence = Fence(A, table)
+    fence.begin(LOW)
+    assert fence.check(LOW) == {}
+    assert fence.check(UP) == {}
+    assert "table" in fence.check(LOW)
+
+
+@pytest.mark.parametrize(("depth", "plan", "moving"), [(0.001, False, True), (0.003, False, False)])
+def test_an_arm_in_motion_has_a_little_more_room_than_a_plan(depth: float, plan: bool, moving: bool) -> None:
+    for fence, good in (
+        (Fence(A, lowest(LOW) + depth), plan),
+        (Fence(A, lowest(LOW) + depth, moving=True), moving),
+    ):
+        fence.begin(UP)
+        assert (fence.check(LOW) == {}) is good
+
+
+def test_a_joint_that_nobody_has_heard_of_opens_nothing() -> None:
+    unknown = {**UP, "J2": math.nan}
+    with pytest.raises(UsageError, match=r"^it is not known where J2 is, so gates and table cannot be checked$"):
+        Fence(A).begin(unknown)
+    fence = Fence(A, lowest(LOW) + 0.01, moving=True)
+    fence.begin(unknown)
+    assert fence.check(unknown) == {}
+    assert "gate" in fence.check(FOLDED)
+    assert "table" in fence.check(LOW)
+
+
+def test_a_motion_is_watched_from_rest_to_rest() -> None:
+    fence = Fence(A)
+    assert fence.follow(GOOD, {}) == ""
+    assert fence.follow(GOOD, {"J3": GOOD["J3"]}) == ""
+    assert fence.follow(GOOD, {"J2": FOLDED["J2"]}).startswith("elbow folded")
+    # Whoever has got there all the same may begin to leave.
+    assert fence.follow(FOLDED, {}) == ""
+    assert fence.follow(FOLDED, {"J2": FOLDED["J2"] - 0.01}) == ""
+    assert fence.follow(FOLDED, {"J2": GOOD["J2"]}) == ""
+    assert fence.follow(FOLDED, {"J2": FOLDED["J2"]}).startswith("elbow folded")
+
+
+def test_an_arm_that_leans_on_the_table_sets_out_from_where_it_was_told_to_be() -> None:
+    here = posture(60, 152)
+    table = lowest(here)
+    assert lowest(LOW) < table - 0.004
+    fence = Fence(A, table, moving=True)
+    assert fence.follow(here, {"J3": LOW["J3"]}) == ""
+    assert fence.follow(here, {"J3": UP["J3"]}) == ""
+    assert "below the table" in fence.follow(here, {"J3": LOW["J3"]})
