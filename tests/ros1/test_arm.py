@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from tests.motion.arms import HOME, NAMES
-from tests.ros1.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, free, guide, make_bench, order
+from tests.ros1.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, Bench, Told, free, guide, make_bench, order
 
 from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
@@ -136,6 +136,91 @@ def test_set_points_without_a_robot() -> None:
     bench.turn(1.0)
     with pytest.raises(LinkLostError):
         bench.arm.set_points(["J1"], {"position": [J1]})
+
+
+# -- the arm as a whole ------------------------------------------------------------------------------------
+
+HALVES = {
+    "upper": {"joints": ["J1", "J2"], "allow_partial_joints_goal": True},
+    "fore": {"joints": list(NAMES[2:]), "allow_partial_joints_goal": True},
+}
+FOLD = {"J2": HOME["J2"] + math.radians(55), "J3": HOME["J3"] + math.radians(40)}
+"""Each may be there if the other is at home; together they fold the elbow."""
+
+
+def half(bench: Bench, name: str, to: float, seconds: float) -> Told:
+    """Send one of the two halves to the fold, or part of the way."""
+    joint = "J2" if name == "upper" else "J3"
+    goal = HOME[joint] + to * (FOLD[joint] - HOME[joint])
+    return bench.command(TrajectoryOrder((joint,), (Point(seconds, (goal,)),)), name)
+
+
+def test_set_points_that_would_fold_the_arm_are_refused() -> None:
+    bench = make_bench()
+    for _ in range(60):
+        bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.turn(0.05)
+    assert bench.where("J3") == pytest.approx(FOLD["J3"], abs=0.02)
+    stood = bench.where("J2")
+    with pytest.raises(UsageError, match=r"^elbow .*nothing was sent$"):
+        bench.arm.set_points(["J2"], {"position": [FOLD["J2"]]})
+    bench.turn(0.5)
+    assert bench.where("J2") == pytest.approx(stood, abs=0.01)
+    assert bench.arm.set_points(["J7"], {"position": [0.2]}) == ()
+
+
+def test_set_points_below_the_table_are_refused() -> None:
+    bench = make_bench(check_table=True, table_height=0.05)
+    low = {"J2": HOME["J2"] - math.radians(30), "J3": HOME["J3"] + math.radians(65)}
+    with pytest.raises(UsageError, match=r"^the tool would be .* mm below the table at 50 mm; nothing was sent$"):
+        bench.arm.set_points(list(low), {"position": list(low.values())})
+
+
+def test_goals_of_two_controllers_are_checked_against_each_other() -> None:
+    bench = make_bench(controllers=HALVES)
+    first = half(bench, "upper", 1.0, 4.0)
+    bench.turn(0.2)
+    with pytest.raises(GoalError, match=r"^at 2\.[5-9].*: elbow folded.*nothing was sent"):
+        half(bench, "fore", 1.0, 2.0)
+    second = half(bench, "fore", 0.5, 2.0)
+    bench.until(lambda: first.ends and second.ends)
+    assert first.outcome == second.outcome == SUCCEEDED
+
+
+def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
+    bench = make_bench(controllers=HALVES)
+    told = half(bench, "upper", 1.0, 3.0)
+    # A set-point is good where the other joints are when it comes.
+    end = bench.clock.time + 30.0
+    while not told.ends:
+        assert bench.clock.time < end
+        if bench.hardware.group.reason is None and not bench.where("J3") > FOLD["J3"] - 0.05:
+            bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.turn(0.05)
+    assert told.outcome == ABORTED
+    assert told.text.startswith("stopped: elbow folded")
+    bench.turn(0.5)
+    kinematics = bench.arm.settings.kinematics
+    assert kinematics is not None
+    assert kinematics.gate_excess(kinematics.from_joints({n: bench.where(n) for n in NAMES})) < math.radians(2.0)
+    bench.ask(bench.arm.reset)
+    back = half(bench, "upper", 0.0, 3.0)
+    bench.until(lambda: back.ends)
+    assert back.outcome == SUCCEEDED
+
+
+def test_a_goal_that_would_swing_through_the_gate_as_it_takes_over_is_refused() -> None:
+    bench = make_bench(allow_partial_joints_goal=True)
+    raised = bench.command(order((2.0, {"J3": FOLD["J3"]})))
+    bench.until(lambda: raised.ends)
+    # The gate is at 40 degrees then.
+    near = HOME["J2"] + math.radians(39)
+    first = bench.command(TrajectoryOrder(("J2",), (Point(0.5, (near,)),)))
+    bench.until(lambda: bench.controller.follower.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
+    with pytest.raises(GoalError, match=r"s after it takes over from the motion under way, elbow folded .*; let "):
+        bench.command(TrajectoryOrder(("J2",), (Point(1.0, (HOME["J2"],)),)))
+    bench.until(lambda: first.ends)
+    assert first.outcome == SUCCEEDED
 
 
 # -- stop, reset, torque -----------------------------------------------------------------------------------

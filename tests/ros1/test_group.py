@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import threading
 
 import pytest
@@ -7,7 +8,9 @@ from tests.motion.arms import NAMES, state
 
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag, JointTarget
+from hexwire.motion.fence import Fence
 from hexwire.motion.safety import SafetyLimits, StopReason
 from hexwire.ros1.controller import Ended, Outcome, TrajectoryController
 from hexwire.ros1.goals import Point, Tolerance, Tolerances, TrajectoryOrder
@@ -136,3 +139,28 @@ def test_a_release_of_some_joints_leaves_other_controllers_alone() -> None:
     group.release("nothing holds")
     assert [end.text for end in first.ends] == ["nothing holds"]
     assert not group.busy
+
+
+def test_joints_of_two_that_fold_the_arm_together_stop_it() -> None:
+    members = []
+    for name, joints in (("upper", ("J1", "J2")), ("fore", NAMES[2:])):
+        none = {joint: Tolerance() for joint in joints}
+        settings = ControllerSettings(name, joints, True, Tolerances(none, none, 0.0))
+        members.append(TrajectoryController(settings, HEX7BOT, SafetyLimits()))
+    group = ControllerGroup(tuple(members))
+    group.fence = Fence(Hex7BotModel(), None, moving=True)
+    told = [go(group, 0, "J2", math.radians(60)), go(group, 1, "J3", math.radians(40))]
+    where: dict[str, float] = {}
+    now, order = 0.0, group.cycle(state(), STILL, 0.0, 0.1, due=True)
+    while isinstance(order, JointTarget):
+        where.update(order.positions)
+        now += 0.05
+        assert group.cycle(state(where, stamp=now - 0.025), STILL, now - 0.025, 0.1, due=False) is None
+        order = group.cycle(state(where, stamp=now), STILL, now, 0.1, due=True)
+    assert isinstance(order, StopReason)
+    assert order.kind == "fence"
+    assert order.text.startswith("elbow folded")
+    assert 1.0 < now < 2.0
+    assert [t.ends[0].outcome for t in told] == [Outcome.ABORTED] * 2
+    assert group.reason == order
+    assert group.cycle(state(where, stamp=now), STILL, now, 0.1, due=True) is None

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, UsageError
+from hexwire.motion.fence import Fence
 from hexwire.motion.teach import approach
 
 from .controller import TrajectoryController
@@ -91,6 +92,8 @@ class Arm:
         """Find the robot and make its controllers; as `Hardware.connect`."""
         settings, hardware = self.settings, self.hardware
         hardware.connect(settings.connect_timeout)
+        if settings.kinematics is not None:
+            hardware.group.fence = Fence(settings.kinematics, settings.table, moving=True)
         limits = settings.safety_at(1.0 / hardware.command_period)
         self.controllers = {
             row.name: TrajectoryController(
@@ -151,8 +154,10 @@ class Arm:
                 return
             with hardware.locked():
                 start = controller.start(order.delay, state, received)
+                begins = controller.follower.next_start(received + max(0.0, order.delay))
+                others = [c.follower.ahead(begins) for key, c in self.controllers.items() if key != name]
             # Takes long for a long one, so not under the lock.
-            controller.check_way(controller.plan(order, start), state)
+            controller.check_way(controller.plan(order, start), state, [way for way in others if way is not None])
             with hardware.locked():
                 self.lessons.refuse()
                 if not wanted():
@@ -217,6 +222,7 @@ class Arm:
             state, now = hardware.newest(), hardware.now()
             for key, share in shares.items():
                 self.controllers[key].check_set_points(share, state)
+            self._check_posture(dict(zip(names, fields["position"], strict=True)), state)
             for key, share in shares.items():
                 self.controllers[key].set_points(share, state, now)
         hardware.deliver()
@@ -347,6 +353,16 @@ class Arm:
 
     # -- helpers --------------------------------------------------------------------------------------
 
+    def _check_posture(self, positions: Mapping[str, float], state: JointState) -> None:
+        """Refuse to go where the arm as a whole must not be; on the way there the group watches."""
+        if self.settings.kinematics is not None:
+            fence = Fence(self.settings.kinematics, self.settings.table)
+            if fence.joints.isdisjoint(positions):
+                return
+            fence.begin(state.positions)
+            if found := fence.check({**state.positions, **positions}):
+                raise UsageError(f"{'; '.join(found.values())}; nothing was sent")
+
     def _alone(self) -> Alone:
         return Alone(self._busy)
 
@@ -378,12 +394,12 @@ class Arm:
         hardware = self.hardware
         state = hardware.newest()
         for key, way in ways.items():
-            self.controllers[key].check_way(way, state)
+            self.controllers[key].check_way(way, state, [other for other in ways.values() if other is not way])
         waiter = Waiter(len(ways))
         try:
             with hardware.locked():
                 for key, way in ways.items():
-                    self.controllers[key].follow(way, hardware.now(), goal=waiter)
+                    self.controllers[key].follow(way, state, hardware.now(), goal=waiter)
             hardware.hurry()
             hardware.deliver()
             waiter.wait(max(way.duration for way in ways.values()) + _GRACE)

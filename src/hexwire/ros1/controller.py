@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
-from hexwire.errors import GoalError, HexwireError, LimitError
+from hexwire.errors import GoalError, HexwireError
 from hexwire.model.state import JointFlag, JointState, JointTarget
-from hexwire.motion.checks import check_trajectory
 from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
-from hexwire.motion.waypoints import Sample, Spline
+from hexwire.motion.waypoints import Sample
 
 from .goals import ErrorCode, Point, check_order, make_trajectory
+from .ways import Ways
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -38,15 +38,8 @@ _STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
 
 _HAIR = 1e-6
 """Seconds: as good as now, but not nothing."""
-_BRIDGE_SAMPLES = 20
-_BRIDGE_STEP = 0.01
-"""The way to the first point is looked at so often, but not at shorter steps of seconds."""
-_LONGEST = 3600.0
-"""Seconds; a longer trajectory would take too long to check, and is most often a unit that was mistaken."""
 _TOGETHER = 0.03
 """Seconds between samples of joints that count as taken at once."""
-_BRIDGE_GRACE = 1.1
-"""What the way to the first point may be faster than a joint's limit, since a motion at the limit begins late."""
 
 
 class Outcome(Enum):
@@ -152,10 +145,7 @@ class TrajectoryController:
     ) -> None:
         self.settings = settings
         self.follower = Follower(arm, limits, lost_after=command_timeout)
-        self._arm, self._kinematics, self._table = arm, kinematics, table
-        self._bridge_arm = replace(
-            arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
-        )
+        self._arm, self._ways = arm, Ways(arm, kinematics, table)
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
         self._pending: _Pending | None = None
@@ -222,22 +212,19 @@ class TrajectoryController:
         check_order(order, self.joints, allow_partial=self.settings.allow_partial)
         return make_trajectory(order, self.joints, start)[0]
 
-    def check_way(self, trajectory: Trajectory, state: JointState) -> None:
+    def check_way(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
         """Limits, speeds, gates and the table all along a trajectory, and that its joints can move.
+
+        Args:
+            trajectory: What shall be followed.
+            state: The newest.
+            meanwhile: What other controllers do from its beginning on.
 
         Raises:
             GoalError: It must not be run.
         """
         self._refuse_unready(trajectory.names, state)
-        if trajectory.duration > _LONGEST:
-            text = f"the trajectory lasts {trajectory.duration:g} s; send at most {_LONGEST:g} s at a time"
-            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
-        try:
-            check_trajectory(
-                trajectory, self._arm, self._kinematics, others=state.positions, table=self._table
-            ).require()
-        except LimitError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+        self._ways.check(trajectory, state.positions, meanwhile)
 
     def accept(
         self,
@@ -273,11 +260,12 @@ class TrajectoryController:
             self._active = _Active(goal, tolerances, begins, math.inf)
             return
         trajectory = self._due(order, received, state, now)
-        self.follow(trajectory, now, goal=goal, tolerances=tolerances)
+        self.follow(trajectory, state, now, goal=goal, tolerances=tolerances)
 
     def follow(
         self,
         trajectory: Trajectory,
+        state: JointState,
         now: float,
         *,
         goal: Goal | None = None,
@@ -287,7 +275,10 @@ class TrajectoryController:
         self._refuse_if_stopped()
         begins = self.follower.next_start(now)
         try:
+            self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
             self.follower.follow(trajectory, now)
+        except GoalError:
+            raise
         except HexwireError as error:
             raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
         self._preempt("replaced by a new one")
@@ -368,7 +359,9 @@ class TrajectoryController:
         begins = self.follower.next_start(now)
         try:
             self._refuse_unready(self.joints, state)
-            self.follower.follow(self._due(pending.order, pending.received, state, now), now)
+            trajectory = self._due(pending.order, pending.received, state, now)
+            self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
+            self.follower.follow(trajectory, now)
         except HexwireError as error:
             self.follower.hold()
             self._end(Outcome.ABORTED, getattr(error, "code", ErrorCode.INVALID_GOAL), str(error))
@@ -393,20 +386,8 @@ class TrajectoryController:
                     return make_trajectory(there, self.joints, start)[0]
             order = replace(order, delay=delay)
         trajectory, _ = make_trajectory(order, self.joints, start)
-        self._check_bridge(trajectory, state, late=order.delay < 0.0)
+        self._ways.check_bridge(trajectory, state.positions, late=order.delay < 0.0)
         return trajectory
-
-    def _check_bridge(self, trajectory: Spline, state: JointState, *, late: bool) -> None:
-        """The way to the first point is not the one that was checked: time has passed, and points with it."""
-        bridge = Spline(trajectory.names, trajectory.waypoints[:2])
-        step = max(_BRIDGE_STEP, bridge.duration / _BRIDGE_SAMPLES)
-        findings = check_trajectory(
-            bridge, self._bridge_arm, self._kinematics, others=state.positions, table=self._table, step=step
-        ).findings
-        if findings:
-            why = "too late" if late else "not any more"
-            code = ErrorCode.OLD_HEADER_TIMESTAMP if late else ErrorCode.INVALID_GOAL
-            raise GoalError(f"{why}: on the way to the next point, {'; '.join(map(str, findings))}", code=code)
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Compare measured with desired, at every state; ends a goal that is out of tolerance, or done.

@@ -6,7 +6,7 @@ Owns the lock around them, and that goals hear of their end outside of it. Must 
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointTarget
@@ -14,6 +14,7 @@ from hexwire.motion.safety import StopReason
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
+    from hexwire.motion.fence import Fence
 
     from .controller import TrajectoryController
 
@@ -26,12 +27,14 @@ class ControllerGroup:
     Attributes:
         members: The controllers; no joint is in two of them.
         lock: Guards them. Nobody waits or calls out while holding it.
+        fence: Where the arm as a whole must not be sent, whoever's joints take it there; None for nowhere.
         stops: How often a stop was asked for or found necessary, whether one was latched already or not.
     """
 
     def __init__(self, members: Sequence[TrajectoryController] = ()) -> None:
         self.members = members
         self.lock = threading.RLock()
+        self.fence: Fence | None = None
         self.stops = 0
 
     @property
@@ -75,14 +78,22 @@ class ControllerGroup:
                 controller.judge(state, speeds, now)
                 if due:
                     orders.append(controller.cycle(state, now, lead))
+            targets = [order for order in orders if isinstance(order, JointTarget)]
+            positions = tuple(pair for target in targets for pair in target.positions)
             reason = next((order for order in orders if isinstance(order, StopReason)), None)
+            if reason is None and due:
+                reason = self._outside(state, dict(positions))
             if reason is not None:
                 self._stop(reason)
         self.deliver()
         if reason is not None:
             return reason
-        positions = tuple(pair for order in orders if isinstance(order, JointTarget) for pair in order.positions)
         return JointTarget(positions, lead) if positions else None
+
+    def _outside(self, state: JointState, target: Mapping[str, float]) -> StopReason | None:
+        """Each controller checks its own way, with the joints of the others where they were then."""
+        found = self.fence.follow(state.positions, target) if self.fence is not None else ""
+        return StopReason("fence", found) if found else None
 
     def stop(self, reason: StopReason) -> None:
         """Latch a stop of all."""
