@@ -182,3 +182,28 @@ def test_a_stop_that_fails_on_ctrl_c_is_told_and_it_still_counts_as_interrupted(
     with pytest.raises(KeyboardInterrupt), hold_on_ctrl_c(Gone()):  # type: ignore[arg-type]
         raise KeyboardInterrupt
     assert capsys.readouterr().err == "warning: the arm could not be stopped: the port went away\n"
+
+
+def test_a_move_that_would_fold_the_arm_is_refused_and_nothing_moves(bench: Any) -> None:
+    bench.ok("move", "J3=37.5", "--wait")
+    before = bench.positions()
+    result = bench.run("move", "J2=115")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: elbow ")
+    assert result.stderr.endswith(" of the way there; nothing was sent\n")
+    bench.clock.advance(2.0)
+    assert bench.positions() == pytest.approx(before, abs=0.3)
+    bench.ok("move", "J2=80", "--wait")
+
+
+def test_a_move_into_the_table_is_refused_unless_there_is_none(bench: Any) -> None:
+    low = ("J2=25", "J3=62", "--duration", "3")
+    result = bench.run("move", *low, "--table", "60")
+    assert result.exit_code == 2
+    assert "mm below the table at 60 mm" in result.stderr
+    bench.ok("move", *low, "--no-table", "--wait")
+
+
+def test_a_joint_that_is_silent_does_not_keep_the_others_from_moving(make_bench: Any) -> None:
+    bench = make_bench("silent:2")
+    bench.ok("move", "J2=60", "--wait")

@@ -8,7 +8,7 @@ from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
-from hexwire.motion.checks import InJoints, check_trajectory
+from hexwire.motion.checks import InJoints, check_move, check_trajectory
 from hexwire.motion.line import Line
 from hexwire.motion.waypoints import Spline, Waypoint
 
@@ -142,3 +142,19 @@ def test_joints_that_the_model_does_not_know_have_no_gates() -> None:
     assert check_trajectory(spline, HEX7BOT, A, others=unknown).findings == ()
     with pytest.raises(UsageError, match="not known where J2 is"):
         check_trajectory(one("J3", 5, 1.0), HEX7BOT, A, others=unknown)
+
+
+def test_a_single_move_is_checked_on_its_straight_way() -> None:
+    fold = {"J2": NEUTRAL["J2"] + math.radians(60)}
+    raised = {**NEUTRAL, "J3": NEUTRAL["J3"] + math.radians(40)}
+    check_move(NEUTRAL, fold, A)
+    with pytest.raises(LimitError, match=r"^elbow .*, 6\d % of the way there; nothing was sent$"):
+        check_move(raised, fold, A)
+    low = A.to_joints([math.radians(d) for d in (90, 60, 155, 90, 90, 90)])
+    with pytest.raises(LimitError, match=r"^the tool .* below the table at 12 mm, there; nothing was sent$"):
+        check_move(NEUTRAL, low, A, 0.012)
+    check_move(NEUTRAL, low, A, None)
+    # Out of where it must not be, and where it is not known where the arm is.
+    check_move({**NEUTRAL, **low}, {"J3": NEUTRAL["J3"]}, A, 0.05)
+    check_move({**raised, "J1": math.nan}, {"J1": 0.1, **fold}, A)
+    check_move(raised, {"J7": 0.2}, A)

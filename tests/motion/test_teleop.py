@@ -13,6 +13,7 @@ from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import rotation_between
 from hexwire.model.puma260 import PUMA260, Puma260Model
+from hexwire.motion.fence import Fence
 from hexwire.motion.teleop import Action, Jog, JogMode, StickMap, Teleop
 
 DEAD_MAN = 1 << 4
@@ -279,3 +280,18 @@ def test_any_stick_keeps_the_rules(mode: JogMode, steps: list[tuple[list[float],
                 fastest = joint.max_speed * (1.0 if mode is JogMode.JOINT else 1.5)
                 assert abs(jog.positions[joint.name] - positions[joint.name]) <= fastest * dt + 1e-9
             positions = dict(jog.positions)
+
+
+def test_the_arm_as_a_whole_stays_out_of_its_gate_and_can_be_led_back() -> None:
+    model = Hex7BotModel()
+    start = {joint.name: joint.offset for joint in HEX7BOT.joints} | {"J3": HEX7BOT.joint("J3").offset + 0.7}
+    hand = Hand(Teleop(HEX7BOT, model, StickMap(axes=(0, 1, 2, 3, 6, 7)), fence=Fence(model, None)), start)
+    hand.begin()
+    notes = {hand.cycle(a1=1.0).note for _ in range(200)}
+    assert any(note.startswith("elbow folded") for note in notes)
+    assert model.gate_excess(model.from_joints(hand.positions)) == 0.0
+    there = hand.positions["J2"]
+    assert there > start["J2"] + 0.3
+    hand.cycle(a1=-1.0)
+    assert hand.cycle(a1=-1.0).note == ""
+    assert hand.positions["J2"] < there

@@ -45,6 +45,7 @@ __all__ = [
     "raise_if_silent",
     "resolve_url",
     "robot_options",
+    "table_options",
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -161,6 +162,26 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         "--robot", metavar="NAME", help=f"Which robot is behind the port.  [default: {DEFAULT_ROBOT}]"
     )
     return port_option(robot_option(line_options(packed)))
+
+
+def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--table`` and ``--no-table``; the command gets ``table``: metres above the arm's base, or None for none."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, table: float, no_table: bool, **rest: Any) -> Any:
+        return command(*args, table=None if no_table else table / 1000, **rest)
+
+    height = click.option(
+        "--table",
+        type=FiniteFloat("mm"),
+        default=0.0,
+        show_default=True,
+        metavar="MM",
+        help="Height of the table above the arm's base.",
+    )
+    return height(
+        click.option("--no-table", is_flag=True, help="There is no table that the arm could hit.")(packed)
+    )
 
 
 def resolve_url(port: str | None, baud: int | None = None) -> str:

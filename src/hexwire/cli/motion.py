@@ -18,7 +18,7 @@ import click
 from hexwire.errors import UsageError
 from hexwire.model.geometry import kinematics_or_none, make_kinematics
 
-from .common import FiniteFloat, RobotOptions, attached, make_robot, open_robot, robot_options
+from .common import FiniteFloat, RobotOptions, attached, make_robot, open_robot, robot_options, table_options
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
 from .run_motion import MotionOptions, run_motion, torque_up
@@ -42,9 +42,9 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def packed(
-        *args: Any, table: float, no_table: bool, plot: str | None, dry_run: bool, rate: float | None, **rest: Any
+        *args: Any, table: float | None, plot: str | None, dry_run: bool, rate: float | None, **rest: Any
     ) -> Any:
-        run = MotionOptions(None if no_table else table / 1000, plot, dry_run, rate)
+        run = MotionOptions(table, plot, dry_run, rate)
         return command(*args, run=run, **rest)
 
     for option in (
@@ -56,18 +56,9 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option("--dry-run", is_flag=True, help="Check, and draw if asked to; move nothing."),
         click.option("--plot", metavar="FILE", help="Draw joints and path as .png, .svg or .pdf."),
-        click.option("--no-table", is_flag=True, help="There is no table that the arm could hit."),
-        click.option(
-            "--table",
-            type=FiniteFloat("mm"),
-            default=0.0,
-            show_default=True,
-            metavar="MM",
-            help="Height of the table above the arm's base.",
-        ),
     ):
         packed = option(packed)
-    return packed
+    return table_options(packed)
 
 
 def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:

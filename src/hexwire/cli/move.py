@@ -23,6 +23,7 @@ from .common import (
     print_json,
     raise_if_silent,
     robot_options,
+    table_options,
 )
 from .exits import note, shielded
 
@@ -57,6 +58,7 @@ _GRACE = 2.0
     metavar="DEGREES",
     help="With --wait, how near is there.",
 )
+@table_options
 @robot_options
 @json_option
 def move(
@@ -64,15 +66,19 @@ def move(
     duration: float,
     wait: bool,
     tolerance: float,
+    table: float | None,
     options: RobotOptions,
     as_json: bool,
 ) -> None:
     """Move joints to angles in degrees, as J1=10 J3=-5.5.
 
-    Joints without torque get it first, which moves nothing by itself.
+    Joints without torque get it first, which moves nothing by itself. A way through the arm's gates or the table is
+    refused, where the arm's geometry is known.
     """
     from hexwire.errors import ServoError
+    from hexwire.model.geometry import kinematics_or_none
     from hexwire.model.state import JointTarget
+    from hexwire.motion.checks import check_move
     from hexwire.motion.loop import RateLoop
 
     angles = parse_targets(targets)
@@ -81,7 +87,10 @@ def move(
     say: Callable[[str], object] = (lambda _: None) if as_json else print
     shortfall = ""
     with attached(robot), hold_on_ctrl_c(robot):
-        switched_on = _torque_on(robot, list(goal))
+        state = robot.read()
+        if (kinematics := kinematics_or_none(robot.model.name, for_motion=True)) is not None:
+            check_move(state.positions, goal, kinematics, table)
+        switched_on = _torque_on(robot, list(goal), state)
         if switched_on:
             say(f"torque on: {' '.join(switched_on)}")
         sent = robot.write(JointTarget.of(goal, duration))
@@ -173,10 +182,9 @@ def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
         raise
 
 
-def _torque_on(robot: RobotDriver, names: Sequence[str]) -> tuple[str, ...]:
+def _torque_on(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:
     """Give torque to those of the joints that have none; returns their names."""
-    have = robot.read().torque_on
-    missing = [name for name in names if name not in have]
+    missing = [name for name in names if name not in state.torque_on]
     if not missing:
         return ()
     confirmed = robot.torque(True, missing)

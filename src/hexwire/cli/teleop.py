@@ -16,7 +16,7 @@ import click
 
 from hexwire.errors import DeviceError, HexwireError, StoppedError, UsageError
 
-from .common import FiniteFloat, RobotOptions, make_robot, open_robot, robot_options
+from .common import FiniteFloat, RobotOptions, make_robot, open_robot, robot_options, table_options
 from .exits import note, shielded
 
 if TYPE_CHECKING:
@@ -116,6 +116,7 @@ def send(device: str | None, url: str | None, conf: str | None, rate: float) -> 
 @click.option(
     "--dead-man", type=click.IntRange(0, 31), default=4, show_default=True, metavar="N", help="Its button."
 )
+@table_options
 @robot_options
 def teleop(
     device: str | None,
@@ -125,15 +126,18 @@ def teleop(
     speed: float,
     rate: float,
     dead_man: int,
+    table: float | None,
     options: RobotOptions,
 ) -> None:
     """Move an arm by joystick, as long as the dead-man button is held.
 
-    Letting go of it, or losing the joystick's channel, makes the arm hold at once. Button 7 changes between joints
+    Letting go of it, or losing the joystick's channel, makes the arm hold at once; and it stays where the next step
+    would lead through a gate of the arm or into the table. Button 7 changes between joints
     and the tool's directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is
     the only joystick of this machine.
     """
     from hexwire.model.geometry import kinematics_or_none
+    from hexwire.motion.fence import Fence
     from hexwire.motion.loop import RateLoop
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
@@ -143,7 +147,8 @@ def teleop(
         raise UsageError(f"--speed {speed:g} is over the joints' own limits; 1 is the most")
     model = make_robot(options).model
     kinematics = kinematics_or_none(model.name)
-    rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed)
+    fence = Fence(kinematics, table) if kinematics is not None else None
+    rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, fence=fence)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")

@@ -17,8 +17,10 @@ from hexwire.model.kinematics import KinematicModel
 from .fence import Fence
 from .waypoints import Sample, Trajectory
 
-__all__ = ["Finding", "InJoints", "MotionReport", "check_trajectory"]
+__all__ = ["Finding", "InJoints", "MotionReport", "check_move", "check_trajectory"]
 
+_TURN = math.radians(1.0)
+"""Between two looks at a move."""
 _STEP = 0.01
 """Seconds between checks: 1.5 degrees of the fastest 7Bot joint."""
 
@@ -163,6 +165,30 @@ def check_trajectory(
         last = (t, sample.position)
     findings = tuple(sorted(found.values(), key=lambda f: f.time))
     return MotionReport(trajectory.duration, dict(zip(trajectory.names, peak, strict=True)), lowest, findings)
+
+
+def check_move(
+    here: Mapping[str, float], goal: Mapping[str, float], model: KinematicModel, table: float | None = 0.0
+) -> None:
+    """Check the straight way of joints to a goal for gates and table, as far as it is known where the others are.
+
+    Args:
+        here: Where all joints are, radians.
+        goal: Where some of them shall go, radians.
+        model: Kinematics.
+        table: Height above the base below which no point of the arm may come, metres; None for no table.
+
+    Raises:
+        LimitError: It must not be gone; nothing was sent.
+    """
+    fence = Fence(model, table, moving=True)
+    fence.begin(here)
+    steps = max((math.ceil(abs(goal[n] - here[n]) / _TURN) for n in goal if math.isfinite(here[n])), default=0)
+    for i in range(1, steps + 1):
+        moved = {name: here[name] + i / steps * (angle - here[name]) for name, angle in goal.items()}
+        if found := fence.check({**here, **moved}):
+            where = "there" if i == steps else f"{100 * i // steps} % of the way there"
+            raise LimitError(f"{'; '.join(found.values())}, {where}; nothing was sent")
 
 
 def _looks(trajectory: Trajectory, until: float, step: float) -> Iterator[tuple[float, Sample]]:

@@ -16,6 +16,8 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose, multiply, rotation_x, rotation_y, rotation_z
 
+from .fence import Fence
+
 __all__ = ["Action", "Jog", "JogMode", "StickMap", "Teleop"]
 
 _LONGEST_STEP = 0.1
@@ -103,6 +105,7 @@ class Teleop:
         linear: Speed of the tool at full deflection, m/s.
         angular: The same for turns, rad/s.
         stale: Age of the stick's state in seconds from which the channel counts as lost.
+        fence: Where the arm as a whole must not be; None for nowhere.
     """
 
     def __init__(
@@ -116,6 +119,7 @@ class Teleop:
         linear: float = 0.05,
         angular: float = 0.4,
         stale: float = 0.25,
+        fence: Fence | None = None,
     ) -> None:
         if not 0.0 < share <= 1.0:
             raise UsageError(f"a share of {share:g} of the speed limits makes no sense; above 0 to 1 does")
@@ -129,6 +133,7 @@ class Teleop:
         self._linear = linear
         self._angular = angular
         self._stale = stale
+        self._fence = fence
         self._free = False
         self._active = False
         self._alive: set[int] = set()
@@ -166,6 +171,8 @@ class Teleop:
             self._alive.clear()
             self._goal = {name: positions[name] for name in self.arm.names}
             self._last = now
+            if self._fence is not None:
+                self._fence.begin(self._goal)
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
         self._last = now
         wanted = self._wanted(axes)
@@ -174,6 +181,9 @@ class Teleop:
         self._gripper(buttons, step)
         if self._keep_near(positions, before):
             note = note or "the arm does not follow"
+        if self._fence is not None and self._goal != before and (found := self._fence.check(self._goal)):
+            self._goal = before
+            note = "; ".join(found.values())
         return Jog(Action.MOVE, dict(self._goal), note)
 
     def _hold(self, note: str) -> Jog:
