@@ -98,10 +98,11 @@ def test_the_module_runs_as_the_program() -> None:
     assert done.stdout.startswith("hexwire ")
 
 
-def test_ctrl_c_while_the_program_loads_ends_it_without_a_traceback(tmp_path: Path) -> None:
+@pytest.mark.parametrize("program", ["main", "ros1"])
+def test_ctrl_c_while_the_program_loads_ends_it_without_a_traceback(tmp_path: Path, program: str) -> None:
     (tmp_path / "click.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
     done = subprocess.run(
-        [sys.executable, "-m", "hexwire.cli", "--version"],
+        [sys.executable, "-c", f"from hexwire.cli.__main__ import {program}; {program}()", "--version"],
         capture_output=True,
         check=False,
         timeout=60,

@@ -1,26 +1,35 @@
-"""The program: `hexwire`, which is also `python -m hexwire.cli`.
+"""The programs: `hexwire`, which is also `python -m hexwire.cli`, and `hexwire-ros1`.
 
 Owns the moment before anything is loaded. Must not import anything slow itself.
 """
 
 from __future__ import annotations
 
+import importlib
 import signal
 
-__all__ = ["main"]
+__all__ = ["main", "ros1"]
 
 
 def main() -> None:
-    """Entry point of the program."""
+    """Entry point of `hexwire`."""
+    _start("main")
+
+
+def ros1() -> None:
+    """Entry point of `hexwire-ros1`."""
+    _start("ros1")
+
+
+def _start(name: str) -> None:
     # As long as nothing is open there is nothing to make safe: Ctrl-C ends the program without a traceback.
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if ours:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from .main import main as run
-
+    program = importlib.import_module(f"hexwire.cli.{name}")
     if ours:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    run()
+    program.main()
 
 
 if __name__ == "__main__":
