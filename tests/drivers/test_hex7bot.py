@@ -27,7 +27,7 @@ from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.session import Session
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointState, JointTarget
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command
@@ -312,6 +312,27 @@ def test_a_stream_gives_states_at_its_rate_and_ends_the_reports() -> None:
     assert len(list(itertools.islice(stream, 5))) == 5
     stream.close()
     assert arm.board.state.report_due is None
+
+
+def test_short_reports_come_more_often_on_a_slow_line_and_lack_nothing_but_velocities() -> None:
+    def run(slow: float | None) -> tuple[list[JointState], int]:
+        arm = Arm(2, 115200)
+        before = arm.commands().count(Command.JOINT_STATE)
+        stream = arm.driver.stream(0.005, slow=slow)
+        states = list(itertools.islice(stream, 300))
+        stream.close()
+        return states, arm.commands().count(Command.JOINT_STATE) - before
+
+    (whole, none), (short, asked) = run(None), run(2.0)
+    rates = [299 / (states[-1].stamp - states[0].stamp) for states in (whole, short)]
+    assert rates[1] > 1.1 * rates[0]
+    assert (none, asked) == (0, 2), "at the start, and two seconds later"
+    assert 2.0 < short[-1].stamp - short[0].stamp < 4.0
+    for column in ("load", "current", "voltage", "temperature", "age", "position"):
+        known = [[math.isfinite(value) for value in getattr(states[-1], column)] for states in (whole, short)]
+        assert known[0] == known[1]
+    assert all(math.isfinite(value) for value in whole[-1].velocity)
+    assert all(math.isnan(value) for state in short for value in state.velocity)
 
 
 def test_who_only_listens_keeps_the_watchdog_quiet() -> None:

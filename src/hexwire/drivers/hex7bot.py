@@ -7,7 +7,9 @@ two dialects are `board1` and `board2`. Must not know links or who asks.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 from hexwire.errors import NotSupportedError, UsageError
@@ -35,6 +37,7 @@ _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
 _DIALECT1_RATE = 1.5
 """Targets a second in dialect 1, where a state of seven joints is seven questions."""
+_QUICK_FIELDS = tables.STATE_FIELD_LOAD | tables.STATE_FIELD_AGE
 _FEEDS = 3.0
 """How often a board hears of us in the time of its watchdog while we only listen to its reports."""
 
@@ -175,12 +178,19 @@ class Hex7BotDriver(RobotDriver):
         self._keep_armed()
         return sent
 
-    def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
+    def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the board reports by itself every `period` seconds.
 
         Ends the reports when the caller stops iterating. Goes on after a reconnection, and after a reset of the
         board; ends when a board that is there sends nothing for `timeout` seconds. Who only listens says nothing,
         so a watchdog is fed from here.
+
+        Args:
+            period: Seconds between two reports.
+            timeout: Seconds of silence after which the board is asked whether it is there.
+            slow: Given, reports are short, so that a slow line carries more of them: they leave out velocities,
+                which a board reads in turns and which are old then, and voltage, temperature and current, which
+                are asked for every so many seconds.
 
         Raises:
             NotSupportedError: The board speaks dialect 1.
@@ -189,10 +199,12 @@ class Hex7BotDriver(RobotDriver):
         """
         if not _MIN_PERIOD <= period <= _MAX_PERIOD:
             raise UsageError(f"a report every {period:g} s is outside {_MIN_PERIOD:g}..{_MAX_PERIOD:g} s")
-        self._dialect2("REPORT").report(period)
-        self._report = (period, ALL_FIELDS)
+        fields = ALL_FIELDS if slow is None else _QUICK_FIELDS
+        self._dialect2("REPORT").report(period, fields)
+        self._report = (period, fields)
         silence = max(timeout, 2 * period)
-        fed = self.session.now()
+        fed, asked = self.session.now(), -math.inf
+        whole: JointState | None = None
         try:
             while True:
                 board = self._dialect2("REPORT")
@@ -202,9 +214,18 @@ class Hex7BotDriver(RobotDriver):
                     if self._watchdog is not None and self.session.now() - fed >= self._watchdog[0] / _FEEDS:
                         self._feed(board, self._watchdog)
                         fed = self.session.now()
+                    if slow is not None and self.session.now() - asked >= slow:
+                        whole, asked = board.read(), self.session.now()
                     if frame.cmd == Command.JOINT_STATE:
                         state = board.decode_state(frame.body, frame, arrived)
                         self._remember(state)
+                        if whole is not None:
+                            state = replace(
+                                state,
+                                voltage=whole.voltage,
+                                temperature=whole.temperature,
+                                current=whole.current,
+                            )
                         yield state
                 # Silence: the port was away, the board was reset, or it stopped reporting.
                 armings = self._armings

@@ -175,10 +175,11 @@ class Puma260Driver(RobotDriver):
         reply = check_reply(self.states.request(Command.JOINT_STATES, repeatable=True))
         return self._decode(EncoderStates.parse(reply.body), self.states.now())
 
-    def stream(self, period: float, timeout: float = 1.0) -> Iterator[JointState]:
+    def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the controller reports by itself every `period` seconds.
 
-        Ends when none came for `timeout` seconds. A connection that was lost and came back goes on.
+        Ends when none came for `timeout` seconds. A connection that was lost and came back goes on. `slow` is of no
+        account: there is nothing in these reports that could be left out.
         """
         body = round(period * 1000).to_bytes(2, "little") + b"\0"
         states = self.states

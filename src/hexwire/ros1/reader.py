@@ -21,6 +21,8 @@ __all__ = ["StateReader"]
 
 _SILENCE = 0.5
 """Seconds without a report after which the robot is asked whether it is there."""
+_SLOW = 2.0
+"""Seconds between two looks at what changes slowly and makes reports long."""
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 0.25
 """Seconds between two reports: boards refuse shorter ones, and with longer ones silence would not be noticed."""
@@ -94,7 +96,7 @@ class StateReader:
         if stream is not None:
             try:
                 self._reports = True
-                yield from stream(self.period, _SILENCE)
+                yield from stream(self.period, _SILENCE, slow=_SLOW)
                 return
             except NotSupportedError:
                 self._reports = False
