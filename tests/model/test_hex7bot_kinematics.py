@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -269,3 +270,13 @@ def test_wrong_number_of_angles() -> None:
         A.forward([1.0] * 5)
     with pytest.raises(UsageError, match="t3 is nan"):
         A.forward([1.0, 1.0, 1.0, math.nan, 1.0, 1.0])
+
+
+def test_the_further_in_the_gate_the_larger_its_excess() -> None:
+    for t2 in (120.0, 150.0):
+        rows = [A.gate_excess([math.radians(d) for d in (90, t1, t2, 90, 90, 90)]) for t1 in range(100, 180)]
+        steps = [b - a for a, b in itertools.pairwise(rows)]
+        assert rows[0] == 0.0 < rows[-1]
+        assert all(0.0 <= step <= math.radians(1.0) + 1e-9 for step in steps)
+    beyond = A.violations([math.radians(d) for d in (90, 150, 150, 90, 90, 90)])
+    assert any(text.startswith("elbow folded 40 deg too far: -30 deg between") for text in beyond)

@@ -238,7 +238,7 @@ class Hex7BotModel(KinematicModel):
 
     def _gates(self, t1: float, t2: float) -> tuple[str, ...]:
         k = self.links
-        elbow = wrap(k.elbow_angle(t1, t2), math.pi)
+        elbow = self._elbow(t1, t2)
         found = []
         low, high = k.elbow
         if not low - 1e-9 <= elbow <= high + 1e-9:
@@ -256,6 +256,11 @@ class Hex7BotModel(KinematicModel):
                 f"to wrist, {math.degrees(gate.maximum):.4g} deg allowed"
             )
         return tuple(found)
+
+    def _elbow(self, t1: float, t2: float) -> float:
+        """Interior elbow angle within half a turn of the middle of what is allowed: folded past 0 is below 0."""
+        low, high = self.links.elbow
+        return wrap(self.links.elbow_angle(t1, t2), 0.5 * (low + high))
 
     def points(self, angles: Sequence[float]) -> Mapping[str, Vector]:
         return {
@@ -281,7 +286,7 @@ class Hex7BotModel(KinematicModel):
 
     def gate_excess(self, angles: Sequence[float]) -> float:
         k = self.links
-        elbow = wrap(k.elbow_angle(angles[1], angles[2]), math.pi)
+        elbow = self._elbow(angles[1], angles[2])
         excess = max(0.0, k.elbow[0] - elbow, elbow - k.elbow[1])
         if k.elevation is not None:
             excess = max(excess, k.elevation.elevation(angles[1], elbow) - k.elevation.maximum)
