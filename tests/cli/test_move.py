@@ -204,6 +204,37 @@ def test_a_move_into_the_table_is_refused_unless_there_is_none(bench: Any) -> No
     bench.ok("move", *low, "--no-table", "--wait")
 
 
-def test_a_joint_that_is_silent_does_not_keep_the_others_from_moving(make_bench: Any) -> None:
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_while_another_joint_turns_nobody_can_say_where_the_arm_will_be(make_bench: Any, dialect: int) -> None:
+    bench = make_bench(dialect=dialect)
+    bench.ok("move", "J2=110", "--duration", "6")
+    result = bench.run("move", "J3=37")
+    assert result.exit_code == 2
+    words = "still turning: J2; wait until the arm stands, or name all in one move; nothing was sent"
+    assert result.stderr == f"error: {words}\n"
+    bench.ok("move", "J7=20")
+    bench.clock.advance(6.0)
+    bench.ok("move", "J3=10", "--wait")
+
+
+def test_with_a_silent_joint_the_others_move_unchecked_and_it_is_said(make_bench: Any) -> None:
     bench = make_bench("silent:2")
-    bench.ok("move", "J2=60", "--wait")
+    result = bench.run("move", "J2=60", "--wait")
+    assert result.exit_code == 0
+    assert result.stderr == "warning: it is not known where J3 is: gates and table are not checked\n"
+
+
+def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:
+    result = bench.run("move", "J1=5", "--table", "60", "--no-table")
+    assert result.exit_code == 2
+    assert result.stderr == "error: --table and --no-table contradict each other\n"
+    result = bench.run("move", "shoulder_pan=5", "--robot", "so101", "--table", "60")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: no geometry of so101")
+    assert bench.link.written == []
+
+
+def test_another_link_set_has_gates_of_its_own(bench: Any) -> None:
+    result = bench.run("move", "J1=5", "--links", "Z")
+    assert result.exit_code == 2
+    assert "Z" in result.stderr

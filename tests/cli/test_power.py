@@ -69,3 +69,16 @@ def test_a_stop_may_take_the_torque_away(bench: Any) -> None:
     assert bench.ok("stop", "--torque-off") == "stopped, torque off: J1 J2 J3 J4 J5 J6 J7\n"
     assert bench.torque() == []
     assert bench.ok("resume") == "resumed; torque on: none\n"
+
+
+def test_resume_switches_off_the_watchdog_of_a_program_that_died(bench: Any) -> None:
+    bench.board.state.watchdog_timeout = 1.0
+    bench.ok("torque", "on")
+    bench.clock.advance(3.0)
+    assert bench.json("state")["watchdog_tripped"]
+    lines = bench.ok("resume").splitlines()
+    assert lines[0] == "the watchdog of the program that fell silent is off"
+    assert lines[1].startswith("resumed; torque on: J1 ")
+    bench.clock.advance(3.0)
+    assert not bench.json("state")["stopped"]
+    bench.ok("move", "J1=5", "--wait")

@@ -151,10 +151,17 @@ def test_a_single_move_is_checked_on_its_straight_way() -> None:
     with pytest.raises(LimitError, match=r"^elbow .*, 6\d % of the way there; nothing was sent$"):
         check_move(raised, fold, A)
     low = A.to_joints([math.radians(d) for d in (90, 60, 155, 90, 90, 90)])
-    with pytest.raises(LimitError, match=r"^the tool .* below the table at 12 mm, there; nothing was sent$"):
+    with pytest.raises(LimitError, match=r"^the tool .* below the table at 12 mm, 98 % of the way there; nothing"):
         check_move(NEUTRAL, low, A, 0.012)
     check_move(NEUTRAL, low, A, None)
-    # Out of where it must not be, and where it is not known where the arm is.
     check_move({**NEUTRAL, **low}, {"J3": NEUTRAL["J3"]}, A, 0.05)
-    check_move({**raised, "J1": math.nan}, {"J1": 0.1, **fold}, A)
-    check_move(raised, {"J7": 0.2}, A)
+    with pytest.raises(UsageError, match="not known where J1 is"):
+        check_move({**NEUTRAL, "J1": math.nan}, fold, A)
+
+
+@pytest.mark.parametrize("beyond", [5, 15, 30, 60])
+def test_out_of_a_fold_there_is_a_way_and_further_in_there_is_none(beyond: float) -> None:
+    folded = {**NEUTRAL, "J2": NEUTRAL["J2"] + math.radians(50), "J3": NEUTRAL["J3"] + math.radians(30 + beyond)}
+    check_move(folded, {"J3": NEUTRAL["J3"]}, A, None)
+    with pytest.raises(LimitError, match="elbow folded"):
+        check_move(folded, {"J3": folded["J3"] + math.radians(2.0)}, A, None)

@@ -43,6 +43,7 @@ __all__ = [
     "port_option",
     "print_json",
     "raise_if_silent",
+    "refuse_table",
     "resolve_url",
     "robot_options",
     "table_options",
@@ -154,7 +155,7 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         early = click.get_current_context().find_root().params
         robot = robot or early.get("robot") or DEFAULT_ROBOT
         # On the command line, before the environment.
-        if early.get("port") and click.get_current_context().get_parameter_source("port") is not _TYPED:
+        if early.get("port") and not _is_typed("port"):
             port = early["port"]
         return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
 
@@ -169,6 +170,8 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def packed(*args: Any, table: float, no_table: bool, **rest: Any) -> Any:
+        if no_table and _is_typed("table"):
+            raise UsageError("--table and --no-table contradict each other")
         return command(*args, table=None if no_table else table / 1000, **rest)
 
     height = click.option(
@@ -182,6 +185,20 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return height(
         click.option("--no-table", is_flag=True, help="There is no table that the arm could hit.")(packed)
     )
+
+
+def _is_typed(option: str) -> bool:
+    return click.get_current_context().get_parameter_source(option) is _TYPED
+
+
+def refuse_table(model: ArmModel) -> None:
+    """Refuse ``--table`` for an arm without a geometry: somebody would rely on what nobody looks at.
+
+    Raises:
+        UsageError: It was typed.
+    """
+    if _is_typed("table"):
+        raise UsageError(f"no geometry of {model.name}, so nothing can be said of a table; leave out --table")
 
 
 def resolve_url(port: str | None, baud: int | None = None) -> str:

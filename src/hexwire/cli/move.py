@@ -6,7 +6,7 @@ Owns what a person types as a target and how an arrival is judged. Must not know
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
@@ -22,19 +22,26 @@ from .common import (
     on_terminal,
     print_json,
     raise_if_silent,
+    refuse_table,
     robot_options,
     table_options,
 )
 from .exits import note, shielded
+from .model import links_option
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
+    from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState, SentTarget
 
 __all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets"]
 
 _RATE = 20.0
+_LOOK = 0.1
+"""Seconds between two looks that tell whether a joint stands."""
+_FLICKER = math.radians(0.2)
+"""Two counts: less is no motion."""
 _GRACE = 2.0
 """Seconds that the joints get beyond the duration of the move: servos settle, and lag under load."""
 
@@ -59,6 +66,7 @@ _GRACE = 2.0
     help="With --wait, how near is there.",
 )
 @table_options
+@links_option
 @robot_options
 @json_option
 def move(
@@ -67,6 +75,7 @@ def move(
     wait: bool,
     tolerance: float,
     table: float | None,
+    links: str,
     options: RobotOptions,
     as_json: bool,
 ) -> None:
@@ -78,19 +87,18 @@ def move(
     from hexwire.errors import ServoError
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.model.state import JointTarget
-    from hexwire.motion.checks import check_move
     from hexwire.motion.loop import RateLoop
 
     angles = parse_targets(targets)
     robot = make_robot(options)
     goal = check_targets(robot.model, angles)
+    kinematics = kinematics_or_none(robot.model.name, links, for_motion=True)
+    if kinematics is None:
+        refuse_table(robot.model)
     say: Callable[[str], object] = (lambda _: None) if as_json else print
     shortfall = ""
     with attached(robot), hold_on_ctrl_c(robot):
-        state = robot.read()
-        if (kinematics := kinematics_or_none(robot.model.name, for_motion=True)) is not None:
-            check_move(state.positions, goal, kinematics, table)
-        switched_on = _torque_on(robot, list(goal), state)
+        switched_on = _torque_on(robot, list(goal), _check_way(robot, goal, kinematics, table))
         if switched_on:
             say(f"torque on: {' '.join(switched_on)}")
         sent = robot.write(JointTarget.of(goal, duration))
@@ -180,6 +188,46 @@ def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
                 latched = getattr(robot, "dialect", 2) != 1
                 note("stopped: the arm holds" + ("; 'hexwire resume' ends that" if latched else ""))
         raise
+
+
+def _check_way(
+    robot: RobotDriver, goal: Mapping[str, float], kinematics: KinematicModel | None, table: float | None
+) -> JointState:
+    """Refuse a way through gates or table; returns where the joints are.
+
+    Raises:
+        LimitError: Nothing was sent.
+        UsageError: Other joints are still under way, so that nobody can say where the arm will be.
+    """
+    from hexwire.errors import UsageError
+    from hexwire.motion.checks import check_move
+    from hexwire.motion.fence import Fence
+    from hexwire.motion.loop import RateLoop
+
+    known = Fence(kinematics).joints if kinematics is not None else frozenset()
+    if kinematics is None or known.isdisjoint(goal):
+        return robot.read()
+    looks = [robot.read() for _ in RateLoop(1.0 / _LOOK).ticks(1.5 * _LOOK)]
+    if len(looks) < 2:
+        # One has taken so long, as with a board of dialect 1.
+        looks.append(robot.read())
+    state = looks[-1]
+    unknown = [name for name in sorted(known) if not math.isfinite(state[name].position)]
+    if unknown:
+        # One that is to be moved is an error of its own.
+        if others := [name for name in unknown if name not in goal]:
+            note(f"warning: it is not known where {', '.join(others)} is: gates and table are not checked")
+        return state
+    turned = [
+        name
+        for name in sorted(known - goal.keys())
+        if abs(state[name].position - looks[0][name].position) > _FLICKER
+    ]
+    if turned:
+        words = f"still turning: {', '.join(turned)}; wait until the arm stands, or name all in one move"
+        raise UsageError(f"{words}; nothing was sent")
+    check_move(state.positions, goal, kinematics, table)
+    return state
 
 
 def _torque_on(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:

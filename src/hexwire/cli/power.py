@@ -49,9 +49,18 @@ def stop(torque_off: bool, options: RobotOptions) -> None:
 @click.command()
 @robot_options
 def resume(options: RobotOptions) -> None:
-    """End a stop. Nothing moves by it, and torque that the stop took away stays off."""
+    """End a stop. Nothing moves by it, and torque that the stop took away stays off.
+
+    Where a watchdog stopped the arm, because the program that had set it died, it is switched off as well.
+    """
     with open_robot(options) as robot:
+        tripped = robot.read().watchdog_tripped
         robot.resume()
+        watchdog = getattr(robot, "watchdog", None)
+        if tripped and watchdog is not None:
+            # Or it would stop the arm again as soon as this program has ended.
+            watchdog(0.0)
+            print("the watchdog of the program that fell silent is off")
         on = robot.read().torque_on
         print(f"resumed; torque on: {' '.join(on) or 'none'}")
 

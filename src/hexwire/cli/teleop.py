@@ -16,8 +16,9 @@ import click
 
 from hexwire.errors import DeviceError, HexwireError, StoppedError, UsageError
 
-from .common import FiniteFloat, RobotOptions, make_robot, open_robot, robot_options, table_options
+from .common import FiniteFloat, RobotOptions, make_robot, open_robot, refuse_table, robot_options, table_options
 from .exits import note, shielded
+from .model import links_option
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -117,6 +118,7 @@ def send(device: str | None, url: str | None, conf: str | None, rate: float) -> 
     "--dead-man", type=click.IntRange(0, 31), default=4, show_default=True, metavar="N", help="Its button."
 )
 @table_options
+@links_option
 @robot_options
 def teleop(
     device: str | None,
@@ -127,6 +129,7 @@ def teleop(
     rate: float,
     dead_man: int,
     table: float | None,
+    links: str,
     options: RobotOptions,
 ) -> None:
     """Move an arm by joystick, as long as the dead-man button is held.
@@ -146,8 +149,10 @@ def teleop(
     if speed > 1.0:
         raise UsageError(f"--speed {speed:g} is over the joints' own limits; 1 is the most")
     model = make_robot(options).model
-    kinematics = kinematics_or_none(model.name)
+    kinematics = kinematics_or_none(model.name, links)
     fence = Fence(kinematics, table) if kinematics is not None else None
+    if kinematics is None:
+        refuse_table(model)
     rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, fence=fence)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         robot.torque(True)

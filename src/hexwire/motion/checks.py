@@ -170,20 +170,21 @@ def check_trajectory(
 def check_move(
     here: Mapping[str, float], goal: Mapping[str, float], model: KinematicModel, table: float | None = 0.0
 ) -> None:
-    """Check the straight way of joints to a goal for gates and table, as far as it is known where the others are.
+    """Check the straight way of joints to a goal for gates and table.
 
     Args:
-        here: Where all joints are, radians.
+        here: Where all joints are and stay, radians.
         goal: Where some of them shall go, radians.
         model: Kinematics.
         table: Height above the base below which no point of the arm may come, metres; None for no table.
 
     Raises:
         LimitError: It must not be gone; nothing was sent.
+        UsageError: It is not known where a joint is.
     """
-    fence = Fence(model, table, moving=True)
+    fence = Fence(model, table)
     fence.begin(here)
-    steps = max((math.ceil(abs(goal[n] - here[n]) / _TURN) for n in goal if math.isfinite(here[n])), default=0)
+    steps = max(math.ceil(abs(angle - here[name]) / _TURN) for name, angle in goal.items())
     for i in range(1, steps + 1):
         moved = {name: here[name] + i / steps * (angle - here[name]) for name, angle in goal.items()}
         if found := fence.check({**here, **moved}):
