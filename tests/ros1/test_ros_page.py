@@ -43,7 +43,7 @@ def test_launch_files_that_are_named_exist() -> None:
 
 
 def test_names_are_those_that_the_node_offers(arm: Arm) -> None:
-    table, _, _ = _section("Topics, actions, services").partition("| goal or command |")
+    table, _, _ = _section("Topics, actions, services").partition("| trajectory, as a goal or on `command` |")
     rows = [line for line in table.splitlines() if line.startswith("| `")]
     names = {name for row in rows for name in re.findall(r"`(\S+)`", row.split("|")[1])}
     topics = set(arm.world.run("rostopic", "list").out.split())
