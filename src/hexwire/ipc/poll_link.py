@@ -66,7 +66,8 @@ class PollLink(Link):
         self._changing = threading.RLock()
         self._reading = threading.RLock()
         self._writing = threading.RLock()
-        # Which threads hold the two locks above: close() must not wait for a reader that is its own caller.
+        # Which threads hold the two locks above: close() must not wait for a reader that is its own caller. What a
+        # signal handler reads or writes leaves them as they were.
         self._reader = 0
         self._writer = 0
         self._read_waker = Waker()
@@ -186,7 +187,7 @@ class PollLink(Link):
     def read(self, deadline: float | None) -> bytes:
         if not self._reading.acquire(blocking=False) and not self._take_turn(self._reading, deadline):
             return b""
-        self._reader = threading.get_ident()
+        outer, self._reader = self._reader, threading.get_ident()
         woken = False
         try:
             while self._state is _State.OPEN and not self._closing:
@@ -213,7 +214,7 @@ class PollLink(Link):
                     return b""
             raise self._refusal()
         finally:
-            self._reader = 0
+            self._reader = outer
             self._reading.release()
             if self._close_pending:
                 self.close()
@@ -228,6 +229,7 @@ class PollLink(Link):
         if not self._writing.acquire(blocking=False):
             self._reading.release()
             return super().exchange(data, window, nap)
+        outer = self._reader, self._writer
         self._reader = self._writer = threading.get_ident()
         more = 0.0
         try:
@@ -254,7 +256,7 @@ class PollLink(Link):
                 raise
             raise self._lose(error) from error
         finally:
-            self._reader = self._writer = 0
+            self._reader, self._writer = outer
             self._writing.release()
             self._reading.release()
             if self._close_pending:
@@ -265,7 +267,7 @@ class PollLink(Link):
     def flush_input(self) -> int:
         if not self._reading.acquire(timeout=1.0):
             raise LinkBusyError(f"{self.url}: cannot flush, another thread is reading", url=self.url)
-        self._reader = threading.get_ident()
+        outer, self._reader = self._reader, threading.get_ident()
         try:
             if self._state is not _State.OPEN or self._closing:
                 raise self._refusal()
@@ -274,7 +276,7 @@ class PollLink(Link):
                 count += len(data)
             return count
         finally:
-            self._reader = 0
+            self._reader = outer
             self._reading.release()
             if self._close_pending:
                 self.close()
@@ -297,14 +299,14 @@ class PollLink(Link):
             )
         if not self._writing.acquire(blocking=False) and not self._take_turn(self._writing, deadline):
             raise self._late(0, size)
-        self._writer = threading.get_ident()
+        outer, self._writer = self._writer, threading.get_ident()
         try:
             if self._state is not _State.OPEN or self._closing:
                 raise self._refusal()
             if size and (sent := self._send(data)) < size:
                 self._write_rest(memoryview(data), sent, deadline)
         finally:
-            self._writer = 0
+            self._writer = outer
             self._writing.release()
             if self._close_pending:
                 self.close()

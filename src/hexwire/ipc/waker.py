@@ -9,7 +9,6 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Iterator
 
 __all__ = ["Waker"]
 
@@ -55,25 +54,27 @@ class Waker:
         return self._receive_fd
 
     def set(self) -> None:
-        with self._used():
-            if self._send_fd >= 0:
-                # A full pipe is set already.
-                with contextlib.suppress(BlockingIOError):
-                    os.write(self._send_fd, _ONE)
-
-    def clear(self) -> None:
-        with self._used():
-            if self._receive_fd >= 0:
-                with contextlib.suppress(BlockingIOError):
-                    os.read(self._receive_fd, 4096)
-
-    @contextlib.contextmanager
-    def _used(self) -> Iterator[None]:
         with self._lock:
             self._uses += 1
             try:
-                yield
+                if self._send_fd >= 0:
+                    # A full pipe is set already.
+                    with contextlib.suppress(BlockingIOError):
+                        os.write(self._send_fd, _ONE)
             finally:
-                self._uses -= 1
-                if self._close_pending:
-                    self.close()
+                self._used()
+
+    def clear(self) -> None:
+        with self._lock:
+            self._uses += 1
+            try:
+                if self._receive_fd >= 0:
+                    with contextlib.suppress(BlockingIOError):
+                        os.read(self._receive_fd, 4096)
+            finally:
+                self._used()
+
+    def _used(self) -> None:
+        self._uses -= 1
+        if self._close_pending:
+            self.close()
