@@ -22,6 +22,7 @@ def ending() -> Iterator[Ending]:
     before = [signal.getsignal(number) for number in numbers]
     yield Ending(600.0)
     faulthandler.cancel_dump_traceback_later()
+    signal.alarm(0)
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
 
@@ -108,12 +109,27 @@ hangs()
     assert "in hangs" in child(code, 1)
 
 
-def test_without_standard_error_it_ends_all_the_same() -> None:
-    code = """
+@pytest.mark.parametrize("trouble", ["sys.stderr = None; os.close(2)", "os.dup2(full(), 2)"])
+def test_what_hangs_and_cannot_say_where_is_ended_all_the_same(trouble: str) -> None:
+    code = f"""
 import sys
-sys.stderr = None
+
+def full():
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    try:
+        while True:
+            os.write(write, bytes(4096))
+    except BlockingIOError:
+        os.set_blocking(write, True)
+    return write
+
+{trouble}
 ending = Ending(1.0)
 ending.ask()
 assert ending.wait(0.0)
+lock = threading.Lock()
+lock.acquire()
+lock.acquire()
 """
-    assert child(code, 0) == ""
+    assert child(code, -signal.SIGALRM) == ""

@@ -6,6 +6,7 @@ Owns the handlers of the signals and the last resort. Must not know ROS, nor wha
 from __future__ import annotations
 
 import faulthandler
+import math
 import signal
 import threading
 from contextlib import suppress
@@ -13,14 +14,17 @@ from types import FrameType
 
 __all__ = ["Ending"]
 
+_LAST = 2
+"""Whole seconds after the patience until the kernel ends what cannot even say where it hangs."""
+
 
 class Ending:
     """Tells the threads of a program that it is to end.
 
     Args:
         patience: Seconds from there on in which it must have ended. Else it ends hard, with status 1, and says on
-            standard error where each of its threads hung: a board's watchdog stops the arm, which is more than a
-            program does that nobody can end.
+            standard error where each of its threads hung; or by SIGALRM where it cannot say that. A watchdog of the
+            board stops the arm, which is more than a program does that nobody can end. Nothing takes this back.
 
     Attributes:
         asked: It is to end.
@@ -48,13 +52,16 @@ class Ending:
         """End, please; from any thread or signal handler."""
         if self.asked:
             return
+        # Without a standard error nobody can say where it hangs, and one that takes no more hangs whoever says it:
+        # then the kernel ends it, by SIGALRM.
+        signal.alarm(math.ceil(self._patience) + _LAST)
+        with suppress(RuntimeError, ValueError, OSError):
+            faulthandler.dump_traceback_later(self._patience, exit=True)
+        # Last: another signal in between must find all of this undone, and do it.
         self.asked = True
         # Somebody else may have asked in this very moment.
         with suppress(RuntimeError):
             self._asleep.release()
-        # Without a standard error there is nowhere to say it, but that is no reason to fail here.
-        with suppress(RuntimeError, ValueError, OSError):
-            faulthandler.dump_traceback_later(self._patience, exit=True)
 
     def wait(self, seconds: float) -> bool:
         """Wait until it is asked for, for so long at most; returns whether it is. Any thread may."""
