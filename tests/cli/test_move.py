@@ -238,3 +238,10 @@ def test_another_link_set_has_gates_of_its_own(bench: Any) -> None:
     result = bench.run("move", "J1=5", "--links", "Z")
     assert result.exit_code == 2
     assert "Z" in result.stderr
+
+
+def test_a_silent_gripper_is_told_and_not_what_it_does_to_the_way(make_bench: Any) -> None:
+    bench = make_bench("silent:6")
+    result = bench.run("move", "J1=5", "J7=5")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: servo 6 (J7) does not answer")

@@ -157,11 +157,14 @@ def test_a_single_move_is_checked_on_its_straight_way() -> None:
     check_move({**NEUTRAL, **low}, {"J3": NEUTRAL["J3"]}, A, 0.05)
     with pytest.raises(UsageError, match="not known where J1 is"):
         check_move({**NEUTRAL, "J1": math.nan}, fold, A)
+    check_move({**NEUTRAL, "J7": math.nan}, {"J1": 0.1, "J7": 0.2}, A)
+    check_move({**NEUTRAL, "J7": math.nan}, {"J7": 0.2}, A)
 
 
 @pytest.mark.parametrize("beyond", [5, 15, 30, 60])
 def test_out_of_a_fold_there_is_a_way_and_further_in_there_is_none(beyond: float) -> None:
     folded = {**NEUTRAL, "J2": NEUTRAL["J2"] + math.radians(50), "J3": NEUTRAL["J3"] + math.radians(30 + beyond)}
     check_move(folded, {"J3": NEUTRAL["J3"]}, A, None)
-    with pytest.raises(LimitError, match="elbow folded"):
-        check_move(folded, {"J3": folded["J3"] + math.radians(2.0)}, A, None)
+    for further in (0.4, 2.0):
+        with pytest.raises(LimitError, match="elbow folded"):
+            check_move(folded, {"J3": folded["J3"] + math.radians(further)}, A, None)

@@ -89,18 +89,53 @@ def test_a_motion_is_watched_from_rest_to_rest() -> None:
     assert fence.follow(GOOD, {}) == ""
     assert fence.follow(GOOD, {"J3": GOOD["J3"]}) == ""
     assert fence.follow(GOOD, {"J2": FOLDED["J2"]}).startswith("elbow folded")
-    # Whoever has got there all the same may begin to leave.
-    assert fence.follow(FOLDED, {}) == ""
+    # Whoever has got there all the same may leave.
+    fence.forget()
     assert fence.follow(FOLDED, {"J2": FOLDED["J2"] - 0.01}) == ""
     assert fence.follow(FOLDED, {"J2": GOOD["J2"]}) == ""
     assert fence.follow(FOLDED, {"J2": FOLDED["J2"]}).startswith("elbow folded")
 
 
-def test_an_arm_that_leans_on_the_table_sets_out_from_where_it_was_told_to_be() -> None:
-    here = posture(60, 152)
-    table = lowest(here)
-    assert lowest(LOW) < table - 0.004
+def test_the_first_target_is_judged_like_any_other() -> None:
+    fence = Fence(A)
+    assert fence.follow(GOOD, {"J2": FOLDED["J2"]}).startswith("elbow folded")
+
+
+def test_a_joint_that_holds_is_where_it_was_told_to_be() -> None:
+    table = lowest(LOW) - 0.001
     fence = Fence(A, table, moving=True)
-    assert fence.follow(here, {"J3": LOW["J3"]}) == ""
-    assert fence.follow(here, {"J3": UP["J3"]}) == ""
-    assert "below the table" in fence.follow(here, {"J3": LOW["J3"]})
+    up = {name: UP[name] for name in ("J2", "J3")}
+    assert fence.follow(UP, up) == ""
+    assert fence.follow(UP, {name: LOW[name] for name in up}) == ""
+    # It has arrived and droops by 6 mm, while another joint goes on, and the gripper.
+    droops = posture(60, 158)
+    assert lowest(droops) < table - 0.003
+    assert fence.follow(droops, {"J1": droops["J1"] + 0.01}) == ""
+    assert fence.follow(droops, {"J7": 0.1}) == ""
+    # Where nothing is told any more, where it is counts.
+    fence.forget()
+    assert fence.follow(UP, {"J1": UP["J1"]}) == ""
+    assert "below the table" in fence.follow(droops, {"J1": UP["J1"]})
+
+
+def test_an_arm_that_leans_on_the_table_sets_out_from_where_it_was_told_to_be() -> None:
+    table = lowest(LOW) + 0.003
+    fence = Fence(A, table, moving=True)
+    low = {name: LOW[name] for name in ("J2", "J3")}
+    assert fence.follow(LOW, low) == "", "it begins there"
+    assert fence.follow(LOW, {}) == ""
+    here = posture(60, 150)
+    assert lowest(here) > table
+    assert fence.follow(here, low) == ""
+    assert fence.follow(here, {name: UP[name] for name in low}) == ""
+    assert "below the table" in fence.follow(here, low)
+
+
+def test_nobody_creeps_in() -> None:
+    here, deeper = FOLDED, posture(148.3, 120)
+    fence = Fence(A)
+    fence.begin(here)
+    assert fence.check(deeper) == {}, "on its way out it may"
+    assert "gate" in fence.check_end(here, deeper), "but not to stay"
+    assert fence.check_end(here, here) == {}
+    assert fence.check_end(here, posture(147, 120)) == {}

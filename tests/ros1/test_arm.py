@@ -209,6 +209,52 @@ def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
     assert back.outcome == SUCCEEDED
 
 
+def test_a_goal_out_of_the_way_of_another_is_followed_at_once() -> None:
+    bench = make_bench(controllers=HALVES)
+    raised = half(bench, "upper", 1.0, 3.0)
+    bench.until(lambda: raised.ends)
+    back = half(bench, "upper", 0.0, 1.5)
+    bench.turn(0.1)
+    told = half(bench, "fore", 1.0, 3.0)
+    bench.until(lambda: back.ends and told.ends)
+    assert back.outcome == told.outcome == SUCCEEDED
+
+
+def test_what_droops_where_it_was_told_to_be_stops_nobody() -> None:
+    bench = make_bench(controllers=SPLIT, check_table=True)
+    kinematics = bench.arm.settings.kinematics
+    assert kinematics is not None
+    angles = {name: bench.arm.settings.model.joint(name) for name in ("J2", "J3")}
+    low = {**HOME, "J2": HOME["J2"] - math.radians(30), "J3": HOME["J3"] + math.radians(65)}
+    height = min(point[2] for point in kinematics.points(kinematics.from_joints(low)).values())
+    bench = make_bench(controllers=SPLIT, check_table=True, table_height=height - 0.001)
+    whole = tuple(low[name] for name in NAMES[:6])
+    told = bench.command(TrajectoryOrder(NAMES[:6], (Point(4.0, whole),)), "arm")
+    bench.until(lambda: told.ends)
+    servo = bench.board.wire[angles["J3"].servo_id]
+    droop = math.radians(1.5) / angles["J3"].scale
+    bench.jammed[angles["J3"].servo_id] = servo.motion.position + droop
+    grip = bench.command(TrajectoryOrder(("J7",), (Point(1.0, (0.2,)),)), "hand")
+    bench.until(lambda: grip.ends)
+    assert grip.outcome == SUCCEEDED
+
+
+def test_set_points_do_not_creep_in() -> None:
+    bench = make_bench()
+    bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+    for _ in range(50):
+        bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.turn(0.05)
+    gate = HOME["J2"] + math.radians(40)
+    for step in range(80):
+        try:
+            bench.arm.set_points(["J2"], {"position": [gate - 0.1 + 0.005 * step]})
+        except UsageError:
+            continue
+        bench.turn(0.6)
+    assert bench.where("J2") < gate + math.radians(0.3)
+
+
 def test_a_goal_that_would_swing_through_the_gate_as_it_takes_over_is_refused() -> None:
     bench = make_bench(allow_partial_joints_goal=True)
     raised = bench.command(order((2.0, {"J3": FOLD["J3"]})))

@@ -20,7 +20,7 @@ from .waypoints import Sample, Trajectory
 __all__ = ["Finding", "InJoints", "MotionReport", "check_move", "check_trajectory"]
 
 _TURN = math.radians(1.0)
-"""Between two looks at a move."""
+"""Radians between two looks at a move."""
 _STEP = 0.01
 """Seconds between checks: 1.5 degrees of the fastest 7Bot joint."""
 
@@ -183,11 +183,15 @@ def check_move(
         UsageError: It is not known where a joint is.
     """
     fence = Fence(model, table)
+    goal = {name: angle for name, angle in goal.items() if name in fence.joints}
+    if not goal:
+        return
     fence.begin(here)
     steps = max(math.ceil(abs(angle - here[name]) / _TURN) for name, angle in goal.items())
     for i in range(1, steps + 1):
         moved = {name: here[name] + i / steps * (angle - here[name]) for name, angle in goal.items()}
-        if found := fence.check({**here, **moved}):
+        posture = {**here, **moved}
+        if found := fence.check(posture) if i < steps else Fence(model, table).check_end(here, posture):
             where = "there" if i == steps else f"{100 * i // steps} % of the way there"
             raise LimitError(f"{'; '.join(found.values())}, {where}; nothing was sent")
 

@@ -48,14 +48,15 @@ class Fence:
         # How far in the arm may be: as far as it was at the start, and never again as far as it was before.
         self._gate, self._floor = 0.0, -math.inf
         self._resting = True
+        self._told: dict[str, float] = {}
 
     def begin(self, here: Mapping[str, float]) -> None:
         """Start afresh from where the arm is, radians by the driver's joints.
 
         Raises:
-            UsageError: For a plan it must be known where every joint is.
+            UsageError: It is not known where a joint is, and the arm is not `moving`.
         """
-        # Nothing compares with what is not known.
+        # NaN compares with nothing: while a joint is not known, no more is allowed than to an arm that is inside.
         _, excess, _, height = self._look(here)
         self._gate = excess + _WAY_OUT_ANGLE if excess > 0.0 else 0.0
         if self._table is not None:
@@ -88,28 +89,42 @@ class Fence:
                 self._floor = min(self._table, max(self._floor, self.lowest))
         return found
 
+    def check_end(self, here: Mapping[str, float], there: Mapping[str, float]) -> dict[str, str]:
+        """As `begin` and `check`, for where the arm is to stay: no further in than it is, or it would creep in."""
+        self.begin(here)
+        self.check(here)
+        return self.check(there)
+
     def follow(self, here: Mapping[str, float], target: Mapping[str, float]) -> str:
         """Watch over a motion, cycle by cycle.
 
+        A joint is taken to be where it was told to be last, else where it is: a servo that holds droops.
+
         Args:
             here: Where all joints are, radians.
-            target: Where some of them are sent next; empty if none are, and then the arm rests. The first after a
-                rest is taken for where it sets out from: whether it may go there must have been checked.
+            target: Where some of them are sent next; if none that the model knows are, the arm rests.
 
         Returns:
             Why they must not be; empty if nothing speaks against it.
         """
-        if not target:
+        if self.joints.isdisjoint(target):
             self._resting = True
             return ""
         if self._resting:
             self._resting = False
-            # An arm that leans on the table was told to be further in than it is, and sets out from there.
             self.begin(here)
-            gate, floor = self._gate, self._floor
-            self.begin({**here, **target})
-            self._gate, self._floor = max(gate, self._gate), min(floor, self._floor)
-        return "; ".join(self.check({**here, **target}).values())
+            if self._told:
+                # An arm that leans on the table was told to be further in than it is, and sets out from there.
+                gate, floor = self._gate, self._floor
+                self.begin({**here, **self._told})
+                self._gate, self._floor = max(gate, self._gate), min(floor, self._floor)
+        self._told.update(target)
+        return "; ".join(self.check({**here, **self._told}).values())
+
+    def forget(self) -> None:
+        """What `follow` was told means nothing now, as after a stop, or when a hand may move the joints."""
+        self._told.clear()
+        self._resting = True
 
     def _look(self, positions: Mapping[str, float]) -> tuple[tuple[float, ...], float, str, float]:
         """The model's angles, how far a gate is violated, which point is lowest and how high that is."""

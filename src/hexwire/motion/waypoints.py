@@ -16,7 +16,7 @@ from hexwire.errors import UsageError
 
 from .trajectory import Quintic
 
-__all__ = ["Blend", "PointToPoint", "Sample", "Scaled", "Spline", "Trajectory", "Waypoint"]
+__all__ = ["Blend", "PointToPoint", "Sample", "Scaled", "Spline", "Tail", "Trajectory", "Waypoint"]
 
 Values = tuple[float, ...]
 
@@ -249,10 +249,11 @@ class Tail(Trajectory):
     Args:
         whole: The trajectory.
         begin: Seconds from its start; before it the joints rest there.
+        longest: Seconds after which it is cut off.
     """
 
-    def __init__(self, whole: Trajectory, begin: float) -> None:
-        self.names, self.duration = whole.names, max(0.0, whole.duration - begin)
+    def __init__(self, whole: Trajectory, begin: float, longest: float = math.inf) -> None:
+        self.names, self.duration = whole.names, min(longest, max(0.0, whole.duration - begin))
         self._whole, self._begin = whole, begin
 
     def at(self, t: float) -> Sample:

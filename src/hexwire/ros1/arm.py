@@ -10,7 +10,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, UsageError
@@ -154,16 +154,22 @@ class Arm:
                 return
             with hardware.locked():
                 start = controller.start(order.delay, state, received)
-                begins = controller.follower.next_start(received + max(0.0, order.delay))
-                others = [c.follower.ahead(begins) for key, c in self.controllers.items() if key != name]
+                others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, order.delay)))
             # Takes long for a long one, so not under the lock.
-            controller.check_way(controller.plan(order, start), state, [way for way in others if way is not None])
+            controller.check_way(controller.plan(order, start), state, others)
             with hardware.locked():
                 self.lessons.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began")
+                now = hardware.now()
                 controller.accept(
-                    order, hardware.newest(), hardware.now(), goal=goal, tolerances=tolerances, received=received
+                    order,
+                    hardware.newest(),
+                    now,
+                    goal=goal,
+                    tolerances=tolerances,
+                    received=received,
+                    meanwhile=self._meanwhile([name], controller.follower.next_start(now)),
                 )
         except GoalError:
             raise
@@ -353,14 +359,18 @@ class Arm:
 
     # -- helpers --------------------------------------------------------------------------------------
 
+    def _meanwhile(self, names: Collection[str], when: float) -> list[Trajectory]:
+        """What the other controllers have left to follow at a time."""
+        ways = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
+        return [way for way in ways if way is not None]
+
     def _check_posture(self, positions: Mapping[str, float], state: JointState) -> None:
         """Refuse to go where the arm as a whole must not be; on the way there the group watches."""
         if self.settings.kinematics is not None:
             fence = Fence(self.settings.kinematics, self.settings.table)
             if fence.joints.isdisjoint(positions):
                 return
-            fence.begin(state.positions)
-            if found := fence.check({**state.positions, **positions}):
+            if found := fence.check_end(state.positions, {**state.positions, **positions}):
                 raise UsageError(f"{'; '.join(found.values())}; nothing was sent")
 
     def _alone(self) -> Alone:
@@ -393,8 +403,11 @@ class Arm:
         """Check trajectories, one a controller, follow them together, and wait for the end of all."""
         hardware = self.hardware
         state = hardware.newest()
+        with hardware.locked():
+            others = self._meanwhile(ways, hardware.now())
         for key, way in ways.items():
-            self.controllers[key].check_way(way, state, [other for other in ways.values() if other is not way])
+            meanwhile = [*others, *(other for other in ways.values() if other is not way)]
+            self.controllers[key].check_way(way, state, meanwhile)
         waiter = Waiter(len(ways))
         try:
             with hardware.locked():

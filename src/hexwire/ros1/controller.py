@@ -235,6 +235,7 @@ class TrajectoryController:
         goal: Goal | None = None,
         tolerances: Tolerances | None = None,
         received: float | None = None,
+        meanwhile: Sequence[Trajectory] = (),
     ) -> None:
         """Follow an order that was planned and checked; it replaces what was followed, whose goal is preempted.
 
@@ -245,6 +246,7 @@ class TrajectoryController:
             goal: Who wants to hear of it.
             tolerances: In place of the controller's own.
             received: When `order.delay` was true; now if None.
+            meanwhile: What other controllers do from now on.
 
         Raises:
             GoalError: Stopped, without torque, or too late by now; nothing was changed.
@@ -259,7 +261,7 @@ class TrajectoryController:
             self._pending = _Pending(order, received, begins)
             self._active = _Active(goal, tolerances, begins, math.inf)
             return
-        trajectory = self._due(order, received, state, now)
+        trajectory = self._due(order, received, state, now, meanwhile)
         self.follow(trajectory, state, now, goal=goal, tolerances=tolerances)
 
     def follow(
@@ -368,7 +370,14 @@ class TrajectoryController:
         else:
             active.begins, active.ends = begins, now + self.follower.remaining(now)
 
-    def _due(self, order: TrajectoryOrder, received: float, state: JointState, now: float) -> Trajectory:
+    def _due(
+        self,
+        order: TrajectoryOrder,
+        received: float,
+        state: JointState,
+        now: float,
+        meanwhile: Sequence[Trajectory] = (),
+    ) -> Trajectory:
         """The trajectory of an order whose time has come; its points keep the times that were asked for.
 
         Raises:
@@ -386,7 +395,7 @@ class TrajectoryController:
                     return make_trajectory(there, self.joints, start)[0]
             order = replace(order, delay=delay)
         trajectory, _ = make_trajectory(order, self.joints, start)
-        self._ways.check_bridge(trajectory, state.positions, late=order.delay < 0.0)
+        self._ways.check_bridge(trajectory, state.positions, meanwhile, late=order.delay < 0.0)
         return trajectory
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:

@@ -115,6 +115,7 @@ class ControllerGroup:
                 return False
             for controller in self.members:
                 controller.reset()
+            self._forget()
             return True
 
     def release(self, why: str, joints: Collection[str] | None = None) -> None:
@@ -128,6 +129,7 @@ class ControllerGroup:
             for controller in self.members:
                 if joints is None or not set(joints).isdisjoint(controller.joints):
                     controller.release(why)
+            self._forget()
         self.deliver()
 
     def deliver(self) -> None:
@@ -137,7 +139,12 @@ class ControllerGroup:
         for goal, end in ended:
             goal.ended(end)
 
+    def _forget(self) -> None:
+        if self.fence is not None:
+            self.fence.forget()
+
     def _stop(self, reason: StopReason) -> None:
         self.stops += 1
+        self._forget()
         for controller in self.members:
             controller.stop(reason)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import GoalError, LimitError
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.fence import Fence
-from hexwire.motion.waypoints import Spline
+from hexwire.motion.waypoints import Spline, Tail
 
 from .goals import ErrorCode
 
@@ -70,8 +70,21 @@ class Ways:
         except LimitError as error:
             raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
 
-    def check_bridge(self, trajectory: Spline, others: Mapping[str, float], *, late: bool) -> None:
+    def check_bridge(
+        self,
+        trajectory: Spline,
+        others: Mapping[str, float],
+        meanwhile: Sequence[Trajectory] = (),
+        *,
+        late: bool,
+    ) -> None:
         """The way to the first point is not the one that was checked: time has passed, and points with it.
+
+        Args:
+            trajectory: What shall be followed.
+            others: Where the arm's joints are, radians.
+            meanwhile: What other joints do from its beginning on.
+            late: It comes after its time.
 
         Raises:
             GoalError: It must not be run.
@@ -79,7 +92,13 @@ class Ways:
         bridge = Spline(trajectory.names, trajectory.waypoints[:2])
         step = max(_BRIDGE_STEP, bridge.duration / _BRIDGE_SAMPLES)
         findings = check_trajectory(
-            bridge, self._bridge_arm, self._kinematics, others=others, table=self._table, step=step
+            bridge,
+            self._bridge_arm,
+            self._kinematics,
+            others=others,
+            meanwhile=[Tail(way, 0.0, bridge.duration) for way in meanwhile],
+            table=self._table,
+            step=step,
         ).findings
         if findings:
             why = "too late" if late else "not any more"
