@@ -201,18 +201,16 @@ def _check_way(
     """
     from hexwire.errors import UsageError
     from hexwire.motion.checks import check_move
-    from hexwire.motion.fence import Fence
     from hexwire.motion.loop import RateLoop
 
-    known = Fence(kinematics).joints if kinematics is not None else frozenset()
-    if kinematics is None or known.isdisjoint(goal):
+    if kinematics is None or goal.keys().isdisjoint(kinematics.joint_names):
         return robot.read()
     looks = [robot.read() for _ in RateLoop(1.0 / _LOOK).ticks(1.5 * _LOOK)]
     if len(looks) < 2:
         # One has taken so long, as with a board of dialect 1.
         looks.append(robot.read())
     state = looks[-1]
-    unknown = [name for name in sorted(known) if not math.isfinite(state[name].position)]
+    unknown = [name for name in kinematics.joint_names if not math.isfinite(state[name].position)]
     if unknown:
         # One that is to be moved is an error of its own.
         if others := [name for name in unknown if name not in goal]:
@@ -220,8 +218,8 @@ def _check_way(
         return state
     turned = [
         name
-        for name in sorted(known - goal.keys())
-        if abs(state[name].position - looks[0][name].position) > _FLICKER
+        for name in kinematics.joint_names
+        if name not in goal and abs(state[name].position - looks[0][name].position) > _FLICKER
     ]
     if turned:
         words = f"still turning: {', '.join(turned)}; wait until the arm stands, or name all in one move"

@@ -206,6 +206,11 @@ class KinematicModel(ABC):
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
         """Joint positions for the driver of the model's angles, radians."""
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The driver's names of the joints that the model knows."""
+        return tuple(self.to_joints([0.0] * len(self.ranges)))
+
     @abstractmethod
     def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
         """A rotation with the tool pointing straight down at a place in metres, its turn as near as can be."""

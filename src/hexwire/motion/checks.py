@@ -124,9 +124,8 @@ def check_trajectory(
     found: dict[str, Finding] = {}
     peak = [0.0] * len(joints)
     lowest = math.inf
-    fence = Fence(model, table) if model is not None else None
-    if fence is not None and fence.joints.isdisjoint(trajectory.names):
-        fence = None
+    known = set(trajectory.names).intersection(model.joint_names) if model is not None else set()
+    fence = Fence(model, table) if model is not None and known else None
     last: tuple[float, tuple[float, ...]] | None = None
 
     def note(kind: str, t: float, text: str) -> None:
@@ -182,10 +181,10 @@ def check_move(
         LimitError: It must not be gone; nothing was sent.
         UsageError: It is not known where a joint is.
     """
-    fence = Fence(model, table)
-    goal = {name: angle for name, angle in goal.items() if name in fence.joints}
+    goal = {name: goal[name] for name in model.joint_names if name in goal}
     if not goal:
         return
+    fence = Fence(model, table)
     fence.begin(here)
     steps = max(math.ceil(abs(angle - here[name]) / _TURN) for name, angle in goal.items())
     for i in range(1, steps + 1):

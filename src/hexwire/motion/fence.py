@@ -35,13 +35,12 @@ class Fence:
             at a gate, 2 mm at the table. Nothing is said of a posture with a joint that nobody has heard of.
 
     Attributes:
-        joints: The driver's joints that the model knows.
         lowest: Height of the lowest of the arm's points in the last posture, metres.
     """
 
     def __init__(self, model: KinematicModel, table: float | None = 0.0, *, moving: bool = False) -> None:
         self.lowest = math.inf
-        self.joints = frozenset(model.to_joints([0.0] * len(model.ranges)))
+        self._joints = frozenset(model.joint_names)
         self._model, self._table, self._moving = model, table, moving
         self._slack_angle = _SLACK_ANGLE if moving else _CREEP
         self._slack_height = _SLACK_HEIGHT if moving else _CREEP
@@ -107,7 +106,7 @@ class Fence:
         Returns:
             Why they must not be; empty if nothing speaks against it.
         """
-        if self.joints.isdisjoint(target):
+        if self._joints.isdisjoint(target):
             self._resting = True
             return ""
         if self._resting:
@@ -131,7 +130,7 @@ class Fence:
         angles = self._model.from_joints(positions)
         if not all(map(math.isfinite, angles)):
             if not self._moving:
-                unknown = ", ".join(sorted(name for name in self.joints if not math.isfinite(positions[name])))
+                unknown = ", ".join(sorted(name for name in self._joints if not math.isfinite(positions[name])))
                 raise UsageError(f"it is not known where {unknown} is, so gates and table cannot be checked")
             return angles, math.nan, "", math.nan
         points = self._model.points(angles)

@@ -366,12 +366,12 @@ class Arm:
 
     def _check_posture(self, positions: Mapping[str, float], state: JointState) -> None:
         """Refuse to go where the arm as a whole must not be; on the way there the group watches."""
-        if self.settings.kinematics is not None:
-            fence = Fence(self.settings.kinematics, self.settings.table)
-            if fence.joints.isdisjoint(positions):
-                return
-            if found := fence.check_end(state.positions, {**state.positions, **positions}):
-                raise UsageError(f"{'; '.join(found.values())}; nothing was sent")
+        kinematics = self.settings.kinematics
+        if kinematics is None or positions.keys().isdisjoint(kinematics.joint_names):
+            return
+        fence = Fence(kinematics, self.settings.table)
+        if found := fence.check_end(state.positions, {**state.positions, **positions}):
+            raise UsageError(f"{'; '.join(found.values())}; nothing was sent")
 
     def _alone(self) -> Alone:
         return Alone(self._busy)
