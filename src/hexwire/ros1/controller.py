@@ -277,8 +277,7 @@ class TrajectoryController:
         self._refuse_if_stopped()
         begins = self.follower.next_start(now)
         try:
-            self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
-            self.follower.follow(trajectory, now)
+            self._take_over(trajectory, state, now)
         except GoalError:
             raise
         except HexwireError as error:
@@ -361,14 +360,16 @@ class TrajectoryController:
         begins = self.follower.next_start(now)
         try:
             self._refuse_unready(self.joints, state)
-            trajectory = self._due(pending.order, pending.received, state, now)
-            self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
-            self.follower.follow(trajectory, now)
+            self._take_over(self._due(pending.order, pending.received, state, now), state, now)
         except HexwireError as error:
             self.follower.hold()
             self._end(Outcome.ABORTED, getattr(error, "code", ErrorCode.INVALID_GOAL), str(error))
         else:
             active.begins, active.ends = begins, now + self.follower.remaining(now)
+
+    def _take_over(self, trajectory: Trajectory, state: JointState, now: float) -> None:
+        self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
+        self.follower.follow(trajectory, now)
 
     def _due(
         self,

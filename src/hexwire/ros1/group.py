@@ -115,7 +115,6 @@ class ControllerGroup:
                 return False
             for controller in self.members:
                 controller.reset()
-            self._forget()
             return True
 
     def release(self, why: str, joints: Collection[str] | None = None) -> None:
