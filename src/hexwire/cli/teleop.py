@@ -135,9 +135,9 @@ def teleop(
     """Move an arm by joystick, as long as the dead-man button is held.
 
     Letting go of it, or losing the joystick's channel, makes the arm hold at once; and it stays where the next step
-    would lead through a gate of the arm or into the table. Button 7 changes between joints
-    and the tool's directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is
-    the only joystick of this machine.
+    would lead through a gate of the arm or into the table. Button 7 changes between joints and the tool's
+    directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is the only
+    joystick of this machine.
     """
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.fence import Fence
@@ -150,8 +150,10 @@ def teleop(
         raise UsageError(f"--speed {speed:g} is over the joints' own limits; 1 is the most")
     model = make_robot(options).model
     kinematics = kinematics_or_none(model.name, links)
-    fence = Fence(kinematics, table) if kinematics is not None else None
-    if kinematics is None:
+    fence = None
+    if kinematics is not None:
+        fence = Fence(kinematics, table)
+    else:
         refuse_table(model)
     rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, fence=fence)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
