@@ -66,7 +66,9 @@ def _board(session: dict[str, Any], commands: dict[str, Any]) -> list[str]:
     # Macros, because a constexpr array would need storage.
     for name, values in (("JOINT_IDS", board["joint_ids"]), ("JOINT_SERIES", series)):
         out.append(f"#define HEXWIRE_{name} {{{', '.join(map(str, values))}}}\n")
-    settings = {name: value for name, value in board.items() if name.startswith(("settings_", "default_"))}
+    settings = {
+        name: value for name, value in board.items() if name.startswith(("settings_", "default_", "version_"))
+    }
     out += [constant(_kind(value), name.upper(), value) for name, value in settings.items()]
     return out
 

@@ -28,6 +28,7 @@ hexwire_tables = {
     [8] = "torque off",
     [9] = "storage",
     [10] = "not supported",
+    [11] = "forbidden",
   },
   state_fields = {
     speed = 1,
@@ -268,6 +269,19 @@ hexwire_tables = {
       },
       reply = {
         fields = {{"mask", "u8", ""}, {"value", "u8", ""}},
+        rows = {},
+        count = "",
+      },
+    },
+    [31] = {
+      name = "MAINTENANCE",
+      request = {
+        fields = {{"on", "u8", ""}},
+        rows = {},
+        count = "",
+      },
+      reply = {
+        fields = {{"on", "u8", ""}, {"board_flags", "u8", ""}},
         rows = {},
         count = "",
       },

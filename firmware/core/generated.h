@@ -50,6 +50,9 @@ constexpr int32_t MODULE_ARM_7BOT_ARDUINO_TRX = 8;
 constexpr uint8_t JOINTS = 7;
 #define HEXWIRE_JOINT_IDS {0, 1, 2, 3, 4, 5, 6}
 #define HEXWIRE_JOINT_SERIES {1, 1, 1, 1, 4, 4, 4}
+constexpr uint8_t VERSION_MAJOR = 2;
+constexpr uint8_t VERSION_MINOR = 1;
+constexpr uint8_t VERSION_PATCH = 0;
 constexpr uint8_t SETTINGS_VERSION = 1;
 constexpr uint8_t DEFAULT_MINIMUM = 0;
 constexpr uint16_t DEFAULT_MAXIMUM = 4095;
@@ -72,6 +75,7 @@ constexpr uint8_t STATUS_SERVO_FAULT = 7;
 constexpr uint8_t STATUS_TORQUE_OFF = 8;
 constexpr uint8_t STATUS_STORAGE = 9;
 constexpr uint8_t STATUS_NOT_SUPPORTED = 10;
+constexpr uint8_t STATUS_FORBIDDEN = 11;
 constexpr uint8_t SERIES_UNKNOWN = 0;
 constexpr uint8_t SERIES_SEVEN_BOT = 1;
 constexpr uint8_t SERIES_SCS = 2;
@@ -91,6 +95,7 @@ constexpr uint8_t BOARD_FLAG_TORQUE_OFF_STOP = 0x04;
 constexpr uint8_t BOARD_FLAG_SETTINGS_DEFAULT = 0x08;
 constexpr uint8_t BOARD_FLAG_UNDER_VOLTAGE_RESET = 0x10;
 constexpr uint8_t BOARD_FLAG_WATCHDOG_RESET = 0x20;
+constexpr uint8_t BOARD_FLAG_MAINTENANCE = 0x40;
 constexpr uint16_t CAPABILITY_REPORT = 0x0001;
 constexpr uint16_t CAPABILITY_JOINT_MOVE = 0x0002;
 constexpr uint16_t CAPABILITY_WATCHDOG = 0x0004;
@@ -100,6 +105,7 @@ constexpr uint16_t CAPABILITY_TRANSACT = 0x0020;
 constexpr uint16_t CAPABILITY_FRAGMENTS = 0x0040;
 constexpr uint16_t CAPABILITY_SYNC_READ = 0x0080;
 constexpr uint16_t CAPABILITY_IO = 0x0100;
+constexpr uint16_t CAPABILITY_MAINTENANCE = 0x0200;
 constexpr uint8_t STATE_FIELD_SPEED = 0x01;
 constexpr uint8_t STATE_FIELD_LOAD = 0x02;
 constexpr uint8_t STATE_FIELD_VOLTAGE = 0x04;
@@ -303,6 +309,14 @@ constexpr uint8_t IO_REQUEST_SIZE = 2;
 constexpr uint8_t IO_REPLY_MASK = 0;
 constexpr uint8_t IO_REPLY_VALUE = 1;
 constexpr uint8_t IO_REPLY_SIZE = 2;
+
+// MAINTENANCE: Maintenance on (1) or off (0). On, TRANSACT may write the settings of servos, and nothing may move. Asks for all torque off.
+constexpr uint8_t CMD_MAINTENANCE = 0x1F;
+constexpr uint8_t MAINTENANCE_REQUEST_ON = 0;
+constexpr uint8_t MAINTENANCE_REQUEST_SIZE = 1;
+constexpr uint8_t MAINTENANCE_REPLY_ON = 0;
+constexpr uint8_t MAINTENANCE_REPLY_BOARD_FLAGS = 1;
+constexpr uint8_t MAINTENANCE_REPLY_SIZE = 2;
 
 // ROBOT_PROBE: A robot controller says who it is.
 constexpr uint8_t CMD_ROBOT_PROBE = 0x30;

@@ -28,6 +28,7 @@ TABLES = {
         8: "torque off",
         9: "storage",
         10: "not supported",
+        11: "forbidden",
     },
     "state_fields": {"speed": 1, "load": 2, "voltage": 4, "temperature": 8, "current": 16, "age": 32},
     "commands": {
@@ -216,6 +217,11 @@ TABLES = {
             "name": "IO",
             "request": {"fields": (("mask", "u8", ""), ("value", "u8", "")), "rows": (), "count": ""},
             "reply": {"fields": (("mask", "u8", ""), ("value", "u8", "")), "rows": (), "count": ""},
+        },
+        31: {
+            "name": "MAINTENANCE",
+            "request": {"fields": (("on", "u8", ""),), "rows": (), "count": ""},
+            "reply": {"fields": (("on", "u8", ""), ("board_flags", "u8", "")), "rows": (), "count": ""},
         },
         48: {
             "name": "ROBOT_PROBE",

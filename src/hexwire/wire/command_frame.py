@@ -73,6 +73,7 @@ class Command(IntEnum):
     FRAGMENT = 0x1C
     FRAGMENT_MISSING = 0x1D
     IO = 0x1E
+    MAINTENANCE = 0x1F
     ROBOT_PROBE = 0x30
     ROBOT_SIGNAL = 0x31
     ROBOT_MODE = 0x32
@@ -96,6 +97,7 @@ class Status(IntEnum):
     TORQUE_OFF = 8
     STORAGE = 9
     NOT_SUPPORTED = 10
+    FORBIDDEN = 11
 
 
 _COMMAND_NAMES = {c.value: c.name for c in Command}

@@ -113,6 +113,9 @@ FRAGMENT_MAX_BYTES = 1048576
 # The Hex7Bot controller as it leaves the compiler, and its settings while none are stored.
 BOARD_JOINT_IDS: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)
 BOARD_JOINT_SERIES: tuple[str, ...] = ("seven_bot", "seven_bot", "seven_bot", "seven_bot", "hls", "hls", "hls")
+VERSION_MAJOR = 2
+VERSION_MINOR = 1
+VERSION_PATCH = 0
 SETTINGS_VERSION = 1
 DEFAULT_MINIMUM = 0
 DEFAULT_MAXIMUM = 4095
@@ -154,6 +157,7 @@ STATUS: dict[str, int] = {
     "torque_off": 8,
     "storage": 9,
     "not_supported": 10,
+    "forbidden": 11,
 }
 SERIES_CODES: dict[str, int] = {"unknown": 0, "seven_bot": 1, "scs": 2, "sts_sms": 3, "hls": 4}
 ROBOT_MODES: dict[str, int] = {"position": 0, "teach": 1}
@@ -185,6 +189,7 @@ BOARD_FLAGS_TORQUE_OFF_STOP = 0x04
 BOARD_FLAGS_SETTINGS_DEFAULT = 0x08
 BOARD_FLAGS_UNDER_VOLTAGE_RESET = 0x10
 BOARD_FLAGS_WATCHDOG_RESET = 0x20
+BOARD_FLAGS_MAINTENANCE = 0x40
 BOARD_FLAGS: dict[str, int] = {
     "stopped": 0x01,
     "watchdog_tripped": 0x02,
@@ -192,6 +197,7 @@ BOARD_FLAGS: dict[str, int] = {
     "settings_default": 0x08,
     "under_voltage_reset": 0x10,
     "watchdog_reset": 0x20,
+    "maintenance": 0x40,
 }
 
 # [robot_flags]
@@ -211,6 +217,7 @@ CAPABILITY_TRANSACT = 0x0020
 CAPABILITY_FRAGMENTS = 0x0040
 CAPABILITY_SYNC_READ = 0x0080
 CAPABILITY_IO = 0x0100
+CAPABILITY_MAINTENANCE = 0x0200
 CAPABILITIES: dict[str, int] = {
     "report": 0x0001,
     "joint_move": 0x0002,
@@ -221,6 +228,7 @@ CAPABILITIES: dict[str, int] = {
     "fragments": 0x0040,
     "sync_read": 0x0080,
     "io": 0x0100,
+    "maintenance": 0x0200,
 }
 
 # [state_fields]
@@ -259,6 +267,7 @@ COMMANDS: dict[str, int] = {
     "FRAGMENT": 0x1C,
     "FRAGMENT_MISSING": 0x1D,
     "IO": 0x1E,
+    "MAINTENANCE": 0x1F,
     "ROBOT_PROBE": 0x30,
     "ROBOT_SIGNAL": 0x31,
     "ROBOT_MODE": 0x32,
@@ -455,6 +464,12 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         "Digital outputs of the board: pump (pin 40), valve (36), buzzer (37). A mask of 0 reads.",
         Body((("mask", "u8", ""), ("value", "u8", "")), (), ""),
         Body((("mask", "u8", ""), ("value", "u8", "")), (), ""),
+    ),
+    "MAINTENANCE": CommandRow(
+        0x1F,
+        "Maintenance on (1) or off (0). On, TRANSACT may write the settings of servos, and nothing may move. Asks for all torque off.",
+        Body((("on", "u8", ""),), (), ""),
+        Body((("on", "u8", ""), ("board_flags", "u8", "")), (), ""),
     ),
     "ROBOT_PROBE": CommandRow(
         0x30,
