@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import queue
 import threading
 import time
@@ -10,19 +9,23 @@ from contextlib import contextmanager
 import pytest
 
 from hexwire.emulator.bus_device import make_servos
-from hexwire.emulator.serve_bus import serve_bus, terminal_rate
+from hexwire.emulator.serve_bus import serve_bus
 from hexwire.ipc.serial import SerialLink
 from hexwire.ipc.servo_bus import ServoBus
+from hexwire.ipc.servo_setup import scan
 from hexwire.wire.registers import Series
 
 pytestmark = pytest.mark.system
 
 
 @contextmanager
-def served(series: Series = Series.STS_SMS, baud: int = 1_000_000, **options: object) -> Iterator[str]:
+def served(
+    series: Series = Series.STS_SMS, baud: int | tuple[int, ...] = 1_000_000, **options: object
+) -> Iterator[str]:
     paths: queue.Queue[str] = queue.Queue()
     ended = threading.Event()
     servos = make_servos([series], [1, 2, 3], baud=baud, start=time.monotonic())
+    baud = servos[0].baud
     thread = threading.Thread(
         target=lambda: serve_bus(servos, baud=baud, stop=ended.is_set, announce=paths.put, **options)
     )
@@ -52,11 +55,11 @@ def test_servos_hear_only_at_their_own_rate() -> None:
         assert bus.timing.baud == 115200
 
 
-def test_the_rate_of_a_terminal() -> None:
-    master, slave = os.openpty()
-    try:
-        assert terminal_rate(master, 7) == 38400
-    finally:
-        os.close(master)
-        os.close(slave)
-    assert terminal_rate(master, 7) == 7
+def test_rates_without_a_name_are_told_apart() -> None:
+    """A terminal's settings have names for some rates only; 250000 and 128000 have none."""
+    rates = (250_000, 128_000, 76_800)
+    with served(baud=rates) as path, ServoBus(SerialLink(path, 1_000_000), retries=1) as bus:
+        rows = scan(bus, bauds=(1_000_000, 500_000, 115_200, *rates), ids=range(6))
+    assert [(row.servo_id, row.baud, row.shared) for row in rows] == [
+        (servo_id, rate, False) for servo_id, rate in zip((1, 2, 3), rates, strict=True)
+    ]

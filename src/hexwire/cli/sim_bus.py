@@ -37,6 +37,16 @@ def parse_ids(text: str) -> list[int]:
     return ids
 
 
+def _parse_rates(text: str) -> list[int]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() for part in parts):
+        raise UsageError(f"{text!r} names no rates: write 1000000, or 1000000,500000 with one for each id")
+    rates = [int(part) for part in parts]
+    if 0 in rates and len(rates) > 1:
+        raise UsageError("a rate of 0 is heard at any rate: give it alone, for all servos")
+    return rates
+
+
 @click.command()
 @click.option(
     "--series",
@@ -50,11 +60,10 @@ def parse_ids(text: str) -> list[int]:
 )
 @click.option(
     "--baud",
-    type=click.IntRange(min=0),
-    default=1_000_000,
+    default="1000000",
     show_default=True,
-    metavar="N|0",
-    help="Rate the servos are set to; 0 costs no time and is heard at any rate.",
+    metavar="N[,N...]|0",
+    help="Rate the servos are set to: one for all, or one for each id; 0 costs no time and is heard at any rate.",
 )
 @click.option("--fault", "faults", multiple=True, metavar="SPEC", help="What goes wrong, as silent:4; repeatable.")
 @click.option("--echo", is_flag=True, help="The adapter hears itself.")
@@ -64,7 +73,7 @@ def parse_ids(text: str) -> list[int]:
 def bus(
     series: str,
     ids: str,
-    baud: int,
+    baud: str,
     faults: tuple[str, ...],
     echo: bool,
     seed: int,
@@ -78,12 +87,13 @@ def bus(
     from hexwire.ipc.bus_orders import as_series
 
     kinds = [as_series(name.strip()) for name in series.split(",")]
-    servos = make_servos(kinds, parse_ids(ids), baud=baud, seed=seed, start=time.monotonic())
+    rates = _parse_rates(baud)
+    servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
     plan = FaultPlan(faults, seed=seed)
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    serve_bus(servos, baud=baud, stop=ended.is_set, announce=_announce, link=link, faults=plan, echo=echo)
+    serve_bus(servos, baud=rates[0], stop=ended.is_set, announce=_announce, link=link, faults=plan, echo=echo)
 
 
 def _announce(path: str) -> None:

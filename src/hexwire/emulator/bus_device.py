@@ -1,7 +1,8 @@
 """A bus of emulated servos as something that can be put behind a line: bytes in, bytes out, in time.
 
-Owns cutting requests out of the byte stream and when each answer's bytes are there. Knows no terminal and no link;
-`serve` has those. The wire itself (order, echo, collisions) is `servo_wire`'s.
+Owns cutting requests out of the byte stream, what is heard at another rate than it was sent at, and when each
+answer's bytes are there. Knows no terminal and no link; `serve` has those. The wire itself (order, collisions) is
+`servo_wire`'s.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from hexwire.wire.servo_packet import BROADCAST_ID
 from .faults import FaultPlan
 from .servo import EmulatedServo
 from .servo_wire import ServoWire
+from .uart import heard_at, same_rate
 
 __all__ = ["BusDevice", "make_servos"]
 
@@ -23,34 +25,45 @@ _BITS = 10
 _MAX_PENDING = 4096
 _MIN_PACKET = 6
 _STEP = 0.02
+_PAUSE = 0.001
+"""Seconds of silence after which an unfinished packet may have been given up by its sender."""
 
 
 def make_servos(
-    series: Sequence[Series], ids: Sequence[int], *, baud: int = 0, seed: int = 1, start: float = 0.0
+    series: Sequence[Series],
+    ids: Sequence[int],
+    *,
+    baud: int | Sequence[int] = 0,
+    seed: int = 1,
+    start: float = 0.0,
 ) -> list[EmulatedServo]:
     """Servos for a bus, at their neutral positions.
 
     Args:
         series: One for each id, or a single one for all.
         ids: Servo ids; an id that occurs twice makes two servos that collide.
-        baud: Rate they are set to; 0 leaves them as they come from the factory.
+        baud: Rate they are set to, one for all or one for each id; 0 leaves them as they come from the factory.
         seed: For noise.
         start: The time at which they get power; what passed before need not be caught up with.
 
     Raises:
-        UsageError: The numbers of series and ids differ, or a series has no such rate.
+        UsageError: The numbers of series, rates and ids differ, or a series has no such rate.
     """
     kinds = list(series) * len(ids) if len(series) == 1 else list(series)
     if len(kinds) != len(ids):
         raise UsageError(f"{len(ids)} ids but {len(kinds)} series: give one series, or one for each id")
+    rates = [baud] if isinstance(baud, int) else list(baud)
+    rates = rates * len(ids) if len(rates) == 1 else rates
+    if len(rates) != len(ids):
+        raise UsageError(f"{len(ids)} ids but {len(rates)} rates: give one rate, or one for each id")
     servos = []
-    for place, (kind, servo_id) in enumerate(zip(kinds, ids, strict=True)):
+    for place, (kind, servo_id, rate) in enumerate(zip(kinds, ids, rates, strict=True)):
         settings = {}
-        codes = {rate: code for code, rate in kind.baud_codes.items()}
-        if baud and codes:
-            if baud not in codes:
-                raise UsageError(f"{kind.value} servos do {', '.join(map(str, sorted(codes)))} baud, not {baud}")
-            settings["baud_code"] = codes[baud]
+        codes = {known: code for code, known in kind.baud_codes.items()}
+        if rate and codes:
+            if rate not in codes:
+                raise UsageError(f"{kind.value} servos do {', '.join(map(str, sorted(codes)))} baud, not {rate}")
+            settings["baud_code"] = codes[rate]
         # Each a little off the middle, so that their answers differ.
         position = kind.neutral + 3 * place
         servos.append(
@@ -67,8 +80,8 @@ class BusDevice:
         paced: Take the time that a line takes; otherwise every servo hears at any rate, at no cost.
         faults: Scripted faults.
         echo: The adapter hears itself.
-        host_baud: Tells the rate at which the host talks; servos set to another do not hear. None is the rate
-            that the first servo has now.
+        host_baud: Tells the rate at which the host talks and listens. A servo set to another hears what its
+            receiver makes of that, and so does the host of an answer. None is the first servo's present rate.
     """
 
     def __init__(
@@ -84,21 +97,41 @@ class BusDevice:
         first = servos[0].baud if servos else Series.STS_SMS.baud
         self._host_baud = host_baud or (lambda: first)
         self.wire = ServoWire(servos, baud=self._host_baud() if paced else 0, faults=faults, echo=echo)
-        self._input = b""
-        self._answers: deque[tuple[float, bytes]] = deque()
+        # An adapter repeats every byte, not only those that are a packet.
+        self._echo, self.wire.echo = self.wire.echo, False
+        self._ears: dict[int, _Ear] = {}
+        self._answers: deque[tuple[float, bytes, int]] = deque()
         self._now = 0.0
         self._busy_until = 0.0
 
+    @property
+    def pending(self) -> int:
+        """Bytes kept that are no whole packet yet."""
+        return sum(len(ear.data) for ear in self._ears.values())
+
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host; whole packets go onto the wire."""
-        if self._paced:
-            self.wire.baud = self._host_baud()
-        self._input += data
-        while packet := self._next_packet():
+        rate = self._host_baud() if self._paced else 0
+        if self._echo and data:
+            due = max(now, self._busy_until) + len(data) * _BITS / rate if rate else now
+            self._answers.append((due, data, rate))
+        self._hear(data, rate, now)
+        if rate:
+            for other in {servo.baud for servo in self.wire.servos}:
+                if not same_rate(other, rate):
+                    self._hear(heard_at(data, rate, other, whole=True), other, now)
+            self.wire.baud = rate
+
+    def _hear(self, data: bytes, rate: int, now: float) -> None:
+        """Let the servos of one rate hear bytes, and do what they say."""
+        ear = self._ears.setdefault(rate, _Ear())
+        ear.hear(data, now)
+        while packet := ear.next_packet():
+            self.wire.baud = rate
             start = max(now, self._busy_until)
             heard, end = self.wire.transact(packet, start)
             self._busy_until = end if self._paced else now
-            self._queue(heard, packet, start, end)
+            self._queue(heard, start, end)
 
     def step(self, now: float) -> None:
         """Let time pass for the servos."""
@@ -109,7 +142,8 @@ class BusDevice:
         """What has come over the wire by the time of the last `step`."""
         out = []
         while self._answers and self._answers[0][0] <= self._now + 1e-9:
-            out.append(self._answers.popleft()[1])
+            _, data, rate = self._answers.popleft()
+            out.append(heard_at(data, rate, self._host_baud()) if rate else data)
         return b"".join(out)
 
     @property
@@ -125,42 +159,67 @@ class BusDevice:
 
     def reset(self, now: float) -> None:
         """Forget what is on the line; the servos keep their power, as an adapter's reset does not reach them."""
-        self._input = b""
+        self._ears.clear()
         self._answers.clear()
 
-    def _next_packet(self) -> bytes:
-        """The next whole packet of the host, with what stands before it; empty if there is none yet."""
-        data = self._input
-        at = data.find(b"\xff\xff")
-        while at >= 0:
-            if len(data) - at < _MIN_PACKET:
-                break
-            size = data[at + 3] + 4
-            if data[at + 2] <= BROADCAST_ID and size >= _MIN_PACKET:
-                if len(data) - at < size:
-                    break
-                if sum(data[at + 2 : at + size]) & 0xFF == 0xFF:
-                    self._input = data[at + size :]
-                    return data[: at + size]
-            at = data.find(b"\xff\xff", at + 1)
-        if len(data) > _MAX_PENDING:
-            self._input = data[-_MIN_PACKET:]
-        return b""
-
-    def _queue(self, heard: bytes, packet: bytes, start: float, end: float) -> None:
+    def _queue(self, heard: bytes, start: float, end: float) -> None:
         """Give each piece of what was heard the time at which its last bit was there."""
         if not heard:
             return
         if not self._paced:
-            self._answers.append((start, heard))
+            self._answers.append((start, heard, 0))
             return
-        byte_time = _BITS / self.wire.baud
-        if self.wire.echo:
-            self._answers.append((start + len(packet) * byte_time, heard[: len(packet)]))
-            heard = heard[len(packet) :]
+        rate = self.wire.baud
         at, left = 0, len(heard)
         while left > 0:
             size = min(left, heard[at + 3] + 4 if left > 3 else left)
             left -= size
-            self._answers.append((end - left * byte_time, heard[at : at + size]))
+            self._answers.append((end - left * _BITS / rate, heard[at : at + size], rate))
             at += size
+
+
+class _Ear:
+    """Packets in the stream of bytes that servos of one rate hear.
+
+    Attributes:
+        data: What is no whole packet yet.
+    """
+
+    def __init__(self) -> None:
+        self.data = b""
+        self._before_pause = 0
+        self._last = 0.0
+
+    def hear(self, data: bytes, now: float) -> None:
+        """Take bytes."""
+        if now - self._last > _PAUSE:
+            self._before_pause = len(self.data)
+        self._last = now
+        self.data += data
+
+    def next_packet(self) -> bytes:
+        """The next whole packet; empty if there is none yet. What stands before it is noise.
+
+        A packet that was never finished, as noise or another rate leave one, does not swallow what comes after a
+        pause: it is waited for only until something whole stands behind it.
+        """
+        data = self.data
+        at = data.find(b"\xff\xff")
+        while at >= 0:
+            here = len(data) - at
+            size = data[at + 3] + 4 if here > 3 else _MIN_PACKET
+            if size >= _MIN_PACKET and (here < 3 or data[at + 2] <= BROADCAST_ID):
+                if here < size:
+                    if at >= self._before_pause:
+                        break
+                elif sum(data[at + 2 : at + size]) & 0xFF == 0xFF:
+                    self._drop(at + size)
+                    return data[at : at + size]
+            at = data.find(b"\xff\xff", at + 1)
+        if len(data) > _MAX_PENDING:
+            self._drop(len(data) - _MIN_PACKET)
+        return b""
+
+    def _drop(self, count: int) -> None:
+        self.data = self.data[count:]
+        self._before_pause = max(0, self._before_pause - count)

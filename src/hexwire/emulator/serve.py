@@ -19,6 +19,9 @@ from typing import Protocol
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageError
 from hexwire.ipc.link import Link, LinkKind
+from hexwire.ipc.serial import terminal_rate
+
+from .uart import heard_at
 
 __all__ = ["BoardLink", "FakeClock", "PacedLine", "PtyServer", "ServedDevice", "serve_board"]
 
@@ -352,10 +355,10 @@ class PtyServer:
                 raise
             return
         self._seen_open(now)
-        self._to_board.put(self._garbled(data), now)
+        self._to_board.put(self._garbled(data, inward=True), now)
 
     def _write(self, now: float) -> None:
-        self._unsent += self._garbled(self._to_host.take(now))
+        self._unsent += self._garbled(self._to_host.take(now), inward=False)
         if not self._unsent:
             return
         try:
@@ -368,14 +371,12 @@ class PtyServer:
             written = len(self._unsent)
         self._unsent = self._unsent[written:]
 
-    def _garbled(self, data: bytes) -> bytes:
-        """What the other side hears if the host's rate is not ours: wrong bytes, as many as the rates say."""
+    def _garbled(self, data: bytes, *, inward: bool) -> bytes:
+        """What the other side hears if the host's rate is not ours."""
         if not self._baud or not data:
             return data
-        rate = _BAUD_RATES.get(termios.tcgetattr(self._master)[4], self._baud)
-        if rate == self._baud or rate == 0:
-            return data
-        return bytes((b * 3 + 0x41) & 0xFF | 0x80 for b in data[:: max(1, round(self._baud / rate))])
+        rate = terminal_rate(self._master) or self._baud
+        return heard_at(data, *((rate, self._baud) if inward else (self._baud, rate)))
 
     def __enter__(self) -> PtyServer:
         self.open()

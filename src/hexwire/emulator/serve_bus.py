@@ -1,33 +1,25 @@
 """Emulated servos on a pseudo-terminal: a bus adapter that other people's programs can open.
 
 Owns the loop that keeps to the line's time finer than `serve` needs to, and the rate at which the host has set the
-terminal: servos set to another rate do not hear it. Must not know who is on the other side.
+terminal: servos set to another rate do not understand it. Must not know who is on the other side.
 """
 
 from __future__ import annotations
 
-import termios
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from hexwire.ipc.serial import terminal_rate
 
 from .bus_device import BusDevice
 from .faults import FaultPlan
 from .serve import PtyServer
 from .servo import EmulatedServo
 
-__all__ = ["serve_bus", "terminal_rate"]
+__all__ = ["serve_bus"]
 
 _IDLE = 0.02
-_RATES = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[:1] == "B" and name[1:].isdigit()}
-
-
-def terminal_rate(fd: int, otherwise: int) -> int:
-    """Rate that the other side of a pseudo-terminal has set; `otherwise` if it is none with a name."""
-    try:
-        return _RATES.get(termios.tcgetattr(fd)[4], otherwise) or otherwise
-    except (termios.error, OSError):
-        return otherwise
 
 
 def serve_bus(
@@ -44,7 +36,7 @@ def serve_bus(
 
     Args:
         servos: Who is on it.
-        baud: Rate of the servos; 0 costs no time, and every servo hears at any rate.
+        baud: Rate of the servos, of the first if they differ; 0 costs no time, and every servo hears at any rate.
         stop: Asked at least every 20 ms.
         announce: Told the path when the terminal is there.
         link: Path of a symbolic link to make to the terminal.
@@ -54,7 +46,7 @@ def serve_bus(
     server: PtyServer | None = None
 
     def host_baud() -> int:
-        return baud if server is None else terminal_rate(server.fileno(), baud)
+        return (None if server is None else terminal_rate(server.fileno())) or baud
 
     device = BusDevice(servos, paced=bool(baud), faults=faults, echo=echo, host_baud=host_baud)
     server = PtyServer(device, link=link)

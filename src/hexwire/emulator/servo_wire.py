@@ -13,6 +13,7 @@ from hexwire.wire.servo_packet import Instruction, ServoPacket, iter_packets
 
 from .faults import FaultPlan
 from .servo import EmulatedServo
+from .uart import listen, same_rate
 
 __all__ = ["ServoWire"]
 
@@ -106,7 +107,7 @@ class ServoWire:
             self.faults.afflict(servo)
 
     def _listening(self) -> Iterator[EmulatedServo]:
-        return (servo for servo in self.servos if not self.baud or servo.baud == self.baud)
+        return (servo for servo in self.servos if not self.baud or same_rate(servo.baud, self.baud))
 
     def _answer(self, request: ServoPacket, now: float) -> tuple[bytes, float]:
         """All answers to one request that ended at `now`."""
@@ -151,12 +152,11 @@ class ServoWire:
         if len(replies) == 1:
             reply, delay = replies[0]
             return self.faults.bus_heard(reply), now + delay + self._time(len(reply))
-        first = min(delay for _, delay in replies)
-        cells: dict[int, int] = {}
-        end = now
-        for reply, delay in replies:
-            offset = round((delay - first) / self._time(1)) if self.baud else 0
-            for index, byte in enumerate(reply, offset):
-                cells[index] = cells.get(index, 0xFF) & byte
-            end = max(end, now + delay + self._time(len(reply)))
-        return self.faults.bus_heard(bytes(cells[index] for index in sorted(cells))), end
+        end = max(now + delay + self._time(len(reply)) for reply, delay in replies)
+        if self.baud:
+            return self.faults.bus_heard(listen(replies, self.baud)), end
+        overlay = bytearray(b"\xff" * max(len(reply) for reply, _ in replies))
+        for reply, _ in replies:
+            for index, byte in enumerate(reply):
+                overlay[index] &= byte
+        return self.faults.bus_heard(bytes(overlay)), end

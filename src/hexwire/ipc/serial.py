@@ -33,7 +33,7 @@ from hexwire.ipc.link import LinkKind
 from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
 
-__all__ = ["DEFAULT_BAUD", "SerialLink"]
+__all__ = ["DEFAULT_BAUD", "SerialLink", "terminal_rate"]
 
 DEFAULT_BAUD = 115200
 _BAUD_LOW, _BAUD_HIGH = 50, 12_000_000
@@ -52,6 +52,17 @@ _SERIAL_STRUCT_INTS = 32  # more than the kernel's serial_struct; flags is its f
 
 # A Mega's reset line is pulsed through a capacitor; 50 ms is what common flashing tools use.
 _DTR_PULSE = 0.05
+
+
+def terminal_rate(fd: int) -> int | None:
+    """Rate that a terminal is set to, bits a second, exactly; None where the system does not tell.
+
+    On the master's side of a pseudo-terminal it is the rate that the program on the other side has set.
+    """
+    try:
+        return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
+    except OSError:
+        return None
 
 
 class SerialLink(PollLink):
@@ -228,10 +239,7 @@ class SerialLink(PollLink):
 
     def _actual_baud(self) -> int | None:
         """What the driver made of the rate; None where the system does not tell."""
-        try:
-            return int(_TERMIOS2.unpack(self._ioctl_read(_TCGETS2, _TERMIOS2.size))[-1])
-        except OSError:
-            return None
+        return terminal_rate(self._port)
 
     def _ioctl_read(self, request: int, size: int) -> bytes:
         return fcntl.ioctl(self._port, request, bytes(size))
