@@ -182,6 +182,29 @@ def test_a_board_that_is_busy_is_asked_again() -> None:
     assert outcome.dialect == 2
 
 
+@pytest.mark.parametrize("status", [Status.STOPPED, Status.BUSY])
+@pytest.mark.parametrize("deaf", [0, 2])
+def test_an_identify_that_a_stop_voided_never_means_dialect_1(status: Status, deaf: int) -> None:
+    """Also where the board missed the first questions, answered the ping, and then voids what is asked."""
+    asked = 0
+
+    def voids_at_first(b: Connection, request: Request, now: float) -> None:
+        nonlocal asked
+        if request.frame.proto == 1:
+            chapter_ping(b, request, now)
+            return
+        asked += 1
+        if deaf < asked <= deaf + 6:
+            b.reply(request, status, b"", now)
+        elif asked > deaf:
+            dialect2_board(b, request, now)
+
+    outcome = Negotiation(voids_at_first).run()
+    assert isinstance(outcome, Negotiated)
+    assert outcome.dialect == 2
+    assert asked == deaf + 7
+
+
 def test_an_identity_that_cannot_be_read_is_asked_for_again() -> None:
     bodies = [b"", IDENTITY.serialize()[:-1]]
 

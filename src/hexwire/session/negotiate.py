@@ -84,6 +84,7 @@ class Negotiator:
         self._asked = 0
         self._pings = 0
         self._left_to_ask: int | None = None
+        self._knows_identify = False
         self._bytes_before = connection.decoder.counters.bytes_received
         self._frames_before = connection.decoder.counters.frames
         self._ticket = 0
@@ -112,6 +113,9 @@ class Negotiator:
             else:
                 self._settle(Negotiated(PROTO_HEXWIRE, identity), now)
         else:
+            # It was asked before a stop, or while the board was busy: it knows dialect 2, and is asked again.
+            self._knows_identify = event.status in (Status.STOPPED, Status.BUSY) or self._knows_identify
+            self._left_to_ask = None if self._knows_identify else self._left_to_ask
             self._next(now)
 
     def _settle(self, outcome: Negotiated, now: float) -> None:
@@ -133,7 +137,8 @@ class Negotiator:
         if self._asked == 0 or now < self._deadline:
             # IDENTIFY twice, then a dialect-1 ping, and so on: a board that answers neither of the first two
             # may still know the ping.
-            self._ask(now, ping=self._only == PROTO_CHAPTER or (self._only is None and self._asked % 3 == 2))
+            both = self._only is None and not self._knows_identify
+            self._ask(now, ping=self._only == PROTO_CHAPTER or (both and self._asked % 3 == 2))
             return
         counters = self._connection.decoder.counters
         self.outcome = NegotiationFailed(
