@@ -80,6 +80,8 @@ def value_of(row: dict[str, Any]) -> Any:
             return c.OffsetTable(f["version"], tuple(c.OffsetRow(r["neutral"], r["sign"]) for r in rows))
         case "TRANSACT", "request":
             return c.TransactRequest(f["reply_length"], f["timeout_ms"], bytes.fromhex(f["packet"]))
+        case "MAINTENANCE", "reply":
+            return c.MaintenanceReply(bool(f["on"]), f["board_flags"])
         case "STATS", "reply":
             return c.Stats(f)
     return None
@@ -97,6 +99,7 @@ READERS = {
     ("TORQUE", "reply"): c.parse_stop_reply,
     ("STOP", "reply"): c.parse_stop_reply,
     ("TRANSACT", "request"): c.TransactRequest.parse,
+    ("MAINTENANCE", "reply"): c.MaintenanceReply.parse,
     ("STATS", "reply"): c.Stats.parse,
     ("FRAGMENT", "request"): c.FragmentHead.parse,
     ("FRAGMENT_MISSING", "request"): c.parse_missing,
@@ -105,7 +108,7 @@ READERS = {
 
 def test_every_line_names_its_source_and_every_command_is_there() -> None:
     assert all(row["source"] for row in ROWS)
-    board = {name for name, spec in SCHEMA["commands"].items() if spec["code"] <= Command.IO}
+    board = {name for name, spec in SCHEMA["commands"].items() if spec["code"] <= Command.MAINTENANCE}
     assert {row["command"] for row in ROWS} == board
     assert {(row["command"], row["part"]) for row in GOOD} >= set(READERS)
 

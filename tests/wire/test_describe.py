@@ -85,6 +85,8 @@ def test_frames(name: str, line: str) -> None:
         ("chunks 0 and 258 are missing", "message 4660: chunks 0, 258 missing"),
         ("all arrived", "message 4660: complete"),
         ("outputs", "IO reply, ok, seq 5: 07 01"),
+        ("maintenance on", "MAINTENANCE request, seq 5: on"),
+        ("in maintenance, settings default", "MAINTENANCE reply, ok, seq 5: on [settings default, maintenance]"),
         ("IDENTIFY reply cut in its head", "IDENTIFY: 3 bytes, at least 14 are needed: 02 02 01"),
         ("chunk 3 of 3", "FRAGMENT: chunk 3 of 3"),
     ],

@@ -31,6 +31,7 @@ __all__ = [
     "JointRow",
     "LimitRow",
     "LimitTable",
+    "MaintenanceReply",
     "MoveReply",
     "MoveRequest",
     "MoveRow",
@@ -76,6 +77,7 @@ _SENT_ROW = struct.Struct("<BhB")
 _LIMIT_ROW = struct.Struct("<hhH")
 _OFFSET_ROW = struct.Struct("<hb")
 _TABLE_HEAD = struct.Struct("<BB")
+_MAINTENANCE_REPLY = struct.Struct("<BB")
 _STOP_REPLY = struct.Struct("<BH")
 _FRAGMENT = struct.Struct("<HHHBB")
 _MISSING = struct.Struct("<HH")
@@ -326,6 +328,25 @@ class TransactRequest(NamedTuple):
         """Read the body."""
         _need("TRANSACT", body, 2)
         return cls(body[0], body[1], body[2:])
+
+
+class MaintenanceReply(NamedTuple):
+    """Reply to MAINTENANCE: whether it is on, and the board flags."""
+
+    on: bool
+    board_flags: int
+
+    def serialize(self) -> bytes:
+        """The body's bytes."""
+        return _MAINTENANCE_REPLY.pack(*self)
+
+    @classmethod
+    def parse(cls, body: bytes) -> MaintenanceReply:
+        """Read the body."""
+        if len(body) != _MAINTENANCE_REPLY.size:
+            raise RemoteProtocolError(f"MAINTENANCE reply: {len(body)} bytes, not {_MAINTENANCE_REPLY.size}")
+        on, flags = _MAINTENANCE_REPLY.unpack(body)
+        return cls(bool(on), flags)
 
 
 STATS_FIELDS = (

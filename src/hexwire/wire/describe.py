@@ -16,6 +16,7 @@ from .commands import (
     Identity,
     JointReport,
     LimitTable,
+    MaintenanceReply,
     MoveReply,
     MoveRequest,
     Stats,
@@ -47,6 +48,7 @@ _BOARD_ERRORS = {
     "read_silent": "read not answered",
 }
 _STOP_MODES = ("hold", "torque off")
+_SWITCH = ("off", "on")
 _SAMPLE = 24
 _INSTRUCTIONS = {member.value: member for member in Instruction}
 
@@ -187,7 +189,7 @@ def _known_body(frame: Frame, body: bytes) -> str:
         return f"sent {rows or 'nothing'} in {sent.duration_ms} ms"
     if cmd == Command.TORQUE or (cmd == Command.STOP and reply):
         mode, mask = parse_stop_reply(body)
-        words = ("off", "on") if cmd == Command.TORQUE else _STOP_MODES
+        words = _SWITCH if cmd == Command.TORQUE else _STOP_MODES
         return f"{words[min(mode, 1)]}, joints {mask:07b}"
     if cmd == Command.STOP and len(body) == 1:
         return _STOP_MODES[min(body[0], 1)]
@@ -201,6 +203,12 @@ def _known_body(frame: Frame, body: bytes) -> str:
             else (f"after {every} ms", _STOP_MODES[min(last, 1)])
         )
         return ", ".join(words)
+    if cmd == Command.MAINTENANCE and not reply and len(body) == 1:
+        return _SWITCH[min(body[0], 1)]
+    if cmd == Command.MAINTENANCE and reply:
+        maintenance = MaintenanceReply.parse(body)
+        flags = _flags(maintenance.board_flags)
+        return _SWITCH[maintenance.on] + (f" [{flags}]" if flags else "")
     if cmd == Command.LIMITS and reply:
         return ", ".join(f"{lo}..{hi}" for lo, hi, _ in LimitTable.parse(body).rows)
     if cmd == Command.TRANSACT and not reply:
