@@ -26,6 +26,20 @@ def test_check_reply_turns_every_other_status_into_an_error_that_says_what_to_do
     assert "\n" not in str(info.value)
 
 
+@pytest.mark.parametrize(
+    ("cmd", "words"),
+    [
+        (Command.TRANSACT, r"`maintenance\(True\)`"),
+        (Command.MAINTENANCE, "`hexwire torque off` first"),
+        (Command.JOINT_MOVE, r"`maintenance\(False\)` ends that"),
+        (Command.TORQUE, r"`maintenance\(False\)` ends that"),
+    ],
+)
+def test_what_the_gate_forbids_says_what_to_do(cmd: Command, words: str) -> None:
+    with pytest.raises(CommandRefusedError, match=words):
+        check_reply(reply(Status.FORBIDDEN)._replace(cmd=cmd))
+
+
 def test_missing_joints_of_a_probe() -> None:
     joints = (JointProbe("J1", 0, "hls", True), JointProbe("J2", 1, "hls", False))
     assert ProbeReport("a", "b", 2, "", None, (), False, joints, {}).missing == ("J2",)

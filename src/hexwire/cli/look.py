@@ -95,6 +95,7 @@ def _report_in_words(report: ProbeReport) -> str:
         ("boot id", "" if report.boot_id is None else f"{report.boot_id:08x}"),
         ("can", ", ".join(report.capabilities).replace("_", " ")),
         ("stopped", "yes; 'hexwire resume' ends that" if report.stopped else "no"),
+        ("state", "in maintenance: settings of servos may be written, nothing moves" if report.maintenance else ""),
     ]
     lines = [f"{name:9} {value}" for name, value in facts if value]
     rows = [(j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.note) for j in report.joints]

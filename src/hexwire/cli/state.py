@@ -68,6 +68,7 @@ def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
         "robot": model.name,
         "stopped": state.stopped,
         "watchdog_tripped": state.watchdog_tripped,
+        "maintenance": state.maintenance,
         "board_time_s": state.board_time,
         "joints": [joint_json(joint, model) for joint in state],
     }
@@ -118,6 +119,8 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
 def _remarks(state: JointState) -> list[str]:
     if state.watchdog_tripped:
         return ["stopped by the board, because the host fell silent; 'hexwire resume' ends that"]
+    if state.maintenance:
+        return ["in maintenance: settings of servos may be written, and nothing moves"]
     return ["stopped; 'hexwire resume' ends that"] if state.stopped else []
 
 

@@ -13,7 +13,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
-from hexwire.wire.command_frame import Status, command_name, status_name
+from hexwire.wire.command_frame import Command, Status, command_name, status_name
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -73,6 +73,7 @@ class ProbeReport:
         stopped: A stop is latched.
         joints: One row a joint.
         counters: The board's and the host's counters by name.
+        maintenance: The board lets settings of servos be written, and nothing move.
     """
 
     robot: str
@@ -84,6 +85,7 @@ class ProbeReport:
     stopped: bool
     joints: tuple[JointProbe, ...]
     counters: dict[str, int]
+    maintenance: bool = False
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -231,7 +233,14 @@ _ADVICE: dict[int, str] = {
     Status.TORQUE_OFF: "a joint has no torque; `hexwire torque on` first",
     Status.BUSY: "the board is busy; try again",
     Status.SERVO_SILENT: "a servo does not answer; `hexwire ping` tells which",
+    Status.SERVO_FAULT: "a servo is not in position mode; set its register `mode` to 0 in maintenance",
+    Status.FORBIDDEN: (
+        "the board lets no such packet to a servo: move joints with `write`, give torque with `torque`; "
+        "settings of servos need `maintenance(True)`, and nothing moves until `maintenance(False)`"
+    ),
 }
+_FORBIDDEN_MAINTENANCE = "a joint has torque; `hexwire torque off` first"
+_FORBIDDEN_MOTION = "the board is in maintenance; `maintenance(False)` ends that"
 
 
 def check_reply(reply: Reply, *accepted: Status) -> Reply:
@@ -249,5 +258,9 @@ def check_reply(reply: Reply, *accepted: Status) -> Reply:
     if status == Status.OK or status in accepted:
         return reply
     reason = _ADVICE.get(status) or status_name(status)
+    if status == Status.FORBIDDEN and reply.cmd == Command.MAINTENANCE:
+        reason = _FORBIDDEN_MAINTENANCE
+    elif status == Status.FORBIDDEN and reply.cmd in (Command.JOINT_MOVE, Command.TORQUE, Command.SYNC_WRITE):
+        reason = _FORBIDDEN_MOTION
     kind = StoppedError if status == Status.STOPPED else CommandRefusedError
     raise kind(command_name(reply.cmd), status, reason)

@@ -6,6 +6,7 @@ itself. Must not know links or who asks.
 
 from __future__ import annotations
 
+import logging
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,7 @@ from math import inf
 from operator import add, mul, sub
 from typing import TypeVar
 
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import HexwireError, NotSupportedError, ServoError, UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -26,6 +27,7 @@ from hexwire.wire.commands import (
     JointReport,
     LimitRow,
     LimitTable,
+    MaintenanceReply,
     MoveReply,
     MoveRequest,
     MoveRow,
@@ -38,17 +40,29 @@ from hexwire.wire.commands import (
 )
 from hexwire.wire.registers import Series
 from hexwire.wire.scaled_report import ReportScaler
-from hexwire.wire.tables import BOARD_FLAGS_STOPPED, BOARD_FLAGS_WATCHDOG_TRIPPED, CAPABILITIES
+from hexwire.wire.tables import (
+    BOARD_FLAGS_MAINTENANCE,
+    BOARD_FLAGS_STOPPED,
+    BOARD_FLAGS_WATCHDOG_TRIPPED,
+    CAPABILITIES,
+    CAPABILITY_MAINTENANCE,
+)
 
 from .base import JointProbe, StopMode, check_reply
 
 __all__ = ["Board2"]
+
+_log = logging.getLogger(__name__)
 
 _Row = TypeVar("_Row")
 _HALF_WRAP = (1 << 31) * 1e-6
 _AGE_UNIT = 0.001
 _NEVER = _AGE_UNIT * AGE_NEVER
 _MAX_DURATION_MS = 0xFFFF
+# The board may look for half a second whether the joints stand, and drops repeats meanwhile. A STOP that was lost
+# must be said again much sooner.
+_STOP_WINDOW = 0.1
+_STOP_ATTEMPTS = 20
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
 
@@ -163,6 +177,7 @@ class Board2:
             clock - since_sample,
             flags & BOARD_FLAGS_STOPPED != 0,
             flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
+            flags & BOARD_FLAGS_MAINTENANCE != 0,
         )
 
     def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:
@@ -213,13 +228,39 @@ class Board2:
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """TORQUE by mask."""
         body = make_stop_reply(int(on), self._board_mask(joints))
-        reply = check_reply(self._ask(Command.TORQUE, body), Status.SERVO_SILENT)
-        return self._confirmed(reply)
+        reply = check_reply(self._ask(Command.TORQUE, body), Status.SERVO_SILENT, Status.SERVO_FAULT)
+        confirmed = self._confirmed(reply)
+        if reply.status == Status.SERVO_FAULT:
+            wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]
+            missing = ", ".join(n for n in wanted if n not in confirmed)
+            _log.warning("%s got no torque: a servo is not in position mode; set its register mode to 0", missing)
+        return confirmed
 
     def stop(self, mode: StopMode) -> tuple[str, ...]:
         """STOP, ahead of everything."""
-        reply = self._ask(Command.STOP, bytes((mode,)), urgent=True, repeatable=True, attempts=5)
-        return self._confirmed(check_reply(reply, Status.SERVO_SILENT))
+        reply = self._ask(
+            Command.STOP,
+            bytes((mode,)),
+            window=_STOP_WINDOW,
+            attempts=_STOP_ATTEMPTS,
+            urgent=True,
+            repeatable=True,
+        )
+        confirmed = self._confirmed(check_reply(reply, Status.SERVO_SILENT, Status.SERVO_FAULT))
+        missing = [name for name in self._model.names if name not in confirmed]
+        if missing:
+            _log.warning("the stop is not confirmed by %s", ", ".join(missing))
+        if reply.status == Status.SERVO_FAULT:
+            _log.warning("a joint did not hold and lost its torque; without torque now: %s", self._limp())
+        return confirmed
+
+    def _limp(self) -> str:
+        """Joints without torque, in words."""
+        try:
+            on = self.read(0).torque_on
+        except HexwireError as error:
+            return f"unknown ({error})"
+        return ", ".join(name for name in self._model.names if name not in on)
 
     def resume(self) -> None:
         """RESUME."""
@@ -263,6 +304,19 @@ class Board2:
         body = TransactRequest(reply_length, ms, packet).serialize()
         reply = self._ask(Command.TRANSACT, body, window=self._session.policy.window + timeout)
         return check_reply(reply).body
+
+    def maintenance(self, on: bool) -> None:
+        """MAINTENANCE.
+
+        Raises:
+            NotSupportedError: The board does not know it.
+        """
+        if not self.identity.capabilities & CAPABILITY_MAINTENANCE:
+            version = ".".join(map(str, self.identity.firmware))
+            raise NotSupportedError(f"the board's firmware {version} has no maintenance; put a newer one on it")
+        reply = MaintenanceReply.parse(check_reply(self._ask(Command.MAINTENANCE, bytes((on,)))).body)
+        if reply.on != on:
+            raise ServoError(f"the board says that maintenance is {'on' if reply.on else 'off'}")
 
     def stats(self) -> dict[str, int]:
         """The board's counters."""

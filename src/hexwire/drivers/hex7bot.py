@@ -141,6 +141,7 @@ class Hex7BotDriver(RobotDriver):
             stopped=stopped,
             joints=joints,
             counters=counters,
+            maintenance=bool(identity and identity.board_flags & tables.BOARD_FLAGS_MAINTENANCE),
         )
 
     def host_counters(self) -> dict[str, int]:
@@ -278,6 +279,18 @@ class Hex7BotDriver(RobotDriver):
             raise UsageError(f"a watchdog of {timeout:g} s is outside {_MIN_WATCHDOG:g}..{_MAX_WATCHDOG:g} s")
         self._dialect2("WATCHDOG").watchdog(timeout, mode)
         self._watchdog = (timeout, mode) if timeout else None
+
+    def maintenance(self, on: bool) -> None:
+        """Have the board let settings of servos be written with `transact`; nothing moves until it is off again.
+
+        A stop, a trip of the watchdog and a reset end it too.
+
+        Raises:
+            NotSupportedError: The board speaks dialect 1, or its firmware has no maintenance.
+            CommandRefusedError: A joint has torque.
+            StoppedError: A stop is latched.
+        """
+        self._dialect2("MAINTENANCE").maintenance(on)
 
     def limits(self) -> tuple[LimitRow, ...]:
         """Limits that the board has stored, in counts, in its joint order."""

@@ -85,6 +85,7 @@ class JointState:
         board_time: Board clock at the newest sample, seconds since its start; NaN if it has none.
         stopped: A stop is latched: nothing moves until resume.
         watchdog_tripped: The board stopped by itself because the host fell silent.
+        maintenance: The board lets settings of servos be written, and nothing move.
     """
 
     names: tuple[str, ...]
@@ -100,6 +101,7 @@ class JointState:
     board_time: float = NAN
     stopped: bool = False
     watchdog_tripped: bool = False
+    maintenance: bool = False
 
     def __getitem__(self, name: str) -> JointReading:
         """One joint by name.
