@@ -15,8 +15,9 @@ from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits, StopReason
 from hexwire.motion.teach import Taught
 from hexwire.ros1.arm import Arm
-from hexwire.ros1.controller import Ended, Outcome, TrajectoryController
+from hexwire.ros1.controller import TrajectoryController
 from hexwire.ros1.goals import ErrorCode, Point, Tolerance, Tolerances, TrajectoryOrder
+from hexwire.ros1.outcomes import Ended, Outcome
 from hexwire.ros1.settings import ControllerSettings, load_settings
 
 _T = TypeVar("_T")

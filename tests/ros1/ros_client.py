@@ -24,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "src"))
 
-from hexwire.ros1.messages import control_msgs, osrf_msgs
+from hexwire.ros1.messages import control_msgs, control_srvs, osrf_msgs
 
 PATIENCE = 30.0
 OWN = {"control_msgs": control_msgs, "osrf_msgs": osrf_msgs}
@@ -134,6 +134,27 @@ class Program:
         message.goal_tolerance = [kinds.JointTolerance(name, x, 0.0, 0.0) for name, x in (goal or {}).items()]
         message.goal_time_tolerance = rospy.Duration.from_sec(goal_time)
         GOALS[key] = Goal(action, message)
+
+    def send_wrong(self, action: str, times: int) -> dict[str, int]:
+        """Send goals without joints, one after the other; how many ended in each state. One that hangs is LOST."""
+        goal = Goal(action, control_msgs().FollowJointTrajectoryGoal())
+        states: dict[str, int] = {}
+        for i in range(times):
+            if i:
+                goal.client.send_goal(control_msgs().FollowJointTrajectoryGoal())
+            ended = goal.client.wait_for_result(rospy.Duration.from_sec(5.0))
+            state = actionlib.GoalStatus.to_string(goal.client.get_state()) if ended else "LOST"
+            states[state] = states.get(state, 0) + 1
+        return states
+
+    def query(self, service: str, delay: float) -> dict[str, Any]:
+        """Ask for the desired state in so many seconds."""
+        rospy.wait_for_service(service, PATIENCE)
+        when = rospy.Time.now() + rospy.Duration.from_sec(delay)
+        try:
+            return plain(rospy.ServiceProxy(service, control_srvs().QueryTrajectoryState)(when))
+        except rospy.ServiceException as error:
+            return {"error": str(error)}
 
     def wait_active(self, key: str, feedback: int = 1) -> None:
         """Wait until so many feedbacks of a goal have come."""

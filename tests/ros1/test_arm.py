@@ -11,9 +11,9 @@ from tests.ros1.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, Bench, Told, free,
 
 from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
-from hexwire.ros1.controller import Outcome
 from hexwire.ros1.diagnostics import diagnose
 from hexwire.ros1.goals import ErrorCode, Point, TrajectoryOrder
+from hexwire.ros1.outcomes import Outcome
 
 J1 = HOME["J1"]
 ABORTED = (Outcome.ABORTED, ErrorCode.INVALID_GOAL)

@@ -14,8 +14,8 @@ from hexwire.errors import GoalError, LimitError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.safety import StopReason
-from hexwire.ros1.controller import Outcome
 from hexwire.ros1.goals import ErrorCode, Point, Tolerance, TrajectoryOrder
+from hexwire.ros1.outcomes import Outcome
 
 J1, J2 = HOME["J1"], HOME["J2"]
 ABORTED_PATH = (Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)

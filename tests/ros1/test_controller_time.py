@@ -9,8 +9,8 @@ from tests.ros1.arm_bench import PREEMPTED, SUCCEEDED, Loop, Told, limp, order, 
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.safety import StopReason
-from hexwire.ros1.controller import Outcome
 from hexwire.ros1.goals import ErrorCode, Tolerance
+from hexwire.ros1.outcomes import Outcome
 
 J1, J2 = HOME["J1"], HOME["J2"]
 ABORTED_PATH = (Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)

@@ -12,9 +12,10 @@ from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.motion.fence import Fence
 from hexwire.motion.safety import SafetyLimits, StopReason
-from hexwire.ros1.controller import Ended, Outcome, TrajectoryController
+from hexwire.ros1.controller import TrajectoryController
 from hexwire.ros1.goals import Point, Tolerance, Tolerances, TrajectoryOrder
 from hexwire.ros1.group import ControllerGroup
+from hexwire.ros1.outcomes import Ended, Outcome
 from hexwire.ros1.settings import ControllerSettings
 
 STILL = [0.0] * 7

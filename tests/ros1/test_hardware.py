@@ -32,7 +32,7 @@ from hexwire.errors import (
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.state import JointState, JointTarget
-from hexwire.ros1.controller import Outcome
+from hexwire.ros1.outcomes import Outcome
 from hexwire.ros1.states import PublishedState
 from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import ModuleType

@@ -13,7 +13,7 @@ from hexwire.errors import (
     LinkLostError,
     ServoError,
 )
-from hexwire.ros1.controller import Outcome
+from hexwire.ros1.outcomes import Outcome
 
 
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])

@@ -15,7 +15,7 @@ from hexwire.errors import (
     GoalError,
     UsageError,
 )
-from hexwire.ros1.controller import Outcome
+from hexwire.ros1.outcomes import Outcome
 
 
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 115200), (1, 115200)])

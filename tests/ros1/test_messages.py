@@ -14,7 +14,7 @@ import pytest
 from hexwire.errors import HexwireError, UsageError
 from hexwire.ros1 import messages
 from hexwire.ros1.goals import ErrorCode
-from hexwire.ros1.messages import control_msgs, osrf_msgs
+from hexwire.ros1.messages import control_msgs, control_srvs, osrf_msgs
 from hexwire.ros1.path import find_ros
 
 # As ROS's own packages have them.
@@ -70,6 +70,20 @@ def test_checksums_of_control_msgs(name: str) -> None:
     made = getattr(control_msgs(), name)
     assert made._md5sum == CHECKSUMS[name]
     assert made._type == f"control_msgs/{name}"
+
+
+def test_checksum_of_the_service_is_that_of_its_fields() -> None:
+    import genmsg
+
+    service = control_srvs().QueryTrajectoryState
+    context = genmsg.MsgContext.create_default()
+    fields = [service._request_class._full_text, service._response_class._full_text]
+    spec = genmsg.msg_loader.load_srv_from_string(
+        context, "---\n".join(fields), "control_msgs/QueryTrajectoryState"
+    )
+    assert genmsg.compute_md5(context, spec) == service._md5sum == "ec93cdecbd8062d761aa52b7c90cd44b"
+    answer = service._response_class(name=["J1"], position=[0.5], velocity=[0.0], acceleration=[0.0])
+    assert there_and_back(answer) == answer
 
 
 def test_nothing_else_is_made() -> None:

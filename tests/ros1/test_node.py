@@ -44,6 +44,25 @@ def test_controller_state_says_what_is_desired_and_what_is(arm: Arm) -> None:
 # -- commands ----------------------------------------------------------------------------------------------
 
 
+def test_query_state_says_where_the_arm_is_meant_to_be_then(arm: Arm) -> None:
+    service, here = f"{arm.namespace}query_state", arm.position()
+    at_rest = arm.client.query(service=service, delay=0.0)
+    assert tuple(at_rest["name"]) == JOINTS
+    assert near(dict(zip(JOINTS, at_rest["position"], strict=True)), here)
+    assert set(at_rest["velocity"]) == {0.0}
+    target = here["J1"] - math.copysign(0.6, here["J1"])
+    arm.send("one", {"J1": target}, 6.0)
+    arm.client.wait_active(key="one")
+    end = arm.client.query(service=service, delay=10.0)
+    middle = arm.client.query(service=service, delay=1.0)
+    assert end["position"][0] == pytest.approx(target)
+    assert min(here["J1"], target) < middle["position"][0] < max(here["J1"], target)
+    assert middle["velocity"][0] * (target - here["J1"]) > 0.0
+    assert "something else was followed" in arm.client.query(service=service, delay=-30.0)["error"]
+    arm.trigger("stop")
+    assert "stopped" in arm.client.query(service=service, delay=0.0)["error"]
+
+
 def test_command_moves_the_arm_and_an_empty_one_holds_it(arm: Arm) -> None:
     target = {"J1": _aside(arm, 0.6)}
     start = arm.board.positions

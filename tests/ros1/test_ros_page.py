@@ -10,6 +10,7 @@ from tests.ros1.ros_world import Arm
 import hexwire.ros1
 from hexwire.ros1.goals import ErrorCode
 from hexwire.ros1.parameters import PARAMETERS
+from hexwire.ros1.path import _NEEDED
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "ros.md").read_text(encoding="utf-8")
@@ -42,6 +43,32 @@ def test_launch_files_that_are_named_exist() -> None:
         assert (PACKAGE / "launch" / path).is_file()
 
 
+PACKAGE_OF = {
+    "roscore": "python3-roslaunch",
+    "roslaunch": "python3-roslaunch",
+    "rosparam": "python3-rosparam",
+    "rosrun": "rosbash",
+    "rosservice": "python3-rosservice",
+    "rostopic": "python3-rostopic",
+    "robot_state_publisher": "ros-robot-state-publisher",
+    "rviz": "rviz",
+}
+
+
+def test_the_apt_line_has_what_the_page_uses() -> None:
+    (line,) = re.findall(r"apt-get install ((?:\\\n|.)*)", _section("Install"))
+    installed = set(line.replace("\\\n", " ").split())
+    programs = set(re.findall(r"\b(ros(?!_|1)[a-z]+|rqt\w*|rviz|robot_state_publisher)\b", PAGE)) - {
+        "rosbash",
+        "rospy",
+    }
+    assert programs <= PACKAGE_OF.keys(), "name the Debian package of each program"
+    assert {PACKAGE_OF[name] for name in programs} <= installed
+    # What the node imports, and the program of the first move.
+    imported = {f"python3-{name.replace('_', '-')}" for name in _NEEDED if name != "yaml"}
+    assert imported <= installed
+
+
 def test_names_are_those_that_the_node_offers(arm: Arm) -> None:
     table, _, _ = _section("Topics, actions, services").partition("| trajectory, as a goal or on `command` |")
     rows = [line for line in table.splitlines() if line.startswith("| `")]
@@ -51,7 +78,7 @@ def test_names_are_those_that_the_node_offers(arm: Arm) -> None:
     offered = topics | services | {topic.removesuffix("/goal") for topic in topics}
     full = {re.sub("^~", "/hardware_interface/", name).replace("POSE", "home") for name in names}
     assert {name if name.startswith("/") else f"/{name}" for name in full} <= offered
-    assert len(full) == 14
+    assert len(full) == 15
 
 
 def test_the_program_of_the_first_move_moves_the_arm(arm: Arm, tmp_path: Path) -> None:

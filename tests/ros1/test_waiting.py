@@ -5,8 +5,8 @@ import threading
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.ros1.controller import Ended, Outcome
 from hexwire.ros1.goals import ErrorCode
+from hexwire.ros1.outcomes import Ended, Outcome
 from hexwire.ros1.waiting import Alone, Waiter, join_or_hang_up
 
 DONE = Ended(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)

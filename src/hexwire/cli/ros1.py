@@ -29,7 +29,7 @@ PROGRAM = "hexwire-ros1"
 
 _HELP = """\
 Usage: hexwire-ros1 [_PARAMETER:=VALUE | NAME:=OTHER | __name:=NAME | __ns:=NAMESPACE]...
-       hexwire-ros1 --help | --version | --package-path | --env
+       hexwire-ros1 --help | --version | --package-path | --env | --messages DIR
 
 The ROS 1 node 'hardware_interface': joint states of a robot arm out, trajectories in. Needs a master (roscore).
 Nothing moves when it starts, and a node that is started again moves nothing.
@@ -42,6 +42,7 @@ Options:
   -V, --version   The version of hexwire.
   --package-path  The folder that holds the ROS package 'hexwire', for ROS_PACKAGE_PATH.
   --env           Shell lines that make roslaunch and rosrun find the package and this program, for eval.
+  --messages DIR  Write control_msgs and osrf_msgs there, for Python programs and rostopic: put DIR on PYTHONPATH.
 
 Parameters, all private, with their defaults; tables are for parameter files (see config/ in the package):
 {parameters}
@@ -58,7 +59,8 @@ Takes:
 Services:
   ~stop, ~reset, ~go_to/POSE, ~teach/start, ~teach/stop, ~teach/play    std_srvs/Trigger
   ~enable                                                               std_srvs/SetBool
-With several controllers, state, command and follow_joint_trajectory lie below each one's name.
+  query_state                                                           control_msgs/QueryTrajectoryState
+With several controllers, state, command, query_state and follow_joint_trajectory lie below each one's name.
 """
 _WIDTH = 112
 
@@ -108,6 +110,9 @@ def _main(args: Sequence[str]) -> int | None:
     options = [arg for arg in args if ":=" not in arg]
     if not options:
         return _start(list(args))
+    if options[0] == "--messages":
+        _write_messages(args)
+        return None
     if len(args) > 1 and options[0] in _OPTIONS:
         raise UsageError(f"{options[0]} stands alone (see '{PROGRAM} --help')")
     if options[0] not in _OPTIONS:
@@ -117,11 +122,27 @@ def _main(args: Sequence[str]) -> int | None:
     return None
 
 
-def _start(args: list[str]) -> int | None:
+def _write_messages(args: Sequence[str]) -> None:
+    if len(args) != 2 or args[0] != "--messages" or args[1].startswith("-"):
+        raise UsageError(f"--messages takes a folder and nothing else (see '{PROGRAM} --help')")
+    _find_ros()
+    from hexwire.ros1.message_files import write_messages
+
+    folder = Path(args[1])
+    for package in write_messages(folder):
+        print(package)
+    print(f"export PYTHONPATH={shlex.quote(str(folder.resolve()))}:$PYTHONPATH")
+
+
+def _find_ros() -> None:
     from hexwire.ros1.path import ROS_MISSING, find_ros
 
     if not find_ros():
         raise UsageError(ROS_MISSING)
+
+
+def _start(args: list[str]) -> int | None:
+    _find_ros()
     # Not before ROS is found: it imports rospy.
     from hexwire.ros1.node import run as run_node
 

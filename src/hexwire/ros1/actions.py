@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import GoalError
 
-from .controller import Ended, Outcome
 from .goals import ErrorCode
 from .orders import order_of, tolerances_of
+from .outcomes import Ended, Outcome
 
 if TYPE_CHECKING:
     from .arm import Arm

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
-    from hexwire.motion.waypoints import Trajectory
+    from hexwire.motion.waypoints import Sample, Trajectory
 
-    from .controller import Goal
     from .goals import Tolerances, TrajectoryOrder
+    from .outcomes import Goal
     from .settings import Settings
     from .states import PublishedState
 
@@ -177,6 +177,14 @@ class Arm:
             raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
         hardware.hurry()
         hardware.deliver()
+
+    def query(self, name: str, delay: float) -> Sample:
+        """Where a controller's joints are meant to be in `delay` seconds; as `TrajectoryController.query`."""
+        hardware = self.hardware
+        state = hardware.newest()
+        with hardware.locked():
+            now = hardware.now()
+            return self.controllers[name].query(now + delay, now, state)
 
     def hold(self, name: str, why: str) -> None:
         """Have a controller's joints stay where they were told to be last."""

@@ -10,8 +10,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError
 from hexwire.model.state import JointFlag, JointState, JointTarget
@@ -20,6 +19,7 @@ from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
 from .goals import ErrorCode, Point, check_order, make_trajectory
+from .outcomes import Ended, Goal, Outcome, Progress
 from .ways import Ways
 
 if TYPE_CHECKING:
@@ -31,69 +31,17 @@ if TYPE_CHECKING:
     from .goals import Tolerances, TrajectoryOrder
     from .settings import ControllerSettings
 
-__all__ = ["Ended", "Goal", "Outcome", "Progress", "TrajectoryController"]
+__all__ = ["TrajectoryController"]
 
 _STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
 """Kinds of a `StopReason` that mean the arm left its way; ROS has a code for that and for no other stop."""
 
+_PAST = 1.0
+"""Seconds back to which a question for the desired state is answered while the joints hold: messages take time."""
 _HAIR = 1e-6
 """Seconds: as good as now, but not nothing."""
 _TOGETHER = 0.03
 """Seconds between samples of joints that count as taken at once."""
-
-
-class Outcome(Enum):
-    """How a goal ended, in ROS's words."""
-
-    SUCCEEDED = "succeeded"
-    PREEMPTED = "preempted"
-    ABORTED = "aborted"
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """The end of a goal.
-
-    Attributes:
-        outcome: Which.
-        code: Of ROS's FollowJointTrajectoryResult.
-        text: In words; empty after a success.
-    """
-
-    outcome: Outcome
-    code: ErrorCode
-    text: str = ""
-
-
-class Goal(Protocol):
-    """Who wants to hear how an order ends. The controller never calls it; whoever owns the controller does."""
-
-    def ended(self, ended: Ended) -> None:
-        """It is over."""
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Where the joints are meant to be and where they are, in radians and seconds.
-
-    Attributes:
-        names: Joints, in the order of all values.
-        desired: What was planned for `stamp`.
-        position: Measured.
-        velocity: Measured; NaN where it is not known.
-        stamp: When it was measured, host clock.
-    """
-
-    names: tuple[str, ...]
-    desired: Sample
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    stamp: float
-
-    @property
-    def error(self) -> tuple[float, ...]:
-        """Desired less measured position, radians."""
-        return tuple(d - p for d, p in zip(self.desired.position, self.position, strict=True))
 
 
 @dataclass(slots=True)
@@ -196,6 +144,29 @@ class TrajectoryController:
         self.follower.observe(state)
         try:
             return self.follower.desired(self.joints, self.follower.next_start(now + max(0.0, delay)))
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+
+    def query(self, when: float, now: float, state: JointState) -> Sample:
+        """Where the joints are meant to be at a time, as far as what is followed now says.
+
+        Args:
+            when: Seconds, host clock.
+            now: Likewise.
+            state: The newest.
+
+        Raises:
+            GoalError: Stopped, not all joints have been heard of, or the time is before what is followed began.
+        """
+        self._refuse_if_stopped()
+        follows = self._active is not None and self._pending is None and self.follower.mode is Mode.TRAJECTORY
+        begins = self._active.begins if self._active is not None and follows else now - _PAST
+        if when < begins:
+            text = f"{now - when:.3g} s ago something else was followed, or nothing"
+            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+        self.follower.observe(state)
+        try:
+            return self.follower.desired(self.joints, when)
         except HexwireError as error:
             raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
 

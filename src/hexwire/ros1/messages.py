@@ -1,7 +1,7 @@
 """Message classes that Debian has no package of: control_msgs and osrf_msgs, made at run time.
 
 Owns their fields, and by which checksum an installed class is the same message. Must not know what a message is
-used for.
+used for. `message_files` writes the same as packages.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from types import SimpleNamespace
 
@@ -16,7 +17,7 @@ from hexwire.errors import HexwireError, UsageError
 
 from .path import ROS_MISSING
 
-__all__ = ["control_msgs", "osrf_msgs"]
+__all__ = ["PACKAGES", "PARTS", "SERVICES", "control_msgs", "control_srvs", "definition", "osrf_msgs"]
 
 _FEEDBACK = """\
 Header header
@@ -116,9 +117,24 @@ float64[] i_effort_max
     ),
 }
 
+_QUERY = "QueryTrajectoryState"
+_QUERY_CHECKSUM = "ec93cdecbd8062d761aa52b7c90cd44b"
+_QUERY_REQUEST = "time time\n"
+_QUERY_RESPONSE = """\
+string[] name
+float64[] position
+float64[] velocity
+float64[] acceleration
+"""
+
+PACKAGES = {"control_msgs": _CONTROL, "osrf_msgs": _OSRF}
+"""Package -> message -> checksum, fields."""
+SERVICES = {"control_msgs": {_QUERY: (_QUERY_CHECKSUM, _QUERY_REQUEST, _QUERY_RESPONSE)}}
+"""Package -> service -> checksum, fields of the request, fields of the response."""
+
 # Packaged messages that the fields above name, themselves or through others.
 _HEADER = ("std_msgs/Header",)
-_PARTS = (
+PARTS = (
     *_HEADER,
     "actionlib_msgs/GoalID",
     "actionlib_msgs/GoalStatus",
@@ -139,13 +155,37 @@ def control_msgs() -> SimpleNamespace:
         UsageError: ROS is not installed, or not found yet (`hexwire.ros1.path.find_ros`).
         HexwireError: There is no folder for temporary files.
     """
-    return _installed("control_msgs", _CONTROL) or _generate("control_msgs", _CONTROL, _PARTS)
+    return _installed("control_msgs", _CONTROL) or _generate("control_msgs", _CONTROL, PARTS)
 
 
 @cache
 def osrf_msgs() -> SimpleNamespace:
     """The class JointCommands of osrf_msgs; raises as `control_msgs`."""
     return _installed("osrf_msgs", _OSRF) or _generate("osrf_msgs", _OSRF, _HEADER)
+
+
+@cache
+def control_srvs() -> SimpleNamespace:
+    """The service class QueryTrajectoryState of control_msgs; raises as `control_msgs`."""
+    with suppress(ImportError, AttributeError):
+        installed = getattr(importlib.import_module("control_msgs.srv"), _QUERY)
+        if installed._md5sum == _QUERY_CHECKSUM:
+            return SimpleNamespace(**{_QUERY: installed})
+    request, response = f"{_QUERY}Request", f"{_QUERY}Response"
+    fields = {request: ("", _QUERY_REQUEST), response: ("", _QUERY_RESPONSE)}
+    # Two messages of which neither holds the other: each is generated alone.
+    made = {name: getattr(_generate("control_msgs", {name: row}, ()), name) for name, row in fields.items()}
+    service = type(
+        _QUERY,
+        (),
+        {
+            "_type": f"control_msgs/{_QUERY}",
+            "_md5sum": _QUERY_CHECKSUM,
+            "_request_class": made[request],
+            "_response_class": made[response],
+        },
+    )
+    return SimpleNamespace(**{_QUERY: service}, **made)
 
 
 def _installed(package: str, messages: Mapping[str, tuple[str, str]]) -> SimpleNamespace | None:
@@ -163,7 +203,7 @@ def _installed(package: str, messages: Mapping[str, tuple[str, str]]) -> SimpleN
 def _generate(package: str, messages: Mapping[str, tuple[str, str]], parts: Sequence[str]) -> SimpleNamespace:
     try:
         dynamic = importlib.import_module("genpy.dynamic")
-        definitions = [(part, _definition(part)) for part in parts]
+        definitions = [(part, definition(part)) for part in parts]
     except ImportError as error:
         raise UsageError(f"{ROS_MISSING} ({error})") from None
     own = [(f"{package}/{name}", fields) for name, (_, fields) in messages.items()]
@@ -182,7 +222,7 @@ def _generate(package: str, messages: Mapping[str, tuple[str, str]], parts: Sequ
     return SimpleNamespace(**{name: made[f"{package}/{name}"] for name in messages})
 
 
-def _definition(name: str) -> str:
+def definition(name: str) -> str:
     """Fields of a packaged message, without those of the messages inside it."""
     package, _, message = name.partition("/")
     text: str = getattr(importlib.import_module(f"{package}.msg"), message)._full_text

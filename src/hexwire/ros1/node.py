@@ -40,7 +40,7 @@ from .actions import ActionGoal, ActionGoals
 from .arm import Arm
 from .diagnostics import ChangeWatch, diagnose
 from .ending import Ending
-from .messages import control_msgs, osrf_msgs
+from .messages import control_msgs, control_srvs, osrf_msgs
 from .orders import Sparing, order_of, set_points_of
 from .settings import load_settings
 from .stamps import StampClock
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
-    from .controller import Progress
+    from .outcomes import Progress
     from .states import PublishedState
 
 __all__ = ["run"]
@@ -208,6 +208,7 @@ class HardwareInterface:
             )
             server.start()
             self._servers.append(server)
+            rospy.Service(f"{at}query_state", control_srvs().QueryTrajectoryState, partial(self._query_state, name))
         rospy.Subscriber(
             "joint_commands", osrf_msgs().JointCommands, self._on_joint_commands, queue_size=1, tcp_nodelay=True
         )
@@ -233,6 +234,20 @@ class HardwareInterface:
         except HexwireError as error:
             _log.warning("%s", error)
             return response(False, str(error))
+
+    def _query_state(self, name: str, request: Any) -> Any:
+        # A time of zero is now, as it is in a stamp.
+        delay = 0.0 if request.time.is_zero() else (request.time - rospy.Time.now()).to_sec()
+        try:
+            desired = self._arm.query(name, delay)
+        except HexwireError as error:
+            raise rospy.ServiceException(str(error)) from None
+        return control_srvs().QueryTrajectoryStateResponse(
+            name=self._arm.controllers[name].joints,
+            position=desired.position,
+            velocity=desired.velocity,
+            acceleration=desired.acceleration,
+        )
 
     # -- commands -------------------------------------------------------------------------------------
 

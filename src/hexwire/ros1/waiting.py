@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from hexwire.errors import UsageError
 
-from .controller import Ended, Outcome
+from .outcomes import Ended, Outcome
 
 __all__ = ["Alone", "Waiter", "join_or_hang_up"]
 
