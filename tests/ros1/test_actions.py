@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import math
+import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -185,3 +187,29 @@ def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_id(actions: Actio
     actions.goals.on_cancel("", second)
     wait_for(lambda: second.over)
     assert second.said[-1] == ("canceled", 0, "cancelled")
+
+
+@pytest.mark.parametrize("wanted", [HOME["J1"] + 0.2, math.nan], ids=["accepted", "rejected"])
+def test_no_client_is_answered_before_it_can_know_its_goal(actions: Actions, wanted: float) -> None:
+    said: list[float] = []
+
+    class Timed(Handle):
+        def set_accepted(self) -> None:
+            said.append(time.monotonic())
+
+        def set_rejected(self, result: Any, text: str) -> None:
+            said.append(time.monotonic())
+
+    actions.goals.start()
+    sent = time.monotonic()
+    actions.send(Timed("one", {"J1": wanted}))
+    wait_for(lambda: said)
+    assert said[0] - sent >= 0.01
+
+
+def test_answers_keep_their_order_and_are_given_before_the_end(actions: Actions) -> None:
+    actions.goals.start()
+    handles = [actions.send(Handle(str(i), {"J1": math.nan})) for i in range(20)]
+    actions.goals.close(10.0)
+    assert all(handle.over and handle.said[0][0] == "rejected" for handle in handles)
+    assert not actions.goals.open

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from typing import Any
 
 import pytest
@@ -111,6 +112,14 @@ def test_wrong_goal_is_rejected_and_moves_nothing(arm: Arm, case: str) -> None:
     assert (result["state"], result["code"]) == ("REJECTED", code), result["text"]
     assert word in result["text"].lower() or word in result["text"]
     assert near(before, arm.board.positions, 0.002)
+
+
+def test_rejected_goals_never_hang_a_client(arm: Arm) -> None:
+    # actionlib's client drops what is answered before it has noted its own goal.
+    times = int(os.environ.get("TEST_GOALS", "150"))
+    assert arm.client.send_wrong(action=f"{arm.namespace}follow_joint_trajectory", times=times) == {
+        "REJECTED": times
+    }
 
 
 def test_wrong_goal_leaves_the_one_under_way_alone(arm: Arm) -> None:

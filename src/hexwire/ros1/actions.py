@@ -9,6 +9,8 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+import time
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -26,6 +28,10 @@ __all__ = ["ActionGoal", "ActionGoals"]
 
 _log = logging.getLogger(__name__)
 
+_CLIENT_READY = 0.02
+"""Seconds from a goal to the first answer to it. actionlib's SimpleActionClient for Python publishes a goal before
+it notes which one it waits for, and drops an answer that comes in between: it would wait for ever."""
+
 
 class ActionGoal:
     """A goal of an action client.
@@ -38,11 +44,13 @@ class ActionGoal:
     Attributes:
         accepted: Its client knows that it is.
         recalled: Its client wants it no more.
+        answerable: When its client may be answered, monotonic seconds.
     """
 
     def __init__(self, controller: str, handle: Any, on_end: Callable[[ActionGoal, Ended], object]) -> None:
         self.controller, self.handle = controller, handle
         self.accepted = self.recalled = False
+        self.answerable = time.monotonic() + _CLIENT_READY
         self._on_end = on_end
 
     @property
@@ -69,6 +77,8 @@ class ActionGoals:
         self._goals: dict[tuple[str, str], ActionGoal] = {}
         # Goals and results, in their order; checking a goal takes longer than a callback may.
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        # Answers to clients in their order, each with the time before which it must not be given.
+        self._answers: deque[tuple[float, Callable[[], object]]] = deque()
         self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
 
     def start(self) -> None:
@@ -128,10 +138,17 @@ class ActionGoals:
             self._refuse(goal, ErrorCode.INVALID_GOAL, f"the node failed: {error!r}")
             raise
         else:
-            goal.handle.set_accepted()
-            goal.accepted = True
+            self._answer(goal, partial(self._accept, goal))
+
+    @staticmethod
+    def _accept(goal: ActionGoal) -> None:
+        goal.handle.set_accepted()
+        goal.accepted = True
 
     def _refuse(self, goal: ActionGoal, code: ErrorCode, text: str) -> None:
+        self._answer(goal, partial(self._reject, goal, code, text))
+
+    def _reject(self, goal: ActionGoal, code: ErrorCode, text: str) -> None:
         self._forget(goal)
         if goal.recalled:
             goal.handle.set_canceled(self._result(ErrorCode.SUCCESSFUL, "cancelled"), "cancelled")
@@ -140,7 +157,7 @@ class ActionGoals:
 
     def _end(self, goal: ActionGoal, ended: Ended) -> None:
         # After what accepted it, which may still be under way.
-        self._work.put(partial(self._finish, goal, ended))
+        self._work.put(partial(self._answer, goal, partial(self._finish, goal, ended)))
 
     def _finish(self, goal: ActionGoal, ended: Ended) -> None:
         self._forget(goal)
@@ -161,9 +178,32 @@ class ActionGoals:
     def _result(self, code: ErrorCode, text: str) -> Any:
         return self._result_class(error_code=int(code), error_string=text)
 
+    # -- the worker -----------------------------------------------------------------------------------
+
+    def _answer(self, goal: ActionGoal, answer: Callable[[], object]) -> None:
+        self._answers.append((goal.answerable, answer))
+
     def _do_work(self) -> None:
-        while (job := self._work.get()) is not None:
+        while True:
+            wait = self._answers[0][0] - time.monotonic() if self._answers else None
+            if wait is not None and wait <= 0.0:
+                self._try(self._answers.popleft()[1])
+                continue
             try:
-                job()
-            except Exception:  # noqa: BLE001  # a goal must not take the others with it
-                _log.exception("a goal could not be handled")
+                job = self._work.get(timeout=wait)
+            except queue.Empty:
+                continue
+            if job is None:
+                break
+            self._try(job)
+        while self._answers:
+            due, answer = self._answers.popleft()
+            time.sleep(max(0.0, due - time.monotonic()))
+            self._try(answer)
+
+    @staticmethod
+    def _try(job: Callable[[], object]) -> None:
+        try:
+            job()
+        except Exception:  # noqa: BLE001  # a goal must not take the others with it
+            _log.exception("a goal could not be handled")
