@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from hexwire.ipc import ports
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.motion.safety import SafetyLimits
 from hexwire.ros1.goals import Tolerance
-from hexwire.ros1.parameters import PARAMETERS
+from hexwire.ros1.parameters import FOREIGN, PARAMETERS
 from hexwire.ros1.settings import Settings, load_settings
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
@@ -363,6 +364,46 @@ def test_several_controllers() -> None:
     assert (hand.name, hand.joints, hand.allow_partial) == ("left/hand", ("J7",), True)
     assert hand.tolerances.goal == {"J7": Tolerance(velocity=0.05)}
     assert load(controllers={"left/hand": {"joints": ["J7"]}}).controllers[0].name == "left/hand"
+
+
+def test_parameters_of_ros_control_are_a_warning_that_names_ours() -> None:
+    warned = load(
+        joint_state_controller={"publish_rate": 50},
+        controllers={
+            "arm": {
+                "type": "position_controllers/JointTrajectoryController",
+                "joints": ["J1", "J2"],
+                "gains": {"J1": {"p": 100}},
+                "state_publish_rate": 25,
+                "stop_trajectory_duration": 0.5,
+            }
+        },
+    ).warnings
+    assert warned == (
+        "~joint_state_controller: a parameter of ros_control without effect here; ours is ~publish_rate",
+        "~controllers/arm/type: a parameter of ros_control without effect here; this node is the controller",
+        (
+            "~controllers/arm/gains: a parameter of ros_control without effect here; the servos close the loop "
+            "themselves; their gains are registers, see `hexwire bus table`"
+        ),
+        (
+            "~controllers/arm/state_publish_rate: a parameter of ros_control without effect here; ours is "
+            "~state_publish_rate, of the whole node"
+        ),
+        (
+            "~controllers/arm/stop_trajectory_duration: a parameter of ros_control without effect here; "
+            "what slows down does so within the speed limits"
+        ),
+    )
+    assert load().warnings == ()
+
+
+def test_a_name_of_ros_control_elsewhere_is_a_fault() -> None:
+    assert faults(constraints={"gains": 1}, safety={"type": 1}) != []
+    for name, text in FOREIGN.items():
+        assert name not in {row.name for row in PARAMETERS} - {"state_publish_rate", "action_monitor_rate"}, text
+        for ours in re.findall(r"ours is ~(\w+)", text):
+            assert ours in {row.name for row in PARAMETERS}
 
 
 def test_controllers_that_make_no_sense() -> None:

@@ -124,6 +124,8 @@ class HardwareInterface:
 
     def run(self) -> int:
         """Connect, offer everything, and end when told to."""
+        for text in self._settings.warnings:
+            _log.warning("%s", text)
         if rospy.get_param("/use_sim_time", False):
             _log.warning("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
         # Until it is connected nothing is there that must be made safe, and the wait for a board may be long.

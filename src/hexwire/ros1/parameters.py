@@ -9,10 +9,11 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from types import MappingProxyType
 
 from hexwire.errors import UsageError
 
-__all__ = ["PARAMETERS", "Default", "Faults", "Parameter"]
+__all__ = ["FOREIGN", "PARAMETERS", "Default", "Faults", "Parameter"]
 
 Default = str | float | bool | tuple[str, ...] | Mapping[str, object]
 
@@ -134,15 +135,41 @@ PARAMETERS = (
 """Every parameter of the node, in the order in which people read of them."""
 
 
+_SERVO_LOOP = "the servos close the loop themselves; their gains are registers, see `hexwire bus table`"
+_SLOWS_DOWN = "what slows down does so within the speed limits"
+
+FOREIGN = {
+    "type": "this node is the controller",
+    "hardware_interface": "joints are those of the robot; a controller names its own in joints",
+    "loop_hz": "ours is ~command_rate",
+    "loop_frequency": "ours is ~command_rate",
+    "control_freq": "ours is ~command_rate",
+    "control_frequency": "ours is ~command_rate",
+    "cycle_time_error_threshold": "ours is ~watchdog",
+    "state_publish_rate": "ours is ~state_publish_rate, of the whole node",
+    "action_monitor_rate": "ours is ~action_monitor_rate, of the whole node",
+    "joint_state_controller": "ours is ~publish_rate",
+    "gains": _SERVO_LOOP,
+    "velocity_ff": _SERVO_LOOP,
+    "stop_trajectory_duration": _SLOWS_DOWN,
+    "hold_trajectory_duration": _SLOWS_DOWN,
+    "verbose": "ours is the level of the logger /rosout, see rosconsole",
+    "robot_description": "it is a parameter of the namespace, not of the node",
+}
+"""Parameters of ros_control and its trajectory controller without effect here, and what stands in their place."""
+
+
 @dataclass(slots=True)
 class Faults:
     """Collects what is wrong, so that all of it can be told at once.
 
     Attributes:
         texts: Each as in ``~watchdog: -1 must be 0, or 0.05 to 60``.
+        warnings: What was given to no effect, in the same form.
     """
 
     texts: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     def add(self, name: str, text: object) -> None:
         """Note a fault of the parameter `name`; for one deep in a table, names with slashes between."""
@@ -214,9 +241,18 @@ class Faults:
             return {}
         return {str(key): item for key, item in value.items()}
 
-    def unknown(self, name: str, known: Iterable[str]) -> None:
-        """A name that is none of the `known` ones, which lie at the same depth."""
+    def unknown(self, name: str, known: Iterable[str], foreign: Mapping[str, str] = MappingProxyType({})) -> None:
+        """A name that is none of the `known` ones, which lie at the same depth.
+
+        Args:
+            name: With slashes between, as in ``safety/patience``.
+            known: Names there are.
+            foreign: Names of ros_control that only get a warning, each with what stands in its place.
+        """
         above, slash, last = name.rpartition("/")
+        if last in foreign:
+            self.warnings.append(f"~{name}: a parameter of ros_control without effect here; {foreign[last]}")
+            return
         others = tuple(known)
         near = get_close_matches(last, others, n=1)
         if near:

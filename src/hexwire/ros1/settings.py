@@ -19,7 +19,7 @@ from hexwire.model.geometry import ROBOTS, kinematics_or_none
 from hexwire.motion.safety import SafetyLimits
 
 from .goals import Tolerance, Tolerances
-from .parameters import PARAMETERS, Faults, Parameter
+from .parameters import FOREIGN, PARAMETERS, Faults, Parameter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -75,6 +75,7 @@ class Settings:
         controllers: At least one.
         model: The arm.
         kinematics: With limits for motion; None for an arm without geometry.
+        warnings: What was given to no effect, a line each.
     """
 
     port: str
@@ -101,6 +102,7 @@ class Settings:
     controllers: tuple[ControllerSettings, ...]
     model: ArmModel
     kinematics: KinematicModel | None
+    warnings: tuple[str, ...] = ()
 
     @property
     def table(self) -> float | None:
@@ -130,7 +132,7 @@ def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
     values = {row.name: _read(row, given.get(row.name, row.default), faults) for row in PARAMETERS}
     for name in given:
         if name not in _ROWS:
-            faults.unknown(name, _ROWS)
+            faults.unknown(name, _ROWS, FOREIGN)
     driver, model = _make_driver(values, faults)
     values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, faults)
     values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
@@ -141,6 +143,7 @@ def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
     if driver is None:
         driver = load_driver(values["robot"]).from_url(_find_board(values))
     values["model"] = driver.model
+    values["warnings"] = tuple(faults.warnings)
     return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
 
 
@@ -301,7 +304,7 @@ def _make_controllers(
             faults.add(path, "no name that ROS takes: a letter first, then letters, digits, _ and / only")
         for key in table:
             if key not in _CONTROLLER_KEYS:
-                faults.unknown(f"{path}/{key}", _CONTROLLER_KEYS)
+                faults.unknown(f"{path}/{key}", _CONTROLLER_KEYS, FOREIGN)
         read: dict[str, Any] = {
             "joints": faults.names(f"{path}/joints", table.get("joints", ())),
             "allow_partial_joints_goal": faults.switch(
