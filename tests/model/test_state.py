@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
-from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.model.state import LONGEST, JointFlag, JointState, JointTarget, SentTarget
 
 NAN = (math.nan,) * 2
 STATE = JointState(
@@ -81,12 +82,22 @@ def test_any_flag_byte_has_words(value: int) -> None:
         ((("J1", 0.0), ("J1", 1.0)), 1.0, "names a joint twice: J1, J1"),
         ((("J1", math.nan),), 1.0, "target of J1 is nan"),
         ((("J1", -math.inf),), 1.0, "target of J1 is -inf"),
-        ((("J1", 0.0),), -0.1, "duration -0.1 s"),
-        ((("J1", 0.0),), math.nan, "duration nan s"),
-        ((("J1", 0.0),), math.inf, "duration inf s"),
+        ((("J1", 0.0),), -0.1, "duration of -0.1 s"),
+        ((("J1", 0.0),), math.nan, "duration is nan"),
+        ((("J1", 0.0),), math.inf, "duration is inf"),
+        ((("J1", 0.0),), 1e308, "duration of 1e\\+308 s"),
+        ((("J1", 0.0),), 10**400, "duration is too large"),
+        ((("J1", 0.0),), None, "duration must be a number, not None"),
+        ((("J1", None),), 1.0, "target of J1 must be a number, not None"),
+        ((("J1", "1"),), 1.0, "target of J1 must be a number, not '1'"),
+        ((("J1", True),), 1.0, "target of J1 must be a number, not True"),
+        ((("J1", 10**400),), 1.0, "target of J1 is too large"),
+        ((("J1", [1.0]),), 1.0, "target of J1 must be a number, not a list"),
+        ((("J1", 1e300),), 1.0, "no joint can do"),
+        (((1, 0.0),), 1.0, "names joints by text"),
     ],
 )
-def test_targets_that_make_no_sense(positions: tuple[tuple[str, float], ...], duration: float, reason: str) -> None:
+def test_targets_that_make_no_sense(positions: Any, duration: Any, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
         JointTarget(positions, duration)
 
@@ -94,3 +105,32 @@ def test_targets_that_make_no_sense(positions: tuple[tuple[str, float], ...], du
 def test_a_target_of_a_mapping() -> None:
     assert JointTarget.of({"J3": 0.5, "J1": 0.0}, 2.0) == JointTarget((("J3", 0.5), ("J1", 0.0)), 2.0)
     assert JointTarget.of({"J1": 0.0}, 0.0).duration == 0.0
+
+
+def test_a_target_is_made_of_a_mapping_and_its_numbers_become_floats() -> None:
+    target = JointTarget.of({"J1": 1, "J2": Fraction(1, 2)}, 2)  # type: ignore[dict-item]  # as numpy's numbers
+    assert target == JointTarget((("J1", 1.0), ("J2", 0.5)), 2.0)
+    assert {type(value) for _, value in target.positions} == {type(target.duration)} == {float}
+    for wrong in (None, 5, "J1", [("J1", 0.0)]):
+        with pytest.raises(UsageError, match="maps joint names to radians"):
+            JointTarget.of(wrong)  # type: ignore[arg-type]  # what a caller may get wrong
+
+
+@given(
+    st.lists(st.tuples(st.text() | st.none(), st.from_type(object) | st.floats()), max_size=3), st.from_type(object)
+)
+def test_any_target_is_finite_or_refused_in_one_way(positions: Any, duration: Any) -> None:
+    try:
+        target = JointTarget(tuple(positions), duration)
+    except UsageError:
+        return
+    assert all(math.isfinite(value) for _, value in target.positions)
+    assert 0 <= target.duration <= LONGEST
+
+
+def test_a_joint_nobody_knows_of_is_infinitely_far_away() -> None:
+    nan = math.nan
+    state = JointState(("a", "b"), (1.0, nan), *((nan, nan),) * 5, (0, 0), (0.0, 0.0), 0.0)
+    assert state.distances({"a": 1.5, "b": 0.0}) == {"a": 0.5, "b": math.inf}
+    with pytest.raises(UsageError, match="no joint 'c'"):
+        state.distances({"c": 0.0})

@@ -170,3 +170,9 @@ def test_a_period_must_be_above_zero(period: float) -> None:
 def test_a_chosen_threshold_must_be_above_zero_too() -> None:
     with pytest.raises(UsageError, match="load = -1"):
         SafetyLimits.at_period(0.05, load=-1)
+
+
+def test_a_joint_that_does_not_say_where_it_is_has_not_been_heard_of() -> None:
+    found = judged(commanded(), 5.0, positions={"J2": math.nan})
+    assert found is not None
+    assert (found.kind, found.joint) == ("lost", "J2")

@@ -219,7 +219,7 @@ def _check_way(
     turned = [
         name
         for name in kinematics.joint_names
-        if name not in goal and abs(state[name].position - looks[0][name].position) > _FLICKER
+        if name not in goal and not abs(state[name].position - looks[0][name].position) <= _FLICKER
     ]
     if turned:
         words = f"still turning: {', '.join(turned)}; wait until the arm stands, or name all in one move"
@@ -246,11 +246,11 @@ def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, ticks: Iterabl
     with _progress() if draw else nullcontext(lambda *_: None) as show:
         for _ in ticks:
             state = robot.read()
-            left = {name: abs(goal[name] - state[name].position) for name in goal}
+            left = state.distances(goal)
             farthest = max(left, key=lambda name: left[name])
             way = max(way, left[farthest])
             show(
-                1.0 - left[farthest] / way if way else 1.0,
+                0.0 if way == math.inf else 1.0 - left[farthest] / way if way else 1.0,
                 f"{farthest} {math.degrees(left[farthest]):.1f} deg to go",
             )
             if left[farthest] <= tolerance:
@@ -269,13 +269,13 @@ def _shortfall(state: JointState, goal: dict[str, float], tolerance: float, seco
     from .state import condition
 
     parts = []
-    for name, angle in goal.items():
-        missing = angle - state[name].position
-        if abs(missing) > tolerance:
+    for name, way in state.distances(goal).items():
+        if way > tolerance:
             why = condition(state[name])
-            parts.append(
-                f"{name} is {abs(math.degrees(missing)):.1f} deg away" + ("" if why == "ok" else f" ({why})")
+            where = (
+                f"{name} is {math.degrees(way):.1f} deg away" if way < math.inf else f"{name} is nobody knows where"
             )
+            parts.append(where + ("" if why == "ok" else f" ({why})"))
     return f"not arrived after {seconds:.1f} s: {', '.join(parts)}"
 
 

@@ -5,6 +5,7 @@ Owns what a person types for a tool. Must not know how a tool is driven.
 
 from __future__ import annotations
 
+import math
 import time
 
 import click
@@ -62,8 +63,13 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
                 return
             if abs(state[gripper.joint.name].position - angle) < gripper.joint.scale * 5:
                 break
+        if not math.isfinite(gripper.share(state)):
+            raise ServoError(
+                f"it is not known where {gripper.joint.name} is: no answer; check cable, power and id",
+                servo_id=gripper.joint.servo_id,
+            )
         print(f"{round(100 * gripper.share(state)) + 0} % open")
-        if abs(gripper.share(state) - share) > 0.1:
+        if not abs(gripper.share(state) - share) <= 0.1:
             raise ServoError(f"{gripper.joint.name} did not get there", servo_id=gripper.joint.servo_id)
 
 

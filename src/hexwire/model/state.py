@@ -12,9 +12,37 @@ from enum import IntFlag
 
 from hexwire.errors import UsageError
 
-__all__ = ["JointFlag", "JointReading", "JointState", "JointTarget", "SentTarget"]
+__all__ = ["LONGEST", "JointFlag", "JointReading", "JointState", "JointTarget", "SentTarget", "finite"]
 
 NAN = math.nan
+
+LONGEST = 3600.0
+"""Seconds that a single motion may take. A longer one is a wrong unit or a damaged file."""
+_MOST = 1e4
+"""Radians that no joint has; what is beyond is a wrong unit or a damaged file."""
+
+
+def finite(value: object, what: str) -> float:
+    """A number that is neither infinite nor NaN, as a float.
+
+    Args:
+        value: Whatever a caller gave.
+        what: What the error calls it.
+
+    Raises:
+        UsageError: It is something else: a text, a switch, nothing, or too large.
+    """
+    if isinstance(value, str | bytes | bytearray | bool) or value is None:
+        raise UsageError(f"{what} must be a number, not {repr(value)[:40]}")
+    try:
+        number = float(value)  # type: ignore[arg-type]  # what float does not take is no number
+    except OverflowError:
+        raise UsageError(f"{what} is too large a number") from None
+    except (TypeError, ValueError):
+        raise UsageError(f"{what} must be a number, not a {type(value).__name__}") from None
+    if not math.isfinite(number):
+        raise UsageError(f"{what} is {number}, not a number")
+    return number
 
 
 class JointFlag(IntFlag):
@@ -144,6 +172,16 @@ class JointState:
         """Names of the joints that have torque."""
         return tuple(n for n, f in zip(self.names, self.flags, strict=True) if f & JointFlag.TORQUE_ON)
 
+    def distances(self, goal: Mapping[str, float]) -> dict[str, float]:
+        """How far joints are from where they shall be, radians; infinite where it is not known.
+
+        Raises:
+            UsageError: There is no such joint.
+        """
+        ways = {name: abs(angle - self[name].position) for name, angle in goal.items()}
+        # NaN compares as false, so that a joint nobody knows of would pass for one that has arrived.
+        return {name: way if math.isfinite(way) else math.inf for name, way in ways.items()}
+
     @property
     def positions(self) -> dict[str, float]:
         """Positions by joint name, radians."""
@@ -166,17 +204,29 @@ class JointTarget:
         names = [name for name, _ in self.positions]
         if not names:
             raise UsageError("a target names no joint")
+        if not all(isinstance(name, str) for name in names):
+            raise UsageError(f"a target names joints by text, not {names!r}")
         if len(set(names)) != len(names):
             raise UsageError(f"a target names a joint twice: {', '.join(names)}")
-        for name, value in self.positions:
-            if not math.isfinite(value):
-                raise UsageError(f"target of {name} is {value}, not a number")
-        if not 0 <= self.duration < math.inf:
-            raise UsageError(f"duration {self.duration} s makes no sense")
+        positions = tuple((name, finite(value, f"target of {name}")) for name, value in self.positions)
+        if not all(abs(value) <= _MOST for _, value in positions):
+            name, value = next((name, value) for name, value in positions if not abs(value) <= _MOST)
+            raise UsageError(f"target of {name} is {value:g}, which no joint can do; it is in radians")
+        duration = finite(self.duration, "duration")
+        if not 0 <= duration <= LONGEST:
+            raise UsageError(f"a duration of {duration:g} s makes no sense; a motion takes 0 to {LONGEST:g} s")
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "duration", duration)
 
     @classmethod
     def of(cls, positions: Mapping[str, float], duration: float = 1.0) -> JointTarget:
-        """Make a target from a mapping of joint name to radians."""
+        """Make a target from a mapping of joint name to radians.
+
+        Raises:
+            UsageError: No joint, one twice, or a value that is no number or makes no sense.
+        """
+        if not isinstance(positions, Mapping):
+            raise UsageError(f"a target maps joint names to radians; this is {positions!r}")
         return cls(tuple(positions.items()), duration)
 
 

@@ -144,7 +144,7 @@ def check_trajectory(
                 speed = max(speed, abs(angle - last[1][i]) / since)
             peak[i] = max(peak[i], speed)
             # A thousandth of grace: an optimal motion runs at its limit.
-            if speed > joint.max_speed * 1.001:
+            if not speed <= joint.max_speed * 1.001:
                 note(
                     f"{joint.name} speed",
                     t,

@@ -163,7 +163,7 @@ class Follower:
         here = old.sample(switch).position
         for name, a, b in zip(names, here, trajectory.start, strict=True):
             # The blend closes the gap as a quintic does, whose peak speed is above its mean.
-            if PEAK_SPEED * abs(b - a) > self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
+            if not PEAK_SPEED * abs(b - a) <= self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
                 gap = math.degrees(abs(b - a))
                 raise LimitError(f"the trajectory begins {gap:.3g} deg from where {name} is; move there first")
         return Blend(old, switch, trajectory, seconds)

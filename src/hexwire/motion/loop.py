@@ -15,8 +15,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from hexwire.errors import HexwireError, StoppedError, UsageError
+from hexwire.model.state import LONGEST
 
 from .safety import StopReason
+
+_FASTEST = 10_000.0
+"""Cycles a second that no machine does."""
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState, JointTarget
@@ -71,8 +75,8 @@ class RateLoop:
         sleep: Callable[[float], object] = time.sleep,
         tolerance: float | None = None,
     ) -> None:
-        if not 0 < rate < math.inf:
-            raise UsageError(f"a rate of {rate:g} Hz makes no sense")
+        if not 1 / LONGEST <= rate <= _FASTEST:
+            raise UsageError(f"a rate of {rate:g} Hz makes no sense; it is at most {_FASTEST:g} Hz")
         self.period = 1.0 / rate
         self.tolerance = 0.1 * self.period if tolerance is None else tolerance
         self.counters = LoopCounters()

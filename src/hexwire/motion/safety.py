@@ -140,7 +140,8 @@ class Guard:
         for joint in state:
             name = joint.name
             flags = JointFlag(joint.flags)
-            if JointFlag.SILENT not in flags and joint.age <= limits.max_age:
+            # A joint that says nothing of where it is has not been heard of, whatever else it says.
+            if JointFlag.SILENT not in flags and joint.age <= limits.max_age and math.isfinite(joint.position):
                 self._seen[name] = now - joint.age
             if name not in self._commands:
                 continue

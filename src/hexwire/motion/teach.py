@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
+from hexwire.model.state import LONGEST
 
 from .optimal import time_optimal
 from .waypoints import Spline, Trajectory, Waypoint
@@ -126,7 +127,16 @@ class Taught:
         return Taught(self.names, self.times, tuple(out))
 
     def trajectory(self) -> Spline:
-        """A trajectory through every sample, smooth in speed, at rest at both ends."""
+        """A trajectory through every sample, smooth in speed, at rest at both ends.
+
+        Raises:
+            UsageError: It lasts longer than a motion may.
+        """
+        if not self.duration <= LONGEST:
+            raise UsageError(
+                f"what was recorded lasts {self.duration:.4g} s, and a motion may take {LONGEST:g} s: "
+                "was the clock set meanwhile? Take a part, with --from and --to"
+            )
         n = len(self.times)
         rest = (0.0,) * len(self.names)
         points = []

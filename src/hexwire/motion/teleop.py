@@ -269,7 +269,7 @@ class Teleop:
         """Why the joints cannot go there in one step: near a singular pose they would have to jump."""
         for name, angle in joints.items():
             joint = self.arm.joint(name)
-            if abs(angle - self._goal[name]) > _STRAIN * joint.max_speed * step:
+            if not abs(angle - self._goal[name]) <= _STRAIN * joint.max_speed * step:
                 return f"{name} would have to jump: near a singular pose; go another way, or by joints"
             if not joint.minimum <= angle <= joint.maximum:
                 return f"{name} at the limit"
@@ -287,7 +287,7 @@ class Teleop:
         ahead = [
             name
             for name, goal in self._goal.items()
-            if abs(goal - positions[name]) > max(_MOST_LEAD, abs(before[name] - positions[name]))
+            if not abs(goal - positions[name]) <= max(_MOST_LEAD, abs(before[name] - positions[name]))
         ]
         if ahead and self.mode is JogMode.CARTESIAN:
             # All of it: the tool must not leave its line because one joint lags.

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hexwire.errors import UsageError
+from hexwire.model.state import LONGEST
 
 from .trajectory import Quintic
 
 __all__ = ["Blend", "PointToPoint", "Sample", "Scaled", "Spline", "Tail", "Trajectory", "Waypoint"]
 
 Values = tuple[float, ...]
+
+_MOST_SAMPLES = 10_000_000
 
 
 class Sample(NamedTuple):
@@ -61,10 +64,12 @@ class Trajectory(ABC):
         """Times and samples from start to end; each time is a multiple of the period, the last one the end.
 
         Raises:
-            UsageError: The period is not above 0.
+            UsageError: The period is not above 0, or the trajectory has more than ten million of them.
         """
         if not 0 < period < math.inf:
             raise UsageError(f"a period of {period:g} s makes no sense")
+        if not self.duration / period <= _MOST_SAMPLES:
+            raise UsageError(f"{self.duration:.4g} s in steps of {period:.4g} s are too many samples")
         # A hair less, so that rounding makes no sample just before the end.
         count = math.ceil(self.duration / period - 1e-9)
         for i in range(count):
@@ -236,6 +241,8 @@ class Scaled(Trajectory):
         self._other, self._speed = other, speed
         self.names = other.names
         self.duration = other.duration / speed
+        if not self.duration <= LONGEST:
+            raise UsageError(f"{self.duration:.4g} s are too long for a motion; it may take {LONGEST:g} s")
 
     def at(self, t: float) -> Sample:
         k = self._speed
