@@ -116,7 +116,6 @@ def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
         (("record", "export", str(text), str(tmp_path / "no/x.csv")), "cannot be written"),
         (("record", "recover", str(text), str(text)), "another name"),
         (("record", "recover", str(text), str(tmp_path / "b.mcap")), "is no recording"),
-        (("ports", "--record", str(tmp_path / "no/x.mcap")), "cannot be written"),
     ):
         result = run(*args)
         assert result.exit_code == 2, args

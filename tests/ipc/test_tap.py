@@ -10,7 +10,7 @@ from hexwire.errors import LinkClosedError
 from hexwire.ipc.link import Link
 from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.open import make_link
-from hexwire.ipc.tap import Direction, Passed, TapLink, tapped, wrap_new_links
+from hexwire.ipc.tap import Direction, Missed, Passed, TapLink, tapped, wrap_new_links
 
 
 def test_everything_that_passes_is_told_in_order() -> None:
@@ -60,3 +60,34 @@ def test_new_links_are_wrapped_only_while_asked_for() -> None:
     assert len(made) == 1
     near, _ = memory_pair()
     assert tapped(near) is near
+
+
+def test_what_an_observer_raises_is_counted_and_goes_no_further() -> None:
+    def observer(passed: Passed) -> None:
+        raise ValueError(passed.data.decode())
+
+    near, far = memory_pair()
+    with TapLink(near, observer) as tap, far:
+        tap.write(b"question")
+        assert far.read(time.monotonic() + 5) == b"question"
+        far.write(b"answer")
+        assert tap.read(time.monotonic() + 5) == b"answer"
+    assert (tap.missed.count, str(tap.missed.first)) == (2, "question")
+
+
+def test_an_interruption_is_no_failure_of_an_observer() -> None:
+    def observer() -> None:
+        raise KeyboardInterrupt
+
+    missed = Missed()
+    with pytest.raises(KeyboardInterrupt):
+        missed.guard(observer)()
+    assert missed.count == 0
+
+
+def test_what_only_some_links_have_is_still_there() -> None:
+    link = make_link("serial:///dev/nothing?baud=57600")
+    tap = TapLink(link, lambda _: None)
+    assert tap.baud == 57600
+    assert tap.set_baud == link.set_baud  # type: ignore[attr-defined]  # a serial port has it
+    assert not hasattr(TapLink(memory_pair()[0], lambda _: None), "set_baud")

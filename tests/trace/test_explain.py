@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -130,3 +131,37 @@ def test_mutated_frames_never_raise(data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(spoilt)))
     found = explain((SENT, bytes(spoilt[:cut]), 0.0), (SENT, bytes(spoilt[cut:]), 0.0))
     assert b"".join(e.data for e in found) == bytes(spoilt)
+
+
+@pytest.mark.parametrize("error", [0x80, 0xA1, 0xFF])
+def test_reserved_error_bits_are_shown_as_they_are(error: int) -> None:
+    status = make_status(1, error, b"\x00\x08")
+    asked, answered = explain((SENT, make_read(1, 0x38, 2), 1.0), (RECEIVED, status, 1.001))
+    assert layer(asked, "servo")["id"] == 1
+    assert (answered.kind, layer(answered, "servo")["error"]) == ("servo packet", error)
+    assert answered.reading.startswith("status 1 error ")
+    (through_the_board,) = explain((RECEIVED, frame(1, Command.READ, status, src=8), 1.0))
+    assert layer(through_the_board, "servo")["error"] == error
+    assert "status 1 error " in through_the_board.reading
+
+
+@st.composite
+def sound_packets(draw: st.DrawFn) -> bytes:
+    """Servo packets whose checksum is good, whatever stands in them."""
+    params = draw(st.binary(max_size=12))
+    body = bytes((draw(st.integers(0, 255)), len(params) + 2, draw(st.integers(0, 255)))) + params
+    return draw(st.sampled_from((b"\xff\xff", b"\xff\xf5"))) + body + bytes((~sum(body) & 0xFF,))
+
+
+@given(st.lists(st.tuples(st.sampled_from(Direction), sound_packets()), max_size=8), st.booleans())
+def test_sound_packets_of_any_content_are_explained_without_an_exception(
+    transfers: list[tuple[Direction, bytes]], framed: bool
+) -> None:
+    def wrapped(way: Direction, data: bytes) -> bytes:
+        return frame(1, Command.READ, data, src=7 if way is SENT else 8) if framed else data
+
+    found = explain(*((way, wrapped(way, data), 1.0) for way, data in transfers))
+    for way in Direction:
+        whole = b"".join(wrapped(each, data) for each, data in transfers if each is way)
+        assert b"".join(e.data for e in found if e.direction is way) == whole
+    assert all(isinstance(e.reading, str) for e in found)

@@ -315,3 +315,13 @@ def test_an_answer_whose_front_passes_for_a_legacy_ping_is_found_by_its_length()
     assert ping is not None
     assert ping[1] == 6
     assert sp.find_status(data[:9], 0, 4) is None
+
+
+def test_a_packet_can_be_shown_as_it_is() -> None:
+    reserved = sp.make_status(1, 0x80, b"\x01\x02")
+    with pytest.raises(RemoteProtocolError, match="reserved error bits"):
+        sp.parse_status(reserved)
+    assert sp.parse_status(reserved, as_it_is=True) == (1, 0x80, b"\x01\x02", False)
+    assert sp.parse_status(sp.make_status(254), as_it_is=True).servo_id == 254
+    with pytest.raises(RemoteProtocolError, match="checksum"):
+        sp.parse_status(reserved[:-1] + b"\0", as_it_is=True)

@@ -274,7 +274,10 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 
 @contextmanager
 def observing_states(observer: _StateObserver) -> Iterator[None]:
-    """While this lasts, every state that an attached robot reads goes to `observer` too, in the reader's thread."""
+    """While this lasts, every state that an attached robot reads goes to `observer` too, in the reader's thread.
+
+    It must not fail: see `hexwire.ipc.tap.Missed.guard`.
+    """
     token = _state_observer.set(observer)
     try:
         yield

@@ -11,13 +11,17 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import click
 
 from hexwire.errors import HexwireError, UsageError
+
+if TYPE_CHECKING:
+    from hexwire.ipc.tap import Missed
 
 __all__ = [
     "DEVICE",
@@ -25,10 +29,13 @@ __all__ = [
     "OK",
     "USAGE",
     "ends_like_ctrl_c",
+    "fill_standard_streams",
     "note",
     "run",
     "shielded",
     "show_more",
+    "speak",
+    "tell_missed",
     "warnings_shown",
 ]
 
@@ -76,8 +83,36 @@ def run(call: Callable[[], object]) -> int:
 
 
 def note(text: str) -> None:
-    """One line for a person on standard error, where a program that reads the output does not see it."""
-    print(text, file=sys.stderr, flush=True)
+    """One line for a person on standard error, where a program that reads the output does not see it.
+
+    Harmless where nobody hears it: a command does not fail for what it has to tell.
+    """
+    with suppress(OSError):
+        speak(text)
+
+
+def speak(text: str) -> None:
+    """As `note`, for a caller that wants to know whether it was heard.
+
+    Raises:
+        OSError: Standard error is closed, or the disk behind it is full. What is said later goes nowhere.
+    """
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        # What is still buffered must not be tried again at exit: that would change the exit status.
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # as long as the program
+        raise
+
+
+def tell_missed(who: str, missed: Missed) -> None:
+    """One line about what an observer failed to see, if it did; the exit status stays that of the command."""
+    if missed.first is None:
+        return
+    why = missed.first
+    text = (why.strerror if isinstance(why, OSError) else "") or str(why) or type(why).__name__
+    times = "once" if missed.count == 1 else f"{missed.count} times"
+    _say("warning", f"{who} has gaps, it failed {times}: {text}; the command was not affected")
 
 
 @contextmanager
@@ -98,6 +133,22 @@ def warnings_shown() -> Iterator[None]:
 def show_more(verbosity: int) -> None:
     """Inside `warnings_shown`: 0 shows warnings only, 1 what happens as well, 2 every detail."""
     logging.getLogger("hexwire").setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbosity, 2)])
+
+
+def fill_standard_streams() -> None:
+    """Put the null device where standard input, output or error is closed, as some service managers leave them.
+
+    A stop must not fail because nobody can hear of it, and a serial port must not become the descriptor to which
+    errors are written.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
 
 
 def ends_like_ctrl_c() -> None:
@@ -127,11 +178,7 @@ class _OneLine(logging.Handler):
 
 
 def _say(kind: str, text: str) -> None:
-    try:
-        note(f"{kind}: {' '.join(text.split())}")
-    except OSError:
-        # Nobody hears us: the exit status still tells.
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # as long as the program
+    note(f"{kind}: {' '.join(text.split())}")
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

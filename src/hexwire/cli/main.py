@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from .exits import INTERRUPTED, ends_like_ctrl_c, note, run, show_more, warnings_shown
+from .exits import INTERRUPTED, ends_like_ctrl_c, fill_standard_streams, note, run, show_more, warnings_shown
 
 __all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
 
@@ -121,7 +121,6 @@ class LazyGroup(click.Group):
 @click.option(
     "--record",
     metavar="FILE",
-    type=click.Path(dir_okay=False),
     help="Write all traffic, frames in words and joint states to FILE.mcap.",
 )
 @click.option("--robot", metavar="NAME", help="Which robot, for every command that takes --robot.")
@@ -154,5 +153,6 @@ def cli(
 
 def main() -> None:
     """Entry point of the program."""
+    fill_standard_streams()
     ends_like_ctrl_c()
     cli.main(prog_name="hexwire")

@@ -20,14 +20,14 @@ import click
 
 from hexwire.errors import UsageError
 from hexwire.ipc.link import Link
-from hexwire.ipc.tap import Passed, TapLink, wrap_new_links
+from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
 
 from .common import format_table, observing_states
-from .exits import note
+from .exits import note, tell_missed
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
-    from hexwire.trace.capture import Capture, Message
+    from hexwire.trace.capture import Message
 
 __all__ = ["record", "recording"]
 
@@ -36,23 +36,36 @@ _COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature",
 
 @contextmanager
 def recording(path: str) -> Iterator[None]:
-    """While this lasts, traffic and joint states go to a recording."""
+    """While this lasts, traffic and joint states go to a recording.
+
+    What cannot be written is counted and told at the end, in one line; the command goes on: a stop must not fail
+    for a full disk.
+    """
     from hexwire.trace.capture import Capture
 
+    missed = Missed()
     try:
         capture = Capture(path, offset=time.time() - time.monotonic())
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror}") from None
+    except (OSError, UsageError) as error:
+        missed.add(error)
+        try:
+            yield
+        finally:
+            tell_missed(f"the recording {path}", missed)
+        return
 
     def state(joints: JointState) -> None:
         capture.joint_state(joints, time.time())
 
-    with capture, wrap_new_links(lambda link: _tap(link, capture)), observing_states(state):
-        yield
+    def tap(link: Link) -> Link:
+        return TapLink(link, missed.guard(capture.passed))
 
-
-def _tap(link: Link, capture: Capture) -> Link:
-    return TapLink(link, capture.passed)
+    try:
+        with wrap_new_links(tap), observing_states(missed.guard(state)):
+            yield
+    finally:
+        missed.guard(capture.close)()
+        tell_missed(f"the recording {path}", missed)
 
 
 @click.group()

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexwire.errors import HexwireError, NotSupportedError, ServoError, UsageError
+from hexwire.ipc.tap import Missed
 
-from .exits import note, shielded
+from .exits import note, shielded, tell_missed
 from .move import hold_on_ctrl_c
 from .plot import MotionPlot
 
@@ -118,13 +119,18 @@ def run_motion(
         print(f"{name}: {_in_words(report)}")
         where.update(zip(leg.names, leg.goal, strict=True))
     plot = _planned(legs, model, start, title)
+    missed = Missed()
     try:
         if not options.dry_run:
-            _drive(robot, legs, model, options, plot)
+            _drive(robot, legs, model, options, plot, missed)
     finally:
         if options.plot is not None:
-            plot.draw(options.plot)
-            print(f"drawn: {options.plot}")
+            # The arm has moved as it has: a picture that fails changes nothing of that.
+            draw = plot.draw if options.dry_run else missed.guard(plot.draw)
+            draw(options.plot)
+            if missed.first is None:
+                print(f"drawn: {options.plot}")
+        tell_missed(f"the picture {options.plot}", missed)
 
 
 def _in_words(report: MotionReport) -> str:
@@ -159,6 +165,7 @@ def _drive(
     model: KinematicModel | None,
     options: MotionOptions,
     plot: MotionPlot,
+    missed: Missed,
 ) -> None:
     from hexwire.motion.follower import Follower
     from hexwire.motion.loop import MotionLoop
@@ -169,6 +176,7 @@ def _drive(
     loop = MotionLoop(robot, Follower(robot.model, SafetyLimits.at_period(1.0 / rate)), rate)
     began = 0.0
 
+    @missed.guard
     def seen(state: JointState) -> None:
         positions = state.positions
         plot.measured.append((state.stamp - began, [positions[name] for name in names]))
@@ -208,8 +216,11 @@ def _settle(loop: MotionLoop, names: Sequence[str], goal: Sequence[float]) -> st
         loop.cycle()
         if loop.state is None or loop.follower.reason is not None:
             break
-        positions = loop.state.positions
-        off = {n: positions[n] - g for n, g in zip(names, goal, strict=True) if abs(positions[n] - g) > _ARRIVED}
+        ways = loop.state.distances(dict(zip(names, goal, strict=True)))
+        off = {name: way for name, way in ways.items() if way > _ARRIVED}
         if not off:
             return ""
-    return ", ".join(f"{name} is {math.degrees(angle):.1f} deg off" for name, angle in off.items())
+    return ", ".join(
+        f"{name} is {math.degrees(way):.1f} deg off" if way < math.inf else f"it is not known where {name} is"
+        for name, way in off.items()
+    )

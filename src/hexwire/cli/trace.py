@@ -13,10 +13,12 @@ from typing import BinaryIO
 import click
 
 from hexwire.ipc.link import Link
-from hexwire.ipc.tap import Direction, Passed, TapLink, wrap_new_links
+from hexwire.ipc.tap import Direction, Missed, Passed, TapLink, wrap_new_links
 from hexwire.trace.chapter_log import format_passed
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.trace.sources import read_traffic
+
+from .exits import speak, tell_missed
 
 __all__ = ["trace", "tracing"]
 
@@ -25,29 +27,43 @@ _INDENT = "    "
 
 @contextmanager
 def tracing(*, explain: bool) -> Iterator[None]:
-    """While this lasts, the traffic of every link that is made goes to standard error."""
+    """While this lasts, the traffic of every link that is made goes to standard error.
+
+    What cannot be shown is counted and told at the end, in one line; the command goes on.
+    """
+    missed = Missed()
 
     def wrap(link: Link) -> Link:
-        return TapLink(link, _printer(explain))
+        return TapLink(link, missed.guard(_printer(explain)))
 
-    with wrap_new_links(wrap):
-        yield
+    try:
+        with wrap_new_links(wrap):
+            yield
+    finally:
+        tell_missed("the trace", missed)
 
 
 def _printer(explain: bool) -> Callable[[Passed], None]:
     explainer = Explainer()
     start: list[float] = []
+    deaf: list[OSError] = []
 
     def show(passed: Passed) -> None:
+        if deaf:
+            raise deaf[0]
         if not start:
             start.append(passed.time)
         name = "SerialPort" if passed.url.startswith("serial") else passed.url.partition(":")[0].capitalize()
-        for line in format_passed(passed, name=name, start=start[0]):
-            click.echo(line, err=True)
-        if explain:
-            for explained in explainer.feed(passed):
-                for line in _lines(explained):
-                    click.echo(_INDENT + line, err=True)
+        try:
+            for line in format_passed(passed, name=name, start=start[0]):
+                speak(line)
+            if explain:
+                for explained in explainer.feed(passed):
+                    for line in _lines(explained):
+                        speak(_INDENT + line)
+        except OSError as error:
+            deaf.append(error)
+            raise
 
     return show
 

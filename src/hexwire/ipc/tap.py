@@ -1,20 +1,24 @@
 """A link that tells an observer every byte that passes, and otherwise is the link it wraps.
 
-Owns the observation point. Must not know what the bytes mean, nor who looks on. Where nobody does, no tap is made:
-watching costs nothing when it is off.
+Owns the observation point, and that watching never changes what is watched: what an observer raises is counted and
+goes no further. Must not know what the bytes mean, nor who looks on. Where nobody does, no tap is made: watching
+costs nothing when it is off.
 """
 
 from __future__ import annotations
 
 import enum
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import NamedTuple
+from typing import Any, NamedTuple, ParamSpec
 
 from .link import Link
 
-__all__ = ["Direction", "Passed", "TapLink", "tapped", "wrap_new_links"]
+__all__ = ["Direction", "Missed", "Passed", "TapLink", "tapped", "wrap_new_links"]
+
+_P = ParamSpec("_P")
 
 
 class Direction(enum.Enum):
@@ -45,13 +49,49 @@ Observer = Callable[[Passed], None]
 _wrapper: ContextVar[Callable[[Link], Link] | None] = ContextVar("hexwire_link_wrapper", default=None)
 
 
+class Missed:
+    """Keeps from the watched what its observers raise, and counts it. Any thread.
+
+    Attributes:
+        count: Calls of observers that failed.
+        first: What the first of them raised; None if none did.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first: Exception | None = None
+        # Re-entrant: a signal handler may stop the arm, and be watched, in the middle of `add`.
+        self._lock = threading.RLock()
+
+    def guard(self, observer: Callable[_P, object]) -> Callable[_P, None]:
+        """The observer, as something that cannot fail."""
+
+        def guarded(*args: _P.args, **kwargs: _P.kwargs) -> None:
+            try:
+                observer(*args, **kwargs)
+            except Exception as error:  # noqa: BLE001  # whatever an observer does wrong, the arm goes on
+                self.add(error)
+
+        return guarded
+
+    def add(self, error: Exception) -> None:
+        """Count a failure."""
+        with self._lock:
+            self.count += 1
+            self.first = self.first or error
+
+
 class TapLink(Link):
     """Wraps a link.
 
     Args:
         link: The link that does the work.
-        observer: Told of everything that passes, in the thread that moved it. What it raises ends that call.
+        observer: Told of everything that passes, in the thread that moved it. What it raises is counted, and the
+            bytes go on as if nobody watched.
         clock: Monotonic seconds; the link's own if it has one.
+
+    Attributes:
+        missed: What the observer failed to see.
     """
 
     def __init__(self, link: Link, observer: Observer, clock: Callable[[], float] | None = None) -> None:
@@ -61,7 +101,14 @@ class TapLink(Link):
         self.kind = link.kind
         self.max_message = link.max_message
         self.clock = clock or getattr(link, "clock", None) or monotonic
-        self._observer = observer
+        self.missed = Missed()
+        self._observer = self.missed.guard(observer)
+
+    def __getattr__(self, name: str) -> Any:
+        # What only some links have, as `baud` and `set_baud`: who watches a bus must not take that away.
+        if name == "link":
+            raise AttributeError(name)
+        return getattr(self.link, name)
 
     @property
     def url(self) -> str:  # type: ignore[override]  # a listening link learns its port when it opens
@@ -94,11 +141,6 @@ class TapLink(Link):
 
     def wake(self) -> None:
         self.link.wake()
-
-    def fileno(self) -> int:
-        """Descriptor of the link inside, for callers that watch many links."""
-        number: int = self.link.fileno()  # type: ignore[attr-defined]  # links over a descriptor have one
-        return number
 
 
 @contextmanager

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple, Self
 
-from hexwire.errors import UsageError
+from hexwire.errors import HexwireError, UsageError
 from hexwire.ipc.tap import Direction, Passed
 
 from .explain import Explainer
-from .recording import RecordingWriter, load_mcap
+from .recording import RecordingWriter, load_mcap, nanoseconds
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -38,6 +39,9 @@ _LARGEST = 64 * 1024 * 1024  # bytes of a record beyond which a file is taken to
 class Capture:
     """Records what passes over links and what a robot's joints did. Any thread may tell it something.
 
+    What it is told by a signal handler while its thread is telling it something is refused (HexwireError): waiting
+    for itself would keep a stop from the line.
+
     Args:
         path: The file; one that exists is replaced.
         offset: Seconds to add to a link's clock for seconds since 1970.
@@ -52,11 +56,12 @@ class Capture:
         self._explainers: dict[str, Explainer] = {}
         self._offset = offset
         self._lock = threading.Lock()
+        self._owner = 0
         self._closed = False
 
     def passed(self, passed: Passed) -> None:
         """Record a transfer, and the frames it completes."""
-        with self._lock:
+        with self._alone():
             if self._closed:
                 return
             stamp = passed.time + self._offset
@@ -66,13 +71,17 @@ class Capture:
 
     def joint_state(self, state: JointState, stamp: float) -> None:
         """Record a joint state at `stamp`, seconds since 1970."""
-        with self._lock:
+        with self._alone():
             if not self._closed:
                 self._writer.joint_state(state, stamp)
 
     def close(self) -> None:
-        """Finish the file. Harmless if it is finished."""
-        with self._lock:
+        """Finish the file. Harmless if it is finished.
+
+        Raises:
+            OSError: The end cannot be written.
+        """
+        with self._alone():
             if self._closed:
                 return
             self._closed = True
@@ -86,8 +95,19 @@ class Capture:
     ) -> None:
         self.close()
 
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        if self._owner == threading.get_ident():
+            raise HexwireError("a signal came while the recording was written")
+        with self._lock:
+            self._owner = threading.get_ident()
+            try:
+                yield
+            finally:
+                self._owner = 0
+
     def _frame(self, explained: Explained, stamp: float) -> None:
-        ns = round(stamp * _NSEC)
+        ns = nanoseconds(stamp)
         doubtful = bool(explained.problem) or " ! " in explained.reading
         body = {
             "timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC},

@@ -272,7 +272,7 @@ class Explainer:
         if packet is not None and not answers and packet.instruction in tuple(Instruction):
             return self._request_layer(packet, data)
         try:
-            status = parse_status(data)
+            status = parse_status(data, as_it_is=True)
         except HexwireError as error:
             text = f"bad servo packet, {error}: {data.hex(' ').upper()}"
             return Layer("servo", text, {"problem": str(error)})
@@ -358,7 +358,7 @@ class Explainer:
     def _servo_packet(self, data: bytes, direction: Direction, time: float) -> Explained:
         asked = self._last.packet if self._last else None
         if answers(data, asked):
-            status = parse_status(data)
+            status = parse_status(data, as_it_is=True)
             layer = self._status_layer(status, asked, bus=True)
             reading = read_status(status, asked, self._series)
             if asked is not None and asked.instruction != Instruction.SYNC_READ:

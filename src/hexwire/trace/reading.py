@@ -225,7 +225,9 @@ def _servo_body(frame: Frame, asked: ServoPacket | None, series: SeriesById) -> 
         data = data[2:]
     try:
         if from_board:
-            return prefix + read_status(parse_status(data), asked, series, board=True, swapped=not through)
+            return prefix + read_status(
+                parse_status(data, as_it_is=True), asked, series, board=True, swapped=not through
+            )
         return prefix + read_request(data, series, little=frame.cmd == Command.SYNC_WRITE)
     except HexwireError:
         return f"{prefix}bad packet, {_unsound(data)}: {_hex(data, _SAMPLE)}"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
@@ -27,6 +28,8 @@ JOINT_STATES = "/joint_states"
 """Topic of the joint states."""
 
 _NSEC = 1_000_000_000
+_END_OF_TIME = 2**63 / _NSEC
+"""Seconds since 1970 at which nanoseconds leave 64 bits: in 2262."""
 # Small chunks: a crash loses the chunk that is being written, and no more.
 _CHUNK = 64 * 1024
 
@@ -123,6 +126,7 @@ class RecordingWriter:
         self._writer.start(profile="", library="hexwire")
         self._channels: dict[str, int] = {}
         self._sequence: dict[str, int] = {}
+        self._failed: OSError | None = None
         self.count = 0
 
     def message(self, topic: str, schema: str, stamp: float, body: dict[str, Any]) -> None:
@@ -134,17 +138,19 @@ class RecordingWriter:
             stamp: Seconds since 1970.
             body: What the schema says.
         """
-        channel = self._channels.get(topic)
-        if channel is None:
-            schema_id = self._writer.register_schema(
-                name=schema, encoding="jsonschema", data=json.dumps(SCHEMAS[schema]).encode()
-            )
-            channel = self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
-            self._channels[topic] = channel
-        self._add(topic, stamp, json.dumps(body, separators=(",", ":"), allow_nan=False).encode())
+        data = json.dumps(body, separators=(",", ":"), allow_nan=False).encode()
+        with self._writing():
+            if topic not in self._channels:
+                schema_id = self._writer.register_schema(
+                    name=schema, encoding="jsonschema", data=json.dumps(SCHEMAS[schema]).encode()
+                )
+                self._channels[topic] = self._writer.register_channel(
+                    topic=topic, message_encoding="json", schema_id=schema_id
+                )
+            self._add(topic, stamp, data)
 
     def _add(self, topic: str, stamp: float, data: bytes) -> None:
-        ns = round(stamp * _NSEC)
+        ns = nanoseconds(stamp)
         sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
         self._writer.add_message(
             channel_id=self._channels[topic],
@@ -155,6 +161,17 @@ class RecordingWriter:
         )
         self.count += 1
 
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """What fails once fails from then on: behind half a chunk nothing can be read, and it would only grow."""
+        if self._failed is not None:
+            raise self._failed
+        try:
+            yield
+        except OSError as error:
+            self._failed = error
+            raise
+
     def raw(self, topic: str, stamp: float, data: bytes) -> None:
         """Write bytes as they are, without a schema.
 
@@ -163,11 +180,12 @@ class RecordingWriter:
             stamp: Seconds since 1970.
             data: The bytes.
         """
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(
-                topic=topic, message_encoding="application/octet-stream", schema_id=0
-            )
-        self._add(topic, stamp, data)
+        with self._writing():
+            if topic not in self._channels:
+                self._channels[topic] = self._writer.register_channel(
+                    topic=topic, message_encoding="application/octet-stream", schema_id=0
+                )
+            self._add(topic, stamp, data)
 
     def joint_state(self, state: JointState, stamp: float) -> None:
         """Write a joint state; what is not known (NaN) is left out.
@@ -191,15 +209,25 @@ class RecordingWriter:
                     joint[key] = column[i]
             joint["flags"] = int(state.flags[i])
             joints.append(joint)
-        ns = round(stamp * _NSEC)
+        ns = nanoseconds(stamp)
         body = {"timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC}, "joints": joints}
         self.message(JOINT_STATES, "foxglove.JointStates", stamp, body)
 
     def close(self) -> None:
-        """Finish the file. Harmless if it is finished."""
-        if not self._file.closed:
-            self._writer.finish()
-            self._file.close()
+        """Finish the file. Harmless if it is finished; one that could not be written stays cut off.
+
+        Raises:
+            OSError: The end cannot be written.
+        """
+        if self._file.closed:
+            return
+        try:
+            if self._failed is None:
+                self._writer.finish()
+        finally:
+            # Closing writes what is buffered, and fails again where writing did.
+            with suppress(OSError) if self._failed is not None else nullcontext():
+                self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -208,6 +236,17 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def nanoseconds(stamp: float) -> int:
+    """Nanoseconds since 1970, as a recording has them.
+
+    Raises:
+        UsageError: It is before 1970, not a number, or later than a recording can tell.
+    """
+    if not 0 <= stamp < _END_OF_TIME:
+        raise UsageError(f"a recording has no time {stamp:g} s; it takes seconds since 1970")
+    return round(stamp * _NSEC)
 
 
 def make_positions(names: Sequence[str], position: Sequence[float]) -> JointState:

@@ -296,8 +296,12 @@ def parse_packet(data: bytes) -> ServoPacket:
     return ServoPacket(data[2], data[4], bytes(data[5:-1]))
 
 
-def parse_status(data: bytes) -> StatusPacket:
+def parse_status(data: bytes, *, as_it_is: bool = False) -> StatusPacket:
     """Parse the bytes of exactly one status packet, quirks included.
+
+    Args:
+        data: Its bytes.
+        as_it_is: Take an id that no servo has and reserved error bits: for showing what was on the line.
 
     Raises:
         RemoteProtocolError: Says what is wrong: header, length, checksum, id or error byte.
@@ -311,6 +315,8 @@ def parse_status(data: bytes) -> StatusPacket:
     if data[3] != len(data) - 4 and not quirk:
         raise RemoteProtocolError(f"length byte of a status packet says {data[3]}, but {len(data) - 4} follow it")
     _verify(data)
+    if as_it_is:
+        return StatusPacket(data[2], data[4], bytes(data[5:-1]), legacy)
     if data[2] > MAX_SERVO_ID and not (legacy and data[2] == BOARD_ID):
         raise RemoteProtocolError(f"status packet from id {data[2]}, which no servo has")
     if data[4] > _MAX_ERROR:

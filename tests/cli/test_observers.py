@@ -1,0 +1,136 @@
+"""Watching never changes what is watched: a command ends the same with and without --trace, --explain, --record."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from tests.ipc.bus_bench import make_bus
+
+from hexwire.cli.board_process import board_process
+from hexwire.cli.main import cli
+from hexwire.ipc import open as ipc_open
+from hexwire.ipc.link import Link
+from hexwire.trace.explain import Explainer
+from hexwire.trace.recording import RecordingWriter
+
+COMMANDS = (
+    ("ping", "1-3"),
+    ("read", "1", "present_position"),
+    ("read", "2", "present_position"),
+    ("scan", "--ids", "1-4"),
+)
+
+
+def no_space(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Runs `hexwire bus` on three emulated servos, the first of which sets the reserved bit of its error byte."""
+
+    def run(*args: str) -> Result:
+        opened, device = make_bus((1, 2, 3))
+        opened.close()
+        device.wire.servos[0].protection.forced |= 0x80
+        link: Link = opened.link
+        monkeypatch.setattr(ipc_open, "_build", lambda url: link)
+        return CliRunner().invoke(cli, list(args))
+
+    return run
+
+
+def watched_and_not(bus: Callable[..., Result], command: tuple[str, ...], watching: tuple[str, ...]) -> Result:
+    words = ("bus", *command, "--port", "/dev/ttyTEST")
+    alone, watched = bus(*words), bus(*watching, *words)
+    assert not isinstance(watched.exception, Exception) or isinstance(alone.exception, type(watched.exception))
+    assert (watched.exit_code, watched.stdout) == (alone.exit_code, alone.stdout)
+    assert watched.stderr.endswith(alone.stderr)
+    return watched
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("watching", ["--trace", "--explain", "--record"])
+def test_a_servo_with_reserved_error_bits(
+    bus: Callable[..., Result], command: tuple[str, ...], watching: str, tmp_path: Path
+) -> None:
+    option = (watching, str(tmp_path / "a.mcap")) if watching == "--record" else (watching,)
+    watched = watched_and_not(bus, command, option)
+    assert "has gaps" not in watched.stderr
+
+
+@pytest.mark.parametrize("watching", ["--explain", "--record"])
+def test_an_observer_with_a_bug(
+    bus: Callable[..., Result], watching: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def feed(self: Explainer, passed: object) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(Explainer, "feed", feed)
+    option = (watching, str(tmp_path / "a.mcap")) if watching == "--record" else (watching,)
+    watched = watched_and_not(bus, COMMANDS[2], option)
+    warnings = [line for line in watched.stderr.splitlines() if line.startswith("warning: ")]
+    assert len(warnings) == 1
+    assert "has gaps, it failed" in warnings[0]
+    assert "a bug" in warnings[0]
+
+
+def test_a_disk_that_is_full_from_the_start(bus: Callable[..., Result]) -> None:
+    watched = watched_and_not(bus, COMMANDS[2], ("--record", "/dev/full"))
+    assert watched.stderr.count("has gaps") == 1
+    assert "No space left on device" in watched.stderr
+
+
+def test_a_disk_that_fills_up(bus: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RecordingWriter, "raw", no_space)
+    watched = watched_and_not(bus, COMMANDS[2], ("--record", str(tmp_path / "a.mcap")))
+    assert watched.stderr.count("No space left on device") == 1
+
+
+@pytest.mark.parametrize("where", ["no/a.mcap", "."])
+def test_a_recording_that_cannot_be_begun(bus: Callable[..., Result], where: str, tmp_path: Path) -> None:
+    watched = watched_and_not(bus, COMMANDS[2], ("--record", str(tmp_path / where)))
+    assert watched.stderr.count("has gaps") == 1
+
+
+def test_without_the_package_for_recordings(
+    bus: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    watched = watched_and_not(bus, COMMANDS[2], ("--record", str(tmp_path / "a.mcap")))
+    assert "pip install 'hexwire[record]'" in watched.stderr
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("watching", [["--trace"], ["--explain"], ["--record", "/dev/full"]])
+@pytest.mark.parametrize("stderr", ["closed pipe", "/dev/full", "closed"])
+def test_a_stop_goes_through_although_nobody_can_hear_of_it(watching: list[str], stderr: str) -> None:
+    with board_process(baud=0) as port:
+        program = [sys.executable, "-m", "hexwire.cli", *watching, "stop", "--port", port]
+        if stderr == "closed pipe":
+            reading, writing = os.pipe()
+            os.close(reading)
+            done = subprocess.run(program, stdout=subprocess.PIPE, stderr=writing, timeout=60, check=False)
+            os.close(writing)
+        elif stderr == "/dev/full":
+            with Path(stderr).open("wb") as full:
+                done = subprocess.run(program, stdout=subprocess.PIPE, stderr=full, timeout=60, check=False)
+        else:
+            line = ["sh", "-c", 'exec "$@" 2>&-', "sh", *program]
+            done = subprocess.run(line, stdout=subprocess.PIPE, timeout=60, check=False)
+        told = subprocess.run(
+            [sys.executable, "-m", "hexwire.cli", "stop", "--port", port],
+            capture_output=True,
+            timeout=60,
+            check=True,
+        )
+        state = CliRunner().invoke(cli, ["state", "--json", "--port", port])
+    assert (done.returncode, done.stdout) == (0, told.stdout)
+    assert '"stopped": true' in state.stdout
