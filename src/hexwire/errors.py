@@ -20,6 +20,7 @@ line. Knows nothing of the layers that raise them.
     │   └── LinkTimeoutError (TimeoutError) it took no bytes by the deadline
     └── DeviceError                         the board, a servo, or the arm
         ├── ReplyTimeoutError (TimeoutError)  no answer; carries what was asked, how often, what came instead
+        │   └── WrongDeviceError            no answer, since another kind of device is there
         ├── CommandRefusedError             the board answered with a status other than ok
         │   └── StoppedError                refused because the arm is stopped
         ├── ServoError                      a servo is silent or reports a fault
@@ -52,6 +53,7 @@ __all__ = [
     "ServoError",
     "StoppedError",
     "UsageError",
+    "WrongDeviceError",
 ]
 
 
@@ -170,6 +172,14 @@ class ReplyTimeoutError(DeviceError, TimeoutError):
         self.asked = asked
         self.attempts = attempts
         self.instead = instead
+
+
+class WrongDeviceError(ReplyTimeoutError):
+    """No answer, since another kind of device is behind the port: a servo bus for a board, or a board for one."""
+
+    def __init__(self, message: str) -> None:
+        DeviceError.__init__(self, message)
+        self.asked, self.attempts, self.instead = "who is there", 1, message
 
 
 class CommandRefusedError(DeviceError):

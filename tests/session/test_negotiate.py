@@ -257,6 +257,79 @@ def test_a_line_that_loses_and_doubles_still_finds_the_dialect(seed: int, which:
         assert n.host.dialect == 1
 
 
+class Bare:
+    """A negotiator that hears bytes as they are."""
+
+    def __init__(self, look: bool = False) -> None:
+        self.host = host()
+        self.negotiator = Negotiator(self.host, 0.0, ping_ids=(3, 4), look=look)
+        self.sent: list[bytes] = []
+        self.now = 0.0
+
+    def let_pass(self, questions: int) -> None:
+        """Let questions go unanswered."""
+        while len(self.sent) < questions and not self.negotiator.paused and self.negotiator.outcome is None:
+            self.sent += self.host.data_to_send()
+            if len(self.sent) == questions:
+                return
+            now = self.host.next_timeout()
+            assert now is not None
+            self.now = now
+            self.host.handle_timeout(now)
+            self._hand_over()
+
+    def hear(self, data: bytes) -> None:
+        self.host.receive(data, self.now)
+        self._hand_over()
+
+    def _hand_over(self) -> None:
+        for event in events(self.host):
+            self.negotiator.handle(event, self.now)
+
+
+@pytest.mark.parametrize("status", [sp.make_status(3), sp.make_status(3, 0x20), sp.make_legacy_ping_status(3)])
+@pytest.mark.parametrize("cut", [6, 1, 4])
+def test_a_bare_answer_to_the_ping_is_a_servos(status: bytes, cut: int) -> None:
+    bare = Bare()
+    bare.let_pass(3)
+    for piece in (status[:cut], status[cut:]):
+        bare.hear(piece)
+    assert isinstance(bare.negotiator.outcome, NegotiationFailed)
+    assert bare.negotiator.outcome.servo_id == 3
+
+
+@pytest.mark.parametrize(
+    "data", [sp.make_ping(3), sp.make_status(4), b"\xff\xff\x03\x02\x00\x00", b"." + sp.make_status(3)]
+)
+def test_what_is_no_servos_answer(data: bytes) -> None:
+    bare = Bare()
+    bare.let_pass(3)
+    bare.hear(data)
+    assert bare.negotiator.outcome is None
+
+
+def test_a_negotiation_pauses_once_for_a_look_elsewhere() -> None:
+    bare = Bare(look=True)
+    bare.let_pass(9)
+    assert bare.negotiator.paused
+    assert len(bare.sent) == 2
+    bare.now += 0.2
+    bare.negotiator.go_on(bare.now)
+    bare.let_pass(9)
+    assert not bare.negotiator.paused
+    assert len(bare.sent) == 9
+
+
+def test_our_own_frames_are_counted() -> None:
+    bare = Bare()
+    for questions in range(1, 4):
+        bare.let_pass(questions)
+        bare.hear(bare.sent[-1])
+    bare.let_pass(99)
+    assert isinstance(bare.negotiator.outcome, NegotiationFailed)
+    assert bare.negotiator.outcome.echoes == bare.negotiator.outcome.frames == 3
+
+
 @given(st.floats(0, 2e9), st.integers(0, 2**32 - 1) | st.integers(0x0A0D00, 0x0A0D40))
 def test_no_clock_puts_the_marker_into_a_question(epoch: float, sn: int) -> None:
     h = host(epoch=epoch)

@@ -67,6 +67,7 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
     Raises:
         UsageError: The port or series makes no sense.
         LinkError: The port cannot be opened.
+        WrongDeviceError: No servo answered what was asked meanwhile, since this is a controller board.
     """
     from hexwire.ipc.bus_orders import as_series
     from hexwire.ipc.servo_bus import ServoBus
@@ -75,8 +76,26 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
     series = as_series(options.series) if options.series else Series.STS_SMS
     url = resolve_url(options.port or _only_adapter(), options.baud)
     with ServoBus.from_url(url, series=series) as opened:
-        yield opened
+        try:
+            yield opened
+        except ServoError:
+            if not opened.counters.answers:
+                _look_for_board(opened)
+            raise
         _warn_of_latency(opened)
+
+
+def _look_for_board(opened: ServoBus) -> None:
+    """Nobody answered: say so if that is because a controller board is there.
+
+    Raises:
+        WrongDeviceError: It is.
+    """
+    from hexwire.ipc.mistaken import find_board, is_board
+
+    board = find_board(opened.link)
+    if board is not None:
+        raise is_board(opened.link.url, board)
 
 
 def _only_adapter() -> str:
@@ -149,16 +168,16 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
             found = _scan_with_bar(opened, rates, wanted)
         else:
             found = scan_bus(opened, bauds=rates, ids=wanted)
-    if as_json:
-        print_json([_found_json(row) for row in found])
-    elif found:
-        print(format_table(_FOUND_HEAD, [_found_cells(row) for row in found]))
-    for row in found:
-        if row.shared:
-            note(f"several servos seem to have id {row.servo_id}: connect one alone and `hexwire bus set-id`")
-    if not found:
-        tried = "any rate" if all_rates else f"{opened.timing.baud} baud (--all-rates tries the others)"
-        raise ServoError(f"no servo answers at {tried}: check power and cable")
+        if as_json:
+            print_json([_found_json(row) for row in found])
+        elif found:
+            print(format_table(_FOUND_HEAD, [_found_cells(row) for row in found]))
+        for row in found:
+            if row.shared:
+                note(f"several servos seem to have id {row.servo_id}: connect one alone and `hexwire bus set-id`")
+        if not found:
+            tried = "any rate" if all_rates else f"{opened.timing.baud} baud (--all-rates tries the others)"
+            raise ServoError(f"no servo answers at {tried}: check power and cable")
 
 
 _FOUND_HEAD = ("id", "baud", "series", "model", "firmware", "delay us", "acks", "condition")
@@ -234,8 +253,8 @@ def ping(ids: str, options: BusOptions) -> None:
             words = "" if info is None else f" {info.series.value if info.series else '?'} {info.model_name}"
             firmware = f" firmware {info.firmware}" if info and info.firmware else ""
             print(f"{servo_id}: {', '.join(answer.faults) or 'ok'}{words}{firmware}")
-    if silent:
-        raise ServoError(f"no answer from {', '.join(map(str, silent))}: check cable, power, id and --baud")
+        if silent:
+            raise ServoError(f"no answer from {', '.join(map(str, silent))}: check cable, power, id and --baud")
 
 
 @bus.command()
@@ -272,12 +291,12 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
                 )
                 if reading.error:
                     errors.append(reading)
-    if as_json:
-        print_json(data)
-    else:
-        print(format_table(("id", "register", "raw", "value", "condition"), rows))
-    if errors:
-        errors[0].check()
+        if as_json:
+            print_json(data)
+        else:
+            print(format_table(("id", "register", "raw", "value", "condition"), rows))
+        if errors:
+            errors[0].check()
 
 
 @bus.command()

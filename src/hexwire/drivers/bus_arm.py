@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Self
 from hexwire.errors import CommandRefusedError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
 from hexwire.ipc import servo_setup
 from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.mistaken import find_board, is_board
 from hexwire.ipc.serial import DEFAULT_BAUD
 from hexwire.ipc.servo_bus import ServoBus
 from hexwire.ipc.session import Session
@@ -93,6 +94,7 @@ class BusArm(RobotDriver):
 
         Raises:
             LinkError: The port cannot be opened.
+            WrongDeviceError: This is a controller board.
             ReplyTimeoutError: No servo answers at all.
         """
         bus = self.bus
@@ -102,6 +104,9 @@ class BusArm(RobotDriver):
         try:
             here = [joint for joint in self.model.joints if not bus.ping(joint.servo_id).error]
             if not here:
+                board = find_board(bus.link)
+                if board is not None:
+                    raise is_board(bus.link.url, board)
                 ids = ", ".join(str(joint.servo_id) for joint in self.model.joints)
                 raise ReplyTimeoutError(f"pings of servos {ids}", attempts=1 + bus.retries, advice=_ADVICE)
             for joint in here:

@@ -33,6 +33,7 @@ from hexwire.wire.command_frame import Frame, command_name
 from hexwire.wire.modules import IpcType, ModuleType
 
 from .handle import IpcHandle
+from .mistaken import find_servos, is_servo_bus
 from .turn import Turn
 
 if TYPE_CHECKING:
@@ -169,6 +170,7 @@ class Session:
         boot_window: float = tables.BOOT_WINDOW,
         ping_ids: Sequence[int] = (0,),
         dialect: int | None = None,
+        look: bool = True,
     ) -> Negotiated:
         """Find out which dialect the board speaks; waits for a board that is booting.
 
@@ -176,26 +178,44 @@ class Session:
             boot_window: Seconds to go on asking.
             ping_ids: Servos to ping in dialect 1.
             dialect: Ask only in this dialect.
+            look: When the first questions find no ear, look whether this is a servo bus. That takes a tenth of a
+                second, once; a board that was here before is not kept waiting by it.
 
         Raises:
+            WrongDeviceError: This is a servo bus.
             ReplyTimeoutError: Nobody answers; the text says what that may mean.
         """
         with self._turn.taken():
             self._negotiation = (boot_window, ping_ids, dialect)
+            look = look and self.negotiated is None
             negotiator = Negotiator(
-                self.connection, self.now(), boot_window=boot_window, ping_ids=ping_ids, dialect=dialect
+                self.connection, self.now(), boot_window=boot_window, ping_ids=ping_ids, dialect=dialect, look=look
             )
             while negotiator.outcome is None:
+                if negotiator.paused:
+                    self._look_for_servos()
+                    negotiator.go_on(self.now())
+                    continue
                 self._step(None)
                 while (event := self.connection.next_event()) is not None:
                     negotiator.handle(event, self.now())
             if isinstance(negotiator.outcome, NegotiationFailed):
+                if negotiator.outcome.servo_id is not None:
+                    raise is_servo_bus(self.ipc.link.url, [negotiator.outcome.servo_id])
+                if look and negotiator.outcome.frames == negotiator.outcome.echoes:
+                    # Its supply may have come on since, or the machine stalled when we looked first.
+                    self._look_for_servos()
                 raise self._unanswered(negotiator.outcome)
             self.negotiated = negotiator.outcome
             if self.negotiated.identity is not None:
                 self.connection.limit_frame(self.negotiated.identity.max_frame)
             _log.info("%s speaks dialect %d", self.ipc.link.url, self.negotiated.dialect)
             return self.negotiated
+
+    def _look_for_servos(self) -> None:
+        servo_ids = find_servos(self.ipc.link)
+        if servo_ids:
+            raise is_servo_bus(self.ipc.link.url, servo_ids)
 
     # -- asking -------------------------------------------------------------------------------------
 
@@ -454,6 +474,9 @@ class Session:
         elif failed.frames == 0:
             advice = "a wrong baud rate looks like this; so does another device"
             instead = f"{failed.bytes_received} bytes that are no frame"
+        elif failed.echoes:
+            advice = "the line hears itself, and no board is behind it: an adapter, or a plug with TX on RX"
+            instead = f"{failed.echoes} of our own frames"
         else:
             advice = "another program on the line, or a board of another make"
             instead = f"{failed.frames} frames that answer nothing"

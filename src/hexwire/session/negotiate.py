@@ -14,15 +14,18 @@ from hexwire.errors import RemoteProtocolError
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import Identity
-from hexwire.wire.servo_packet import make_ping
+from hexwire.wire.servo_packet import make_ping, parse_status
 from hexwire.wire.tables import PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .connection import Connection
-from .events import Event, Reply, TimedOut
+from .events import Event, Garbage, Reply, Stale, TimedOut
 
 __all__ = ["Negotiated", "NegotiationFailed", "Negotiator"]
 
 _ASK_WINDOW = 0.25
+_LOOK_AFTER = 2
+"""Unanswered questions after which it is time to look for something else on the line."""
+_NOISE = 64
 _ASK_ON = 2
 """IDENTIFYs after a ping that was answered: every board answers it, and one that has just booted may have
 missed the questions before."""
@@ -49,11 +52,15 @@ class NegotiationFailed:
         attempts: How often we asked.
         bytes_received: Bytes that arrived meanwhile.
         frames: Good frames among them.
+        servo_id: A servo that answered a ping by itself, without a board's frame around it: this is a servo bus.
+        echoes: Our own frames among those.
     """
 
     attempts: int
     bytes_received: int
     frames: int
+    servo_id: int | None = None
+    echoes: int = 0
 
 
 class Negotiator:
@@ -65,6 +72,11 @@ class Negotiator:
         boot_window: Seconds to go on asking.
         ping_ids: Servos to ping in dialect 1.
         dialect: Ask only in this dialect; both if None.
+        look: Pause once, when the first questions were not answered, so that the caller can look for another kind
+            of device; `go_on` ends the pause.
+
+    Attributes:
+        paused: Nothing is asked until `go_on`.
     """
 
     def __init__(
@@ -75,7 +87,13 @@ class Negotiator:
         boot_window: float = tables.BOOT_WINDOW,
         ping_ids: Sequence[int] = (0,),
         dialect: int | None = None,
+        look: bool = False,
     ) -> None:
+        self.paused = False
+        self._look = look
+        self._pinged = -1
+        self._noise = b""
+        self._echoes = 0
         self.outcome: Negotiated | NegotiationFailed | None = None
         self._connection = connection
         self._deadline = now + boot_window
@@ -93,6 +111,10 @@ class Negotiator:
 
     def handle(self, event: Event, now: float) -> None:
         """Take an event of the connection; `outcome` is set when it settles the matter."""
+        if isinstance(event, Garbage):
+            self._overhear(event.data)
+        elif isinstance(event, Stale):
+            self._echoes += event.frame.src == self._connection.local
         if self.outcome is not None or not isinstance(event, Reply | TimedOut) or event.ticket != self._ticket:
             return
         if isinstance(event, TimedOut):
@@ -118,6 +140,22 @@ class Negotiator:
             self._left_to_ask = None if self._knows_identify else self._left_to_ask
             self._next(now)
 
+    def go_on(self, now: float) -> None:
+        """End the pause."""
+        self.paused = False
+        self._next(now)
+
+    def _overhear(self, data: bytes) -> None:
+        """A servo answers the ping that it hears in a frame. No frame around its answer: there is no board."""
+        self._noise = (self._noise + data)[-_NOISE:]
+        try:
+            status = parse_status(self._noise)
+        except RemoteProtocolError:
+            return
+        # The echo of a ping looks like an answer.
+        if status.servo_id == self._pinged and self._noise != make_ping(self._pinged) and self.outcome is None:
+            self._fail(status.servo_id)
+
     def _settle(self, outcome: Negotiated, now: float) -> None:
         self.outcome = outcome
         self._connection.dialect = outcome.dialect
@@ -134,23 +172,31 @@ class Negotiator:
             self._left_to_ask -= 1
             self._ask(now, ping=False)
             return
+        if self._look and self._asked == _LOOK_AFTER:
+            self._look, self.paused = False, True
+            return
         if self._asked == 0 or now < self._deadline:
             # IDENTIFY twice, then a dialect-1 ping, and so on: a board that answers neither of the first two
             # may still know the ping.
             both = self._only is None and not self._knows_identify
             self._ask(now, ping=self._only == PROTO_CHAPTER or (both and self._asked % 3 == 2))
             return
+        self._fail(None)
+
+    def _fail(self, servo_id: int | None) -> None:
         counters = self._connection.decoder.counters
-        self.outcome = NegotiationFailed(
-            self._asked, counters.bytes_received - self._bytes_before, counters.frames - self._frames_before
-        )
+        received = counters.bytes_received - self._bytes_before
+        frames = counters.frames - self._frames_before
+        self.outcome = NegotiationFailed(self._asked, received, frames, servo_id, self._echoes)
 
     def _ask(self, now: float, *, ping: bool) -> None:
         self._asked += 1
+        self._noise = b""
         connection = self._connection
         if ping:
             servo_id = self._ping_ids[self._pings % len(self._ping_ids)]
             self._pings += 1
+            self._pinged = servo_id
             connection.dialect = PROTO_CHAPTER
             self._ticket = connection.request(Command.PING, make_ping(servo_id), now, attempts=1)
         else:
