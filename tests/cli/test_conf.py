@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -99,7 +98,7 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
     assert "cannot read the configuration: No such file" in result.stderr
     result = run("convert", CHAPTER, tmp_path / "no" / "ipc.toml")
     assert result.exit_code == 2
-    assert f"cannot write {tmp_path / 'no' / 'ipc.toml'}: {os.strerror(2)}" in result.stderr
+    assert f"{tmp_path / 'no' / 'ipc.toml'} cannot be written: there is no such folder" in result.stderr
 
 
 def test_an_empty_file(tmp_path: Path) -> None:

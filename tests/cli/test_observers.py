@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.cli.conftest import Bench
 from tests.ipc.bus_bench import make_bus
 
 from hexwire.cli.board_process import board_process
@@ -82,30 +83,28 @@ def test_an_observer_with_a_bug(
     assert "a bug" in warnings[0]
 
 
-def test_a_disk_that_is_full_from_the_start(bus: Callable[..., Result]) -> None:
-    watched = watched_and_not(bus, COMMANDS[2], ("--record", "/dev/full"))
-    assert watched.stderr.count("has gaps") == 1
-    assert "No space left on device" in watched.stderr
-
-
 def test_a_disk_that_fills_up(bus: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RecordingWriter, "raw", no_space)
     watched = watched_and_not(bus, COMMANDS[2], ("--record", str(tmp_path / "a.mcap")))
     assert watched.stderr.count("No space left on device") == 1
 
 
-@pytest.mark.parametrize("where", ["no/a.mcap", "."])
-def test_a_recording_that_cannot_be_begun(bus: Callable[..., Result], where: str, tmp_path: Path) -> None:
-    watched = watched_and_not(bus, COMMANDS[2], ("--record", str(tmp_path / where)))
-    assert watched.stderr.count("has gaps") == 1
-
-
-def test_without_the_package_for_recordings(
-    bus: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("where", ["no/a.mcap", ".", "/dev/full", "old.mcap", "a.mcap"])
+def test_a_recording_that_cannot_be_begun_ends_all_but_a_stop_before_it_begins(
+    bench: Bench, where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    watched = watched_and_not(bus, COMMANDS[2], ("--record", str(tmp_path / "a.mcap")))
-    assert "pip install 'hexwire[record]'" in watched.stderr
+    (tmp_path / "old.mcap").write_text("old")
+    if where == "a.mcap":
+        monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    refused = bench.run("torque", "on", "--record", str(tmp_path / where))
+    assert (refused.exit_code, refused.stdout, refused.stderr.count("\n")) == (2, "", 1)
+    assert bench.urls == []
+    stopped = bench.run("stop", "--record", str(tmp_path / where))
+    assert stopped.exit_code == 0
+    assert stopped.stdout.startswith("stopped, holding")
+    assert stopped.stderr.count("has gaps") == stopped.stderr.count("\n") == 1
+    assert bench.json("state")["stopped"]
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
 @pytest.mark.system

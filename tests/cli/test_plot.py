@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.plot import MotionPlot
+from hexwire.cli.plot import MotionPlot, open_picture
 from hexwire.errors import UsageError
 
 
@@ -20,7 +20,7 @@ def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
     import matplotlib
 
     with matplotlib.rc_context({"svg.fonttype": "none"}):
-        plot.draw(str(tmp_path / "a.svg"))
+        plot.draw(open_picture(str(tmp_path / "a.svg"), force=False))
     text = (tmp_path / "a.svg").read_text(encoding="utf-8")
     for words in ("goto 0 220 200 mm", "time, s", "joint angle, deg", "J1", "J2", "z, mm", "tip from above"):
         assert words in text
@@ -29,17 +29,18 @@ def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
 def test_png_without_a_path(tmp_path: Path) -> None:
     plot = MotionPlot(("J1",))
     plot.planned = [(0.0, (0.0,)), (1.0, (1.0,))]
-    plot.draw(str(tmp_path / "a.png"))
+    plot.draw(open_picture(str(tmp_path / "a.png"), force=False))
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_unknown_picture_and_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match=r"--plot a\.doc: the picture's name must end in \.png"):
-        MotionPlot.check("a.doc")
-    MotionPlot.check("a.PNG")
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+def test_unknown_picture_and_missing_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"a\.doc: the picture's name must end in \.png"):
+        open_picture(str(tmp_path / "a.doc"), force=False)
+    open_picture(str(tmp_path / "a.PNG"), force=False).discard()
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(UsageError, match=r"pip install 'hexwire\[plots\]'"):
-        MotionPlot.check("a.png")
+        open_picture(str(tmp_path / "a.png"), force=False)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_command_draws_what_it_did(bench: Any, tmp_path: Path) -> None:

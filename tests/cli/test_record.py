@@ -101,10 +101,14 @@ def test_joint_states_as_a_picture(tmp_path: Path) -> None:
             writer.joint_state(make_positions(("elbow", "wrist"), (0.1 * i, -0.05 * i)), 1.7e9 + i / 10)
     assert ok("record", "plot", str(source), str(target)) == f"20 states drawn to {target}\n"
     assert target.read_text().startswith("<?xml")
-    with RecordingWriter(source):
+    again = run("record", "plot", str(source), str(target))
+    assert (again.exit_code, again.stderr) == (2, f"error: {target} is there already; --force writes over it\n")
+    with RecordingWriter(source, force=True):
         pass
-    result = run("record", "plot", str(source), str(target))
+    drawn = target.read_bytes()
+    result = run("record", "plot", str(source), str(target), "--force")
     assert (result.exit_code, result.stderr) == (2, f"error: {source} has no joint states\n")
+    assert target.read_bytes() == drawn
 
 
 def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
@@ -116,6 +120,7 @@ def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
         (("record", "export", str(text), str(tmp_path / "no/x.csv")), "cannot be written"),
         (("record", "recover", str(text), str(text)), "another name"),
         (("record", "recover", str(text), str(tmp_path / "b.mcap")), "is no recording"),
+        (("ports", "--record", str(tmp_path / "no/x.mcap")), "cannot be written"),
     ):
         result = run(*args)
         assert result.exit_code == 2, args

@@ -100,7 +100,7 @@ def test_other_wrong_wishes(tmp_path: Path) -> None:
         make_authority(tmp_path, name="")
     with pytest.raises(UsageError, match="1 to 36500 days"):
         make_authority(tmp_path, days=0)
-    with pytest.raises(UsageError, match=r"cannot write .*: "):
+    with pytest.raises(UsageError, match="choose another place"):
         make_authority("/proc/certs")
     make_authority(tmp_path)
     with pytest.raises(UsageError, match="'a b' is neither a host name nor an IP address"):

@@ -19,7 +19,7 @@ from hexwire.wire.registers import Series
 def test_there_and_back_over_a_file(series: Series, tmp_path: Path) -> None:
     bus, _ = make_bus((1, 2), (series,))
     saved = backups.take_backup(bus, 1, taken="2026-01-02T03:04:05+00:00")
-    backups.save_backup(tmp_path / "b.json", [saved])
+    (tmp_path / "b.json").write_text(backups.serialize_backups([saved]), encoding="utf-8")
     assert backups.load_backup(tmp_path / "b.json") == [saved]
     assert list(tmp_path.iterdir()) == [tmp_path / "b.json"]
     assert saved.series == series.value

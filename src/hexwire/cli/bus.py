@@ -16,7 +16,7 @@ import click
 
 from hexwire.errors import ServoError, UsageError
 
-from .common import format_table, json_option, on_terminal, port_option, print_json, resolve_url
+from .common import confirm, format_table, json_option, on_terminal, port_option, print_json, resolve_url
 from .exits import note
 from .sim_bus import parse_ids
 
@@ -322,8 +322,8 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
             if isinstance(error, UsageError):
                 raise
             raise UsageError(f"{value!r} is no {'number' if si else 'whole number'}") from None
-        if name in ("goal_position", "target_position", "torque_enable", "mode") and not yes:
-            click.confirm(f"writing {name} may move servo {servo_id}. Go on?", abort=True)
+        if name in ("goal_position", "target_position", "torque_enable", "mode"):
+            confirm(f"Writing {name} may move servo {servo_id}. Go on?", yes)
         if register.area == "eeprom":
             write_setting(opened, servo_id, name, raw)
         else:

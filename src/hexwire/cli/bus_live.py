@@ -6,27 +6,28 @@ limits, stopped by any key, and ends where it began.
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import HexwireError, ServoError, UsageError
+from hexwire.model.state import JointFlag
 
 from .bus import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
-from .common import FiniteFloat, format_table, on_terminal
-from .exits import note
+from .common import FiniteFloat, confirm, format_table, on_terminal
+from .exits import note, shielded
+from .samples import Row, SampleFiles, file_options, saving
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.ipc.servo_bus import ServoBus
+    from hexwire.model.state import JointReading
 
 __all__ = ["histogram", "wave_angle"]
 
@@ -35,17 +36,9 @@ _SHOWN = ("present_position", "present_speed", "present_load", "present_voltage"
 _HEAD = ("id", "position deg", "speed deg/s", "load %", "V", "degC", "mA", "condition")
 _WAVE_RATE = 50.0
 _MOST_AMPLITUDE = 45.0
+_MOST_SILENT = 25
+"""Samples in a row that may be missing: half a second."""
 _MOST_ROWS = 1_000_000
-_Row = tuple[float, ...]
-
-
-def _files(command: Callable[..., object]) -> Callable[..., object]:
-    command = click.option("--csv", "csv_file", type=click.Path(dir_okay=False), help="Save the samples here.")(
-        command
-    )
-    return click.option("--plot", type=click.Path(dir_okay=False), help="Draw the samples here, as .svg or .png.")(
-        command
-    )
 
 
 @bus.command()
@@ -56,16 +49,13 @@ def _files(command: Callable[..., object]) -> Callable[..., object]:
 @click.option(
     "--seconds", type=FiniteFloat("seconds", above=0), metavar="S", help="End after so long; else Ctrl-C."
 )
-@_files
+@file_options
 @bus_options
-def monitor(
-    ids: str, rate: float, seconds: float | None, csv_file: str | None, plot: str | None, options: BusOptions
-) -> None:
+def monitor(ids: str, rate: float, seconds: float | None, files: SampleFiles, options: BusOptions) -> None:
     """Watch servos live: position, speed, load, voltage, temperature, current. Ctrl-C ends it."""
     wanted = tuple(parse_ids(ids))
-    _check_files(csv_file, plot)
-    samples: list[_Row] = []
-    with open_bus(options) as opened:
+    head = ("time_s", "id", *_SHOWN, "present_current")
+    with saving(files, head, "present_position") as samples, open_bus(options) as opened:
         for servo_id in wanted:
             known_servo(opened, servo_id, options)
         start = time.monotonic()
@@ -81,14 +71,13 @@ def monitor(
                     time.sleep(max(0.0, begin + 1 / rate - time.monotonic()))
         except KeyboardInterrupt:
             note("ended")
-    _save(samples, ("time_s", "id", *_SHOWN, "present_current"), csv_file, plot, "present_position")
 
 
-def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], _Row]]:
+def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], Row]]:
     """Cells and SI values of each servo."""
     from hexwire.session.servo_values import fault_words
 
-    rows: list[tuple[tuple[str, ...], _Row]] = []
+    rows: list[tuple[tuple[str, ...], Row]] = []
     for block in opened.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, ids):
         registers = opened.series_of(block.servo_id).registers
         values = [block.value(registers[name]) for name in _SHOWN]
@@ -127,52 +116,6 @@ def _screen() -> Iterator[Callable[[list[tuple[str, ...]]], None]]:
         yield lambda rows: live.update(Text(format_table(_HEAD, rows)), refresh=True)
 
 
-def _check_files(csv_file: str | None, plot: str | None) -> None:
-    for file in (csv_file, plot):
-        if file is not None and not Path(file).resolve().parent.is_dir():
-            raise UsageError(f"{file}: there is no such folder")
-    if plot is not None and not plot.endswith((".svg", ".png", ".pdf")):
-        raise UsageError(f"{plot}: a plot ends with .svg, .png or .pdf")
-
-
-def _save(samples: Sequence[_Row], head: Sequence[str], csv_file: str | None, plot: str | None, what: str) -> None:
-    if csv_file is not None:
-        with Path(csv_file).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(head)
-            writer.writerows(samples)
-        note(f"{len(samples)} samples saved to {csv_file}")
-    if plot is not None:
-        _plot(samples, head, plot, what)
-        note(f"drawn to {plot}")
-
-
-def _plot(samples: Sequence[_Row], head: Sequence[str], file: str, what: str) -> None:
-    try:
-        import matplotlib as mpl
-    except ImportError:
-        raise UsageError("--plot needs matplotlib: pip install 'hexwire[plots]'") from None
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(10, 5))
-    column = head.index(what)
-    for servo_id in sorted({row[1] for row in samples}):
-        rows = [row for row in samples if row[1] == servo_id]
-        axes.plot(
-            [row[0] for row in rows], [math.degrees(row[column]) for row in rows], label=f"servo {servo_id:.0f}"
-        )
-        if "target" in head:
-            goal = head.index("target")
-            axes.plot([row[0] for row in rows], [math.degrees(row[goal]) for row in rows], "--", label="target")
-    axes.set_xlabel("s")
-    axes.set_ylabel("deg")
-    axes.legend()
-    axes.grid(True)
-    figure.savefig(file)
-    plt.close(figure)
-
-
 # --- wave ------------------------------------------------------------------------------------------------------
 
 
@@ -200,7 +143,7 @@ def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
 @click.option("--period", type=FiniteFloat("seconds", minimum=0.2), default=2.0, show_default=True, metavar="S")
 @click.option("--seconds", type=FiniteFloat("seconds", above=0), default=6.0, show_default=True, metavar="S")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@_files
+@file_options
 @bus_options
 def wave(
     servo_id: int,
@@ -209,8 +152,7 @@ def wave(
     period: float,
     seconds: float,
     yes: bool,
-    csv_file: str | None,
-    plot: str | None,
+    files: SampleFiles,
     options: BusOptions,
 ) -> None:
     """Move one servo to and fro about where it stands, and back. Any key stops it.
@@ -219,24 +161,18 @@ def wave(
     """
     if amplitude > _MOST_AMPLITUDE:
         raise UsageError(f"an amplitude of {amplitude:g} deg is more than {_MOST_AMPLITUDE:g}")
-    _check_files(csv_file, plot)
-    if not yes:
-        click.confirm(f"servo {servo_id} will move {amplitude:g} deg to either side. Is it free to?", abort=True)
-    with _one_servo(servo_id, amplitude, options) as arm:
-        name = arm.model.names[0]
-        start = arm.read()[name].position
-        had_torque = bool(arm.read().torque_on)
-        samples: list[_Row] = []
-        if not arm.torque(True):
-            raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
-        try:
-            samples = _wave(arm, name, servo_id, start, (shape, math.radians(amplitude), period), seconds)
-        except KeyboardInterrupt:
-            note("stopped")
-        finally:
-            _end_wave(arm, name, start, keep_torque=had_torque)
-    head = ("time_s", "id", "target", "position", "velocity", "load")
-    _save(samples, head, csv_file, plot, "position")
+    with saving(files, ("time_s", "id", "target", "position", "velocity", "load"), "position") as samples:
+        confirm(f"Servo {servo_id} will move {amplitude:g} deg to either side. Is it free to?", yes)
+        with _one_servo(servo_id, amplitude, options) as arm:
+            joint = _standing(arm, servo_id)
+            had_torque = bool(arm.read().torque_on)
+            if not arm.torque(True):
+                raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
+            with _brought_back(arm, joint, keep_torque=had_torque):
+                try:
+                    _wave(arm, joint, (shape, math.radians(amplitude), period), seconds, samples)
+                except KeyboardInterrupt:
+                    note("stopped")
     if samples:
         off = max(abs(row[2] - row[3]) for row in samples)
         print(f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}")
@@ -287,32 +223,74 @@ def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator
         yield driver
 
 
+def _standing(arm: BusArm, servo_id: int) -> JointReading:
+    """The servo before it is moved.
+
+    Raises:
+        ServoError: It does not say where it is.
+    """
+    for _ in range(_MOST_SILENT):
+        joint = arm.read()[arm.model.names[0]]
+        if not joint.flags & JointFlag.SILENT:
+            return joint
+    raise ServoError(f"servo {servo_id} does not answer: check cable and power", servo_id=servo_id)
+
+
 def _wave(
-    arm: BusArm, name: str, servo_id: int, start: float, shape: tuple[str, float, float], seconds: float
-) -> list[_Row]:
+    arm: BusArm, start: JointReading, shape: tuple[str, float, float], seconds: float, samples: list[Row]
+) -> None:
+    """Move, and add to the samples what is heard meanwhile.
+
+    Raises:
+        ServoError: The servo has a fault, or has been silent for too long.
+    """
     from hexwire.model.state import JointTarget
 
-    samples: list[_Row] = []
+    servo_id = arm.model.joint(start.name).servo_id
+    silent = missed = 0
     begin = time.monotonic()
     with _any_key() as pressed:
         while (t := time.monotonic() - begin) < seconds and not pressed():
-            target = start + wave_angle(*shape, t)
-            arm.write(JointTarget.of({name: target}, duration=1 / _WAVE_RATE))
-            joint = arm.read()[name]
-            if joint.flags.faults:
-                raise ServoError(f"servo {servo_id} stopped: {joint.flags.faults}", servo_id=servo_id)
-            samples.append((t, float(servo_id), target, joint.position, joint.velocity, joint.load))
+            target = start.position + wave_angle(*shape, t)
+            arm.write(JointTarget.of({start.name: target}, duration=1 / _WAVE_RATE))
+            joint = arm.read()[start.name]
+            # Noise takes an answer now and then; that is no reason to stop.
+            silent = silent + 1 if joint.flags & JointFlag.SILENT else 0
+            missed += bool(silent)
+            if silent >= _MOST_SILENT:
+                raise ServoError(
+                    f"servo {servo_id} fell silent: {silent} samples in a row are missing; check cable and power",
+                    servo_id=servo_id,
+                )
+            if faults := joint.flags.faults & ~JointFlag.SILENT:
+                raise ServoError(f"servo {servo_id} stopped: {faults}", servo_id=servo_id)
+            if not silent:
+                samples.append((t, float(servo_id), target, joint.position, joint.velocity, joint.load))
             time.sleep(max(0.0, begin + t + 1 / _WAVE_RATE - time.monotonic()))
-    return samples
+    if missed:
+        note(f"warning: {missed} sample{'s' if missed > 1 else ''} missing: the servo did not answer")
 
 
-def _end_wave(arm: BusArm, name: str, start: float, *, keep_torque: bool) -> None:
+@contextmanager
+def _brought_back(arm: BusArm, start: JointReading, *, keep_torque: bool) -> Iterator[None]:
+    """Bring the servo back to where it stood, whatever ends the wave."""
+    try:
+        yield
+    except BaseException:
+        # What ended it is what a person must hear of first.
+        try:
+            _end_wave(arm, start, keep_torque=keep_torque)
+        except HexwireError:
+            note("warning: the servo could not be brought back and may still have torque")
+        raise
+    _end_wave(arm, start, keep_torque=keep_torque)
+
+
+def _end_wave(arm: BusArm, start: JointReading, *, keep_torque: bool) -> None:
     from hexwire.model.state import JointTarget
 
-    from .exits import shielded
-
     with shielded():
-        arm.write(JointTarget.of({name: start}, duration=0.5))
+        arm.write(JointTarget.of({start.name: start.position}, duration=0.5))
         time.sleep(0.7)
         if not keep_torque and not arm.torque(False):
             note("warning: the servo does not confirm that its torque is off again")

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 import click
 
 from hexwire.errors import ServoError, UsageError
+from hexwire.new_file import OutputFile
 
 from .bus import BusOptions, bus, bus_options, known_servo, open_bus
-from .common import format_table
+from .common import confirm, force_option, format_table, resolve_url
 from .exits import note
 from .sim_bus import parse_ids
 
@@ -44,8 +45,7 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
 
     with open_bus(options) as opened:
         known_servo(opened, old, options)
-        if not yes:
-            click.confirm(f"servo {old} becomes servo {new}. Go on?", abort=True)
+        confirm(f"Servo {old} becomes servo {new}. Go on?", yes)
         info = servo_setup.set_id(opened, old, new)
     print(f"servo {old} is servo {info.servo_id} now, and answers")
 
@@ -61,8 +61,7 @@ def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions) -> None:
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
-        if not yes:
-            click.confirm(f"servo {servo_id} will be heard at {rate} baud only. Go on?", abort=True)
+        confirm(f"Servo {servo_id} will be heard at {rate} baud only. Go on?", yes)
         servo_setup.set_baud(opened, servo_id, rate)
     print(f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on")
 
@@ -77,8 +76,7 @@ def center(servo_id: int, yes: bool, options: BusOptions) -> None:
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
-        if not yes:
-            click.confirm(f"the present position of servo {servo_id} becomes its middle. Go on?", abort=True)
+        confirm(f"The present position of servo {servo_id} becomes its middle. Go on?", yes)
         position = servo_setup.center(opened, servo_id)
     print(f"servo {servo_id} reports {position} here now")
 
@@ -105,17 +103,17 @@ def recover(ids: str, options: BusOptions) -> None:
 @bus.command()
 @click.argument("ids")
 @click.argument("file", type=click.Path(dir_okay=False))
-@click.option("--force", is_flag=True, help="Overwrite the file.")
+@force_option
 @bus_options
 def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
     """Save the stored settings of servos to a file."""
-    from hexwire.ipc.servo_backup import save_backup, take_backup
+    from hexwire.ipc.servo_backup import serialize_backups, take_backup
 
-    if Path(file).exists() and not force:
-        raise UsageError(f"{file} exists: choose another name, or --force")
-    with open_bus(options) as opened:
-        rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in parse_ids(ids)]
-    save_backup(file, rows)
+    wanted = parse_ids(ids)
+    with OutputFile(file, force=force) as out:
+        with open_bus(options) as opened:
+            rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in wanted]
+        out.file.write(serialize_backups(rows).encode())
     print(f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}")
 
 
@@ -136,9 +134,8 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions) -> None:
             f"{file} has no such servo; it has {', '.join(str(row.servo_id) for row in rows) or 'none'}"
         )
     with open_bus(options) as opened:
-        if not yes:
-            names = ", ".join(str(row.servo_id) for row in chosen)
-            click.confirm(f"settings of servo {names} will be overwritten. Go on?", abort=True)
+        names = ", ".join(str(row.servo_id) for row in chosen)
+        confirm(f"Settings of servo {names} will be overwritten. Go on?", yes)
         for row in chosen:
             changed = restore_backup(opened, row.servo_id, row)
             print(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
@@ -176,7 +173,7 @@ def _cell(value: int | None) -> str:
     "--lerobot", type=click.Path(exists=True, dir_okay=False), help="Take this LeRobot file over instead."
 )
 @click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="End the sweep by itself after so long.")
-@click.option("--force", is_flag=True, help="Overwrite the file.")
+@force_option
 @bus_options
 def calibrate(
     robot: str, file: str, lerobot: str | None, seconds: int | None, force: bool, options: BusOptions
@@ -188,25 +185,28 @@ def calibrate(
     """
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.registry import load_driver
-    from hexwire.model.calibration import Calibration
 
-    from .common import resolve_url
-
-    if Path(file).exists() and not force:
-        raise UsageError(f"{file} exists: choose another name, or --force")
     driver = load_driver(robot)
     if not issubclass(driver, BusArm):
         raise UsageError(f"{robot} is no arm on a servo bus")
+    with OutputFile(file, force=force) as out:
+        found = _calibration(driver, robot, lerobot, seconds, options)
+        out.file.write(found.serialize().encode())
+    print(f"{len(found.joints)} joints saved to {file}")
+
+
+def _calibration(
+    driver: type[BusArm], robot: str, lerobot: str | None, seconds: int | None, options: BusOptions
+) -> Calibration:
+    """Take a file over, or measure."""
+    from hexwire.model.calibration import Calibration
+
     if lerobot is not None:
         text = Path(lerobot).read_text(encoding="utf-8", errors="replace")
         taken = datetime.datetime.fromtimestamp(Path(lerobot).stat().st_mtime).astimezone()
-        found = Calibration.from_lerobot(text, arm=robot, taken=taken.isoformat(timespec="seconds"), file=lerobot)
-    else:
-        with driver.from_url(resolve_url(options.port, options.baud)) as arm:
-            assert isinstance(arm, BusArm)
-            found = _wizard(arm, seconds)
-    Path(file).write_text(found.serialize(), encoding="utf-8")
-    print(f"{len(found.joints)} joints saved to {file}")
+        return Calibration.from_lerobot(text, arm=robot, taken=taken.isoformat(timespec="seconds"), file=lerobot)
+    with driver.from_url(resolve_url(options.port, options.baud)) as arm:
+        return _wizard(arm, seconds)
 
 
 def _wizard(arm: BusArm, seconds: int | None) -> Calibration:

@@ -31,7 +31,9 @@ __all__ = [
     "FiniteFloat",
     "RobotOptions",
     "attached",
+    "confirm",
     "fault_names",
+    "force_option",
     "format_table",
     "joint_json",
     "json_option",
@@ -43,6 +45,7 @@ __all__ = [
     "port_option",
     "print_json",
     "raise_if_silent",
+    "refuse_idle_force",
     "refuse_table",
     "resolve_url",
     "robot_options",
@@ -299,6 +302,53 @@ def _show_states(robot: RobotDriver) -> None:
 
 
 # -- what is printed ------------------------------------------------------------------------------------
+
+
+def confirm(question: str, yes: bool, *, alone: str = "") -> None:
+    """Ask a person on standard error before something happens that cannot be taken back; ``--yes`` answers it.
+
+    Args:
+        question: Whether to go on.
+        yes: It is answered already.
+        alone: What to say if nobody is there to answer; the question if empty.
+
+    Raises:
+        click.Abort: The answer is no.
+        UsageError: Nobody is there to answer.
+    """
+    if yes:
+        return
+    if sys.stdin.isatty():
+        click.confirm(question, abort=True, err=True)
+        return
+    # `yes | hexwire ...` counts, too.
+    answer = sys.stdin.readline()
+    if not answer:
+        raise UsageError(alone or f"{question} Nobody is there to answer: say so with --yes")
+    if answer.strip().lower() not in ("y", "yes"):
+        raise click.Abort
+
+
+def force_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--force``, for a command that writes a file; the command gets ``force``."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, force: bool, **rest: Any) -> Any:
+        # Beside --record it counts for both files.
+        early = click.get_current_context().find_root().params
+        return command(*args, force=force or bool(early.get("force")), **rest)
+
+    return click.option("--force", is_flag=True, help="Write over a file that is there.")(packed)
+
+
+def refuse_idle_force(force: bool, words: str) -> None:
+    """Refuse ``--force`` where no file is written: somebody would think that it forces something else.
+
+    Raises:
+        UsageError: It was given, and not for --record either.
+    """
+    if force and not click.get_current_context().find_root().params.get("force"):
+        raise UsageError(f"--force is for {words}, and none is named; it lifts no limit")
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program to read.")

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import format_table, json_option, print_json
+from hexwire.new_file import OutputFile
+
+from .common import force_option, format_table, json_option, print_json
 
 if TYPE_CHECKING:
     from hexwire.ipc.channel import ChannelConf
@@ -45,13 +47,12 @@ def check(file: str, as_json: bool) -> None:
 @conf.command()
 @click.argument("source", metavar="IN")
 @click.argument("target", metavar="OUT")
-@click.option("--force", is_flag=True, help="Write over OUT if it is there.")
+@force_option
 def convert(source: str, target: str, force: bool) -> None:
     """Write the channels of IN to OUT: TOML if OUT ends in .toml, the chapter's form otherwise.
 
     Comments are not carried over. OUT may be - for standard output, which gets the form that IN has not.
     """
-    from hexwire.errors import UsageError
     from hexwire.ipc.conf import load_conf, to_conf, to_toml
 
     channels = load_conf(source)
@@ -60,13 +61,8 @@ def convert(source: str, target: str, force: bool) -> None:
     if target == "-":
         print(text, end="")
         return
-    try:
-        with Path(target).open("w" if force else "x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise UsageError(f"{target} is there already; --force writes over it") from None
-    except OSError as error:
-        raise UsageError(f"cannot write {target}: {error.strerror}") from error
+    with OutputFile(target, force=force) as out:
+        out.file.write(text.encode())
 
 
 def _table(channels: Sequence[ChannelConf]) -> str:

@@ -82,6 +82,9 @@ class LazyGroup(click.Group):
                 front.append(arg)
             else:
                 rest.append(arg)
+        if "--force" in rest and any(arg.partition("=")[0] == "--record" for arg in front):
+            rest.remove("--force")
+            front.append("--force")
         return super().parse_args(ctx, [*front, *rest, *args[end:]])
 
     def resolve_command(
@@ -123,6 +126,7 @@ class LazyGroup(click.Group):
     metavar="FILE",
     help="Write all traffic, frames in words and joint states to FILE.mcap.",
 )
+@click.option("--force", is_flag=True, help="With --record, write over FILE if it is there.")
 @click.option("--robot", metavar="NAME", help="Which robot, for every command that takes --robot.")
 @click.option("--port", metavar="URL", help="Where it is, for every command that takes --port.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
@@ -133,6 +137,7 @@ def cli(
     trace: bool,
     explain: bool,
     record: str | None,
+    force: bool,
     robot: str | None,
     port: str | None,
 ) -> None:
@@ -148,7 +153,10 @@ def cli(
     if record is not None:
         from .record import recording
 
-        ctx.with_resource(recording(record))
+        # Nothing may keep a stop from the arm.
+        ctx.with_resource(recording(record, force=force, optional=ctx.invoked_subcommand == "stop"))
+    elif force:
+        raise click.UsageError("--force before a command is for --record, and none is given", ctx)
 
 
 def main() -> None:

@@ -17,8 +17,9 @@ import click
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.geometry import ROBOTS, make_kinematics
+from hexwire.new_file import OutputFile
 
-from .common import FiniteFloat, format_table, json_option, print_json
+from .common import FiniteFloat, force_option, format_table, json_option, print_json, refuse_idle_force
 
 if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel, Solution
@@ -271,15 +272,18 @@ def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> N
 @links_option
 @_robot_option
 @click.option("-o", "--output", metavar="FILE", help="Write here rather than to standard output.")
-def urdf(links: str, robot: str, output: str | None) -> None:
+@force_option
+def urdf(links: str, robot: str, output: str | None, force: bool) -> None:
     """Write the arm as URDF, from the same constants; its joints are those of the driver."""
     from hexwire.model.urdf import make_urdf
 
     text = make_urdf(make_kinematics(robot, links))
     if output is None:
+        refuse_idle_force(force, "the file of --output")
         print(text, end="")
     else:
-        Path(output).write_text(text, encoding="utf-8")
+        with OutputFile(output, force=force) as out:
+            out.file.write(text.encode())
 
 
 def _short(violations: Sequence[str]) -> str:

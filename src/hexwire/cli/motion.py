@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import functools
 import math
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +18,21 @@ import click
 from hexwire.errors import UsageError
 from hexwire.model.geometry import kinematics_or_none, make_kinematics
 
-from .common import FiniteFloat, RobotOptions, attached, make_robot, open_robot, robot_options, table_options
+from .common import (
+    FiniteFloat,
+    RobotOptions,
+    attached,
+    confirm,
+    force_option,
+    make_robot,
+    open_robot,
+    refuse_idle_force,
+    robot_options,
+    table_options,
+)
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
+from .plot import open_picture
 from .run_motion import MotionOptions, run_motion, torque_up
 
 if TYPE_CHECKING:
@@ -29,6 +41,8 @@ if TYPE_CHECKING:
     from hexwire.model.pose import Pose, Vector
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
+    from hexwire.new_file import OutputFile
+    from hexwire.trace.recording import RecordingWriter
 
 __all__ = ["goto", "line", "play", "teach"]
 
@@ -41,12 +55,16 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``--table``, ``--plot``, ``--dry-run`` and ``--rate``; the command gets them as ``run: MotionOptions``."""
 
     @functools.wraps(command)
-    def packed(
+    def given(
         *args: Any, table: float | None, plot: str | None, dry_run: bool, rate: float | None, **rest: Any
     ) -> Any:
-        run = MotionOptions(table, plot, dry_run, rate)
-        return command(*args, run=run, **rest)
+        # Before the robot is looked for: a picture that cannot be drawn must not cost a motion.
+        with _picture(plot, rest["force"], rest.get("save")) as picture:
+            if "save" not in rest:
+                del rest["force"]
+            return command(*args, run=MotionOptions(table, picture, dry_run, rate), **rest)
 
+    packed = force_option(given)
     for option in (
         click.option(
             "--rate",
@@ -59,6 +77,17 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
     ):
         packed = option(packed)
     return table_options(packed)
+
+
+@contextmanager
+def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[OutputFile | None]:
+    if plot is None:
+        if save is None:
+            refuse_idle_force(force, "the file of --plot")
+        yield None
+        return
+    with open_picture(plot, force=force) as picture:
+        yield picture
 
 
 def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -205,6 +234,7 @@ def play(
     trim: bool,
     repeat: int,
     save: str | None,
+    force: bool,
     links: str,
     run: MotionOptions,
     options: RobotOptions,
@@ -231,7 +261,7 @@ def play(
             taught = taught.without_stillness()
         taught = taught.smoothed(smooth).faster(speed)
         if save is not None:
-            _save(taught, file, save)
+            _save(taught, file, save, force)
             return
         way = taught.trajectory()
     model = kinematics_or_none(options.robot, links, for_motion=True)
@@ -264,39 +294,59 @@ def play(
 )
 @click.option("--limp", is_flag=True, help="Leave the torque off at the end; else the arm holds where it is then.")
 @click.option("--yes", is_flag=True, help="Do not ask whether somebody holds the arm.")
+@force_option
 @robot_options
 def teach(
-    file: str, rate: float | None, duration: float | None, limp: bool, yes: bool, options: RobotOptions
+    file: str,
+    rate: float | None,
+    duration: float | None,
+    limp: bool,
+    yes: bool,
+    force: bool,
+    options: RobotOptions,
 ) -> None:
     """Record what a hand does with the arm, for `hexwire play`.
 
     The torque goes off, so the arm sinks unless it is held.
     """
-    from hexwire.motion.loop import RateLoop
     from hexwire.trace.recording import RecordingWriter
 
     _want_mcap(file)
-    with open_robot(options) as robot:
-        if not yes:
-            if not sys.stdin.isatty():
-                raise UsageError("the arm sinks when the torque goes off: hold it, and say so with --yes")
-            click.confirm("The torque goes off and the arm sinks. Do you hold it?", abort=True, err=True)
-        recording = RecordingWriter(file)
-        with recording:
-            robot.torque(False)
-            note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
-            loop = RateLoop(rate or robot.command_rate)
-            try:
-                for _ in loop.ticks(math.inf if duration is None else duration):
-                    state = robot.read()
-                    recording.joint_state(state, time.time() - (time.monotonic() - state.stamp))
-            except KeyboardInterrupt:
-                # The usual end. What follows must not be lost to a second one.
-                pass
-            finally:
-                if not limp:
-                    torque_up(robot, robot.model.names)
-        print(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
+    with RecordingWriter(file, force=force) as recording:
+        try:
+            with open_robot(options) as robot:
+                confirm(
+                    "The torque goes off and the arm sinks. Do you hold it?",
+                    yes,
+                    alone="the arm sinks when the torque goes off: hold it, and say so with --yes",
+                )
+                _record_by_hand(robot, recording, rate, duration, limp=limp)
+        except BaseException:
+            if recording.count:
+                note(f"{recording.count} states are kept in {file}")
+            raise
+    print(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
+
+
+def _record_by_hand(
+    robot: RobotDriver, recording: RecordingWriter, rate: float | None, duration: float | None, *, limp: bool
+) -> None:
+    """Torque off, record until it ends, torque on."""
+    from hexwire.motion.loop import RateLoop
+
+    robot.torque(False)
+    note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
+    loop = RateLoop(rate or robot.command_rate)
+    try:
+        for _ in loop.ticks(math.inf if duration is None else duration):
+            state = robot.read()
+            recording.joint_state(state, time.time() - (time.monotonic() - state.stamp))
+    except KeyboardInterrupt:
+        # The usual end. What follows must not be lost to a second one.
+        pass
+    finally:
+        if not limp:
+            torque_up(robot, robot.model.names)
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:
@@ -355,14 +405,14 @@ def _read_taught(file: str) -> Taught:
     return Taught.of(names, ((row.time, row.position) for row in rows if row.names == names))
 
 
-def _save(taught: Taught, file: str, save: str) -> None:
+def _save(taught: Taught, file: str, save: str, force: bool) -> None:
     from hexwire.trace.recording import RecordingWriter, make_positions
 
     _want_mcap(save)
     if Path(save).exists() and Path(save).samefile(file):
         raise UsageError(f"--save {save} would overwrite what it is made from")
     begin = time.time()
-    with RecordingWriter(save) as recording:
+    with RecordingWriter(save, force=force) as recording:
         for t, row in zip(taught.times, taught.rows, strict=True):
             recording.joint_state(make_positions(taught.names, row), begin + t)
     print(f"{recording.count} states, {taught.duration:.2f} s in {save}")

@@ -9,14 +9,40 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
+from hexwire.new_file import OutputFile
 
-__all__ = ["MotionPlot"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["MotionPlot", "open_picture", "save_figure"]
 
 FORMATS = (".png", ".svg", ".pdf")
 # Told apart by people who see colours differently (Okabe and Ito).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+def open_picture(file: str, *, force: bool) -> OutputFile:
+    """Make a picture's file, before anything moves that shall be drawn.
+
+    Raises:
+        UsageError: An unknown kind of picture, a file that cannot be made, or matplotlib is not installed.
+    """
+    if Path(file).suffix.lower() not in FORMATS:
+        raise UsageError(f"{file}: the picture's name must end in {', '.join(FORMATS)}")
+    try:
+        import matplotlib.figure  # noqa: F401  # only whether it is there
+    except ImportError:
+        raise UsageError("a picture needs matplotlib: pip install 'hexwire[plots]'") from None
+    return OutputFile(file, force=force)
+
+
+def save_figure(figure: Figure, picture: OutputFile) -> None:
+    """Write a figure into its file, whose name says which kind, and keep that."""
+    figure.savefig(picture.file, format=picture.path.suffix[1:].lower(), dpi=120)
+    picture.keep()
 
 
 @dataclass
@@ -39,22 +65,8 @@ class MotionPlot:
     path: list[Sequence[float]] = field(default_factory=list)
     way: list[Sequence[float]] = field(default_factory=list)
 
-    @staticmethod
-    def check(file: str) -> None:
-        """Refuse a file that could not be drawn, before anything moves.
-
-        Raises:
-            UsageError: An unknown kind of picture, or matplotlib is not installed.
-        """
-        if Path(file).suffix.lower() not in FORMATS:
-            raise UsageError(f"--plot {file}: the picture's name must end in {', '.join(FORMATS)}")
-        try:
-            import matplotlib  # noqa: F401  # only whether it is there
-        except ImportError:
-            raise UsageError("--plot needs matplotlib: pip install 'hexwire[plots]'") from None
-
-    def draw(self, file: str) -> None:
-        """Write the picture; the file's name says which kind."""
+    def draw(self, picture: OutputFile) -> None:
+        """Draw it into a file of `open_picture`, and keep that."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(11, 7), layout="constrained")
@@ -100,4 +112,4 @@ class MotionPlot:
             view.set_ylabel(y_label)
             view.set_aspect("equal", adjustable="datalim")
             view.grid(alpha=0.3)
-        figure.savefig(file, dpi=120)
+        save_figure(figure, picture)

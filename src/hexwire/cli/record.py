@@ -21,8 +21,9 @@ import click
 from hexwire.errors import UsageError
 from hexwire.ipc.link import Link
 from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
+from hexwire.new_file import OutputFile
 
-from .common import format_table, observing_states
+from .common import force_option, format_table, observing_states
 from .exits import note, tell_missed
 
 if TYPE_CHECKING:
@@ -35,18 +36,28 @@ _COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature",
 
 
 @contextmanager
-def recording(path: str) -> Iterator[None]:
+def recording(path: str, *, force: bool, optional: bool = False) -> Iterator[None]:
     """While this lasts, traffic and joint states go to a recording.
 
-    What cannot be written is counted and told at the end, in one line; the command goes on: a stop must not fail
-    for a full disk.
+    One that cannot be begun is an error before anything happens. What cannot be written later is counted and told
+    at the end, in one line, and the command goes on.
+
+    Args:
+        path: The file.
+        force: Write over one that is there.
+        optional: Go on without a recording: a stop must not fail for a full disk.
+
+    Raises:
+        UsageError: The file cannot be made, or the package for recordings is not installed.
     """
     from hexwire.trace.capture import Capture
 
     missed = Missed()
     try:
-        capture = Capture(path, offset=time.time() - time.monotonic())
+        capture = Capture(path, offset=time.time() - time.monotonic(), force=force)
     except (OSError, UsageError) as error:
+        if not optional:
+            raise
         missed.add(error)
         try:
             yield
@@ -63,6 +74,9 @@ def recording(path: str) -> Iterator[None]:
     try:
         with wrap_new_links(tap), observing_states(missed.guard(state)):
             yield
+    except BaseException:
+        missed.guard(capture.abandon)()
+        raise
     finally:
         missed.guard(capture.close)()
         tell_missed(f"the recording {path}", missed)
@@ -100,8 +114,9 @@ def info(file: BinaryIO) -> None:
 
 @record.command()
 @click.argument("file", type=click.File("rb"))
-@click.argument("target", type=click.Path(dir_okay=False))
-def export(file: BinaryIO, target: str) -> None:
+@click.argument("target")
+@force_option
+def export(file: BinaryIO, target: str, force: bool) -> None:
     """Write FILE as TARGET, whose name says the form: .csv, .jsonl or .pcapng.
 
     CSV has the joint states, a row a state; JSON lines have every message; pcapng has the traffic, for Wireshark.
@@ -110,36 +125,28 @@ def export(file: BinaryIO, target: str) -> None:
     if form not in (".csv", ".jsonl", ".pcapng"):
         raise UsageError(f"{target}: a name ends with .csv, .jsonl or .pcapng")
     data = io.BytesIO(file.read())
-    try:
+    with OutputFile(target, force=force) as out:
         if form == ".pcapng":
-            with Path(target).open("wb") as out:
-                count = _pcapng(data, file.name, out)
+            count = _pcapng(data, file.name, out.file)
         else:
-            with Path(target).open("w", encoding="utf-8", newline="") as text:
-                count = (_csv if form == ".csv" else _jsonl)(data, file.name, text)
-    except OSError as error:
-        raise UsageError(f"{target} cannot be written: {error.strerror}") from None
+            text = io.TextIOWrapper(out.file, encoding="utf-8", newline="")
+            count = (_csv if form == ".csv" else _jsonl)(data, file.name, text)
+            text.detach()
     click.echo(f"{count} {'states' if form == '.csv' else 'messages'} written to {target}")
 
 
 @record.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
-@click.argument("target", type=click.Path(dir_okay=False))
-def recover(file: str, target: str) -> None:
+@click.argument("target")
+@force_option
+def recover(file: str, target: str, force: bool) -> None:
     """Save what is whole of FILE, which a crash has cut off, as TARGET."""
     from hexwire.trace.capture import recover as save
 
     if os.path.realpath(file) == os.path.realpath(target):
         raise UsageError("give the recovered recording another name; the damaged one stays as it is")
-    partial = Path(f"{target}.part")
-    try:
-        with Path(file).open("rb") as source, partial.open("wb") as out:
-            saved = save(source, file, out)
-        partial.replace(target)
-    except OSError as error:
-        raise UsageError(f"{error.filename}: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)
+    with Path(file).open("rb") as source, OutputFile(target, force=force) as out:
+        saved = save(source, file, out.file)
     click.echo(f"{saved.messages} messages saved to {target}")
     if saved.problem:
         note(saved.problem)
@@ -147,24 +154,22 @@ def recover(file: str, target: str) -> None:
 
 @record.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
-@click.argument("picture", type=click.Path(dir_okay=False))
-def plot(file: str, picture: str) -> None:
+@click.argument("picture")
+@force_option
+def plot(file: str, picture: str, force: bool) -> None:
     """Draw the joint states of FILE as PICTURE (.png, .svg or .pdf): angle over time."""
     from hexwire.trace.recording import read_joint_states
 
-    from .plot import MotionPlot
+    from .plot import MotionPlot, open_picture
 
-    MotionPlot.check(picture)
-    states = list(read_joint_states(file))
-    if not states:
-        raise UsageError(f"{file} has no joint states")
-    first = states[0]
-    drawn = MotionPlot(first.names, title=Path(file).name)
-    drawn.planned = [(s.time - first.time, s.position) for s in states if s.names == first.names]
-    try:
-        drawn.draw(picture)
-    except OSError as error:
-        raise UsageError(f"{picture} cannot be written: {error.strerror}") from None
+    with open_picture(picture, force=force) as out:
+        states = list(read_joint_states(file))
+        if not states:
+            raise UsageError(f"{file} has no joint states")
+        first = states[0]
+        drawn = MotionPlot(first.names, title=Path(file).name)
+        drawn.planned = [(s.time - first.time, s.position) for s in states if s.names == first.names]
+        drawn.draw(out)
     click.echo(f"{len(drawn.planned)} states drawn to {picture}")
 
 

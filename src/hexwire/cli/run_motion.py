@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hexwire.motion.checks import MotionReport
     from hexwire.motion.loop import MotionLoop
     from hexwire.motion.waypoints import Trajectory
+    from hexwire.new_file import OutputFile
 
 __all__ = ["MotionOptions", "run_motion", "torque_up"]
 
@@ -40,13 +41,13 @@ class MotionOptions:
 
     Attributes:
         table: Height of the table above the base, metres; None for none.
-        plot: File for a picture, or None.
+        plot: File for a picture, made already; or None.
         dry_run: Check and draw only.
         rate: Cycles a second; by dialect if None.
     """
 
     table: float | None
-    plot: str | None
+    plot: OutputFile | None
     dry_run: bool
     rate: float | None
 
@@ -111,8 +112,6 @@ def run_motion(
     """
     from hexwire.motion.checks import check_trajectory
 
-    if options.plot is not None:
-        MotionPlot.check(options.plot)
     where = dict(start)
     for name, leg in legs:
         report = check_trajectory(leg, robot.model, model, others=where, table=options.table).require()
@@ -129,8 +128,10 @@ def run_motion(
             draw = plot.draw if options.dry_run else missed.guard(plot.draw)
             draw(options.plot)
             if missed.first is None:
-                print(f"drawn: {options.plot}")
-        tell_missed(f"the picture {options.plot}", missed)
+                print(f"drawn: {options.plot.path}")
+            # Harmless for one that was drawn.
+            options.plot.discard()
+        tell_missed(f"the picture {options.plot.path if options.plot else ''}", missed)
 
 
 def _in_words(report: MotionReport) -> str:

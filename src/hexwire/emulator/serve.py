@@ -21,6 +21,7 @@ from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageE
 from hexwire.ipc.link import Link, LinkKind
 from hexwire.ipc.serial import terminal_rate
 
+from .serve_link import TerminalName
 from .uart import heard_at
 
 __all__ = ["BoardLink", "FakeClock", "PacedLine", "PtyServer", "ServedDevice", "serve_board"]
@@ -242,6 +243,7 @@ class PtyServer:
         self._baud = baud
         self._reset_on_open = reset_on_open
         self._clock = clock
+        self._name: TerminalName | None = None
         self._master = -1
         self._slave = -1
         self._to_board = PacedLine(baud)
@@ -253,7 +255,7 @@ class PtyServer:
         """Make the terminal; returns the path to give to a host.
 
         Raises:
-            UsageError: `link` cannot be made, or something that is no symbolic link is in its way.
+            UsageError: `link` cannot be made, or what is in its way must stay.
         """
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -266,7 +268,7 @@ class PtyServer:
             self._slave = -1
         if self._link is not None:
             try:
-                self._make_link(self._link)
+                self._name = TerminalName(self._link, self.path)
             except BaseException:
                 self.close()
                 raise
@@ -281,26 +283,16 @@ class PtyServer:
             settings[4] = settings[5] = code
             termios.tcsetattr(slave, termios.TCSANOW, settings)
 
-    def _make_link(self, link: Path) -> None:
-        if link.exists() and not link.is_symlink():
-            raise UsageError(f"{link} exists and is no symbolic link; choose another --link")
-        temporary = link.with_name(f".{link.name}.{os.getpid()}")
-        try:
-            temporary.unlink(missing_ok=True)
-            temporary.symlink_to(self.path)
-            temporary.replace(link)
-        except OSError as error:
-            raise UsageError(f"cannot make the link {link}: {error.strerror}; choose another --link") from error
-
     def close(self) -> None:
-        """Take the terminal and the symbolic link away."""
+        """Take the symbolic link and the terminal away."""
+        # In this order: a terminal that is closed gives its number to the next one.
+        if self._name is not None:
+            self._name.remove()
+            self._name = None
         for fd in (self._master, self._slave):
             if fd >= 0:
                 os.close(fd)
         self._master = self._slave = -1
-        link = self._link
-        if link is not None and link.is_symlink() and str(link.readlink()) == self.path:
-            link.unlink()
 
     def fileno(self) -> int:
         """Descriptor that turns readable when a host writes."""

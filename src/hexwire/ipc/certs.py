@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from hexwire.errors import UsageError
+from hexwire.new_file import OutputFile, make_folder
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -235,18 +236,14 @@ def _write(folder: Path, name: str, certificate: x509.Certificate, key: Elliptic
     files = CertFiles(folder / f"{name}.pem", folder / f"{name}.key")
     secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for path in (files.cert, files.key):
-            if path.exists():
+            if os.path.lexists(path):
                 raise UsageError(f"{path} is there already; remove it first, or take another name")
-        _write_new(files.key, secret, 0o600)
-        _write_new(files.cert, certificate.public_bytes(Encoding.PEM), 0o644)
+        # A certificate is public, its key is not.
+        with OutputFile(files.key) as key_file, OutputFile(files.cert, mode=0o644) as cert_file:
+            key_file.file.write(secret)
+            cert_file.file.write(certificate.public_bytes(Encoding.PEM))
     except OSError as error:
         raise UsageError(f"cannot write {error.filename or folder}: {error.strerror}") from error
     return files
-
-
-def _write_new(path: Path, data: bytes, mode: int) -> None:
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-    with os.fdopen(fd, "wb") as file:
-        file.write(data)

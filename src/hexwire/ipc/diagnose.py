@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from hexwire.errors import LinkPermissionError
+from hexwire.errors import LinkPermissionError, UsageError
+from hexwire.new_file import OutputFile, make_folder
 
 from .adapter import inspect_adapter
 from .ports import PortInfo
@@ -94,10 +95,11 @@ def write_udev_rule(usb_ids: Iterable[str], root: Path = Path("/")) -> Path:
     """
     path = root / RULE_PATH
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(udev_rule(usb_ids), encoding="utf-8")
-    except OSError as error:
-        raise LinkPermissionError(f"{path} cannot be written ({error.strerror}); run it with sudo") from error
+        make_folder(path.parent)
+        with OutputFile(path, force=True, mode=0o644) as out:
+            out.file.write(udev_rule(usb_ids).encode())
+    except (OSError, UsageError) as error:
+        raise LinkPermissionError(f"{path} cannot be written ({error}); run it with sudo") from error
     return path
 
 

@@ -18,7 +18,7 @@ from hexwire.wire.registers import Series
 from .servo_bus import ServoBus
 from .servo_setup import identify, unlocked
 
-__all__ = ["ServoBackup", "compare", "load_backup", "restore_backup", "save_backup", "take_backup"]
+__all__ = ["ServoBackup", "compare", "load_backup", "restore_backup", "serialize_backups", "take_backup"]
 
 _FORMAT = "hexwire servo settings 1"
 # Putting these back would lose the servo: it would answer to another id, or at another rate.
@@ -119,8 +119,8 @@ def restore_backup(bus: ServoBus, servo_id: int, backup: ServoBackup) -> list[st
     return [name for name, _ in todo]
 
 
-def save_backup(path: str | Path, backups: list[ServoBackup]) -> None:
-    """Write backups to a file, whole or not at all."""
+def serialize_backups(backups: list[ServoBackup]) -> str:
+    """What a file of backups holds."""
     rows = [
         {
             "id": backup.servo_id,
@@ -132,10 +132,7 @@ def save_backup(path: str | Path, backups: list[ServoBackup]) -> None:
         }
         for backup in backups
     ]
-    target = Path(path)
-    temporary = target.with_name(f".{target.name}.part")
-    temporary.write_text(json.dumps({"format": _FORMAT, "servos": rows}, indent=2) + "\n", encoding="utf-8")
-    temporary.replace(target)
+    return json.dumps({"format": _FORMAT, "servos": rows}, indent=2) + "\n"
 
 
 def load_backup(path: str | Path) -> list[ServoBackup]:

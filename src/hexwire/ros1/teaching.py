@@ -19,6 +19,7 @@ from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.teach import Taught
+from hexwire.new_file import OutputFile, make_folder
 
 from .goals import Point
 from .states import SampleClock
@@ -200,35 +201,27 @@ def save(taught: Taught, folder: Path, when: datetime, *, tolerance: float = TOL
     # A line a point, for people and diff.
     text = text.replace('{"time_from_start"', '\n{"time_from_start"') + "\n"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        path = _reserve(folder, f"taught-{when:%Y%m%d-%H%M%S}")
-        part = path.with_suffix(".json.part")
-        try:
-            with part.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                # A robot is switched off at the wall.
-                os.fsync(file.fileno())
-            part.replace(path)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            path.unlink(missing_ok=True)
-            raise
-    except OSError as error:
+        make_folder(folder)
+        with _reserve(folder, f"taught-{when:%Y%m%d-%H%M%S}") as out:
+            out.file.write(text.encode())
+    except (OSError, UsageError) as error:
         raise HexwireError(
-            f"what was taught cannot be saved in {folder} ({error.strerror or error}); "
+            f"what was taught cannot be saved in {folder} ({getattr(error, 'strerror', None) or error}); "
             "name a folder that this user may write to, on a disk with room"
         ) from error
-    return path
+    return out.path
 
 
-def _reserve(folder: Path, stem: str) -> Path:
-    """An empty file of a name that nothing had."""
+def _reserve(folder: Path, stem: str) -> OutputFile:
+    """A file of a name that nothing had."""
     for i in count(1):
         path = folder / (f"{stem}.json" if i == 1 else f"{stem}-{i}.json")
-        try:
-            path.open("x").close()
-        except FileExistsError:
+        if os.path.lexists(path):
             continue
-        return path
+        try:
+            return OutputFile(path)
+        except UsageError:
+            # Another node may have been quicker.
+            if not os.path.lexists(path):
+                raise
     raise AssertionError("unreachable")

@@ -43,16 +43,16 @@ class Capture:
     for itself would keep a stop from the line.
 
     Args:
-        path: The file; one that exists is replaced.
+        path: The file. Only its maker can read it.
         offset: Seconds to add to a link's clock for seconds since 1970.
+        force: Write over one that is there.
 
     Raises:
-        UsageError: The package ``mcap`` is not installed.
-        OSError: The file cannot be written.
+        UsageError: The file is there already or cannot be made, or the package ``mcap`` is not installed.
     """
 
-    def __init__(self, path: str | Path, *, offset: float) -> None:
-        self._writer = RecordingWriter(path)
+    def __init__(self, path: str | Path, *, offset: float, force: bool = False) -> None:
+        self._writer = RecordingWriter(path, force=force)
         self._explainers: dict[str, Explainer] = {}
         self._offset = offset
         self._lock = threading.Lock()
@@ -93,7 +93,16 @@ class Capture:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is not None:
+            self.abandon()
         self.close()
+
+    def abandon(self) -> None:
+        """Take a recording of nothing away again: it would be in the way of the next attempt."""
+        with self._alone():
+            if not self._closed and not self._writer.count:
+                self._closed = True
+                self._writer.discard()
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

@@ -14,10 +14,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import UsageError
 from hexwire.model.state import JointState
+from hexwire.new_file import OutputFile
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -110,18 +111,19 @@ class RecordingWriter:
     """Writes a recording; use it as a context manager, or `close` it.
 
     Args:
-        path: The file; one that exists is replaced.
+        path: The file. Only its maker can read it.
+        force: Write over one that is there; it stays as it is until the recording is whole.
 
     Raises:
-        UsageError: The package ``mcap`` is not installed.
-        OSError: The file cannot be written.
+        UsageError: The file is there already or cannot be made, or the package ``mcap`` is not installed.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, force: bool = False) -> None:
         writer_module = load_mcap("mcap.writer")
-        self._file: IO[bytes] = Path(path).open("wb")  # noqa: SIM115  # closed by close()
+        self._out = OutputFile(path, force=force, partial=True)
+        self._closed = False
         self._writer = writer_module.Writer(
-            self._file, chunk_size=_CHUNK, compression=writer_module.CompressionType.ZSTD
+            self._out.file, chunk_size=_CHUNK, compression=writer_module.CompressionType.ZSTD
         )
         self._writer.start(profile="", library="hexwire")
         self._channels: dict[str, int] = {}
@@ -219,15 +221,21 @@ class RecordingWriter:
         Raises:
             OSError: The end cannot be written.
         """
-        if self._file.closed:
+        if self._closed:
             return
+        self._closed = True
         try:
             if self._failed is None:
                 self._writer.finish()
         finally:
             # Closing writes what is buffered, and fails again where writing did.
             with suppress(OSError) if self._failed is not None else nullcontext():
-                self._file.close()
+                self._out.keep()
+
+    def discard(self) -> None:
+        """Take the file away again. Harmless if it is finished."""
+        self._closed = True
+        self._out.discard()
 
     def __enter__(self) -> Self:
         return self
@@ -235,6 +243,9 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        # An error ends a recording, and what was recorded before it is kept.
+        if kind is not None and not self.count:
+            self.discard()
         self.close()
 
 

@@ -1,0 +1,123 @@
+"""`--csv` and `--plot` of the commands that sample: where samples go, however the sampling ends.
+
+Owns the two files and how they are filled. Must not know where samples come from.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import io
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from hexwire.new_file import OutputFile
+
+from .common import force_option, refuse_idle_force
+from .exits import note, shielded
+from .plot import open_picture, save_figure
+
+__all__ = ["Row", "SampleFiles", "file_options", "saving"]
+
+Row = tuple[float, ...]
+"""One sample: a number a column."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleFiles:
+    """Where samples go, as typed."""
+
+    csv: str | None
+    plot: str | None
+    force: bool
+
+
+def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--csv``, ``--plot`` and ``--force``; the command gets ``files: SampleFiles``."""
+
+    @functools.wraps(command)
+    def given(*args: Any, csv_file: str | None, plot: str | None, force: bool, **rest: Any) -> Any:
+        return command(*args, files=SampleFiles(csv_file, plot, force), **rest)
+
+    packed: Callable[..., Any] = given
+    for option in (
+        force_option,
+        click.option("--csv", "csv_file", metavar="FILE", help="Save the samples here."),
+        click.option("--plot", metavar="FILE", help="Draw the samples here, as .png, .svg or .pdf."),
+    ):
+        packed = option(packed)
+    return packed
+
+
+@contextmanager
+def saving(files: SampleFiles, head: Sequence[str], what: str) -> Iterator[list[Row]]:
+    """Samples that are saved at the end, however it comes; their files are made before the first is taken.
+
+    Args:
+        files: As typed.
+        head: Names of the columns, the first two being time and id.
+        what: The column that is drawn; one called target is drawn beside it.
+
+    Raises:
+        UsageError: A file cannot be made, or nothing is there to draw with.
+    """
+    if files.csv is None and files.plot is None:
+        refuse_idle_force(files.force, "the files of --csv and --plot")
+    with ExitStack() as stack:
+        table = picture = None
+        if files.csv is not None:
+            table = stack.enter_context(OutputFile(files.csv, force=files.force))
+        if files.plot is not None:
+            picture = stack.enter_context(open_picture(files.plot, force=files.force))
+        samples: list[Row] = []
+        try:
+            yield samples
+        except BaseException:
+            if samples:
+                with shielded():
+                    _save(samples, head, table, picture, what)
+            raise
+        _save(samples, head, table, picture, what)
+
+
+def _save(
+    samples: Sequence[Row], head: Sequence[str], table: OutputFile | None, picture: OutputFile | None, what: str
+) -> None:
+    if table is not None:
+        text = io.TextIOWrapper(table.file, encoding="utf-8", newline="")
+        writer = csv.writer(text)
+        writer.writerow(head)
+        writer.writerows(samples)
+        text.detach()
+        table.keep()
+        note(f"{len(samples)} samples saved to {table.path}")
+    if picture is not None:
+        _plot(samples, head, picture, what)
+        note(f"drawn to {picture.path}")
+
+
+def _plot(samples: Sequence[Row], head: Sequence[str], picture: OutputFile, what: str) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 5))
+    axes = figure.add_subplot()
+    column = head.index(what)
+    for servo_id in sorted({row[1] for row in samples}):
+        rows = [row for row in samples if row[1] == servo_id]
+        axes.plot(
+            [row[0] for row in rows], [math.degrees(row[column]) for row in rows], label=f"servo {servo_id:.0f}"
+        )
+        if "target" in head:
+            goal = head.index("target")
+            axes.plot([row[0] for row in rows], [math.degrees(row[goal]) for row in rows], "--", label="target")
+    axes.set_xlabel("s")
+    axes.set_ylabel("deg")
+    if samples:
+        axes.legend()
+    axes.grid(True)
+    save_figure(figure, picture)

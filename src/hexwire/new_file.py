@@ -1,0 +1,241 @@
+"""How a file comes into being: new, one's own, and where it was meant to be.
+
+Owns three promises. Nothing is overwritten unless that is asked for; no symbolic link is followed that somebody
+else may have planted; nobody but its maker can read a file. A folder is opened once and held, so that what is
+exchanged on the way there changes nothing. Must not know what is written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, Self
+
+from hexwire.errors import UsageError
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["OutputFile", "make_folder", "open_folder", "owner_name"]
+
+_PATH = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
+_FOLDER = _PATH | os.O_DIRECTORY
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+_MOST_LINKS = 40
+"""Symbolic links on the way to a folder: as many as Linux follows."""
+
+
+class OutputFile:
+    """A file to write, made at once: what stands in its way is told before anything else happens.
+
+    As a context manager it is kept at the end, and taken away again if an error ends the block, unless `keep` was
+    called before. A file that is written over stays as it is until the new one is whole.
+
+    Args:
+        path: Where.
+        force: Write over a file that is there.
+        mode: Who may read it; its maker only if not given.
+        partial: What could be written is kept even if the end could not, as of a recording on a full disk.
+
+    Attributes:
+        path: As given.
+        file: Open for writing bytes.
+
+    Raises:
+        UsageError: It is there already, is no regular file, or cannot be made there.
+    """
+
+    def __init__(self, path: str | Path, *, force: bool = False, mode: int = 0o600, partial: bool = False) -> None:
+        self.path = Path(path)
+        self._partial = partial
+        if str(path).endswith("/") or self.path.name in ("", ".."):
+            raise UsageError(f"{path} is a folder; name a file")
+        try:
+            self._folder = open_folder(self.path.parent)
+        except UsageError as error:
+            raise UsageError(f"{path} cannot be written: {error}") from None
+        try:
+            replaces = self._look(force)
+            # As long as the old file is wanted, the new one has another name.
+            self._name = f".{self.path.name[:200]}.{secrets.token_hex(4)}.part" if replaces else self.path.name
+            fd = os.open(self._name, _NEW, mode, dir_fd=self._folder)
+        except OSError as error:
+            os.close(self._folder)
+            raise UsageError(f"{path} cannot be written: {error.strerror}; choose another place") from error
+        except BaseException:
+            os.close(self._folder)
+            raise
+        self._made = os.fstat(fd)
+        self._open = True
+        self.file: BinaryIO = os.fdopen(fd, "wb")
+
+    def keep(self) -> None:
+        """Finish the file under its name. Harmless if it is finished.
+
+        Raises:
+            UsageError: Somebody has exchanged it meanwhile.
+            OSError: It cannot be written to its end.
+        """
+        if not self._open:
+            return
+        try:
+            self.file.flush()
+            # A machine beside a robot is switched off at the wall.
+            os.fsync(self.file.fileno())
+        except BaseException:
+            if self._partial:
+                self._put_in_place()
+            self.discard()
+            raise
+        self._put_in_place()
+
+    def discard(self) -> None:
+        """Take the file away again. Harmless if it is finished."""
+        if not self._open:
+            return
+        with contextlib.suppress(OSError):
+            if self._is_ours():
+                os.unlink(self._name, dir_fd=self._folder)
+        self._close()
+
+    def _put_in_place(self) -> None:
+        if self._name != self.path.name:
+            if not self._is_ours():
+                self._close()
+                raise UsageError(f"{self.path} was not written: somebody has exchanged {self._name}")
+            os.rename(self._name, self.path.name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
+        self._close()
+
+    def _look(self, force: bool) -> bool:
+        """Whether there is a file to write over.
+
+        Raises:
+            UsageError: There is something that must stay.
+        """
+        try:
+            found = os.stat(self.path.name, dir_fd=self._folder, follow_symlinks=False)
+        except FileNotFoundError:
+            return False
+        if stat.S_ISLNK(found.st_mode):
+            raise UsageError(f"{self.path} is a symbolic link, and none is followed here; name the file itself")
+        if stat.S_ISDIR(found.st_mode):
+            raise UsageError(f"{self.path} is a folder; name a file")
+        if not stat.S_ISREG(found.st_mode):
+            raise UsageError(f"{self.path} is no regular file; choose another name")
+        if found.st_uid != os.geteuid() and os.fstat(self._folder).st_mode & stat.S_IWOTH:
+            raise UsageError(
+                f"{self.path} belongs to {owner_name(found.st_uid)}, and everybody may write to its folder; "
+                "choose another name"
+            )
+        if not force:
+            raise UsageError(f"{self.path} is there already; --force writes over it")
+        return True
+
+    def _is_ours(self) -> bool:
+        found = os.stat(self._name, dir_fd=self._folder, follow_symlinks=False)
+        return os.path.samestat(found, self._made)
+
+    def _close(self) -> None:
+        self._open = False
+        os.close(self._folder)
+        with contextlib.suppress(OSError):
+            self.file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.keep()
+        else:
+            self.discard()
+
+
+def open_folder(path: Path) -> int:
+    """Open a folder to work in it; the caller closes the descriptor.
+
+    Symbolic links of one's own are followed, those of the system too. One that another user has put into a folder
+    that everybody may write to is not, whatever the kernel is set to.
+
+    Raises:
+        UsageError: There is no such folder, a planted link leads there, or it is another user's and anybody may
+            exchange what is written there.
+    """
+    folder = _walk(path, make=False)
+    found = os.fstat(folder)
+    if found.st_mode & stat.S_IWOTH and found.st_uid not in (0, os.geteuid()):
+        os.close(folder)
+        raise UsageError(
+            f"{path} belongs to {owner_name(found.st_uid)}, and everybody may write to it; choose another folder"
+        )
+    return folder
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, as far as they are missing.
+
+    Raises:
+        UsageError: As `open_folder`; or this user may not make it.
+    """
+    os.close(_walk(path, make=True))
+
+
+def owner_name(uid: int) -> str:
+    """Name of a user, for people."""
+    import pwd
+
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return f"user {uid}"
+
+
+def _walk(path: Path, *, make: bool) -> int:
+    left = list(reversed(path.parts))
+    links = 0
+    here = os.open(".", _FOLDER)
+    try:
+        while left:
+            part = left.pop()
+            # A link is opened as such, then looked at: nobody can exchange it between the two.
+            try:
+                there = os.open(part, _PATH, dir_fd=here)
+            except FileNotFoundError:
+                if not make:
+                    raise
+                os.mkdir(part, 0o755, dir_fd=here)
+                there = os.open(part, _PATH, dir_fd=here)
+            found = os.fstat(there)
+            if stat.S_ISLNK(found.st_mode):
+                target = os.readlink("", dir_fd=there)
+                os.close(there)
+                links += 1
+                _refuse_planted(path, found, os.fstat(here))
+                if links > _MOST_LINKS:
+                    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+                left += reversed(Path(target).parts)
+                continue
+            os.close(here)
+            here = there
+            if not stat.S_ISDIR(found.st_mode):
+                raise OSError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+    except OSError as error:
+        os.close(here)
+        what = "there is no such folder" if error.errno == errno.ENOENT else error.strerror
+        raise UsageError(f"{what} ({path}); choose another place") from error
+    except BaseException:
+        os.close(here)
+        raise
+    return here
+
+
+def _refuse_planted(path: Path, link: os.stat_result, folder: os.stat_result) -> None:
+    """The rule of Linux's protected_symlinks, which may be off, and for all folders that everybody may write to."""
+    if folder.st_mode & stat.S_IWOTH and link.st_uid not in (0, os.geteuid(), folder.st_uid):
+        raise UsageError(f"{path} leads over a symbolic link of {owner_name(link.st_uid)}; choose another folder")
