@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve_puma import serve_puma
 from hexwire.ipc.listener import Listener
-from hexwire.ipc.udp import UdpListenLink
+from hexwire.ipc.udp_server import UdpServer
 
 
 @dataclass
 class Served:
     robot: EmulatedPuma
     listener: Listener
-    udp_link: UdpListenLink
+    udp_link: UdpServer
     urls: list[str] = field(default_factory=list)
 
     @property
@@ -32,7 +32,7 @@ class Served:
 
 @contextmanager
 def served_puma() -> Iterator[Served]:
-    served = Served(EmulatedPuma(start=time.monotonic()), Listener(), UdpListenLink())
+    served = Served(EmulatedPuma(start=time.monotonic()), Listener(), UdpServer())
     bound, end = threading.Event(), threading.Event()
 
     def announce(url: str) -> None:

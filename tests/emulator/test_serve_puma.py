@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import socket
 import time
 from collections.abc import Iterator
@@ -11,6 +13,7 @@ from tests.drivers.puma_server import Served, served_puma
 
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.errors import HexwireError
+from hexwire.ipc.tap import Direction, Passed, TapLink, wrap_new_links
 from hexwire.wire.command_frame import Command, serialize_frame
 
 pytestmark = pytest.mark.system
@@ -111,6 +114,89 @@ def test_the_most_silent_host_makes_room(served: Served) -> None:
     finally:
         for link in silent:
             link.close()
+
+
+def test_idle_connections_do_not_push_out_the_one_who_commands(served: Served) -> None:
+    with Puma260Driver.from_url(served.tcp) as driver:
+        driver.torque(True)
+        half = request(Command.ROBOT_PROBE, 1)[:20]
+        rude = []
+        try:
+            for number in range(300):
+                rude.append(call(served))
+                if number % 3:
+                    rude[-1].sendall(half)
+                if number % 10 == 0:
+                    driver.read()
+            # None of his four channels was hung up on, nor does any answer stay away.
+            driver.torque(False)
+            driver.stop()
+            assert all(session.reconnects == 0 for session in driver.sessions)
+            assert all(session.connection.counters.timeouts == 0 for session in driver.sessions)
+            # And there is room for another who means it.
+            with Puma260Driver.from_url(served.tcp) as other:
+                assert other.read().stopped
+        finally:
+            for link in rude:
+                link.close()
+
+
+class Wire(socket.socket):
+    """A UDP socket toward the server, for one who has heard what others sent."""
+
+    def __init__(self, served: Served) -> None:
+        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
+        self.connect(("127.0.0.1", served.udp_link.port))
+        self.settimeout(0.3)
+
+    def heard(self) -> list[bytes]:
+        found = []
+        with contextlib.suppress(TimeoutError):
+            while True:
+                found.append(self.recv(9000))
+        return found
+
+
+def test_another_port_gets_no_answers_and_no_reports_of_the_first(served: Served) -> None:
+    with Puma260Driver.from_url(served.udp) as driver, Wire(served) as thief:
+        states = driver.stream(0.02)
+        next(states)
+        for seq in range(20):
+            thief.send(request(Command.JOINT_STATES, seq))
+            thief.send(request(Command.REPORT, seq, b"\x05\0\0"))
+            thief.send(bytes(seq))
+            next(states)
+        assert thief.heard() == []
+        driver.torque(True)
+        assert served.robot.power
+        states.close()
+
+
+def test_recorded_datagrams_switch_nothing_on(served: Served) -> None:
+    sent: list[bytes] = []
+
+    def record(passed: Passed) -> None:
+        if passed.direction is Direction.SENT:
+            sent.append(passed.data)
+
+    with wrap_new_links(lambda link: TapLink(link, record)):
+        driver = Puma260Driver.from_url(served.udp)
+    with driver:
+        driver.torque(True)
+        driver.torque(False)
+        assert not served.robot.power
+        own = driver.session.ipc.link.fileno()  # type: ignore[attr-defined]  # a UDP link's
+        with socket.socket(fileno=os.dup(own)) as same_port:
+            for data in sent:
+                same_port.send(data)
+        driver.read()
+        assert not served.robot.power
+    with Wire(served) as other_port:
+        for data in sent * 3:
+            other_port.send(data)
+        # Only IDENTIFY has an answer: it asks for nothing but that.
+        assert len(other_port.heard()) <= 1
+    assert not served.robot.power
 
 
 def test_a_udp_host_is_not_confused_with_the_one_before(served: Served) -> None:

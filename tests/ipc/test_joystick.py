@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,14 +40,39 @@ class Ends(NamedTuple):
     wire: Link
 
 
-@pytest.fixture(params=[LinkKind.STREAM, LinkKind.DATAGRAM])
-def ends(request: pytest.FixtureRequest) -> Iterator[Ends]:
-    near, far = memory_pair(request.param)
+@contextmanager
+def joined(kind: LinkKind) -> Iterator[Ends]:
+    near, far = memory_pair(kind)
     clock = Clock()
     sender = JoystickSender(Session(IpcHandle.from_link(near, ModuleType.JOY_STICK, ModuleType.ROS1_HOST)))
     receiver = JoystickReceiver(IpcHandle.from_link(far, ModuleType.ROS1_HOST, ModuleType.JOY_STICK), clock)
     with sender, receiver:
         yield Ends(sender, receiver, clock, near)
+
+
+def introduce(ends: Ends) -> None:
+    """Over datagrams the sender asks who is there, and takes the answer at the next state."""
+    if ends.wire.kind is LinkKind.DATAGRAM:
+        ends.sender.send(STATES[0])
+        assert ends.receiver.poll() is None
+
+
+@pytest.fixture(params=[LinkKind.STREAM, LinkKind.DATAGRAM])
+def ends(request: pytest.FixtureRequest) -> Iterator[Ends]:
+    with joined(request.param) as both:
+        yield both
+
+
+@pytest.fixture
+def stream() -> Iterator[Ends]:
+    with joined(LinkKind.STREAM) as both:
+        yield both
+
+
+@pytest.fixture
+def datagrams() -> Iterator[Ends]:
+    with joined(LinkKind.DATAGRAM) as both:
+        yield both
 
 
 def frame(sn: int, body: bytes, *, cmd: int = Command.JOYSTICK, src: int = 1, proto: int = 2) -> bytes:
@@ -61,6 +88,7 @@ def test_nothing_yet(ends: Ends) -> None:
 
 
 def test_the_newest_state_and_its_age(ends: Ends) -> None:
+    introduce(ends)
     for state in STATES:
         ends.sender.send(state)
     assert ends.receiver.poll() == JoystickState.parse(STATES[-1].serialize())
@@ -75,44 +103,93 @@ def test_the_newest_state_and_its_age(ends: Ends) -> None:
 
 
 def test_more_states_than_sequence_numbers(ends: Ends) -> None:
+    introduce(ends)
     for i in range(600):
         ends.sender.send(STATES[i % 2])
         assert ends.receiver.poll() is not None
     assert ends.receiver.ignored == 0
 
 
-def test_an_older_state_does_not_undo_a_newer_one(ends: Ends) -> None:
+def test_an_older_state_does_not_undo_a_newer_one(stream: Ends) -> None:
     body = [state.serialize() for state in STATES]
     for sn in (1, 3, 2):
-        ends.wire.write(frame(sn, body[sn]))
-    assert ends.receiver.poll() == JoystickState.parse(body[3])
-    assert ends.receiver.ignored == 1
+        stream.wire.write(frame(sn, body[sn]))
+    assert stream.receiver.poll() == JoystickState.parse(body[3])
+    assert stream.receiver.ignored == 1
     # A sender that starts again counts from the beginning, and is heard after a second.
-    ends.clock.now += 1.1
-    ends.wire.write(frame(1, body[5]))
-    assert ends.receiver.poll() == JoystickState.parse(body[5])
+    stream.clock.now += 1.1
+    stream.wire.write(frame(1, body[5]))
+    assert stream.receiver.poll() == JoystickState.parse(body[5])
 
 
-def test_counting_wraps(ends: Ends) -> None:
+def test_counting_wraps(stream: Ends) -> None:
     for i, sn in enumerate((0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF, 0, 1)):
-        ends.wire.write(frame(sn, STATES[i].serialize()))
-        assert ends.receiver.poll() is not None, hex(sn)
+        stream.wire.write(frame(sn, STATES[i].serialize()))
+        assert stream.receiver.poll() is not None, hex(sn)
 
 
-def test_what_is_no_state_of_the_stick(ends: Ends) -> None:
-    ends.wire.write(frame(1, STATES[1].serialize(), src=2))
-    ends.wire.write(frame(2, b"", cmd=Command.IDENTIFY))
-    ends.wire.write(frame(3, b"\xff\0\0\0\0"))
-    ends.wire.write(frame(4, STATES[1].serialize(), proto=1))
+def test_what_is_no_state_of_the_stick(stream: Ends) -> None:
+    stream.wire.write(frame(1, STATES[1].serialize(), src=2))
+    stream.wire.write(frame(2, b"", cmd=Command.IDENTIFY))
+    stream.wire.write(frame(3, b"\xff\0\0\0\0"))
+    stream.wire.write(frame(4, STATES[1].serialize(), proto=1))
     damaged = bytearray(frame(5, STATES[1].serialize()))
     damaged[44] ^= 1
-    ends.wire.write(bytes(damaged))
-    assert ends.receiver.poll() is None
-    assert ends.receiver.ignored == 4
-    assert math.isinf(ends.receiver.age)
-    ends.clock.now += 0.1
-    ends.sender.send(STATES[2])
-    assert ends.receiver.poll() is not None
+    stream.wire.write(bytes(damaged))
+    assert stream.receiver.poll() is None
+    assert stream.receiver.ignored == 4
+    assert math.isinf(stream.receiver.age)
+    stream.clock.now += 0.1
+    stream.sender.send(STATES[2])
+    assert stream.receiver.poll() is not None
+
+
+def test_recorded_states_move_nothing_later(datagrams: Ends) -> None:
+    recorded: list[bytes] = []
+    write = datagrams.wire.write
+
+    def record(data: bytes, deadline: float | None = None) -> None:
+        recorded.append(data)
+        write(data, deadline)
+
+    datagrams.wire.write = record  # type: ignore[method-assign]  # somebody listens
+    introduce(datagrams)
+    for state in STATES:
+        datagrams.sender.send(state)
+        assert datagrams.receiver.poll() is not None
+    received, heard = datagrams.receiver.received, datagrams.receiver.age
+    for pause in (0.0, 2.0, 120.0):
+        datagrams.clock.now += pause
+        heard += pause
+        for data in recorded:
+            write(data)
+            assert datagrams.receiver.poll() is None
+    assert datagrams.receiver.received == received
+    assert datagrams.receiver.age == pytest.approx(heard), "the channel is silent all the same"
+    # A receiver that is started later takes none of it either.
+    datagrams.receiver.close()
+    datagrams.receiver.open()
+    datagrams.sender.session.close()
+    datagrams.sender.session.open()
+    for data in recorded:
+        write(data)
+        assert datagrams.receiver.poll() is None
+    assert datagrams.receiver.received == received
+
+
+def test_a_receiver_that_is_started_anew_is_found_again(datagrams: Ends) -> None:
+    introduce(datagrams)
+    datagrams.sender.send(STATES[1])
+    assert datagrams.receiver.poll() is not None
+    # As if started anew: it knows nothing of the conversation.
+    datagrams.receiver._connection = datagrams.receiver._make_connection()
+    datagrams.sender.send(STATES[2])
+    assert datagrams.receiver.poll() is None
+    datagrams.sender.session._introduction._asked -= 0.5
+    datagrams.sender.send(STATES[2])
+    assert datagrams.receiver.poll() is None
+    datagrams.sender.send(STATES[3])
+    assert datagrams.receiver.poll() == JoystickState.parse(STATES[3].serialize())
 
 
 @given(st.lists(st.binary(max_size=200), max_size=10))
@@ -148,8 +225,6 @@ def test_a_sender_that_goes_and_comes_back() -> None:
 
 
 def _wait(receiver: JoystickReceiver) -> JoystickState | None:
-    import time
-
     end = time.monotonic() + 10
     while time.monotonic() < end:
         if (state := receiver.poll(time.monotonic() + 0.1)) is not None:
@@ -165,8 +240,16 @@ def test_over_the_channels_of_a_file(tmp_path: Path) -> None:
         f"JOY_STICK CLIENT_TX ROS1_HOST UDP 127.0.0.1 {port}\nROS1_HOST SERVER_RX JOY_STICK UDP 127.0.0.1 {port}\n"
     )
     with JoystickReceiver.from_conf(file) as receiver, JoystickSender.from_conf(file) as sender:
+        assert _send_until_taken(sender, receiver) == JoystickState.parse(STATES[7].serialize())
+
+
+def _send_until_taken(sender: JoystickSender, receiver: JoystickReceiver) -> JoystickState | None:
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
         sender.send(STATES[7])
-        assert _wait(receiver) == JoystickState.parse(STATES[7].serialize())
+        if (state := receiver.poll(time.monotonic() + 0.02)) is not None:
+            return state
+    return None
 
 
 def test_a_receiver_that_cannot_open_says_so() -> None:

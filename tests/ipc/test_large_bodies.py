@@ -16,6 +16,7 @@ from far_ends import PtyEnd, free_port
 from test_mqueue import name
 
 from hexwire.ipc.certs import issue_certificate, make_authority
+from hexwire.ipc.connections import random_number
 from hexwire.ipc.impair import ImpairedLink, Impairment
 from hexwire.ipc.link import Link, LinkKind
 from hexwire.ipc.listen import TcpListenLink
@@ -28,6 +29,7 @@ from hexwire.ipc.udp import UdpLink, UdpListenLink
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Reply, Request, TimedOut
 from hexwire.wire import tables
+from hexwire.wire.command_frame import Command
 
 __all__ = ["name"]
 
@@ -51,6 +53,7 @@ class End:
             remote=remote,
             type=3,
             max_frame=tables.MAX_SERIAL_FRAME if serial else tables.MAX_NETWORK_FRAME,
+            numbers=random_number if link.kind is LinkKind.DATAGRAM else None,
         )
 
     def step(self) -> None:
@@ -88,7 +91,13 @@ def echo_board(link: Link) -> Iterator[End]:
 
 
 def ask(end: End, body: bytes) -> Reply:
-    ticket = end.connection.request(COMMAND, body, time.monotonic(), window=PATIENCE, attempts=1)
+    if not end.connection.in_conversation:
+        ask_for(end, Command.IDENTIFY, b"", window=0.2, attempts=100)
+    return ask_for(end, COMMAND, body, window=PATIENCE, attempts=1)
+
+
+def ask_for(end: End, command: int, body: bytes, *, window: float, attempts: int) -> Reply:
+    ticket = end.connection.request(command, body, time.monotonic(), window=window, attempts=attempts)
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         end.step()

@@ -51,7 +51,7 @@ class TestUdpListen(LinkConformance):
 
     def make_pair(self, tmp_path: Path) -> tuple[Link, Link]:
         port = free_port(socket.SOCK_DGRAM)
-        return UdpListenLink(port=port), UdpLink("127.0.0.1", port)
+        return UdpListenLink(port=port, silence=0.0), UdpLink("127.0.0.1", port)
 
     def greet(self, near: Link, far: Link) -> None:
         super().greet(far, near)  # it cannot answer before it was spoken to
@@ -131,15 +131,55 @@ def test_only_the_peers_host_is_heard_by_the_waiting_side() -> None:
 
 
 def test_the_peer_may_come_back_from_another_port() -> None:
-    with UdpListenLink() as near:
+    now = [5.0]
+    with UdpListenLink(clock=lambda: now[0]) as near:
         for _ in range(2):
             with UdpLink("127.0.0.1", near.port) as caller:
                 caller.write(b"x", soon())
                 assert near.read(soon()) == b"x"
                 near.write(b"y", soon())
                 assert caller.read(soon()) == b"y"
+            now[0] += 1.0
         near.write(b"nobody is there now", soon())
         assert near.read(in_a_moment()) == b""
+
+
+def test_another_port_of_the_host_neither_is_heard_nor_gets_the_answers() -> None:
+    now = [5.0]
+    with (
+        UdpListenLink(clock=lambda: now[0]) as near,
+        UdpLink("127.0.0.1", near.port) as caller,
+        UdpLink("127.0.0.1", near.port) as thief,
+    ):
+        caller.write(b"hello", soon())
+        assert near.read(soon()) == b"hello"
+        for _ in range(20):
+            thief.write(b"mine!", soon())
+            assert near.read(in_a_moment()) == b""
+            near.write(b"answer", soon())
+            assert caller.read(soon()) == b"answer"
+            assert thief.read(0.0) == b""
+            # Whoever goes on making sense keeps his place, however long that is.
+            now[0] += 0.9
+            near.confirm()
+        assert near.dropped == 20
+
+
+def test_one_who_makes_no_sense_keeps_nobody_out() -> None:
+    now = [5.0]
+    with (
+        UdpListenLink(clock=lambda: now[0]) as near,
+        UdpLink("127.0.0.1", near.port) as noise,
+        UdpLink("127.0.0.1", near.port) as caller,
+    ):
+        for _ in range(20):
+            noise.write(b"?", soon())
+            assert near.read(soon()) == b"?"
+            now[0] += 0.1
+        caller.write(b"hello", soon())
+        assert near.read(soon()) == b"hello"
+        near.write(b"answer", soon())
+        assert caller.read(soon()) == b"answer"
 
 
 def test_a_peer_that_is_away_loses_nothing_but_datagrams() -> None:

@@ -6,9 +6,11 @@ import contextlib
 import time
 
 from hexwire.errors import LinkLostError
+from hexwire.ipc.connections import random_number
 from hexwire.ipc.link import Link, LinkKind
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
+from hexwire.wire.command_frame import Command
 
 
 class Mirror:
@@ -17,7 +19,8 @@ class Mirror:
     def __init__(self, link: Link, max_frame: int, module: int = 8) -> None:
         self.link = link
         self.got: list[bytes] = []
-        self.end = Connection(Role.BOARD, local=module, remote=7, type=8, max_frame=max_frame)
+        numbers = random_number if link.kind is LinkKind.DATAGRAM else None
+        self.end = Connection(Role.BOARD, local=module, remote=7, type=8, max_frame=max_frame, numbers=numbers)
         self._ended = False
 
     def run(self) -> None:
@@ -35,7 +38,8 @@ class Mirror:
                 self.end.handle_timeout(now)
             while (event := self.end.next_event()) is not None:
                 if isinstance(event, Request):
-                    self.got.append(event.frame.body)
+                    if event.frame.cmd != Command.IDENTIFY:
+                        self.got.append(event.frame.body)
                     self.end.reply(event, 0, event.frame.body, now)
             for frame in self.end.data_to_send():
                 self.link.write(frame, now + 10)

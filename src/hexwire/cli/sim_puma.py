@@ -26,7 +26,7 @@ _PORT = 15030
     show_default=True,
     help="Where TCP hosts call; port 0 takes a free one.",
 )
-@click.option("--udp", metavar="HOST:PORT", help="Where one host on this machine may speak UDP.")
+@click.option("--udp", metavar="HOST:PORT", help="Where hosts may speak UDP.")
 @click.option("--peer", metavar="HOST", help="With --udp on an address that others reach: the host that is heard.")
 def puma260(tcp: str, udp: str | None, peer: str | None) -> None:
     """Emulate a PUMA 260 controller: prints its URLs, and runs until it is stopped.
@@ -37,12 +37,12 @@ def puma260(tcp: str, udp: str | None, peer: str | None) -> None:
     from hexwire.emulator.serve_puma import serve_puma
     from hexwire.errors import UsageError
     from hexwire.ipc.listener import Listener
-    from hexwire.ipc.udp import UdpListenLink
+    from hexwire.ipc.udp_server import UdpServer
 
     if peer and not udp:
         raise UsageError("--peer makes no sense without --udp")
     listener = Listener(*parse_address(tcp))
-    link = UdpListenLink(*parse_address(udp), peer=peer or "") if udp else None
+    link = UdpServer(*parse_address(udp), peer=peer or "") if udp else None
     serve_puma(
         EmulatedPuma(start=time.monotonic()),
         listener=listener,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from hexwire.errors import RemoteProtocolError
 from hexwire.model.arm import JointModel
@@ -68,9 +68,11 @@ class EmulatedPuma:
         self._gains: list[Gains | None] = [None] * n
         self._ticks = 0
 
-    def connect(self, max_frame: int = tables.MAX_NETWORK_FRAME) -> PumaPeer:
-        """A new host's end."""
-        return PumaPeer(self, max_frame)
+    def connect(
+        self, max_frame: int = tables.MAX_NETWORK_FRAME, *, numbers: Callable[[], int] | None = None
+    ) -> PumaPeer:
+        """A new host's end; over datagrams with a source of random numbers, as `Connection` takes it."""
+        return PumaPeer(self, max_frame, numbers=numbers)
 
     # -- motion -------------------------------------------------------------------------------------
 
@@ -257,10 +259,23 @@ class EmulatedPuma:
 
 
 class PumaPeer:
-    """One host's session with the controller; a served device like a board."""
+    """One host's session with the controller; a served device like a board.
 
-    def __init__(self, robot: EmulatedPuma, max_frame: int = tables.MAX_NETWORK_FRAME) -> None:
+    Attributes:
+        heard: When the last good request came; None before the first.
+        commanded: When the last one came that changed something; likewise.
+    """
+
+    def __init__(
+        self,
+        robot: EmulatedPuma,
+        max_frame: int = tables.MAX_NETWORK_FRAME,
+        *,
+        numbers: Callable[[], int] | None = None,
+    ) -> None:
         self.robot = robot
+        self.heard: float | None = None
+        self.commanded: float | None = None
         self.connection = Connection(
             Role.BOARD,
             local=ModuleType.PUMA260_RBT_IO_SVR,
@@ -268,7 +283,9 @@ class PumaPeer:
             type=ModuleType.PUMA260_RBT_IO_SVR,
             max_frame=max_frame,
             epoch=-robot.start,
+            numbers=numbers,
         )
+        self._conversation = 0
         self._report_period = 0.0
         self._report_due: float | None = None
 
@@ -308,10 +325,19 @@ class PumaPeer:
     def _answer_all(self, now: float) -> None:
         while (event := self.connection.next_event()) is not None:
             if isinstance(event, Request) and event.frame.proto == tables.PROTO_HEXWIRE:
+                conversations = self.connection.conversations
+                if conversations is None or event.frame.cmd != Command.IDENTIFY:
+                    self.heard = now
+                if conversations is not None and conversations.count != self._conversation:
+                    # A host has identified itself anew, and this is no old copy of that.
+                    self._conversation = conversations.count
+                    self._report_due = None
                 try:
                     status, body = self._answer(event, now)
                 except RemoteProtocolError:
                     status, body = Status.BAD_LENGTH, b""
+                if event.frame.cmd in _COMMANDS and status is Status.OK:
+                    self.commanded = now
                 self.connection.reply(event, status, body if status is Status.OK else b"", now)
 
     def _answer(self, request: Request, now: float) -> tuple[Status, bytes]:
@@ -326,7 +352,8 @@ class PumaPeer:
         if len(body) != _BODY_SIZE[cmd]:
             return Status.BAD_LENGTH, b""
         if cmd == Command.IDENTIFY:
-            self._report_due = None
+            if self.connection.conversations is None:
+                self._report_due = None
             return Status.OK, self._identity().serialize()
         if cmd == Command.ROBOT_PROBE:
             n = len(PUMA260.joints)
@@ -356,6 +383,8 @@ class PumaPeer:
         return Identity(tables.PROTO_HEXWIRE, _FIRMWARE, boot_id, can, longest, flags, rows)
 
 
+_COMMANDS = {Command.JOINT_COMMANDS, Command.JOINT_TRAJECTORY, Command.ROBOT_SIGNAL, Command.ROBOT_MODE}
+"""Requests that change something."""
 _BODY_SIZE: dict[int, int] = {
     Command.IDENTIFY: 0,
     Command.ROBOT_PROBE: 0,

@@ -1,6 +1,6 @@
 """The emulated PUMA 260 behind TCP and UDP, for as many hosts as come.
 
-Owns the loop over listener and links. Everything the robot does is `puma`'s.
+Owns the loop over listener, links and UDP peers, and has whoever must go go. Everything the robot does is `puma`'s.
 """
 
 from __future__ import annotations
@@ -8,34 +8,50 @@ from __future__ import annotations
 import select
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hexwire.errors import LinkError
-from hexwire.ipc.link import LinkKind
+from hexwire.ipc.connections import random_number
 from hexwire.ipc.listener import Listener
-from hexwire.ipc.poll_link import PollLink
-from hexwire.ipc.udp import UdpListenLink
+from hexwire.ipc.seats import Seats
+from hexwire.ipc.tcp import PeerLink
+from hexwire.ipc.udp_server import Peer, UdpServer
 
 from .puma import EmulatedPuma, PumaPeer
 
 __all__ = ["serve_puma"]
 
 _IDLE = 0.25
-_MAX_PEERS = 64
+_MOST_AT_ONCE = 64
+"""Callers and datagrams taken before those who are served already have their turn again."""
 
 
 @dataclass(slots=True)
 class _Caller:
-    link: PollLink
+    link: PeerLink
     peer: PumaPeer
-    heard: float
+
+
+@dataclass(slots=True)
+class _Hosts:
+    """Who is connected, and who may stay: TCP and UDP cannot push each other out."""
+
+    callers: dict[int, _Caller] = field(default_factory=dict)
+    peers: dict[Peer, PumaPeer] = field(default_factory=dict)
+    tcp_seats: Seats[int] = field(default_factory=Seats)
+    udp_seats: Seats[Peer] = field(default_factory=Seats)
+
+    def next_event_time(self) -> float | None:
+        """When somebody has something to do."""
+        ends = [*(caller.peer for caller in self.callers.values()), *self.peers.values()]
+        return min((t for end in ends if (t := end.next_event_time()) is not None), default=None)
 
 
 def serve_puma(
     robot: EmulatedPuma,
     *,
     listener: Listener,
-    udp: UdpListenLink | None,
+    udp: UdpServer | None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
     clock: Callable[[], float] = time.monotonic,
@@ -45,67 +61,111 @@ def serve_puma(
     Args:
         robot: The robot that all hosts share.
         listener: Where TCP hosts call; opened and closed here.
-        udp: Where one UDP host may speak; none if None.
+        udp: Where UDP hosts may speak, likewise; none if None.
         stop: Asked at least every quarter of a second.
         announce: Told the addresses when they are bound.
         clock: Monotonic seconds.
     """
-    callers: dict[int, _Caller] = {}
+    hosts = _Hosts()
     with listener:
         try:
             announce(listener.url)
             if udp is not None:
                 udp.open()
-                callers[udp.fileno()] = _Caller(udp, robot.connect(), clock())
                 announce(udp.url)
             while not stop():
-                _turn(robot, listener, callers, clock)
+                _turn(robot, listener, udp, hosts, clock)
         finally:
-            for caller in callers.values():
+            for caller in hosts.callers.values():
                 caller.link.close()
+            if udp is not None:
+                udp.close()
 
 
-def _turn(robot: EmulatedPuma, listener: Listener, callers: dict[int, _Caller], clock: Callable[[], float]) -> None:
-    now = clock()
-    due = [t for c in callers.values() if (t := c.peer.next_event_time()) is not None]
-    wait = max(0.0, min([_IDLE, *(t - now for t in due)]))
+def _turn(
+    robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts: _Hosts, clock: Callable[[], float]
+) -> None:
+    due = hosts.next_event_time()
+    wait = _IDLE if due is None else max(0.0, min(_IDLE, due - clock()))
     poll = select.poll()
-    poll.register(listener.fileno(), select.POLLIN)
-    for fd in callers:
+    for fd in (listener.fileno(), *([] if udp is None else [udp.fileno()]), *hosts.callers):
         poll.register(fd, select.POLLIN)
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
-    now = clock()
-    robot.step(now)
-    link = listener.accept(now) if listener.fileno() in ready else None
-    if link is not None:
-        if len(callers) >= _MAX_PEERS:
-            _make_room(callers)
-        callers[link.fileno()] = _Caller(link, robot.connect(), now)
-    for fd, caller in list(callers.items()):
+    robot.step(clock())
+    # Whoever is served already goes before those who come.
+    _serve_callers(hosts, ready, clock)
+    if udp is not None:
+        _serve_peers(robot, udp, hosts, udp.fileno() in ready, clock)
+    if listener.fileno() in ready:
+        _let_in(robot, listener, hosts, clock)
+
+
+def _serve_callers(hosts: _Hosts, ready: set[int], clock: Callable[[], float]) -> None:
+    for fd, caller in list(hosts.callers.items()):
+        now = clock()
         try:
-            _serve(caller, fd in ready, clock)
+            if fd in ready:
+                data = caller.link.read(now)
+                if data:
+                    caller.peer.receive(data, now)
+                    _note(hosts.tcp_seats, fd, caller.peer, now)
+            caller.peer.step(now)
+            for frame in caller.peer.frames_to_send():
+                caller.link.write(frame, now)
         except LinkError:
-            del callers[fd]
-            caller.link.close()
-            if isinstance(caller.link, UdpListenLink):
-                # One datagram that could not go must not end UDP for good.
-                caller.link.open()
-                callers[caller.link.fileno()] = _Caller(caller.link, robot.connect(), now)
+            _hang_up(hosts, fd)
 
 
-def _serve(caller: _Caller, readable: bool, clock: Callable[[], float]) -> None:
-    now = clock()
-    if readable:
-        data = caller.link.read(now)
-        if data:
-            caller.heard = now
-            caller.peer.receive(data, now, end_of_message=caller.link.kind is LinkKind.DATAGRAM)
-    caller.peer.step(now)
-    for frame in caller.peer.frames_to_send():
-        caller.link.write(frame, now)
+def _let_in(robot: EmulatedPuma, listener: Listener, hosts: _Hosts, clock: Callable[[], float]) -> None:
+    for _ in range(_MOST_AT_ONCE):
+        now = clock()
+        link = listener.accept(now)
+        if link is None:
+            return
+        fd = link.fileno()
+        admitted, out = hosts.tcp_seats.admit(fd, link.peer.rpartition(":")[0], now)
+        if out is not None:
+            _hang_up(hosts, out)
+        if admitted:
+            hosts.callers[fd] = _Caller(link, robot.connect())
+        else:
+            link.close()
 
 
-def _make_room(callers: dict[int, _Caller]) -> None:
-    """Hang up on the host that has been silent the longest: the machine behind it may be gone."""
-    silent = [(caller.heard, fd) for fd, caller in callers.items() if not isinstance(caller.link, UdpListenLink)]
-    callers.pop(min(silent)[1]).link.close()
+def _hang_up(hosts: _Hosts, fd: int) -> None:
+    hosts.tcp_seats.leave(fd)
+    hosts.callers.pop(fd).link.close()
+
+
+def _serve_peers(
+    robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts, readable: bool, clock: Callable[[], float]
+) -> None:
+    for _ in range(_MOST_AT_ONCE if readable else 0):
+        came = udp.receive()
+        now = clock()
+        if came is None:
+            break
+        sender, data = came
+        peer = hosts.peers.get(sender) or _seat(robot, hosts, sender, now)
+        if peer is not None:
+            peer.receive(data, now, end_of_message=True)
+            _note(hosts.udp_seats, sender, peer, now)
+    for sender, peer in hosts.peers.items():
+        peer.step(clock())
+        for frame in peer.frames_to_send():
+            udp.send(sender, frame)
+
+
+def _seat(robot: EmulatedPuma, hosts: _Hosts, sender: Peer, now: float) -> PumaPeer | None:
+    admitted, out = hosts.udp_seats.admit(sender, str(sender[0]), now)
+    if out is not None:
+        del hosts.peers[out]
+    if not admitted:
+        return None
+    peer = hosts.peers[sender] = robot.connect(numbers=random_number)
+    return peer
+
+
+def _note(seats: Seats[int] | Seats[Peer], key: int | Peer, peer: PumaPeer, now: float) -> None:
+    if peer.heard == now:
+        seats.heard(key, now, commanded=peer.commanded == now)  # type: ignore[arg-type]  # each key is of its seats

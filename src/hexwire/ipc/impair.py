@@ -264,6 +264,9 @@ class ImpairedLink(Link):
     def wake(self) -> None:
         self.inner.wake()
 
+    def confirm(self) -> None:
+        self.inner.confirm()
+
     def flush_input(self) -> int:
         return self.inner.flush_input() + self.received.clear()
 

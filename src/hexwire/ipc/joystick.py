@@ -7,20 +7,23 @@ from, nor what they move.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from hexwire.errors import LinkError, LinkLostError, RemoteProtocolError
+from hexwire.errors import LinkError, LinkLostError, LinkTimeoutError, RemoteProtocolError
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame
+from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.commands import Identity
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import JoystickState
 
+from .connections import random_number
 from .handle import IpcHandle
 from .link import LinkKind
 from .session import Session
@@ -56,7 +59,7 @@ class JoystickSender:
         return cls(Session.from_conf(file, ModuleType.JOY_STICK))
 
     def send(self, state: JoystickState) -> None:
-        """Send a state; whether it arrives is not known.
+        """Send a state; whether it arrives is not known. Over datagrams it is lost until the other end answers.
 
         Raises:
             LinkError: The line takes nothing.
@@ -83,7 +86,8 @@ class JoystickReceiver:
     Attributes:
         state: The newest state; None before the first.
         received: States taken.
-        ignored: Frames that were none, or older than one that was there already.
+        ignored: Frames that were none, or older than one that was there already. Those that a datagram link's
+            session refuses are counted by the session instead.
     """
 
     def __init__(self, ipc: IpcHandle, clock: Callable[[], float] = time.monotonic) -> None:
@@ -94,6 +98,7 @@ class JoystickReceiver:
         self._clock = clock
         self._heard = -math.inf
         self._sn: int | None = None
+        self._conversation = 0
         self._connection = self._make_connection()
 
     @classmethod
@@ -114,6 +119,8 @@ class JoystickReceiver:
     def open(self) -> None:
         """Open the channel. Nobody need be at the other end."""
         self.ipc.open()
+        self._sn = None
+        self._conversation = 0
         self._connection = self._make_connection()
 
     def close(self) -> None:
@@ -154,24 +161,47 @@ class JoystickReceiver:
     def _take(self, data: bytes, whole: bool) -> None:
         now = self._clock()
         self._connection.receive(data, now, end_of_message=whole)
+        conversations = self._connection.conversations
         while (event := self._connection.next_event()) is not None:
-            if isinstance(event, Request):
+            if not isinstance(event, Request):
+                continue
+            if conversations is None:
                 self._frame(event.frame, now)
+            elif event.frame.cmd == Command.IDENTIFY:
+                # Where a conversation begins with it; a stream of states needs nobody's answer.
+                self._connection.reply(event, Status.OK, self._identity(), now)
+            else:
+                if conversations.count != self._conversation:
+                    self._conversation, self._sn = conversations.count, None
+                if self._frame(event.frame, now):
+                    self.ipc.link.confirm()
+        for frame in self._connection.data_to_send():
+            # One that cannot go is lost, as on the way: the sender asks again.
+            with contextlib.suppress(LinkTimeoutError):
+                self.ipc.link.write(frame, 0.0)
 
-    def _frame(self, frame: Frame, now: float) -> None:
+    def _identity(self) -> bytes:
+        capabilities = tables.CAPABILITY_FRAGMENTS
+        return Identity(
+            tables.PROTO_HEXWIRE, (0, 0, 0), 0, capabilities, tables.MAX_SERIAL_FRAME, 0, ()
+        ).serialize()
+
+    def _frame(self, frame: Frame, now: float) -> bool:
+        """Take a state; False if it is none, or an old one."""
         newer = self._sn is None or 0 < (frame.header.sn - self._sn) & 0xFFFFFFFF < 1 << 31
         known = frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.JOYSTICK
         if not known or frame.src != self.ipc.destination or not (newer or now - self._heard > _FORGET_ORDER):
             self.ignored += 1
-            return
+            return False
         try:
             self.state = JoystickState.parse(frame.body)
         except RemoteProtocolError:
             self.ignored += 1
-            return
+            return False
         self._sn = frame.header.sn
         self._heard = now
         self.received += 1
+        return True
 
     def _make_connection(self) -> Connection:
         ipc = self.ipc
@@ -181,6 +211,7 @@ class JoystickReceiver:
             remote=int(ipc.destination),
             type=int(ipc.type),
             max_frame=tables.MAX_SERIAL_FRAME,
+            numbers=random_number if ipc.keeps_messages else None,
         )
 
     def __enter__(self) -> Self:

@@ -132,6 +132,9 @@ class Link(ABC):
     def wake(self) -> None:
         """Make the read that waits now, or else the next one, return at once. Allowed from any thread."""
 
+    def confirm(self) -> None:  # noqa: B027 (most links have nothing to choose)
+        """Say that what was read last made sense. A link that has to choose its other end keeps to that one."""
+
     def __enter__(self) -> Self:
         self.open()
         return self

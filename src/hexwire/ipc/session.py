@@ -24,14 +24,15 @@ from hexwire.errors import (
     PreemptedError,
     ReplyTimeoutError,
 )
-from hexwire.session.connection import Connection, Role
+from hexwire.session.connection import Connection
 from hexwire.session.events import Event, Reply, Report, TimedOut
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Frame, command_name
+from hexwire.wire.command_frame import Command, Frame, command_name
 from hexwire.wire.modules import IpcType, ModuleType
 
+from .connections import Introduction, host_connection
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
 from .turn import Turn
@@ -100,6 +101,7 @@ class Session:
         self._now = clock or time.monotonic
         self._sn = 0
         self._datagrams = False
+        self._introduction = Introduction()
         self.connection = self._make_connection(time.monotonic)
         self._sleep: Callable[[float], None] = time.sleep
         self._closed = False
@@ -138,8 +140,9 @@ class Session:
         # A link in simulated time brings a clock that can sleep.
         self._sleep = getattr(clock, "sleep", time.sleep)
         self._sn = self.connection.sn
-        self.connection = self._make_connection(clock)
         self._datagrams = self.ipc.keeps_messages
+        self.connection = self._make_connection(clock)
+        self._introduction = Introduction()
         self._reports.clear()
         self._frames.clear()
         self._stash.clear()
@@ -205,7 +208,7 @@ class Session:
                 if look and negotiator.outcome.frames == negotiator.outcome.echoes:
                     # Its supply may have come on since, or the machine stalled when we looked first.
                     self._look_for_servos()
-                raise self._unanswered(negotiator.outcome)
+                raise negotiator.outcome.as_error(self.ipc.link.url)
             self.negotiated = negotiator.outcome
             if self.negotiated.identity is not None:
                 self.connection.limit_frame(self.negotiated.identity.max_frame)
@@ -232,6 +235,8 @@ class Session:
     ) -> Reply:
         """Ask and wait for the answer. The status is the caller's to look at.
 
+        Over datagrams, if nobody has said who is there yet, that is asked first.
+
         Args:
             cmd: Command code.
             body: Its body; in dialect 1 a servo packet.
@@ -253,6 +258,8 @@ class Session:
                 if guard is not None:
                     guard()
                 try:
+                    if self._datagrams and cmd != Command.IDENTIFY and not self.connection.in_conversation:
+                        self._await(self.connection.request(Command.IDENTIFY, b"", self.now()), urgent)
                     ticket = self.connection.request(
                         cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
                     )
@@ -270,13 +277,22 @@ class Session:
     def send(self, cmd: int, body: bytes = b"") -> None:
         """Send a frame and do not wait for an answer; one that comes is thrown away.
 
+        Over datagrams it is sent only if the other end has said who it is. It is asked again and again by the way,
+        so that one that was started anew is found; until it answers, what is sent is lost.
+
         Raises:
             LinkError: The line takes nothing.
         """
         with self._turn.taken():
-            ticket = self.connection.request(cmd, body, self.now(), attempts=1)
-            self._write()
-            self.connection.abandon(ticket)
+            if self._datagrams:
+                self._step(self.now())
+                self._sort_events()
+                self._introduction.ask(self.connection, self.now())
+                self._write()
+            if self.connection.in_conversation:
+                ticket = self.connection.request(cmd, body, self.now(), attempts=1)
+                self._write()
+                self.connection.abandon(ticket)
 
     def receive(self, timeout: float | None = None) -> Frame | None:
         """Wait for the next frame that answers nothing we asked; None if none came within `timeout` seconds."""
@@ -339,7 +355,7 @@ class Session:
 
     def _note_number(self, reply: Reply) -> None:
         frame = reply.frame
-        if frame is not None and reply.attempts == 1:
+        if frame is not None and reply.attempts == 1 and not self._datagrams:
             # A frame counter that starts again is a board that did.
             self.board_restarts += frame.sn < self._board_sn
             self._board_sn = frame.sn
@@ -362,6 +378,8 @@ class Session:
         now = self._now()
         if data:
             connection.receive(data, now, end_of_message=self._datagrams)
+            if connection.conversations is not None and connection.conversations.has_news():
+                link.confirm()
         if due is not None and now >= due:
             connection.handle_timeout(now)
 
@@ -464,39 +482,9 @@ class Session:
             advice="" if event.instead else "has the board lost its power, is a plug loose?",
         )
 
-    def _unanswered(self, failed: NegotiationFailed) -> LinkError | ReplyTimeoutError:
-        url = self.ipc.link.url
-        if failed.bytes_received == 0:
-            advice = (
-                "is this the board's port and rate, has the board power and firmware? `hexwire ports` lists ports"
-            )
-            instead = ""
-        elif failed.frames == 0:
-            advice = "a wrong baud rate looks like this; so does another device"
-            instead = f"{failed.bytes_received} bytes that are no frame"
-        elif failed.echoes:
-            advice = "the line hears itself, and no board is behind it: an adapter, or a plug with TX on RX"
-            instead = f"{failed.echoes} of our own frames"
-        else:
-            advice = "another program on the line, or a board of another make"
-            instead = f"{failed.frames} frames that answer nothing"
-        return ReplyTimeoutError(f"IDENTIFY on {url}", attempts=failed.attempts, instead=instead, advice=advice)
-
     def _make_connection(self, clock: Callable[[], float]) -> Connection:
-        ipc = self.ipc
-        network = ipc.type is not IpcType.SERIAL
-        src = ipc.module if self._src is None else self._src
-        dst = ipc.destination if self._dst is None else self._dst
-        kind = ipc.type if self._type is None else self._type
-        connection = Connection(
-            Role.HOST,
-            local=int(src),
-            remote=int(dst),
-            type=int(kind),
-            policy=self.policy,
-            max_frame=tables.MAX_NETWORK_FRAME if network else tables.MAX_SERIAL_FRAME,
-            epoch=self._wall() - clock(),
-        )
+        epoch = self._wall() - clock()
+        connection = host_connection(self.ipc, self._src, self._dst, self._type, policy=self.policy, epoch=epoch)
         connection.sn = self._sn
         return connection
 

@@ -142,6 +142,9 @@ class TapLink(Link):
     def wake(self) -> None:
         self.link.wake()
 
+    def confirm(self) -> None:
+        self.link.confirm()
+
 
 @contextmanager
 def wrap_new_links(wrapper: Callable[[Link], Link]) -> Iterator[None]:

@@ -8,21 +8,21 @@ fragments. Bytes go in with `receive`, events come out of `next_event`, bytes to
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
-from hexwire.units import split_time
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status, max_body, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, Status, command_name, max_body
 from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .chapter_host import ChapterHost
+from .conversation import Conversations, Numbers
 from .decoder import FrameDecoder
-from .dialect1 import UNKNOWN_COMMAND_PACKET, clean_frame
+from .dialect1 import UNKNOWN_COMMAND_PACKET
 from .event_queue import EventQueue
 from .events import BadFrame, ConnectionCounters, Event, Garbage, Reply, Report, Request, Stale, TimedOut
 from .fragments import FragmentReceiver, FragmentSender, Message
+from .frame_maker import FrameMaker, Role
 from .policy import RetryPolicy
 from .reply_store import ReplyStore
 
@@ -30,13 +30,6 @@ __all__ = ["Connection", "ConnectionCounters", "Role"]
 
 _SMALLEST_FRAME = 128
 """No peer is believed that takes less: the answer of a 16-joint board to IDENTIFY needs this much."""
-
-
-class Role(Enum):
-    """Which end of the line this is."""
-
-    HOST = "host"
-    BOARD = "board"
 
 
 @dataclass(slots=True)
@@ -54,7 +47,7 @@ class _Pending:
     message_id: int | None = None
 
 
-class Connection:
+class Connection(FrameMaker):
     """One end of a session.
 
     Args:
@@ -67,6 +60,11 @@ class Connection:
         max_frame: Longest frame on this link, in bytes.
         epoch: Added to `now` for the header's time: wall minus monotonic on a host, minus boot time on a board.
         cautious: Keep 0D 0A out of every frame sent, as long as it is unknown who listens.
+        numbers: Given on a link of datagrams: source of the random numbers that mark a conversation, from 0 to
+            2**31 - 1. Then what is old, or of another conversation, is refused (PROTOCOL.md section 6.4).
+
+    Attributes:
+        conversations: The conversation over datagrams; None on a stream.
     """
 
     def __init__(
@@ -81,19 +79,21 @@ class Connection:
         max_frame: int = tables.MAX_SERIAL_FRAME,
         epoch: float = 0.0,
         cautious: bool = False,
+        numbers: Numbers | None = None,
     ) -> None:
-        self.role = role
-        self.local = local
-        self.remote = remote
-        self.type = type
+        super().__init__(
+            role,
+            local=local,
+            remote=remote,
+            type=type,
+            max_frame=max_frame,
+            epoch=epoch,
+            cautious=cautious,
+            numbers=numbers,
+        )
         self.policy = policy or RetryPolicy()
-        self.max_frame = max_frame
-        self.epoch = epoch
-        self.cautious = cautious
         self.dialect = dialect
-        self.sn = 0
         self.seq = 0
-        self.counters = ConnectionCounters()
         self.decoder = FrameDecoder(max_frame)
         self._events = EventQueue(self.counters)
         self._out: list[bytes] = []
@@ -207,8 +207,11 @@ class Connection:
             urgent: Go before everything that is queued.
 
         Raises:
-            LocalProtocolError: The body cannot be sent in this dialect or over this link.
+            LocalProtocolError: The body cannot be sent in this dialect or over this link, or nobody has answered
+                IDENTIFY yet on a link of datagrams.
         """
+        if cmd != Command.IDENTIFY and not self.in_conversation:
+            raise LocalProtocolError(f"over datagrams IDENTIFY comes first: {command_name(cmd)} was not sent")
         self._ticket += 1
         self.counters.requests += 1
         attempts = attempts or self.policy.attempts
@@ -228,6 +231,12 @@ class Connection:
         self._pending[seq] = pending
         return self._ticket
 
+    @property
+    def in_conversation(self) -> bool:
+        """Whether commands may be sent: over datagrams, in dialect 2, once IDENTIFY was answered."""
+        begun = self.conversations is None or self.conversations.current is not None
+        return begun or self.dialect == PROTO_CHAPTER
+
     def abandon(self, ticket: int) -> None:
         """Forget a request; an answer that still comes is stale."""
         for pending in list(self._pending.values()):
@@ -242,9 +251,21 @@ class Connection:
     # -- board --------------------------------------------------------------------------------------
 
     def reply(self, request: Request, status: int, body: bytes, now: float) -> None:
-        """Answer a dialect-2 request; the reply is kept for a repeat of it."""
+        """Answer a dialect-2 request; the reply is kept for a repeat of it.
+
+        Over datagrams, a request of a conversation that is over is not answered.
+        """
         frame = request.frame
         ext = EXT_REPLY | status & EXT_STATUS_MASK
+        if self.conversations is not None:
+            if frame.cmd == Command.IDENTIFY:
+                offer = self.conversations.offered_to(frame)
+                if offer is not None:
+                    data = self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, frame.src, offer)
+                    self._out.append(data)
+                return
+            if not self.conversations.is_current(frame):
+                return
         first = len(self._out)
         if len(body) > max_body(self.max_frame):
             self._send_message(frame.cmd, ext, body, frame.seq, now, frame.src)
@@ -254,25 +275,7 @@ class Connection:
 
     def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
         """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""
-        self.sn = (self.sn + 1) & 0xFFFFFFFF
-        sec, nsec = split_time(now + self.epoch)
-        self.counters.frames_sent += 1
-        self._out.append(
-            serialize_frame(
-                proto=PROTO_CHAPTER,
-                cmd=Command.READ,
-                body=packet,
-                seq=self.sn & 0xFF,
-                sn=self.sn,
-                src=self.local,
-                dst=dst,
-                type=self.type,
-                time_sec=sec,
-                # The chapter's clock counts milliseconds, and so do its time stamps.
-                time_nsec=nsec // 1_000_000 * 1_000_000,
-                max_frame=self.max_frame,
-            )
-        )
+        self._out.append(self.build_dialect1(packet, now, dst))
 
     def report(self, cmd: int, body: bytes, now: float) -> None:
         """Send a frame nobody asked for.
@@ -284,36 +287,6 @@ class Connection:
         self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
 
     # -- sending ------------------------------------------------------------------------------------
-
-    def build(
-        self, proto: int, cmd: int, body: bytes, seq: int, now: float, ext: int = 0, dst: int | None = None
-    ) -> bytes:
-        """Number, stamp and serialize a frame. For this machine and its dialect-1 half only."""
-        self.sn = sn = (self.sn + 1) & 0xFFFFFFFF
-        self.counters.frames_sent += 1
-        sec, nsec = split_time(now + self.epoch)
-        to = self.remote if dst is None else dst
-        if self.cautious or (proto == PROTO_CHAPTER and self.role is Role.HOST):
-            # Whatever the link takes, an old board behind it has a buffer of 254 bytes.
-            longest = min(self.max_frame, tables.MAX_SERIAL_FRAME)
-            data, self.sn = clean_frame(
-                proto, cmd, body, seq, sn, self.local, to, self.type, sec, nsec, ext, longest
-            )
-            return data
-        return serialize_frame(
-            proto=proto,
-            cmd=cmd,
-            body=body,
-            seq=seq,
-            sn=sn,
-            src=self.local,
-            dst=to,
-            type=self.type,
-            time_sec=sec,
-            time_nsec=nsec,
-            cmd_ext=ext,
-            max_frame=self.max_frame,
-        )
 
     def _send_frame(self, cmd: int, body: bytes, now: float, dst: int | None = None) -> None:
         self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, dst=dst))
@@ -351,20 +324,44 @@ class Connection:
     # -- receiving ----------------------------------------------------------------------------------
 
     def _receive_frame(self, frame: Frame, now: float) -> None:
-        if frame.proto == PROTO_CHAPTER:
-            if self.role is Role.BOARD:
-                self.add(Request(frame))
-            else:
-                self._receive_chapter(frame, now)
-            return
-        ext = frame.cmd_ext
-        if self.role is Role.BOARD and (frame.dst != self.local or ext):
+        if frame.proto != PROTO_CHAPTER and self.role is Role.BOARD and (frame.dst != self.local or frame.cmd_ext):
             self._stale(frame, "not for this board")
-        elif self.role is Role.HOST and ext & EXT_REPLY:
+        elif self.conversations is not None and (problem := self._judge(frame, now, self.conversations)):
+            self.counters.refused += 1
+            self._stale(frame, problem)
+        elif frame.proto != PROTO_CHAPTER:
+            self._take_frame(frame, now)
+        elif self.role is Role.BOARD:
+            self.add(Request(frame))
+        else:
+            self._receive_chapter(frame, now)
+
+    def _judge(self, frame: Frame, now: float, conversations: Conversations) -> str:
+        """What speaks against a datagram, or an empty text."""
+        board = self.role is Role.BOARD
+        if frame.proto == PROTO_CHAPTER:
+            return "dialect 1 has no number to know an old datagram by" if board else ""
+        if frame.cmd != Command.IDENTIFY:
+            begun = conversations.count
+            problem = conversations.take(frame, now)
+            if conversations.count != begun:
+                # A host that starts anew counts from the beginning.
+                self._replies = ReplyStore()
+                self._fragments_in.forget()
+            return problem
+        if board:
+            return "" if conversations.offer(frame, now) else "it was there already"
+        return "" if conversations.is_answer(frame) else "it answers no IDENTIFY of ours"
+
+    def _take_frame(self, frame: Frame, now: float) -> None:
+        ext = frame.cmd_ext
+        if self.role is Role.HOST and ext & EXT_REPLY:
             pending = self._pending.get(frame.seq)
             if pending is None or pending.cmd != frame.cmd or (frame.src, frame.dst) != (self.remote, self.local):
                 self._stale(frame, "answers nothing that was asked")
                 return
+            if frame.cmd == Command.IDENTIFY and self.conversations is not None:
+                self.conversations.begin(frame, now)
             self._settle(pending)
             self.counters.replies += 1
             self._events.add(
@@ -400,22 +397,25 @@ class Connection:
         self.add(Reply(identify.ticket, identify.cmd, Status.UNKNOWN_COMMAND, b"", frame, rtt, identify.sent))
 
     def _receive_request(self, frame: Frame, now: float) -> None:
-        if frame.cmd == Command.IDENTIFY:
+        if self.conversations is not None:
+            if frame.cmd == Command.IDENTIFY:
+                self.add(Request(frame))
+                return
+        elif frame.cmd == Command.IDENTIFY:
             # A host that starts anew counts from the beginning.
             self._replies.forget(frame.src)
             self._fragments_in.forget()
         reply = self._replies.find(frame, now)
         if reply is not None:
             self.counters.repeats += 1
-            self._out.extend(self._stamped(data, now) for data in reply)
+            self._out.extend(self.build_again(data, now) for data in reply)
+            return
+        if self.conversations is not None and self.conversations.is_repeat(frame):
+            self.counters.refused += 1
+            self._stale(frame, "it was done already, and its answer is no longer kept")
             return
         self._replies.asked(frame, now)
         self.add(Request(frame))
-
-    def _stamped(self, data: bytes, now: float) -> bytes:
-        """A stored frame with a new number and time: by its time the host knows how old its body is."""
-        frame = parse_frame(data)
-        return self.build(PROTO_HEXWIRE, frame.cmd, frame.body, frame.seq, now, frame.cmd_ext, dst=frame.dst)
 
     def _receive_report(self, frame: Frame) -> None:
         self.counters.reports += 1
@@ -444,7 +444,7 @@ class Connection:
             # The host asks once more for the answer to a request that came in fragments.
             reply = self._replies.find_by_number(frame.src, seq, head.cmd, now)
             self.counters.repeats += bool(reply)
-            self._out.extend(reply)
+            self._out.extend(self.build_again(data, now) for data in reply)
         pending = self._pending.get(seq)
         if pending is not None and pending.cmd == head.cmd and head.cmd_ext & EXT_REPLY:
             pending.deadline = now + pending.window
@@ -459,13 +459,13 @@ class Connection:
             pending.deadline = now + pending.window
 
     def _receive_message(self, frame: Frame, message: Message, now: float) -> None:
-        if message.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
-            self._stale(frame, "a fragment inside a fragment")
+        if message.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING, Command.IDENTIFY):
+            self._stale(frame, "what may not come in fragments")
             return
         whole = frame._replace(
             cmd=message.cmd, cmd_ext=message.cmd_ext, body=message.body, seq=message.message_id & 0xFF
         )
-        self._receive_frame(whole, now)
+        self._take_frame(whole, now)
 
     def send_chapter(self, cmd: int, body: bytes, now: float) -> None:
         """Queue a dialect-1 frame. For the dialect-1 half only."""

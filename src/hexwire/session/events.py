@@ -15,7 +15,11 @@ __all__ = ["BadFrame", "ConnectionCounters", "Event", "Garbage", "Reply", "Repor
 
 @dataclass(slots=True)
 class ConnectionCounters:
-    """What happened on a connection since it was made."""
+    """What happened on a connection since it was made.
+
+    Attributes:
+        refused: Datagrams that were old, or of another conversation; `stale` counts them too.
+    """
 
     frames_sent: int = 0
     requests: int = 0
@@ -23,6 +27,7 @@ class ConnectionCounters:
     retries: int = 0
     timeouts: int = 0
     stale: int = 0
+    refused: int = 0
     repeats: int = 0
     reports: int = 0
     reports_dropped: int = 0

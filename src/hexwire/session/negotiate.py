@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hexwire.errors import RemoteProtocolError
+from hexwire.errors import RemoteProtocolError, ReplyTimeoutError
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import Identity
@@ -61,6 +61,24 @@ class NegotiationFailed:
     frames: int
     servo_id: int | None = None
     echoes: int = 0
+
+    def as_error(self, url: str) -> ReplyTimeoutError:
+        """The error that says what came instead of an answer, and what to do about it."""
+        if self.bytes_received == 0:
+            instead = ""
+            advice = (
+                "is this the board's port and rate, has the board power and firmware? `hexwire ports` lists ports"
+            )
+        elif self.frames == 0:
+            instead = f"{self.bytes_received} bytes that are no frame"
+            advice = "a wrong baud rate looks like this; so does another device"
+        elif self.echoes:
+            instead = f"{self.echoes} of our own frames"
+            advice = "the line hears itself, and no board is behind it: an adapter, or a plug with TX on RX"
+        else:
+            instead = f"{self.frames} frames that answer nothing"
+            advice = "another program on the line, or a board of another make"
+        return ReplyTimeoutError(f"IDENTIFY on {url}", attempts=self.attempts, instead=instead, advice=advice)
 
 
 class Negotiator:

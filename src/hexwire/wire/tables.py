@@ -103,12 +103,14 @@ REPEAT_WINDOW = 2.0
 INTERBYTE_TIMEOUT = 0.05
 FRAGMENT_LIFETIME = 2.0
 BOOT_WINDOW = 5.0
+DATAGRAM_LATE = 1.0
 
 # Limits.
 STORED_REPLIES = 4
 MAX_JOINTS = 16
 FRAGMENT_MESSAGES = 4
 FRAGMENT_MAX_BYTES = 1048576
+DATAGRAM_WINDOW = 1024
 
 # The Hex7Bot controller as it leaves the compiler, and its settings while none are stored.
 BOARD_JOINT_IDS: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)

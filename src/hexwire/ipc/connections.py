@@ -1,0 +1,67 @@
+"""The session machine for a channel: made as its link needs it.
+
+Owns what follows from the kind of link: the longest frame, and over datagrams the random numbers of a conversation
+and the question who is there. Must not know how bytes travel, nor what is asked then.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+
+from hexwire.session.connection import Connection, Role
+from hexwire.session.policy import RetryPolicy
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Command
+from hexwire.wire.modules import IpcType
+
+from .handle import IpcHandle
+
+__all__ = ["Introduction", "host_connection", "random_number"]
+
+# Seconds between two questions who is there: before the answer, and after it.
+_ASK_FIRST, _ASK_AGAIN = 0.1, 0.5
+
+
+def random_number() -> int:
+    """A number from 0 to 2**31 - 1 that nobody can foresee, for a conversation over datagrams."""
+    return int.from_bytes(os.urandom(4), "little") >> 1
+
+
+def host_connection(
+    ipc: IpcHandle, src: int | None, dst: int | None, kind: int | None, *, policy: RetryPolicy, epoch: float
+) -> Connection:
+    """The host's end of a channel.
+
+    Args:
+        ipc: The channel.
+        src: Our module id; the channel's if None.
+        dst: The peer's module id; the channel's if None.
+        kind: Kind of channel; the channel's if None.
+        policy: Deadlines and retries.
+        epoch: As `Connection` takes it.
+    """
+    return Connection(
+        Role.HOST,
+        local=int(ipc.module if src is None else src),
+        remote=int(ipc.destination if dst is None else dst),
+        type=int(ipc.type if kind is None else kind),
+        policy=policy,
+        max_frame=tables.MAX_SERIAL_FRAME if ipc.type is IpcType.SERIAL else tables.MAX_NETWORK_FRAME,
+        epoch=epoch,
+        numbers=random_number if ipc.keeps_messages else None,
+    )
+
+
+class Introduction:
+    """Asks who is there again and again, for a sender over datagrams that waits for nobody."""
+
+    def __init__(self) -> None:
+        self._asked = -math.inf
+
+    def ask(self, connection: Connection, now: float) -> None:
+        """Ask if that was not done of late, so that an other end that was started anew is found."""
+        pause = _ASK_AGAIN if connection.in_conversation else _ASK_FIRST
+        if now - self._asked >= pause:
+            self._asked = now
+            connection.request(Command.IDENTIFY, b"", now, window=pause, attempts=1)
