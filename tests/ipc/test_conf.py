@@ -7,7 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import ConfigError
-from hexwire.ipc.conf import ChannelConf, Direction, link_url, load_conf, parse_conf, to_conf
+from hexwire.ipc.conf import (
+    ChannelConf,
+    Direction,
+    link_url,
+    load_conf,
+    parse_conf,
+    parse_toml,
+    to_conf,
+    to_toml,
+)
 from hexwire.wire.modules import IpcType, ModuleType
 
 # As printed in the chapter, section 9.2, the comment that goes on in an indented line included.
@@ -115,6 +124,22 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         load_conf(path)
 
 
+def test_a_queue_may_name_a_user_whose_queue_it_may_be() -> None:
+    text = "JOY_STICK SERVER_RX ROS1_HOST QUEUE /arm trust=robot\n"
+    (channel,) = parse_conf(text)
+    assert (channel.port, channel.peer) == (None, "robot")
+    assert link_url(channel) == "mq:///arm?role=server&trust=robot"
+    assert parse_conf(to_conf([channel])) == [channel]
+    assert parse_toml(to_toml([channel])) == [channel]
+    assert 'trust = "robot"' in to_toml([channel])
+    for wrong, column, words in (("trust=", 48, "bad user ''"), ("trust=a,b", 48, "bad user 'a,b'")):
+        with pytest.raises(ConfigError) as caught:
+            parse_conf(text.replace("trust=robot", wrong))
+        assert (caught.value.column, words in str(caught.value)) == (column, True)
+    with pytest.raises(ConfigError, match="peer belongs to UDP, trust to QUEUE"):
+        parse_toml(to_toml([channel]).replace("trust", "peer"))
+
+
 HOSTS = st.from_regex(r"[a-z][a-z0-9-]{0,10}(\.[a-z]{2,5})?", fullmatch=True) | st.ip_addresses().map(str)
 MODULES = st.sampled_from([module for module in ModuleType if module >= 0])
 
@@ -131,6 +156,7 @@ def channels(draw: st.DrawFn) -> list[ChannelConf]:
             address, port = f"/dev/tty{draw(st.sampled_from('SAé#%'))}{number}", draw(st.integers(50, 12_000_000))
         elif interface is IpcType.QUEUE:
             address, port = f"/queue{number}", None
+            peer = draw(st.sampled_from(["", "root", "robot-1"]))
         else:
             address = draw(HOSTS)
             if interface is IpcType.UDP and direction.is_server:

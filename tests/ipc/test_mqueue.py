@@ -5,6 +5,7 @@ import errno
 import fcntl
 import itertools
 import os
+import pwd
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -79,7 +80,7 @@ def test_addresses() -> None:
         ("mq:///a/b", "is not a queue name"),
         ("mq:///arm?role=boss", "role must be one of client, server, not 'boss'"),
         ("mq:///arm?depth=0", "depth must be a whole number from 1"),
-        ("mq:///arm?mode=1", "unknown option 'mode'; mq:// knows: role, depth, size, unlink"),
+        ("mq:///arm?mode=1", "unknown option 'mode'; mq:// knows: role, depth, size, unlink, trust"),
     ],
 )
 def test_wrong_addresses(url: str, words: str) -> None:
@@ -88,16 +89,109 @@ def test_wrong_addresses(url: str, words: str) -> None:
     assert words in str(caught.value)
 
 
-def test_ten_messages_wait_for_the_other_end(name: str) -> None:
-    with QueueLink(name) as client:
+def test_ten_messages_wait_for_a_reader(name: str) -> None:
+    with QueueLink(name, server=True) as server, QueueLink(name) as client:
         for number in range(10):
             client.write(bytes([number]), soon())
         with pytest.raises(LinkTimeoutError, match="the other side is not reading"):
             client.write(b"one too many", in_a_moment())
-    # They outlive the program that sent them.
-    with QueueLink(name, server=True) as server:
         assert [server.read(soon()) for _ in range(10)] == [bytes([number]) for number in range(10)]
         assert server.read(in_a_moment()) == b""
+
+
+def test_what_a_closed_client_left_does_not_reach_a_server_started_later(name: str) -> None:
+    with QueueLink(name) as client:
+        for number in range(10):
+            client.write(bytes([number]), soon())
+    with QueueLink(name, server=True) as server:
+        assert server.dropped == 10
+        assert server.read(in_a_moment()) == b""
+        for number in range(10):
+            server.write(bytes([number]), soon())
+        with QueueLink(name) as later:
+            assert later.dropped == 10
+            assert later.read(in_a_moment()) == b""
+            server.write(b"for you", soon())
+            assert later.read(soon()) == b"for you"
+
+
+def as_another_user(monkeypatch: pytest.MonkeyPatch) -> str:
+    """From here on this user's queues are somebody else's; returns the name of their owner."""
+    me = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: me + 1)
+    return pwd.getpwuid(me).pw_name
+
+
+@pytest.mark.parametrize("server", [True, False])
+def test_queues_that_another_user_made_are_not_used(
+    name: str, server: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with QueueLink(name), QueueLink(name, server=True):
+        pass
+    owner = as_another_user(monkeypatch)
+    link = QueueLink(name, server=server)
+    with pytest.raises(LinkPermissionError) as caught:
+        link.open()
+    assert not link.is_open
+    first = name + (".tx" if server else ".rx")
+    assert str(caught.value) == (
+        f"{link.url}: queue {first} belongs to {owner}, who could read and write what goes over it; take another "
+        f"name, or add trust={owner} to the address"
+    )
+
+
+def test_queues_of_one_who_is_trusted_by_name_are_used(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with QueueLink(name), QueueLink(name, server=True):
+        pass
+    owner = as_another_user(monkeypatch)
+    with (
+        make_link(f"mq://{name}?trust={owner}") as client,
+        make_link(f"mq://{name}?role=server&trust={owner}") as far,
+    ):
+        client.write(b"hello", soon())
+        assert far.read(soon()) == b"hello"
+    with pytest.raises(UsageError, match="trust=no-such-user, and there is no such user"):
+        QueueLink(name, trust=["no-such-user"]).open()
+
+
+@pytest.mark.parametrize(
+    ("mode", "trusted", "words"),
+    [
+        (0o666, False, r"\.rx is open to all users \(mode 666\); have it removed, or take another name"),
+        (0o602, True, r"\.rx is open to all users \(mode 602\)"),
+        (0o660, False, r"\.rx is open to a group \(mode 660\)"),
+        (0o660, True, ""),
+    ],
+)
+def test_queues_that_others_may_use_are_not_used(name: str, mode: int, trusted: bool, words: str) -> None:
+    made = posix_ipc.MessageQueue(name + ".rx", posix_ipc.O_CREX, mode=0o600, max_messages=10)
+    os.fchmod(made.mqd, mode)
+    made.close()
+    link = QueueLink(name, trust=[pwd.getpwuid(os.geteuid()).pw_name] if trusted else [])
+    if words:
+        with pytest.raises(LinkPermissionError, match=words):
+            link.open()
+        assert not link.is_open
+    else:
+        with link:
+            assert link.is_open
+
+
+def test_a_queue_that_is_removed_while_it_is_opened_is_made_anew(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, tries = posix_ipc.MessageQueue, []
+
+    def vanishing(wanted: str, flags: int = 0, **rest: object) -> object:
+        tries.append(flags)
+        if len(tries) < 3:
+            raise posix_ipc.ExistentialError("x")
+        return real(wanted, flags, **rest)
+
+    monkeypatch.setattr(posix_ipc, "MessageQueue", vanishing)
+    with QueueLink(name) as link:
+        assert link.is_open
+    assert tries[:3] == [posix_ipc.O_CREX, 0, posix_ipc.O_CREX]
 
 
 def test_the_owner_of_an_end_is_named(name: str) -> None:

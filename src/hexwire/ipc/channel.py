@@ -23,6 +23,7 @@ COLUMNS = ("module_name", "direction", "destination_module", "interface", "addre
 NEEDED = 5
 _HOST = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?:\.(?!-)[A-Za-z0-9_-]{1,63})*")
 _QUEUE = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
+_USER = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")
 MODULES = {module.name: module for module in ModuleType if module is not ModuleType.INVALID_MODULE}
 
 
@@ -63,7 +64,7 @@ class ChannelConf:
         interface: Queue, TCP, UDP or serial.
         address: Host, device path or queue name; for a server the address to bind.
         port: TCP or UDP port; baud rate of a serial port; None for a queue.
-        peer: Host that a UDP server listens to; empty for all others and on loopback.
+        peer: Host that a UDP server listens to; user whose queue is trusted besides one's own; else empty.
         line: Line of the file it starts on; 0 if it came from elsewhere. Does not count when comparing.
     """
 
@@ -137,7 +138,7 @@ class Record:
     def _way(self, interface: IpcType, direction: Direction) -> tuple[str, int | None, str]:
         """Address, port and peer, by what the interface needs."""
         listens = interface is IpcType.UDP and direction.is_server
-        if "peer" in self.cells and not listens:
+        if "peer" in self.cells and not listens and interface is not IpcType.QUEUE:
             raise self.error(
                 "peer", f"{self.text('peer')!r} is one word too many: only a UDP server names its peer"
             )
@@ -147,7 +148,9 @@ class Record:
                 raise self.error("address", f"bad address {name!r}: a queue is named by letters, digits, . _ and -")
             if "port" in self.cells:
                 raise self.error("port", f"a queue has no port; {self.text('port')!r} is one word too many")
-            return name, None, ""
+            if "peer" in self.cells and not _USER.fullmatch(self.text("peer")):
+                raise self.error("peer", f"bad user {self.text('peer')!r}: trust takes the name of one user")
+            return name, None, self.text("peer")
         if interface is IpcType.SERIAL:
             device = self.text("address")
             if not device.startswith("/") or device.endswith("/") or not device.isprintable():
@@ -208,7 +211,8 @@ def link_url(channel: ChannelConf) -> str:
     if channel.interface is IpcType.SERIAL:
         return f"serial://{quote(channel.address)}?baud={channel.port}"
     if channel.interface is IpcType.QUEUE:
-        return f"mq:///{channel.address.removeprefix('/')}" + ("?role=server" if listen else "")
+        options = (["role=server"] if listen else []) + ([f"trust={channel.peer}"] if channel.peer else [])
+        return f"mq:///{channel.address.removeprefix('/')}" + ("?" if options else "") + "&".join(options)
     host = f"[{channel.address}]" if ":" in channel.address else channel.address
     if channel.interface is IpcType.TCP:
         return f"{'tcp-listen' if listen else 'tcp'}://{host}:{channel.port}"
@@ -230,6 +234,6 @@ def rows_of(channels: Iterable[ChannelConf]) -> list[dict[str, str | int]]:
         if channel.port is not None:
             row["baud" if channel.interface is IpcType.SERIAL else "port"] = channel.port
         if channel.peer:
-            row["peer"] = channel.peer
+            row["trust" if channel.interface is IpcType.QUEUE else "peer"] = channel.peer
         rows.append(row)
     return rows

@@ -32,8 +32,11 @@ from hexwire.ipc.channel import (
     rows_of,
 )
 from hexwire.ipc.conf_toml import parse_toml, to_toml
+from hexwire.wire.modules import IpcType
 
 __all__ = ["ChannelConf", "Direction", "link_url", "load_conf", "parse_conf", "parse_toml", "to_conf", "to_toml"]
+
+_TRUST = "trust="
 
 
 def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
@@ -80,7 +83,13 @@ def _cells(line: str, number: int) -> list[Cell]:
 
 
 def _from_columns(cells: list[Cell], file: str) -> Record:
-    record = Record(dict(zip(COLUMNS, cells, strict=False)), cells[0], file)
+    named = dict(zip(COLUMNS, cells, strict=False))
+    port = named.get("port")
+    if port is not None and named["interface"].text == IpcType.QUEUE.name and port.text.startswith(_TRUST):
+        # A queue has no port; what stands there may say whose queue it may be.
+        named.pop("port")
+        named["peer"] = Cell(port.text.removeprefix(_TRUST), port.line, port.column + len(_TRUST))
+    record = Record(named, cells[0], file)
     if len(cells) > len(COLUMNS):
         extra = cells[len(COLUMNS)]
         raise ConfigError(f"{extra.text!r} is one word too many", file=file, line=extra.line, column=extra.column)
@@ -113,7 +122,10 @@ def load_conf(path: str | Path) -> list[ChannelConf]:
 def to_conf(channels: Iterable[ChannelConf]) -> str:
     """Write the chapter's form; `parse_conf` reads the same channels back."""
     table = [["# module_name", *COLUMNS[1:5], "[port]"]]
-    table += [[str(value) for value in row.values()] for row in rows_of(channels)]
+    table += [
+        [f"{_TRUST}{value}" if key == "trust" else str(value) for key, value in row.items()]
+        for row in rows_of(channels)
+    ]
     widths = [max(len(row[i]) for row in table if i < len(row)) for i in range(max(map(len, table)))]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)) for row in table)
     return "".join(f"{line.rstrip()}\n" for line in lines)

@@ -16,7 +16,7 @@ from hexwire.wire.modules import IpcType
 
 __all__ = ["parse_toml", "to_toml"]
 
-# Key -> column. A serial port's rate has a name of its own here.
+# Key -> column. A serial port's rate and the user whose queue is trusted have names of their own here.
 _KEYS = {
     "module": "module_name",
     "direction": "direction",
@@ -26,13 +26,15 @@ _KEYS = {
     "port": "port",
     "baud": "port",
     "peer": "peer",
+    "trust": "peer",
 }
 
 
 def parse_toml(text: str, file: str = "") -> list[ChannelConf]:
     """Read the TOML form: a table ``[[channel]]`` for each channel.
 
-    Keys: module, direction, destination, interface, address; port (or baud, for SERIAL) and peer where they apply.
+    Keys: module, direction, destination, interface, address; where they apply port (for SERIAL: baud) and peer (for
+    QUEUE: trust).
 
     Raises:
         ConfigError: As `parse_conf`, and for a key that is not known.
@@ -103,9 +105,12 @@ def _from_table(entry: Mapping[str, object], place: Callable[[str, str], Cell], 
         if re.search(r"\s", cell.text) or not cell.text or cell.text.startswith("#"):
             raise fault(f"{key} must be one word, not {cell.text!r}")
         if _KEYS[key] in cells:
-            raise fault("port and baud are the same thing: give one")
+            same = [other for other, column in _KEYS.items() if column == _KEYS[key]]
+            raise fault(f"{' and '.join(same)} are the same thing: give one")
         if key in ("port", "baud") and (key == "baud") != (entry.get("interface") == IpcType.SERIAL.name):
             raise fault("baud belongs to SERIAL, port to TCP and UDP")
+        if key in ("peer", "trust") and (key == "trust") != (entry.get("interface") == IpcType.QUEUE.name):
+            raise fault("peer belongs to UDP, trust to QUEUE")
         cells[_KEYS[key]] = cell
     return record
 

@@ -4,8 +4,9 @@ A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, th
 Owns their names, the system's limits, and the search for queues that somebody left behind; nothing is removed
 unless that is asked for. Must not know what the bytes mean.
 
-A queue outlives the programs that use it. A message that was sent and not read is still there at the next
-opening; `flush_input` drops it.
+A queue outlives the programs that use it. What waits in it when an end is opened is from before, perhaps for
+another program: it is dropped. And it may have been made by somebody else, who can then read and write what goes
+over it: a queue must belong to this user, or to one who is trusted by name, and be closed to all others.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import contextlib
 import errno
 import fcntl
 import os
+import pwd
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,7 +50,8 @@ _QUEUES = Path("/dev/mqueue")
 class QueueLink(PollLink):
     """One end of a line over two message queues, which are made if they are not there.
 
-    Only this user may open queues that it makes. The other end need not be there: ten messages wait for it.
+    Only this user may open queues that it makes. The other end need not be there; what was sent before it opens
+    does not reach it.
 
     Args:
         name: Letters, digits, ``. _ -``; with or without a leading slash.
@@ -55,6 +59,10 @@ class QueueLink(PollLink):
         depth: Messages that wait unread before a writer has to wait; of a queue that exists, its own counts.
         size: Longest message in bytes; likewise.
         unlink: Remove both queues when this end is closed.
+        trust: Users, besides this one, whose queues are used; such a queue may be open to a group.
+
+    Attributes:
+        dropped: Messages of before that the last opening dropped.
     """
 
     kind = LinkKind.DATAGRAM
@@ -67,6 +75,7 @@ class QueueLink(PollLink):
         depth: int = DEFAULT_DEPTH,
         size: int = DEFAULT_SIZE,
         unlink: bool = False,
+        trust: Sequence[str] = (),
     ) -> None:
         if not _NAME.fullmatch(name):
             raise UsageError(f"{name!r} is not a queue name: use letters, digits, '.', '_' and '-'")
@@ -77,14 +86,16 @@ class QueueLink(PollLink):
         self._depth = depth
         self._size = size
         self._unlink = unlink
+        self._trust = tuple(trust)
+        self.dropped = 0
         self._inbox: posix_ipc.MessageQueue | None = None
         self._outbox: posix_ipc.MessageQueue | None = None
         self._full_or_empty: type[Exception] = BlockingIOError
 
     @classmethod
     def from_url(cls, url: LinkUrl) -> QueueLink:
-        """Build from ``mq:///name?role=server&depth=10&size=8192&unlink=1``."""
-        url.check_keys(("role", "depth", "size", "unlink"))
+        """Build from ``mq:///name?role=server&depth=10&size=8192&unlink=1&trust=user,user``."""
+        url.check_keys(("role", "depth", "size", "unlink", "trust"))
         if url.netloc:
             raise UsageError(f"{url.text}: a queue's address has three slashes, as in mq:///{url.netloc}")
         return cls(
@@ -93,6 +104,7 @@ class QueueLink(PollLink):
             depth=url.integer("depth", DEFAULT_DEPTH, 1, 65536),
             size=url.integer("size", DEFAULT_SIZE, 1, 1 << 24),
             unlink=url.yes_no("unlink", False),
+            trust=[user for user in url.query.get("trust", "").split(",") if user],
         )
 
     def _open(self) -> None:
@@ -109,23 +121,70 @@ class QueueLink(PollLink):
             ) from error
         self._outbox = self._queue(self.name + (".rx" if self._server else ".tx"), reads=False)
         self.max_message = self._outbox.max_message_size
+        self.dropped = 0
+        # At most what fits: another end that never stops writing must not hold this one up.
+        with contextlib.suppress(self._full_or_empty):
+            while self.dropped < self._inbox.max_messages:
+                self._inbox.receive()
+                self.dropped += 1
 
     def _queue(self, name: str, *, reads: bool) -> posix_ipc.MessageQueue:
         ipc = _posix_ipc()
         try:
-            queue = ipc.MessageQueue(
-                name,
-                ipc.O_CREAT,
-                mode=0o600,
-                max_messages=self._depth,
-                max_message_size=self._size,
-                read=reads,
-                write=not reads,
-            )
+            queue = self._make_or_find(name, reads)
         except (ValueError, OSError, ipc.Error) as error:
             raise self._explain(error) from error
+        try:
+            self._check_owner(name, os.fstat(queue.mqd))
+        except BaseException:
+            queue.close()
+            raise
         queue.block = False
         return queue
+
+    def _make_or_find(self, name: str, reads: bool) -> posix_ipc.MessageQueue:
+        ipc = _posix_ipc()
+        while True:
+            # Nobody else's queue passes for one of ours: it is new, or it is looked at as one that was there.
+            try:
+                return ipc.MessageQueue(
+                    name,
+                    ipc.O_CREX,
+                    mode=0o600,
+                    max_messages=self._depth,
+                    max_message_size=self._size,
+                    read=reads,
+                    write=not reads,
+                )
+            except ipc.ExistentialError:
+                pass
+            try:
+                return ipc.MessageQueue(name, 0, read=reads, write=not reads)
+            except ipc.ExistentialError:
+                continue  # removed in between
+
+    def _check_owner(self, name: str, status: os.stat_result) -> None:
+        """Refuse a queue that somebody else made, or may use."""
+        trusted = {self._user_id(user) for user in self._trust}
+        if status.st_uid not in (os.geteuid(), *trusted):
+            owner = _user_name(status.st_uid)
+            raise LinkPermissionError(
+                f"{self.url}: queue {name} belongs to {owner}, who could read and write what goes over it; take "
+                f"another name, or add trust={owner} to the address",
+                url=self.url,
+            )
+        open_to = "all users" if status.st_mode & 0o007 else "a group" if status.st_mode & 0o070 else ""
+        if open_to == "all users" or (open_to and not trusted):
+            who = f"{open_to} (mode {status.st_mode & 0o777:03o})"
+            raise LinkPermissionError(
+                f"{self.url}: queue {name} is open to {who}; have it removed, or take another name", url=self.url
+            )
+
+    def _user_id(self, user: str) -> int:
+        try:
+            return pwd.getpwnam(user).pw_uid
+        except KeyError as error:
+            raise UsageError(f"{self.url}: trust={user}, and there is no such user") from error
 
     def _close(self) -> None:
         for queue in (self._inbox, self._outbox):
@@ -166,7 +225,9 @@ class QueueLink(PollLink):
                 f"of at most {depth} messages of {size} bytes (sysctl fs.mqueue.msg_max, fs.mqueue.msgsize_max)"
             )
         if isinstance(error, _posix_ipc().PermissionsError):
-            return LinkPermissionError(f"{self.url} belongs to another user; take another name", url=self.url)
+            return LinkPermissionError(
+                f"{self.url} belongs to another user, who lets nobody use it; take another name", url=self.url
+            )
         if number == errno.ENOSPC:
             return LinkError(
                 f"{self.url}: the system's {_setting('queues_max')} queues are all in use; remove stale ones, "
@@ -247,6 +308,13 @@ def _posix_ipc() -> posix_ipc:
     except ImportError as error:
         raise UsageError("mq:// needs the package posix_ipc: pip install 'hexwire[mq]'") from error
     return posix_ipc
+
+
+def _user_name(uid: int) -> str:
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return f"user {uid}"
 
 
 def _setting(name: str) -> str:
