@@ -59,6 +59,14 @@ class Loopback:
 # --- PacedLine -------------------------------------------------------------------------------------------------
 
 
+def test_a_line_is_not_stopped_by_nothing() -> None:
+    """A burst at another rate may be heard as no byte at all."""
+    line = PacedLine(115200)
+    line.put(b"", 0.0)
+    line.put(b"here", 0.0)
+    assert line.take(1.0) == b"here"
+
+
 def test_a_paced_line_delivers_ten_bits_a_byte_exactly() -> None:
     line = PacedLine(115200)
     byte = 10 / 115200

@@ -187,6 +187,8 @@ class PacedLine:
 
     def put(self, data: bytes, now: float) -> None:
         """Bytes enter the line at `now`, or when it is free."""
+        if not data:
+            return
         start = max(now, self._free_at)
         self._free_at = start + len(data) * self._per_byte
         self._queue.append((start, data))
