@@ -65,3 +65,19 @@ def test_by_number() -> None:
     assert store.find_by_number(7, 1, 0x13, 1.0) == [b"1"]
     assert store.find_by_number(7, 1, 0x13, 2.0) == []
     assert store.find_by_number(8, 1, 0x13, 1.0) == []
+
+
+def test_what_a_stop_made_void_is_remembered_however_much_it_was() -> None:
+    store = ReplyStore()
+    for seq in range(30):
+        store.asked(frame(seq), 0.0)
+    for seq in range(30):
+        assert store.find(frame(seq), 0.1) == [], "every request that waits is known"
+        store.answered(frame(seq), [b"void"], 0.1, voided=True)
+    for seq in range(100, 110):
+        store.answered(frame(seq), [b"x"], 0.2)
+    for seq in range(30):
+        assert store.find(frame(seq), 2.0) == [b"void"]
+        assert store.find(frame(seq), 2.2) is None
+    store.forget(7)
+    assert store.find(frame(0), 0.2) is None

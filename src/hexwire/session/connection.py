@@ -250,10 +250,17 @@ class Connection(FrameMaker):
 
     # -- board --------------------------------------------------------------------------------------
 
-    def reply(self, request: Request, status: int, body: bytes, now: float) -> None:
+    def reply(self, request: Request, status: int, body: bytes, now: float, *, voided: bool = False) -> None:
         """Answer a dialect-2 request; the reply is kept for a repeat of it.
 
         Over datagrams, a request of a conversation that is over is not answered.
+
+        Args:
+            request: What is answered.
+            status: Status code.
+            body: Of the reply.
+            now: Seconds, monotonic.
+            voided: A stop made it void: its repeat must not be done either, however much is answered meanwhile.
         """
         frame = request.frame
         ext = EXT_REPLY | status & EXT_STATUS_MASK
@@ -271,7 +278,11 @@ class Connection(FrameMaker):
             self._send_message(frame.cmd, ext, body, frame.seq, now, frame.src)
         else:
             self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
-        self._replies.answered(frame, self._out[first:], now)
+        self._replies.answered(frame, self._out[first:], now, voided=voided)
+
+    def forget_fragments(self) -> None:
+        """A stop came: what has begun to arrive was asked before it."""
+        self._fragments_in.forget()
 
     def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
         """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""

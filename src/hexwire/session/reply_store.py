@@ -1,7 +1,8 @@
 """The board's memory of what it was asked: a request that comes again is not executed again.
 
-Owns PROTOCOL.md's rule of repeats: same src, seq, cmd and body, within 2 s, among the last 4 answered. Sans I/O;
-time comes in as `now`. Knows nothing of what a command does.
+Owns PROTOCOL.md's rule of repeats: same src, seq, cmd and body, within 2 s, among the last 4 answered. What a stop
+made void is remembered for 2 s however much it was. Sans I/O; time comes in as `now`. Knows nothing of what a
+command does.
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ from hexwire.wire.command_frame import Frame
 
 __all__ = ["ReplyStore"]
 
-_MAX_OPEN = 16
+_MAX_OPEN = 48
+"""Requests without an answer: a board keeps 24 and 16 stops, and the one under way."""
+_MAX_VOIDED = 1024
+"""More than a serial line carries in 2 s."""
 
 
 class ReplyStore:
@@ -21,11 +25,12 @@ class ReplyStore:
 
     def __init__(self) -> None:
         self._answered: deque[tuple[float, Frame, list[bytes]]] = deque(maxlen=tables.STORED_REPLIES)
+        self._voided: deque[tuple[float, Frame, list[bytes]]] = deque(maxlen=_MAX_VOIDED)
         self._open: deque[tuple[float, Frame]] = deque(maxlen=_MAX_OPEN)
 
     def find(self, frame: Frame, now: float) -> list[bytes] | None:
         """Frames to send for a repeat; none of them if its answer is on the way; None if it is no repeat."""
-        for when, request, reply in self._answered:
+        for when, request, reply in (*self._answered, *self._voided):
             if _repeats(frame, request) and now - when < tables.REPEAT_WINDOW:
                 return reply
         for when, request in self._open:
@@ -35,7 +40,7 @@ class ReplyStore:
 
     def find_by_number(self, src: int, seq: int, cmd: int, now: float) -> list[bytes]:
         """The answer to a request whose body is not at hand, as that of one in fragments."""
-        for when, request, reply in self._answered:
+        for when, request, reply in (*self._answered, *self._voided):
             if (src, seq, cmd) == (request.src, request.seq, request.cmd) and now - when < tables.REPEAT_WINDOW:
                 return reply
         return []
@@ -44,17 +49,23 @@ class ReplyStore:
         """Remember a request that has no answer yet."""
         self._open.append((now, frame))
 
-    def answered(self, frame: Frame, reply: list[bytes], now: float) -> None:
-        """Remember the frames that answered a request."""
+    def answered(self, frame: Frame, reply: list[bytes], now: float, *, voided: bool = False) -> None:
+        """Remember the frames that answered a request; the last few, but all of what a stop made void."""
         for entry in self._open:
             if _repeats(frame, entry[1]):
                 self._open.remove(entry)
                 break
-        self._answered.append((now, frame, reply))
+        if not voided:
+            self._answered.append((now, frame, reply))
+            return
+        while self._voided and now - self._voided[0][0] >= tables.REPEAT_WINDOW:
+            self._voided.popleft()
+        self._voided.append((now, frame, reply))
 
     def forget(self, src: int) -> None:
         """Drop what a module asked: it starts anew, and nothing it asks may pass for a repeat."""
         self._answered = deque((e for e in self._answered if e[1].src != src), tables.STORED_REPLIES)
+        self._voided = deque((e for e in self._voided if e[1].src != src), _MAX_VOIDED)
         self._open = deque((e for e in self._open if e[1].src != src), _MAX_OPEN)
 
 
