@@ -94,7 +94,9 @@ def test_dialect_1_writes_pass_through(boards: Callable[..., Trio]) -> None:
     trio = boards()
     same(trio, 2, make_write(4, 0x28, b"\1"), proto=1)
     same(trio, 2, make_read(4, 0x28, 1), proto=1)
-    same(trio, 2, make_reg_write(4, 0x29, b"\0\x64\x08\x64\0\x0a\0"), proto=1)
+    same(trio, 2, make_write(4, 0x29, b"\0\x64\x08\x64\0\x0a\0"), proto=1)
+    # What waits in a servo no stop can void.
+    same(trio, 2, make_reg_write(4, 0x29, b"\0\x80\x08\x64\0\x0a\0"), proto=1)
     same(trio, 2, make_action(4), proto=1)
     all_advance(trio, 1.0)
     same(trio, 2, make_read(4, 0x38, 2), proto=1)

@@ -20,7 +20,15 @@ class Bench:
         self.now = 0.0
         self.seq = 0
         self.frames: list[tuple[float, Frame]] = []
+        self.bus_sent: list[tuple[float, bytes]] = []
         self._decoder = FrameDecoder()
+        transact = self.board.wire.transact
+
+        def noted(packet: bytes, now: float) -> tuple[bytes, float]:
+            self.bus_sent.append((now, packet))
+            return transact(packet, now)
+
+        self.board.wire.transact = noted  # type: ignore[method-assign]  # eyes on the wire
 
     def send(self, cmd: int, body: bytes = b"", *, proto: int = 2, seq: int | None = None, dst: int = BOARD) -> int:
         if seq is None:
@@ -90,6 +98,11 @@ class Bench:
     def move(self, targets: dict[int, int], ms: int = 1000) -> Frame:
         rows = tuple(MoveRow(*row) for row in targets.items())
         return self.ask(Command.JOINT_MOVE, MoveRequest(ms, rows).serialize())
+
+    def writes(self) -> list[bytes]:
+        """Packets on the bus that changed something, since the last call."""
+        sent, self.bus_sent = self.bus_sent, []
+        return [packet for _, packet in sent if packet[4] not in (0x01, 0x02, 0x82)]
 
     def true_positions(self) -> list[float]:
         """Where the shafts really are."""

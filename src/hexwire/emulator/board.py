@@ -1,8 +1,8 @@
 """An emulated controller board: frames in, frames out, servos on a half-duplex bus behind it.
 
-Owns the board's scheduler (one bus transaction at a time, stop first), its start, reset, watchdog and reports,
-and both dialects' dispatch. Time comes in as `now`; nothing here waits. Must not know links or ptys: bytes go
-through `receive` and `data_to_send`.
+Owns the board's scheduler (one bus transaction at a time, stop first), what a stop voids, its start, reset,
+watchdog and reports, and both dialects' dispatch. Time comes in as `now`; nothing here waits. Must not know links
+or ptys: bytes go through `receive` and `data_to_send`.
 
 With `dialect=1` it is the chapter's board, which knows nothing else: same bytes, same order, the delays of its
 sketch when the bus is paced. With `dialect=2` it is hexwire's firmware, which answers dialect 1 as well, without
@@ -18,15 +18,16 @@ from dataclasses import dataclass
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
 from .arms import make_hex7bot_servos
-from .board_bus import BoardBus, Delay, Job, Transaction
+from .board_bus import BUS_TIMEOUT, BoardBus, Delay, Job, Pause, Transaction
 from .board_dialect1 import Dialect1
 from .board_dialect2 import Dialect2
 from .board_state import BoardState, Settings
+from .board_stop import StopQueue
 from .faults import FaultPlan
 from .servo_wire import ServoWire
 from .sketch import SketchReceiver
@@ -35,7 +36,7 @@ __all__ = ["EmulatedBoard", "make_hex7bot_board"]
 
 _POLL_PAUSE = 0.0005
 """Seconds between two background polls of a paced bus: what the firmware's own loop costs."""
-_MAX_QUEUE = 16
+_MAX_QUEUE = 24
 _BITS = 10
 _TURNAROUND = 0.001
 """Seconds after which an answer counts as late: four times a servo's usual delay."""
@@ -43,13 +44,14 @@ _TURNAROUND = 0.001
 
 @dataclass(slots=True)
 class _Task:
-    """A job with what it is for: the request it answers, and whether a stop makes it void."""
+    """A job with what it is for: the request it answers, or the chapter's frame."""
 
     job: Job
     request: Request | None = None
-    motion: bool = False
-    urgent: bool = False
+    chapter: Frame | None = None
+    stop: bool = False
     report: bool = False
+    start: bool = False
 
 
 class EmulatedBoard:
@@ -134,7 +136,7 @@ class EmulatedBoard:
         times = [t for t in (self.state.report_due, self.state.watchdog_due) if t is not None]
         if self._busy:
             times.append(self._busy_until)
-        elif self._tasks or self._urgent or self._suspended:
+        elif self._tasks or self.stops:
             times.append(self.time)
         elif self.paced and self.dialect == 2:
             times.append(self._next_poll)
@@ -151,7 +153,7 @@ class EmulatedBoard:
         self.resets += 1
         self.time = now
         # New at every reset, and when the emulator is started again: time goes on, and the count in a reset.
-        boot_id = (int(now * 1000) + self.resets) & 0xFFFFFFFF
+        boot_id = (int(now * 1000) + self.resets) & 0xFFFFFFFF or 1
         self.state = BoardState(boot_id, now, self.settings)
         self.connection = Connection(
             Role.BOARD,
@@ -167,13 +169,13 @@ class EmulatedBoard:
         self._sketch = SketchReceiver() if self.dialect == 1 and self.faults.sketch else None
         self._deaf_until = now + self.faults.boot_time
         self._out = []
-        self._urgent: deque[_Task] = deque()
+        self.stops = StopQueue()
         self._tasks: deque[_Task] = deque()
         self._task: _Task | None = None
-        self._suspended: tuple[_Task, bytes] | None = None
         self._busy: bool = False
         self._listening = False
         self._busy_until: float = now
+        self._cut_at: float = now
         self._answer = b""
         self._bus_input.clear()
         self._next_poll = now
@@ -181,7 +183,7 @@ class EmulatedBoard:
         self._report_queued = self._report_unsent = False
         self._sketch_reply = b""
         if self.dialect == 2:
-            self._tasks.append(_Task(self.bus.discover()))
+            self._tasks.append(_Task(self.bus.discover(), start=True))
 
     # -- jobs ---------------------------------------------------------------------------------------
 
@@ -198,17 +200,16 @@ class EmulatedBoard:
     def _queue(self, event: Request) -> None:
         frame = event.frame
         chapter = frame.proto == PROTO_CHAPTER or self.dialect == 1
-        task = _Task(self.dialect1.job(frame) if chapter else self.dialect2.job(event))
-        task.motion = self.dialect2.is_motion(frame)
-        if not chapter:
-            task.request = event
-            task.urgent = self.dialect2.is_urgent(frame)
-        if task.urgent:
-            self._urgent.append(task)
-        elif len(self._tasks) < _MAX_QUEUE:
-            self._tasks.append(task)
-        elif not chapter:
-            self.dialect2.refuse(event, Status.BUSY)
+        mode = None if chapter else self.dialect2.stop_mode(frame)
+        if mode is not None:
+            self._stop(mode, event)
+        elif len(self._tasks) >= _MAX_QUEUE:
+            if not chapter:
+                self.dialect2.refuse(event, Status.BUSY)
+        elif chapter:
+            self._tasks.append(_Task(self.dialect1.job(frame), chapter=frame))
+        else:
+            self._tasks.append(_Task(self.dialect2.job(event), request=event))
         self.state.queue_high_water = max(self.state.queue_high_water, len(self._tasks))
 
     # -- the serial buffer of the bus ---------------------------------------------------------------
@@ -224,25 +225,42 @@ class EmulatedBoard:
         self._bus_input = [(when, data) for when, data in self._bus_input if when > self.time]
         return data
 
-    def drop_motion(self) -> None:
-        """A stop makes void what would still move something, begun or queued."""
-        waiting = [*self._tasks, *([self._suspended[0]] if self._suspended else [])]
-        for task in waiting:
-            if task.motion:
-                task.job.close()
-                if task.request is not None:
-                    self.dialect2.refuse(task.request, Status.STOPPED)
-        self._tasks = deque(t for t in self._tasks if not t.motion)
-        if self._suspended and self._suspended[0].motion:
-            self._suspended = None
+    # -- stops --------------------------------------------------------------------------------------
+
+    def _stop(self, mode: int, request: Request | None) -> None:
+        """A STOP came, or the watchdog tripped: what was asked before is void from here on."""
+        self.state.latch(torque_off=mode == 1)
+        self.connection.forget_fragments()
+        void, self._tasks = list(self._tasks), deque()
+        if self._task is not None and not self._task.stop:
+            void.insert(0, self._cut())
+        for task in void:
+            task.job.close()
+            self._report_queued &= not task.report
+            if task.request is not None:
+                self.dialect2.refuse(task.request, Status.STOPPED, voided=True)
+            elif task.chapter is not None:
+                self.dialect1.void(task.chapter)
+            elif task.start:
+                self._tasks.append(_Task(self.bus.discover(), start=True))
+        if not self.stops.add(mode, request) and request is not None:
+            self.dialect2.refuse(request, Status.BUSY)
+        if self.stops.interrupts:
+            self._cut().job.close()
+            self.stops.put_back()
+
+    def _cut(self) -> _Task:
+        """End the job under way; what is on the wire of the bus ends, and nothing more is waited for."""
+        task, self._task = self._task, None
+        assert task is not None
+        if self._busy:
+            self._busy_until = min(self._busy_until, self._cut_at)
+            self.wire.free_at = min(self.wire.free_at, max(self._busy_until, self.time))
+        return task
 
     def _start_next(self, now: float) -> bool:
-        answer: bytes | None = None
-        if self._urgent:
-            self._task = self._urgent.popleft()
-        elif self._suspended:
-            self._task, answer = self._suspended
-            self._suspended = None
+        if self.stops:
+            self._task = _Task(self.dialect2.stop_job(self.stops.start()), stop=True)
         elif self._tasks:
             self._task = self._tasks.popleft()
         elif self.paced and self.dialect == 2 and self._next_poll <= now:
@@ -250,19 +268,14 @@ class EmulatedBoard:
             self._task = _Task(self.bus.poll_next())
         else:
             return False
-        self._run(answer)
+        self._run(None)
         return True
 
     def _finish_wait(self) -> None:
-        """The current job's wait is over; a stop that came meanwhile goes first."""
+        """The current job's wait is over."""
         self._busy = False
-        task = self._task
         self._answer = self.read_bus() if self._listening else b""
-        if task is not None and self._urgent and not task.urgent:
-            self._suspended = (task, self._answer)
-            self._task = None
-        else:
-            self._run(self._answer)
+        self._run(self._answer)
 
     def _run(self, answer: bytes | None) -> None:
         """Run the current job to its next wait."""
@@ -279,8 +292,9 @@ class EmulatedBoard:
             return
         self._busy = True
         self._listening = isinstance(wait, Transaction)
-        if isinstance(wait, Delay):
-            self._busy_until = self.time + (wait.seconds if self.paced else 0.0)
+        if isinstance(wait, Delay | Pause):
+            self._cut_at = self.time
+            self._busy_until = self.time + (wait.seconds if self.paced or isinstance(wait, Pause) else 0.0)
             return
         if isinstance(wait, Transaction):
             self.read_bus()
@@ -290,8 +304,9 @@ class EmulatedBoard:
         sent = self.time + len(wait.packet) * byte
         if heard:
             self._bus_input.append((finish, heard))
-        self._busy_until = sent
+        self._busy_until = self._cut_at = sent
         if isinstance(wait, Transaction) and wait.reply_length:
+            self._cut_at = sent + wait.reply_length * byte + BUS_TIMEOUT
             deadline = sent + wait.reply_length * byte + wait.timeout
             whole = len(heard) - len(wait.packet) * self.wire.echo >= wait.reply_length
             self._busy_until = deadline if finish > deadline or (self.paced and not whole) else finish
@@ -333,8 +348,9 @@ class EmulatedBoard:
             self._take_requests(now)
         state = self.state
         if state.watchdog_due is not None and state.watchdog_due <= now:
-            self._urgent.append(_Task(self.dialect2.watchdog_job(), urgent=True))
-            state.watchdog_due = None
+            state.watchdog_tripped = True
+            state.watchdog_trips += 1
+            self._stop(state.watchdog_mode, None)
         if state.report_due is not None and state.report_due <= now:
             state.report_due += state.report_period
             if state.report_due <= now:

@@ -1,7 +1,7 @@
 """The emulated board's side of the servo bus: ask, verify, ask again; keep the joints up to date.
 
-Owns the jobs that talk to servos. A job is a generator: it yields a `Transaction` or a `Delay` and is resumed
-with the answer when that has taken its time. Knows nothing of frames.
+Owns the jobs that talk to servos. A job is a generator: it yields a `Transaction`, a `Delay` or a `Pause` and is
+resumed with the answer when that has taken its time. Knows nothing of frames.
 """
 
 from __future__ import annotations
@@ -11,12 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.session.servo_bus import expected_answer, match_answer
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Status
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
     BROADCAST_ID,
-    Instruction,
-    ServoPacket,
     StatusPacket,
     find_status,
     make_ping,
@@ -28,20 +25,21 @@ from hexwire.wire.servo_packet import (
 )
 
 from .board_state import SERVO_BITS, JointSlot
+from .gate import READ_ONLY, SPEED_UNIT, Passed, speed_cap, written_ids
 
 if TYPE_CHECKING:
     from .board import EmulatedBoard
 
-__all__ = ["READ_ONLY", "BoardBus", "Delay", "Job", "RefusedError", "Send", "Transaction"]
+__all__ = ["BUS_TIMEOUT", "BoardBus", "Delay", "Job", "Many", "Pause", "Send", "Transaction"]
 
-READ_ONLY = frozenset({Instruction.PING, Instruction.READ, Instruction.SYNC_READ})
-"""Instructions that change nothing."""
+BUS_TIMEOUT = 0.005
+"""Seconds for a servo to begin its answer."""
 
 _TRIES = 2
-_TIMEOUT = 0.005
 _TORQUE = Series.HLS.register("torque_enable").address
 _LEGACY_TARGET = Series.SEVEN_BOT.register("target_position").address
 _HLS_BLOCK = Series.HLS.register("acceleration").address
+_MODE = Series.HLS.register("mode").address
 _PRESENT = Series.HLS.register("present_position").address
 _PRESENT_BYTES = 15
 """From present_position (56) to present_current (69, 2 bytes)."""
@@ -50,7 +48,6 @@ _SAMPLE = {
     name: Series.HLS.register(f"present_{name}")
     for name in ("position", "speed", "load", "voltage", "temperature", "current")
 }
-_SPEED_UNIT = 50
 _TARGETS = {Series.SEVEN_BOT: "target_position", Series.HLS: "goal_position"}
 
 
@@ -62,7 +59,7 @@ class Transaction(NamedTuple):
 
     packet: bytes
     reply_length: int
-    timeout: float = _TIMEOUT
+    timeout: float = BUS_TIMEOUT
 
 
 class Send(NamedTuple):
@@ -72,25 +69,24 @@ class Send(NamedTuple):
 
 
 class Delay(NamedTuple):
-    """Wait; resumed with nothing."""
+    """What the board's program takes for itself, nothing on a bus that costs no time; resumed with nothing."""
 
     seconds: float
 
 
-Wait = Transaction | Send | Delay
+class Pause(NamedTuple):
+    """Let the servos go on for so long, however fast the bus is; resumed with nothing."""
+
+    seconds: float
+
+
+Wait = Transaction | Send | Delay | Pause
 Job = Generator[Wait, bytes | None, None]
 Sub = Generator[Wait, bytes | None, StatusPacket | None]
 Raw = Generator[Wait, bytes | None, bytes]
 Several = Generator[Wait, bytes | None, list[StatusPacket]]
 Many = Generator[Wait, bytes | None, int]
-
-
-class RefusedError(Exception):
-    """A handler's short way out: the status that answers the request."""
-
-    def __init__(self, status: Status) -> None:
-        super().__init__(status.name)
-        self.status = status
+Value = Generator[Wait, bytes | None, int | None]
 
 
 class BoardBus:
@@ -125,21 +121,49 @@ class BoardBus:
                 state.bus_retries += 1
         return None
 
-    def ask_all(self, packet: bytes) -> Several:
-        """Any packet from a host; the answers of all who should, a write sent once only."""
+    def ask_all(self, passed: Passed) -> Several:
+        """What the gate let through; the answers of all who should, a write sent once only."""
+        yield from self._send_first(passed)
+        packet = passed.packets[-1]
         request = parse_packet(packet)
         expected = expected_answer(request)
-        self._mark_written(request)
-        if request.instruction != Instruction.SYNC_READ:
+        if len(expected.servo_ids) < 2:
             tries = _TRIES if request.instruction in READ_ONLY else 1
             status = yield from self.ask(packet, tries=tries)
             return [status] if status is not None else []
-        data = yield from self.raw(packet, expected.length, _TIMEOUT)
+        answer = yield Transaction(packet, expected.length)
+        data = strip_echo(answer or b"", packet)
         found = [find_status(data, servo_id, expected.params) for servo_id in expected.servo_ids]
         return [f[0] for f in found if f is not None]
 
+    def raw(self, passed: Passed, reply_length: int, timeout: float) -> Raw:
+        """What the gate let through; the bytes that came back, echo removed."""
+        yield from self._send_first(passed)
+        answer = yield Transaction(passed.packets[-1], reply_length, timeout)
+        return strip_echo(answer or b"", passed.packets[-1])
+
+    def _send_first(self, passed: Passed) -> Job:
+        """Note what the packets make of the joints, and send all but the last.
+
+        Before, not after: a stop may come between a packet and its answer.
+        """
+        for packet in passed.packets:
+            for servo_id in written_ids(parse_packet(packet)):
+                for joint in self._joints:
+                    if servo_id in (joint.servo_id, BROADCAST_ID):
+                        joint.unsure = True
+                        joint.ceiling = 0
+        for joint in self._joints:
+            joint.torque_on = passed.torque.get(joint.servo_id, joint.torque_on)
+            joint.target = passed.targets.get(joint.servo_id, joint.target)
+        for packet in passed.packets[:-1]:
+            yield Transaction(packet, 0)
+
     def discover(self) -> Job:
-        """At start: who is there, where are they, have they torque. A joint with torque stops where it is."""
+        """At start: who is there, where are they, have they torque. A joint with torque stops where it is.
+
+        After a stop that came meanwhile nothing is written: it has done that.
+        """
         for joint in self._joints:
             status = yield from self.ask(make_ping(joint.servo_id))
             if status is None:
@@ -148,11 +172,21 @@ class BoardBus:
             joint.present = True
             joint.unsure = True
         yield from self.poll_all()
-        yield from self.hold([j for j in self._joints if j.present and j.torque_on])
+        if not self._board.state.stopped:
+            yield from self.hold([j for j in self._joints if j.present and j.torque_on])
 
     def recheck(self, joint: JointSlot) -> Job:
-        """Read what the board must know before it writes a target: the torque switch, an HLS servo's ceiling."""
-        yield from self.read_torque(joint)
+        """Read what the board must know before it writes a target: torque and mode, an HLS servo's ceiling.
+
+        One that has torque in another mode than position loses it.
+        """
+        yield from self.read_switches(joint)
+        if joint.torque_on and joint.mode:
+            yield from self.torque_off([joint])
+        yield from self.read_ceiling(joint)
+
+    def read_ceiling(self, joint: JointSlot) -> Job:
+        """Read an HLS servo's current ceiling if it is not known."""
         if joint.series is Series.HLS and not joint.ceiling:
             register = Series.HLS.register("goal_torque")
             found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
@@ -160,14 +194,24 @@ class BoardBus:
                 # 0 would mean that it cannot move at all.
                 joint.ceiling = abs(register.decode(found.params)) or tables.DEFAULT_CEILING
 
-    def read_torque(self, joint: JointSlot) -> Many:
-        """Read a joint's torque switch back; returns 1 if it answered."""
-        status = yield from self.ask(make_read(joint.servo_id, _TORQUE, 1))
+    def read_switches(self, joint: JointSlot) -> Many:
+        """Read a joint's torque switch and mode; returns 1 if it answered."""
+        legacy = joint.series is Series.SEVEN_BOT
+        first = _TORQUE if legacy else _MODE
+        status = yield from self.ask(make_read(joint.servo_id, first, _TORQUE - first + 1))
         if status is None:
             return 0
-        joint.torque_on = status.params[0] == 1
+        # A legacy servo has no modes.
+        joint.mode = 0 if legacy else status.params[0]
+        joint.torque_on = status.params[-1] == 1
         joint.unsure = False
         return 1
+
+    def read_target(self, joint: JointSlot) -> Value:
+        """What a joint's servo has as its target; None if it does not say."""
+        row = joint.series.register(_TARGETS[joint.series])
+        status = yield from self.ask(make_read(joint.servo_id, row.address, row.size))
+        return None if status is None else row.decode(status.params)
 
     # -- state --------------------------------------------------------------------------------------
 
@@ -237,7 +281,7 @@ class BoardBus:
             return register.decode(data[start : start + register.size])
 
         joint.position = value("position")
-        joint.speed = max(-32768, min(32767, value("speed") * _SPEED_UNIT))
+        joint.speed = max(-32768, min(32767, value("speed") * SPEED_UNIT))
         joint.load = value("load")
         joint.voltage = value("voltage")
         joint.temperature = value("temperature")
@@ -258,6 +302,9 @@ class BoardBus:
         """Write positions, each series its own block."""
         legacy, hls = {}, {}
         for joint, position in targets:
+            # A target may switch torque on, and a stop may come before that is known.
+            joint.unsure |= not joint.torque_on
+            joint.target = position
             if joint.series is Series.SEVEN_BOT:
                 block = position.to_bytes(2, "big") + duration_ms.to_bytes(2, "big")
                 legacy[joint.servo_id] = block
@@ -268,43 +315,37 @@ class BoardBus:
         if hls:
             yield Transaction(make_sync_write(_HLS_BLOCK, hls), 0)
 
-    @staticmethod
-    def _hls_block(joint: JointSlot, position: int, duration_ms: int) -> bytes:
+    def _hls_block(self, joint: JointSlot, position: int, duration_ms: int) -> bytes:
         series = Series.HLS
         distance = abs(position - joint.position)
-        speed = -(-distance * 1000 // (max(duration_ms, 1) * _SPEED_UNIT))
+        most = speed_cap(self._board.state.limits[self._joints.index(joint)].speed)
+        speed = min(-(-distance * 1000 // (max(duration_ms, 1) * SPEED_UNIT)), most)
         return (
             b"\0"
             + series.register("goal_position").encode(position)
             + series.register("goal_torque").encode(joint.ceiling or tables.DEFAULT_CEILING)
-            + series.register("goal_speed").encode(min(max(speed, 1), 32767))
+            + series.register("goal_speed").encode(max(speed, 1))
         )
 
     def hold(self, joints: list[JointSlot]) -> Job:
         """Make the present positions the targets."""
         yield from self.move([(j, j.position) for j in joints if j.sampled_at is not None], 0)
 
-    def hold_checked(self, joints: list[JointSlot]) -> Many:
-        """Hold, and read the targets back; returns the mask of joints (by place) that took it."""
-        mask = 0
-        for _ in range(_TRIES):
-            missing = [j for j in joints if not mask >> self._joints.index(j) & 1]
-            if not missing:
-                break
-            yield from self.hold(missing)
-            for joint in missing:
-                row = joint.series.register(_TARGETS[joint.series])
-                status = yield from self.ask(make_read(joint.servo_id, row.address, row.size))
-                if status is not None and row.decode(status.params) == joint.position:
-                    mask |= 1 << self._joints.index(joint)
-        return mask
+    def torque_on(self, joints: list[JointSlot]) -> Many:
+        """Give torque where it does not move anything; returns the mask of joints (by place) that confirmed."""
+        yield from self.poll_all()
+        for joint in joints:
+            if joint.present:
+                yield from self.recheck(joint)
+        joints = [j for j in joints if j.present and not j.mode and not j.unsure]
+        yield from self.hold(joints)
+        return (yield from self._switch(joints, on=True))
 
-    def torque(self, joints: list[JointSlot], on: bool) -> Many:
-        """Switch torque and read it back; returns the mask of joints (by place) that confirmed."""
-        if on:
-            yield from self.poll_all()
-            joints = [j for j in joints if j.present]
-            yield from self.hold(joints)
+    def torque_off(self, joints: list[JointSlot]) -> Many:
+        """Take torque away and read it back; returns the mask of joints (by place) that confirmed."""
+        return (yield from self._switch(joints, on=False))
+
+    def _switch(self, joints: list[JointSlot], on: bool) -> Many:
         mask = 0
         for _ in range(_TRIES):
             missing = [j for j in joints if not mask >> self._joints.index(j) & 1]
@@ -322,24 +363,6 @@ class BoardBus:
         """Read torque switches back; returns the mask of joints (by place) that are as wanted."""
         mask = 0
         for joint in joints:
-            if (yield from self.read_torque(joint)) and joint.torque_on == on:
+            if (yield from self.read_switches(joint)) and joint.torque_on == on:
                 mask |= 1 << self._joints.index(joint)
         return mask
-
-    def raw(self, packet: bytes, reply_length: int, timeout: float) -> Raw:
-        """Any packet; the bytes that came back, echo removed."""
-        self._mark_written(parse_packet(packet))
-        answer = yield Transaction(packet, reply_length, timeout)
-        return strip_echo(answer or b"", packet)
-
-    def _mark_written(self, packet: ServoPacket) -> None:
-        """A packet that may change torque switches goes out: they must be read before they are believed.
-
-        Before, not after: a stop may come between the packet and its answer.
-        """
-        if packet.instruction in READ_ONLY:
-            return
-        for joint in self._joints:
-            if packet.servo_id in (joint.servo_id, BROADCAST_ID):
-                joint.unsure = True
-                joint.ceiling = 0

@@ -7,6 +7,7 @@ limits. Knows nothing of time but what a `Delay` says.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from hexwire.errors import RemoteProtocolError
@@ -22,7 +23,8 @@ from hexwire.wire.servo_packet import (
     parse_packet,
 )
 
-from .board_bus import Delay, Job, RefusedError, Send
+from .board_bus import Delay, Job, Send
+from .gate import RefusedError, check_packet
 
 if TYPE_CHECKING:
     from .board import EmulatedBoard
@@ -52,6 +54,16 @@ class Dialect1:
     def job(self, frame: Frame) -> Job:
         """Act on a frame."""
         return self._decode(frame.cmd, frame.body)
+
+    def void(self, frame: Frame) -> None:
+        """Answer a frame that a stop made void: as by a silent servo, a sync write not at all."""
+        if frame.cmd == Command.SYNC_WRITE:
+            return
+        known = frame.cmd in (Command.READ, Command.PING) and _is_packet(frame.body)
+        if known:
+            self._send(self.no_answer(frame.body[2], ping=frame.cmd == Command.PING))
+        else:
+            self._send(UNKNOWN_COMMAND_PACKET)
 
     def sketch_job(self, frame: SketchFrame) -> Job:
         """Act on what the sketch took for a frame."""
@@ -133,12 +145,12 @@ class Dialect1:
             self._send(UNKNOWN_COMMAND_PACKET)
             return
         try:
-            self._board.dialect2.check_packet(packet)
+            passed = yield from self._board.dialect2.let_through(check_packet(body), chapter=True)
         except RefusedError:
             # This dialect has no word for "refused": the servo did not answer.
             self._send(self.no_answer(packet.servo_id, ping=ping))
             return
-        answers = yield from self._board.bus.ask_all(body)
+        answers = yield from self._board.bus.ask_all(passed)
         if answers:
             self._send(b"".join(self.status_bytes(packet, status) for status in answers))
         else:
@@ -166,19 +178,8 @@ class Dialect1:
         if self._chapter:
             yield from self._chapter_move(rows)
             return
-        state = self._board.state
-        if state.stopped:
-            return
-        targets: dict[int, list[tuple[int, int]]] = {}
-        for servo_id, position, run_time in rows:
-            targets.setdefault(run_time, []).append((servo_id, position))
-        for run_time, group in targets.items():
-            named = [(state.joint(i), p) for i, p in group]
-            clamped = [(j, self._board.dialect2.clamp(j, p)) for j, p in named if j is not None]
-            for joint, _ in clamped:
-                # A target may switch its torque on.
-                joint.unsure = True
-            yield from self._board.bus.move(clamped, max(run_time, self._board.dialect2.slowest(clamped)))
+        with suppress(RefusedError):
+            yield from self._board.dialect2.chapter_move(rows, chapter=True)
 
     def _chapter_move(self, rows: list[tuple[int, int, int]]) -> Job:
         for servo_id, position, run_time in rows:

@@ -6,7 +6,7 @@ to servos through `board_bus` and answers through the connection. Knows nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING
 
 from hexwire.errors import RemoteProtocolError
@@ -19,6 +19,7 @@ from hexwire.wire.commands import (
     Identity,
     JointRow,
     LimitTable,
+    MaintenanceReply,
     MoveReply,
     MoveRequest,
     OffsetTable,
@@ -28,24 +29,25 @@ from hexwire.wire.commands import (
     make_stop_reply,
     parse_stop_reply,
 )
-from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import BROADCAST_ID, Instruction, ServoPacket, parse_packet, parse_sync_write
+from hexwire.wire.servo_packet import BROADCAST_ID, ServoPacket
 
-from .board_bus import READ_ONLY, Job, Many, RefusedError
+from .board_bus import Job, Wait
 from .board_state import JointSlot
+from .board_stop import Stopping
+from .gate import MAX_REPLY, Gate, Passed, RefusedError, check_packet, clamp, time_needed, written_ids
 
 if TYPE_CHECKING:
     from .board import EmulatedBoard
 
-__all__ = ["FIRMWARE", "Dialect2"]
+__all__ = ["Dialect2"]
 
-FIRMWARE = (2, 0, 0)
-_MAX_REPLY = 120
-_READS = tuple(bytes((code,)) for code in READ_ONLY)
+_FIRMWARE = (tables.VERSION_MAJOR, tables.VERSION_MINOR, tables.VERSION_PATCH)
 _DEFAULT_TRANSACT_MS = 20
-_TARGET = Series.HLS.register("goal_position").address
 _CAPABILITIES = sum(tables.CAPABILITIES.values())
 _OUTPUTS = 0x07
+
+Passing = Generator[Wait, bytes | None, Passed]
+Found = Generator[Wait, bytes | None, bool]
 
 
 class Dialect2:
@@ -62,7 +64,7 @@ class Dialect2:
             Command.REPORT: self._report,
             Command.JOINT_MOVE: self._joint_move,
             Command.TORQUE: self._torque,
-            Command.STOP: self._stop,
+            Command.STOP: self._bad_stop,
             Command.RESUME: self._resume,
             Command.WATCHDOG: self._watchdog,
             Command.LIMITS: self._limits,
@@ -70,24 +72,14 @@ class Dialect2:
             Command.TRANSACT: self._transact,
             Command.STATS: self._stats,
             Command.IO: self._io,
+            Command.MAINTENANCE: self._maintenance,
         }
 
     @staticmethod
-    def is_urgent(frame: Frame) -> bool:
-        """Whether this goes before everything that is queued."""
-        return frame.cmd == Command.STOP
-
-    @staticmethod
-    def is_motion(frame: Frame) -> bool:
-        """Whether a stop makes this void: what could move something, or go on doing so."""
-        cmd, body = frame.cmd, frame.body
-        if cmd == Command.TORQUE:
-            return body[:1] == b"\1"
-        if cmd in (Command.PING, Command.READ):
-            return body[4:5] not in _READS
-        if cmd == Command.TRANSACT and frame.proto == tables.PROTO_HEXWIRE:
-            return body[6:7] not in _READS
-        return cmd in (Command.JOINT_MOVE, Command.SYNC_WRITE)
+    def stop_mode(frame: Frame) -> int | None:
+        """What a stop asks for, which goes before everything that is queued; None for any other frame."""
+        sound = frame.cmd == Command.STOP and frame.body in (b"\0", b"\1")
+        return frame.body[0] if sound else None
 
     def job(self, request: Request) -> Job:
         """Act on a request; every way out answers it once."""
@@ -102,10 +94,9 @@ class Dialect2:
         except RemoteProtocolError:
             self._reply(request, Status.BAD_LENGTH)
 
-    def clamp(self, joint: JointSlot, position: int) -> int:
+    def _clamp(self, joint: JointSlot, position: int) -> int:
         """A position inside the joint's stored limits; notes whether that changed it."""
-        limit = self._board.state.limits[self._board.state.joints.index(joint)]
-        inside = min(max(position, limit.minimum), limit.maximum)
+        inside = clamp(self._board.state.facts(self._board.time)[joint.servo_id], position)
         joint.clamped = inside != position
         return inside
 
@@ -121,16 +112,19 @@ class Dialect2:
                 state.report_due += state.report_period
             board.report(board.state.report(board.state.report_fields, board.time).serialize())
 
-    def refuse(self, request: Request, status: Status) -> None:
+    def refuse(self, request: Request, status: Status, *, voided: bool = False) -> None:
         """Answer a request that is not executed: a stop made it void, or the queue is full."""
-        self._reply(request, status)
+        self._board.connection.reply(request, status, b"", self._board.time, voided=voided)
 
-    def watchdog_job(self) -> Job:
-        """The host fell silent."""
-        state = self._board.state
-        state.watchdog_tripped = True
-        state.watchdog_trips += 1
-        yield from self._execute_stop(state.watchdog_mode)
+    def stop_job(self, mode: int) -> Job:
+        """One stop; everybody who asked for it meanwhile has the same answer."""
+        board = self._board
+        stopped = yield from Stopping(board).run(mode)
+        status = Status.SERVO_FAULT if stopped.taken else Status.OK
+        if stopped.mask != (1 << len(board.state.joints)) - 1:
+            status = Status.SERVO_SILENT
+        for request in board.stops.finish():
+            self._reply(request, status, make_stop_reply(mode, stopped.mask))
 
     # -- answers ------------------------------------------------------------------------------------
 
@@ -140,6 +134,11 @@ class Dialect2:
     def _refuse_if_stopped(self) -> None:
         if self._board.state.stopped:
             raise RefusedError(Status.STOPPED)
+
+    def _refuse_motion(self) -> None:
+        self._refuse_if_stopped()
+        if self._board.state.maintenance:
+            raise RefusedError(Status.FORBIDDEN)
 
     @staticmethod
     def _body(request: Request, length: int) -> bytes:
@@ -157,7 +156,7 @@ class Dialect2:
         state.report_due, state.report_period = None, 0.0
         rows = tuple(JointRow(j.servo_id, j.series.code, j.present) for j in state.joints)
         identity = Identity(
-            tables.PROTO_HEXWIRE, FIRMWARE, state.boot_id, _CAPABILITIES, board.max_frame, state.board_flags, rows
+            tables.PROTO_HEXWIRE, _FIRMWARE, state.boot_id, _CAPABILITIES, board.max_frame, state.board_flags, rows
         )
         self._reply(request, Status.OK, identity.serialize())
         yield from ()
@@ -217,68 +216,71 @@ class Dialect2:
                 targets.append((joint, row.position))
         if len({j.servo_id for j, _ in targets}) != len(targets):
             raise RefusedError(Status.BAD_RANGE)
-        self._refuse_if_stopped()
-        if not self._board.paced:
-            yield from self._board.bus.poll_all()
-        for joint, _ in targets:
-            if joint.present and joint.unsure:
-                yield from self._board.bus.recheck(joint)
+        self._refuse_motion()
+        yield from self._look_at([j for j, _ in targets])
         if any(j.present and not j.torque_on for j, _ in targets):
             raise RefusedError(Status.TORQUE_OFF)
-        sent = [(j, self.clamp(j, p)) for j, p in targets if j.present]
-        duration = max(move.duration_ms, self.slowest(sent))
+        sent = [(j, self._clamp(j, p)) for j, p in targets if j.present]
+        duration = max(move.duration_ms, self._slowest(sent))
         yield from self._board.bus.move(sent, duration)
         rows = tuple(SentRow(j.servo_id, p, j.clamped) for j, p in sent)
         status = Status.OK if len(sent) == len(targets) else Status.SERVO_SILENT
         self._reply(request, status, MoveReply(duration, rows).serialize())
 
-    def slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
+    def _slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
         """Milliseconds that the speed limits ask for."""
+        facts = self._board.state.facts(self._board.time)
+        return max((time_needed(facts[joint.servo_id], position) for joint, position in targets), default=0)
+
+    def chapter_move(self, rows: list[tuple[int, int, int]], *, chapter: bool) -> Found:
+        """The chapter's sync write: id, position and run time a row; judged like JOINT_MOVE.
+
+        Returns:
+            Whether every joint could be sent.
+
+        Raises:
+            RefusedError: Stopped, in maintenance, or in dialect 2 a joint has no torque.
+        """
         state = self._board.state
-        needed = 0
-        for joint, position in targets:
-            speed = state.limits[state.joints.index(joint)].speed
-            needed = max(needed, -(-abs(position - joint.position) * 1000 // max(speed, 1)))
-        return min(needed, 0xFFFF)
+        self._refuse_motion()
+        named = [(joint, p, t) for i, p, t in rows if (joint := state.joint(i)) is not None]
+        yield from self._look_at([joint for joint, _, _ in named])
+        able = [(j, p, t) for j, p, t in named if j.present and not j.mode]
+        if not chapter and any(not j.torque_on for j, _, _ in able):
+            raise RefusedError(Status.TORQUE_OFF)
+        groups: dict[int, list[tuple[JointSlot, int]]] = {}
+        for joint, position, run_time in able:
+            groups.setdefault(run_time, []).append((joint, self._clamp(joint, position)))
+        for run_time, group in groups.items():
+            for joint, _ in group:
+                # The servo switches it on by a target; it is read back all the same.
+                joint.torque_on = joint.unsure = True
+            yield from self._board.bus.move(group, max(run_time, self._slowest(group)))
+        return len(able) == len(named)
 
     def _torque(self, request: Request) -> Job:
         on, mask = parse_stop_reply(request.frame.body)
         joints = self._board.state.joints
         if on > 1 or mask >> len(joints):
             raise RefusedError(Status.BAD_RANGE)
+        named = [j for i, j in enumerate(joints) if mask >> i & 1]
         if on:
-            self._refuse_if_stopped()
-        confirmed = yield from self._board.bus.torque([j for i, j in enumerate(joints) if mask >> i & 1], bool(on))
-        status = Status.OK if confirmed == mask else Status.SERVO_SILENT
+            self._refuse_motion()
+            confirmed = yield from self._board.bus.torque_on(named)
+        else:
+            confirmed = yield from self._board.bus.torque_off(named)
+        missing = [j for i, j in enumerate(joints) if (mask & ~confirmed) >> i & 1]
+        status = Status.OK
+        if missing:
+            astray = on and any(j.present and j.mode for j in missing)
+            status = Status.SERVO_FAULT if astray else Status.SERVO_SILENT
         self._reply(request, status, make_stop_reply(on, confirmed))
 
-    def _stop(self, request: Request) -> Job:
-        mode = self._body(request, 1)[0]
-        if mode > 1:
-            raise RefusedError(Status.BAD_RANGE)
-        mask = yield from self._execute_stop(mode)
-        status = Status.OK if mask == (1 << len(self._board.state.joints)) - 1 else Status.SERVO_SILENT
-        self._reply(request, status, make_stop_reply(mode, mask))
-
-    def _execute_stop(self, mode: int) -> Many:
-        """Stop; returns the mask of joints that confirmed it, or have no torque to stop."""
-        board, state, bus = self._board, self._board.state, self._board.bus
-        state.stopped = True
-        state.watchdog_due = None
-        board.drop_motion()
-        if mode:
-            state.torque_off_stop = True
-            return (yield from bus.torque(state.joints, on=False))
-        yield from bus.poll_all()
-        present = [j for j in state.joints if j.present]
-        for joint in present:
-            if joint.unsure:
-                yield from bus.recheck(joint)
-        # A joint without torque stays without: writing it a target could switch it on. Where a write went out and
-        # the servo does not say what became of it, it may be moving, and is held.
-        limp = [j for j in present if not j.torque_on and not j.unsure]
-        held = yield from bus.hold_checked([j for j in present if j not in limp])
-        return held | sum(1 << i for i, j in enumerate(state.joints) if j in limp)
+    def _bad_stop(self, request: Request) -> Job:
+        """A sound one never comes here: it goes before all others."""
+        self._body(request, 1)
+        yield from ()
+        raise RefusedError(Status.BAD_RANGE)
 
     def _resume(self, request: Request) -> Job:
         self._body(request, 0)
@@ -296,7 +298,6 @@ class Dialect2:
         state = self._board.state
         state.watchdog_timeout, state.watchdog_mode = timeout / 1000, mode
         state.watchdog_due = None
-        state.watchdog_tripped = False
         state.feed_watchdog(self._board.time)
         self._reply(request, Status.OK, body)
         yield from ()
@@ -335,86 +336,65 @@ class Dialect2:
 
     def _packet(self, request: Request) -> Job:
         """PING and READ in a dialect-2 frame: as dialect 1, but a silent servo is a status."""
-        packet = self._parse_packet(request.frame.body)
-        answers = yield from self._board.bus.ask_all(request.frame.body)
+        packet = check_packet(request.frame.body)
+        passed = yield from self.let_through(packet, chapter=False)
+        answers = yield from self._board.bus.ask_all(passed)
         if not answers:
             raise RefusedError(Status.SERVO_SILENT)
         status_bytes = self._board.dialect1.status_bytes
         self._reply(request, Status.OK, b"".join(status_bytes(packet, status) for status in answers))
 
     def _sync_write(self, request: Request) -> Job:
-        if not self._board.dialect1.sync_write_rows(request.frame.body):
+        rows = self._board.dialect1.sync_write_rows(request.frame.body)
+        if not rows:
             raise RefusedError(Status.BAD_RANGE)
-        self._refuse_if_stopped()
-        yield from self._board.dialect1.job(request.frame)
-        self._reply(request, Status.OK)
+        whole = yield from self.chapter_move(rows, chapter=False)
+        self._reply(request, Status.OK if whole else Status.SERVO_SILENT)
 
     def _transact(self, request: Request) -> Job:
         transact = TransactRequest.parse(request.frame.body)
-        self._parse_packet(transact.packet)
-        if transact.reply_length > _MAX_REPLY:
+        packet = check_packet(transact.packet)
+        if transact.reply_length > MAX_REPLY:
             raise RefusedError(Status.BAD_RANGE)
         timeout = (transact.timeout_ms or _DEFAULT_TRANSACT_MS) / 1000
-        bus = self._board.bus
-        answer = yield from bus.raw(transact.packet, transact.reply_length, timeout)
+        passed = yield from self.let_through(packet, chapter=False)
+        answer = yield from self._board.bus.raw(passed, transact.reply_length, timeout)
         if transact.reply_length and not answer:
             raise RefusedError(Status.SERVO_SILENT)
         self._reply(request, Status.OK, answer[: transact.reply_length])
 
-    def _parse_packet(self, data: bytes) -> ServoPacket:
-        try:
-            packet = parse_packet(data)
-        except RemoteProtocolError:
-            raise RefusedError(Status.BAD_RANGE) from None
-        self.check_packet(packet)
-        return packet
-
-    def check_packet(self, packet: ServoPacket) -> None:
-        """Whether a packet of a host may go to the bus now.
+    def let_through(self, packet: ServoPacket, *, chapter: bool) -> Passing:
+        """Judge a well-formed packet of the host by the gate; returns what may go to the bus now.
 
         Raises:
-            RefusedError: It is no sound read, it has a target outside the limits, or the arm is stopped.
+            RefusedError: Nothing of it may.
         """
-        params = packet.params
-        if packet.instruction == Instruction.READ and (len(params) != 2 or not 0 < params[1] <= _MAX_REPLY - 6):
-            raise RefusedError(Status.BAD_RANGE)
-        if packet.instruction == Instruction.SYNC_READ and (
-            len(params) < 3 or not params[1] or (params[1] + 6) * (len(params) - 2) > _MAX_REPLY
-        ):
-            raise RefusedError(Status.BAD_RANGE)
-        if packet.instruction not in READ_ONLY:
-            self._check_targets(packet)
-            self._refuse_if_stopped()
+        board, state = self._board, self._board.state
+        written = written_ids(packet)
+        if written and not state.stopped:
+            yield from self._look_at([j for j in state.joints if j.servo_id in written])
+        passed = self._gate(chapter=chapter).judge(packet)
+        if passed.hold:
+            # Where it stands is what it holds, not where it is sent: a target would move it at once.
+            yield from board.bus.poll_all()
+            passed = self._gate(chapter=chapter).judge(packet)
+            yield from board.bus.hold([j for j in state.joints if j.servo_id in passed.hold])
+        return passed
 
-    def _check_targets(self, packet: ServoPacket) -> None:
-        """Refuse a raw write of a target position outside a joint's limits."""
-        if packet.instruction == Instruction.SYNC_WRITE:
-            try:
-                address, rows = parse_sync_write(packet)
-            except RemoteProtocolError:
-                raise RefusedError(Status.BAD_RANGE) from None
-            writes = [(servo_id, address, data) for servo_id, data in rows]
-        elif packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE):
-            if len(packet.params) < 2:
-                raise RefusedError(Status.BAD_RANGE)
-            writes = [(packet.servo_id, packet.params[0], packet.params[1:])]
-        else:
-            return
-        for servo_id, address, data in writes:
-            at = _TARGET - address
-            low, high = 0 <= at < len(data), 0 <= at + 1 < len(data)
-            if not (low or high):
-                continue
-            for joint, limit in zip(self._board.state.joints, self._board.state.limits, strict=True):
-                if servo_id not in (joint.servo_id, BROADCAST_ID):
-                    continue
-                # Half a position cannot be judged.
-                if not (low and high):
-                    raise RefusedError(Status.BAD_RANGE)
-                name = "target_position" if joint.series is Series.SEVEN_BOT else "goal_position"
-                position = joint.series.register(name).decode(data[at : at + 2])
-                if not limit.minimum <= position <= limit.maximum:
-                    raise RefusedError(Status.BAD_RANGE)
+    def _gate(self, *, chapter: bool) -> Gate:
+        state = self._board.state
+        return Gate(
+            state.facts(self._board.time), chapter=chapter, stopped=state.stopped, maintenance=state.maintenance
+        )
+
+    def _look_at(self, joints: list[JointSlot]) -> Job:
+        """Bring what the board knows of joints up to date before it judges a target for them."""
+        board = self._board
+        if not board.paced:
+            yield from board.bus.poll_all()
+        for joint in joints:
+            if joint.present and joint.unsure:
+                yield from board.bus.recheck(joint)
 
     def _io(self, request: Request) -> Job:
         mask, value = self._body(request, 2)
@@ -426,3 +406,19 @@ class Dialect2:
             state.io = (state.io & ~mask) | (value & mask)
         self._reply(request, Status.OK, bytes((mask, state.io)))
         yield from ()
+
+    def _maintenance(self, request: Request) -> Job:
+        on = self._body(request, 1)[0]
+        if on > 1:
+            raise RefusedError(Status.BAD_RANGE)
+        board, state = self._board, self._board.state
+        if on:
+            self._refuse_if_stopped()
+            for joint in state.joints:
+                if (yield from board.bus.read_switches(joint)) and joint.torque_on:
+                    raise RefusedError(Status.FORBIDDEN)
+        state.maintenance = bool(on)
+        for joint in state.joints:
+            # Whatever was or will be written then: mode and torque are read before a target goes out.
+            joint.unsure = True
+        self._reply(request, Status.OK, MaintenanceReply(state.maintenance, state.board_flags).serialize())

@@ -11,10 +11,13 @@ from hexwire.wire import tables
 from hexwire.wire.commands import AGE_NEVER, JointReport, LimitRow, OffsetRow
 from hexwire.wire.registers import Series
 
+from .gate import JointFacts
+
 __all__ = ["SERVO_BITS", "BoardState", "JointSlot", "Settings"]
 
 SERVO_BITS = sum(tables.STATUS_BITS.values())
 """The bits of a servo's error byte that mean something; the others are the board's own flags."""
+_ARRIVED = 4
 
 
 @dataclass(slots=True)
@@ -22,7 +25,10 @@ class JointSlot:
     """One joint as the board knows it. Counts and the units of JOINT_STATE.
 
     Attributes:
-        unsure: Its torque switch may have changed: read it before it is written a target.
+        ceiling: Current ceiling of an HLS servo; 0 is unknown.
+        mode: Operating mode as last read; 0 is position.
+        unsure: Its torque switch or mode may have changed: read them before it is written a target.
+        target: What was last written to it as a target; None if nothing was.
     """
 
     servo_id: int
@@ -37,7 +43,9 @@ class JointSlot:
     error: int = 0
     ceiling: int = 0
     torque_on: bool = False
-    unsure: bool = False
+    mode: int = 0
+    unsure: bool = True
+    target: int | None = None
     clamped: bool = False
     sampled_at: float | None = None
 
@@ -48,6 +56,12 @@ class JointSlot:
         flags |= tables.SERVO_FLAGS_CLAMPED if self.clamped else 0
         flags |= tables.SERVO_FLAGS_TORQUE_ON if self.torque_on else 0
         return flags | (0 if self.present else tables.SERVO_FLAGS_SILENT)
+
+    @property
+    def may_move(self) -> bool:
+        """Whether it may have gone on since it was sampled."""
+        away = self.target is not None and abs(self.target - self.position) > _ARRIVED
+        return self.torque_on and (away or self.speed != 0)
 
     def age(self, now: float) -> int:
         """Milliseconds since the last sample."""
@@ -76,6 +90,7 @@ class BoardState:
     offsets: list[OffsetRow] = field(default_factory=list)
     stopped: bool = False
     torque_off_stop: bool = False
+    maintenance: bool = False
     under_voltage_reset: bool = False
     watchdog_tripped: bool = False
     watchdog_timeout: float = 0.0
@@ -114,8 +129,33 @@ class BoardState:
         flags |= tables.BOARD_FLAGS_WATCHDOG_TRIPPED if self.watchdog_tripped else 0
         stored = self.settings.limits is not None and self.settings.offsets is not None
         flags |= 0 if stored else tables.BOARD_FLAGS_SETTINGS_DEFAULT
+        flags |= tables.BOARD_FLAGS_MAINTENANCE if self.maintenance else 0
         flags |= tables.BOARD_FLAGS_UNDER_VOLTAGE_RESET if self.under_voltage_reset else 0
         return flags | (tables.BOARD_FLAGS_TORQUE_OFF_STOP if self.torque_off_stop else 0)
+
+    def facts(self, now: float) -> dict[int, JointFacts]:
+        """What the gate needs to know of the joints, by servo id."""
+        return {
+            joint.servo_id: JointFacts(
+                legacy=joint.series is Series.SEVEN_BOT,
+                torque_on=joint.torque_on,
+                positioning=joint.mode == 0,
+                position=joint.position if joint.present and joint.sampled_at is not None else None,
+                late_ms=joint.age(now) + 1 if joint.may_move else 0,
+                ceiling=joint.ceiling,
+                minimum=limit.minimum,
+                maximum=limit.maximum,
+                speed=limit.speed,
+            )
+            for joint, limit in zip(self.joints, self.limits, strict=True)
+        }
+
+    def latch(self, *, torque_off: bool) -> None:
+        """A stop came, or the watchdog tripped: from now on nothing is let through."""
+        self.stopped = True
+        self.torque_off_stop |= torque_off
+        self.maintenance = False
+        self.watchdog_due = None
 
     def feed_watchdog(self, now: float) -> None:
         """A valid frame came."""

@@ -1,0 +1,212 @@
+"""The stops of an emulated board: which goes first, what a hold does, and whether the joints really stand.
+
+Owns PROTOCOL.md section 6.3 STOP and the last paragraph of 6.5. Knows requests only as what is answered at the end;
+what a stop voids is the board's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hexwire.session.events import Request
+
+from .board_bus import Job, Pause, Wait
+from .board_state import JointSlot
+
+if TYPE_CHECKING:
+    from .board import EmulatedBoard
+
+__all__ = ["StopQueue", "Stopped", "Stopping"]
+
+_MAX_STOPS = 16
+_HOLD, _TORQUE_OFF = 0, 1
+_SETTLE_TIME = 0.4
+"""Seconds that a joint has to come to rest."""
+_SAMPLE_EVERY = 0.02
+_STILL = 4
+"""Counts between two samples of a joint that stands."""
+_SAMPLES = 2
+"""How often in a row, since one that turns back is as far away before as after."""
+
+
+class StopQueue:
+    """Stops that wait or are under way, each with the request it answers; None is the watchdog's."""
+
+    def __init__(self) -> None:
+        self.mode: int | None = None
+        self._waiting: list[tuple[int, Request | None]] = []
+        self._under_way: list[Request | None] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def add(self, mode: int, request: Request | None) -> bool:
+        """Take a stop in; False if there is no room for its answer.
+
+        One of the mode that is under way is answered with it.
+        """
+        if request is not None and len(self._waiting) + len(self._under_way) >= _MAX_STOPS:
+            return False
+        if mode == self.mode:
+            self._under_way.append(request)
+        else:
+            self._waiting.append((mode, request))
+        return True
+
+    @property
+    def interrupts(self) -> bool:
+        """Whether a stop waits that goes before the one under way: taking the torque away goes before holding."""
+        return self.mode == _HOLD and any(mode == _TORQUE_OFF for mode, _ in self._waiting)
+
+    def put_back(self) -> None:
+        """The stop under way was interrupted."""
+        if self.mode is not None:
+            self._waiting = [(self.mode, request) for request in self._under_way] + self._waiting
+            self.mode, self._under_way = None, []
+
+    def start(self) -> int:
+        """The mode of the next stop; all that ask for it are answered together."""
+        mode = self.mode = max(mode for mode, _ in self._waiting)
+        self._under_way = [request for m, request in self._waiting if m == mode]
+        self._waiting = [(m, request) for m, request in self._waiting if m != mode]
+        return mode
+
+    def finish(self) -> list[Request]:
+        """The stop under way is done; whom it answers, in the order of their arrival."""
+        done = [request for request in self._under_way if request is not None]
+        self.mode, self._under_way = None, []
+        return done
+
+
+@dataclass(slots=True)
+class Stopped:
+    """How a stop went, joints by place.
+
+    Attributes:
+        mask: Joints that hold still, or have no torque.
+        taken: Torque was taken from a joint that did not hold.
+    """
+
+    mask: int
+    taken: bool
+
+
+@dataclass(slots=True)
+class _Held:
+    """One joint on its way to rest."""
+
+    joint: JointSlot
+    goal: int | None = None
+    last: int | None = None
+    took_target: bool = False
+    stood: int = 0
+
+    @property
+    def holds(self) -> bool:
+        return self.took_target and self.stood >= _SAMPLES
+
+    def sample(self, position: int) -> None:
+        """A new position."""
+        if self.stood < _SAMPLES:
+            still = self.last is not None and abs(position - self.last) <= _STILL
+            self.stood = self.stood + 1 if still else 0
+        self.last = position
+
+
+@dataclass(slots=True)
+class Stopping:
+    """One stop of one board, as a job of its bus."""
+
+    board: EmulatedBoard
+    mask: int = 0
+    taken: bool = False
+    held: list[_Held] = field(default_factory=list)
+
+    def run(self, mode: int) -> Generator[Wait, bytes | None, Stopped]:
+        """Do it; returns how it went."""
+        bus, joints = self.board.bus, self.board.state.joints
+        if mode == _TORQUE_OFF:
+            return Stopped((yield from bus.torque_off(joints)), taken=False)
+        yield from bus.poll_all()
+        for joint in joints:
+            if joint.present and joint.unsure:
+                yield from self._look(joint)
+        yield from self._hold([j for j in joints if j.torque_on or (j.unsure and j.sampled_at is not None)])
+        for joint in joints:
+            # What is believed to be limp is asked all the same: the answer says what the servos do.
+            if joint.present and not self._is_held(joint) and not self.mask & self._bit(joint):
+                yield from self._look(joint)
+                if joint.torque_on:
+                    yield from self._hold([joint])
+                elif not joint.unsure:
+                    self.mask |= self._bit(joint)
+        yield from self._settle()
+        failed = [h.joint for h in self.held if not h.holds]
+        if failed:
+            yield from self._take_torque(failed)
+        return Stopped(self.mask | sum(self._bit(h.joint) for h in self.held), self.taken)
+
+    def _bit(self, joint: JointSlot) -> int:
+        return 1 << self.board.state.joints.index(joint)
+
+    def _is_held(self, joint: JointSlot) -> bool:
+        return any(h.joint is joint for h in self.held)
+
+    def _look(self, joint: JointSlot) -> Job:
+        """Read mode and torque; who has torque and is not in position mode loses it in the same breath."""
+        bus = self.board.bus
+        yield from bus.read_switches(joint)
+        if joint.torque_on and joint.mode:
+            yield from self._take_torque([joint])
+        elif joint.torque_on:
+            yield from bus.read_ceiling(joint)
+
+    def _take_torque(self, joints: list[JointSlot]) -> Job:
+        self.taken = True
+        self.held = [h for h in self.held if h.joint not in joints]
+        self.mask |= yield from self.board.bus.torque_off(joints)
+
+    def _hold(self, joints: list[JointSlot]) -> Job:
+        """Make the present positions the targets, and read back what became of it."""
+        bus = self.board.bus
+        self.held += [_Held(joint) for joint in joints]
+        yield from bus.hold(joints)
+        for held in self.held:
+            if held.joint in joints:
+                held.goal = held.last = held.joint.position
+                yield from self._read_back(held)
+
+    def _read_back(self, held: _Held) -> Job:
+        joint = held.joint
+        yield from self.board.bus.read_switches(joint)
+        if joint.mode and not joint.unsure:
+            # It goes on turning whatever its target says.
+            yield from self._take_torque([joint])
+            return
+        target = yield from self.board.bus.read_target(joint)
+        held.took_target = target is not None and target == held.goal
+
+    def _settle(self) -> Job:
+        """Read positions until every joint stands at its target, or the time is over."""
+        board = self.board
+        until = board.time + _SETTLE_TIME
+        while board.time < until and any(not h.holds and self._worth_waiting(h) for h in self.held):
+            began = board.time
+            missing = [h.joint for h in self.held if not h.took_target and h.joint.sampled_at is not None]
+            if missing:
+                again = [h for h in self.held if h.joint in missing]
+                yield from board.bus.hold(missing)
+                for held in again:
+                    held.goal = held.joint.position
+                    yield from self._read_back(held)
+            yield Pause(max(0.0, began + _SAMPLE_EVERY - board.time))
+            yield from board.bus.poll_all()
+            for held in self.held:
+                if held.joint.present:
+                    held.sample(held.joint.position)
+
+    @staticmethod
+    def _worth_waiting(held: _Held) -> bool:
+        return held.joint.present or held.joint.torque_on

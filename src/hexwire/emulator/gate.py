@@ -1,0 +1,352 @@
+"""The gate of a board: what a packet from the host may do to a servo now, and the packet that then goes to it.
+
+Owns PROTOCOL.md section 6.4 as a pure function of the packet and of what the board knows: torque, limits, speed,
+mode, stop, maintenance. Must not know the bus, frames or time; the board keeps the facts right and sends what comes
+out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from hexwire.errors import RemoteProtocolError
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Status
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import (
+    BROADCAST_ID,
+    Instruction,
+    ServoPacket,
+    make_sync_write,
+    make_write,
+    parse_packet,
+    parse_sync_write,
+)
+
+__all__ = [
+    "MAX_REPLY",
+    "READ_ONLY",
+    "SPEED_UNIT",
+    "Gate",
+    "JointFacts",
+    "Passed",
+    "RefusedError",
+    "check_packet",
+    "clamp",
+    "speed_cap",
+    "time_needed",
+    "written_ids",
+]
+
+READ_ONLY = frozenset({Instruction.PING, Instruction.READ, Instruction.SYNC_READ})
+"""Instructions that change nothing."""
+MAX_REPLY = 120
+"""Bytes of answers that a board hands on."""
+SPEED_UNIT = 50
+"""Counts/s of one unit of an HLS servo's goal speed."""
+MAX_RUN_TIME = 0xFFFF
+
+_HLS = Series.HLS
+_TORQUE = _HLS.register("torque_enable").address
+_ACCELERATION = _HLS.register("acceleration").address
+_TARGET = _HLS.register("goal_position").address
+_CEILING = _HLS.register("goal_torque").address
+_SPEED = _HLS.register("goal_speed").address
+_BLOCK_END = _SPEED + 2
+_RUN_TIME = Series.SEVEN_BOT.register("run_time").address
+_LEGACY_END = _RUN_TIME + 2
+_OTHER_RAM = (*range(_CEILING, _CEILING + 2), *range(0x30, 0x36))
+_PAIRS = (_TARGET, _CEILING, _SPEED)
+"""Two-byte values of which half a value says nothing."""
+_REGISTERS = 0x100
+
+
+class RefusedError(Exception):
+    """A request is not done; the status says why."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status.name)
+        self.status = status
+
+
+@dataclass(frozen=True, slots=True)
+class JointFacts:
+    """What the board knows of a joint when it judges.
+
+    Attributes:
+        legacy: A legacy servo: big-endian, with a run time instead of a speed.
+        torque_on: It has torque.
+        positioning: Its servo is in position mode.
+        position: Counts; None if it is silent or was never sampled.
+        late_ms: How old the position of a joint that moves is; 0 for one that stands.
+        ceiling: Current ceiling of an HLS servo; 0 is unknown.
+        minimum: Least position, counts.
+        maximum: Greatest position, counts.
+        speed: Greatest speed, counts/s.
+    """
+
+    legacy: bool
+    torque_on: bool
+    positioning: bool
+    position: int | None
+    late_ms: int
+    ceiling: int
+    minimum: int
+    maximum: int
+    speed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """What may go to the bus.
+
+    Attributes:
+        packets: One packet, or two for a sync write to servos of both kinds; the answer is that of the last.
+        hold: Joints whose present position has to be written as their target first.
+        torque: What the packets make of the torque of joints, as far as they say.
+        targets: Positions that they write as targets.
+    """
+
+    packets: tuple[bytes, ...]
+    hold: tuple[int, ...] = ()
+    torque: Mapping[int, bool] = field(default_factory=dict)
+    targets: Mapping[int, int] = field(default_factory=dict)
+
+
+class _Kind(Enum):
+    TORQUE = auto()
+    TARGET = auto()
+    MOTION = auto()
+    RAM = auto()
+    SETTING = auto()
+
+
+def check_packet(data: bytes) -> ServoPacket:
+    """Parse a packet of the host that is well formed.
+
+    Raises:
+        RefusedError: It is not, whatever the board's state: `bad_range`.
+    """
+    try:
+        packet = parse_packet(data)
+    except RemoteProtocolError:
+        raise RefusedError(Status.BAD_RANGE) from None
+    try:
+        params = packet.params
+        match packet.instruction:
+            case Instruction.READ:
+                sound = len(params) == 2 and 0 < params[1] <= MAX_REPLY - 6
+            case Instruction.SYNC_READ:
+                sound = len(params) > 2 and params[1] > 0 and (params[1] + 6) * (len(params) - 2) <= MAX_REPLY
+            case Instruction.WRITE:
+                sound = len(params) > 1 and params[0] + len(params) - 1 <= _REGISTERS
+            case Instruction.SYNC_WRITE:
+                address, rows = parse_sync_write(packet)
+                ids = {servo_id for servo_id, _ in rows}
+                sound = 0 < len(ids) == len(rows) and address + len(rows[0][1]) <= _REGISTERS
+            case _:
+                sound = True
+    except RemoteProtocolError:
+        sound = False
+    if not sound:
+        raise RefusedError(Status.BAD_RANGE)
+    return packet
+
+
+def written_ids(packet: ServoPacket) -> tuple[int, ...]:
+    """Whom a well-formed packet changes; `BROADCAST_ID` stands for all."""
+    if packet.instruction in READ_ONLY:
+        return ()
+    if packet.instruction == Instruction.SYNC_WRITE:
+        return tuple(servo_id for servo_id, _ in parse_sync_write(packet)[1])
+    return (packet.servo_id,)
+
+
+def clamp(joint: JointFacts, position: int) -> int:
+    """A position inside the joint's limits."""
+    return min(max(position, joint.minimum), joint.maximum)
+
+
+def time_needed(joint: JointFacts, position: int) -> int:
+    """Milliseconds that the joint's speed limit asks for on the way to a position."""
+    if joint.position is None:
+        return 0
+    distance = abs(position - joint.position)
+    # A joint that moves may be as much further away as its limit lets it go in the time since it was sampled.
+    return min(-(-distance * 1000 // max(joint.speed, 1)) + joint.late_ms, MAX_RUN_TIME)
+
+
+def speed_cap(limit: int) -> int:
+    """The greatest goal speed of an HLS servo for a limit in counts/s; 0 would mean none at all."""
+    return max(limit // SPEED_UNIT, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """The gate as it stands now.
+
+    Attributes:
+        joints: By servo id.
+        chapter: The packet came in dialect 1.
+        stopped: A stop is latched.
+        maintenance: Settings may be written.
+    """
+
+    joints: Mapping[int, JointFacts]
+    chapter: bool = False
+    stopped: bool = False
+    maintenance: bool = False
+
+    def judge(self, packet: ServoPacket) -> Passed:
+        """What of a well-formed packet may go to the bus.
+
+        Raises:
+            RefusedError: Nothing of it may.
+        """
+        if packet.instruction in READ_ONLY:
+            return Passed((packet.serialize(),))
+        if self.stopped:
+            raise RefusedError(Status.STOPPED)
+        rows: tuple[tuple[int, bytes], ...]
+        if packet.instruction == Instruction.WRITE:
+            address, rows = packet.params[0], ((packet.servo_id, packet.params[1:]),)
+        elif packet.instruction == Instruction.SYNC_WRITE:
+            address, rows = parse_sync_write(packet)
+        else:
+            # What waits in a servo for ACTION no stop can void; the rest resets, recalibrates or is unknown.
+            waits = packet.instruction in (Instruction.REG_WRITE, Instruction.ACTION)
+            if waits or not self.maintenance:
+                raise RefusedError(Status.FORBIDDEN)
+            return Passed((packet.serialize(),))
+        torque: dict[int, bool] = {}
+        targets: dict[int, int] = {}
+        hold = []
+        for servo_id, data in rows:
+            self._check(servo_id, address, data)
+            on = self._switches(address, data)
+            if on is not None and servo_id in self.joints:
+                torque[servo_id] = on
+            elif on is not None and servo_id == BROADCAST_ID:
+                torque.update(dict.fromkeys(self.joints, on))
+            if _byte(address, data, _TORQUE) == 1:
+                hold.append(servo_id)
+            if _covers_target(address, data):
+                at = _TARGET - address
+                targets[servo_id] = _decode(self.joints[servo_id], data[at : at + 2])
+        return Passed(self._packets(packet, address, rows), tuple(hold), torque, targets)
+
+    def _check(self, servo_id: int, address: int, data: bytes) -> None:
+        """Refuse what may not be written to one servo."""
+        joint = self.joints.get(servo_id)
+        covered = range(address, address + len(data))
+        if any((at in covered) != (at + 1 in covered) for at in _PAIRS):
+            raise RefusedError(Status.BAD_RANGE)
+        for at in covered:
+            kind = _kind(at, legacy=joint is not None and joint.legacy)
+            if kind is _Kind.TORQUE:
+                self._check_torque(joint, data[at - address])
+            elif kind is _Kind.TARGET:
+                if at == _TARGET:
+                    self._check_target(joint, data[at - address : at - address + 2])
+            elif kind is _Kind.MOTION:
+                if _TARGET not in covered:
+                    raise RefusedError(Status.FORBIDDEN)
+            elif kind is _Kind.RAM:
+                if joint is None and not (servo_id == BROADCAST_ID and self.maintenance):
+                    raise RefusedError(Status.FORBIDDEN)
+            elif not self.maintenance:
+                raise RefusedError(Status.FORBIDDEN)
+
+    def _check_torque(self, joint: JointFacts | None, value: int) -> None:
+        if value == 0:
+            return
+        if value > 1:
+            if not self.maintenance:
+                raise RefusedError(Status.FORBIDDEN)
+            return
+        if joint is None or self.maintenance or not self.chapter:
+            raise RefusedError(Status.FORBIDDEN)
+        if not joint.positioning:
+            raise RefusedError(Status.SERVO_FAULT)
+        if joint.position is None:
+            raise RefusedError(Status.SERVO_SILENT)
+
+    def _check_target(self, joint: JointFacts | None, data: bytes) -> None:
+        if joint is None or self.maintenance:
+            raise RefusedError(Status.FORBIDDEN)
+        position = _decode(joint, data)
+        if not joint.minimum <= position <= joint.maximum:
+            raise RefusedError(Status.BAD_RANGE)
+        if not joint.positioning:
+            raise RefusedError(Status.SERVO_FAULT)
+        if not (joint.torque_on or self.chapter):
+            raise RefusedError(Status.TORQUE_OFF)
+        if joint.position is None:
+            raise RefusedError(Status.SERVO_SILENT)
+
+    @staticmethod
+    def _switches(address: int, data: bytes) -> bool | None:
+        """What a write makes of a servo's torque; None if nothing."""
+        if _covers_target(address, data):
+            # The servo switches its torque on by it.
+            return True
+        value = _byte(address, data, _TORQUE)
+        return None if value is None else value == 1
+
+    def _packets(self, packet: ServoPacket, address: int, rows: tuple[tuple[int, bytes], ...]) -> tuple[bytes, ...]:
+        if not _covers_target(address, rows[0][1]):
+            return (packet.serialize(),)
+        blocks = [(servo_id, *self._block(self.joints[servo_id], address, data)) for servo_id, data in rows]
+        if packet.instruction == Instruction.WRITE:
+            return (make_write(*blocks[0]),)
+        by_start: dict[int, dict[int, bytes]] = {}
+        for servo_id, start, block in blocks:
+            by_start.setdefault(start, {})[servo_id] = block
+        return tuple(make_sync_write(start, group) for start, group in by_start.items())
+
+    @staticmethod
+    def _block(joint: JointFacts, address: int, data: bytes) -> tuple[int, bytes]:
+        """A row with a target, made the whole block of its series, within its speed limit."""
+        at = _TARGET - address
+        position = data[at : at + 2]
+        needed = time_needed(joint, _decode(joint, position))
+        if joint.legacy:
+            run_time = Series.SEVEN_BOT.register("run_time")
+            given = data[at + 2 : at + 4]
+            asked = run_time.decode(given) if given else 0
+            return _TARGET, position + run_time.encode(max(asked, needed))
+        head = data[:at] if at else b"\0"
+        ceiling, speed = _HLS.register("goal_torque"), _HLS.register("goal_speed")
+        own_ceiling = data[at + 2 : at + 4] or ceiling.encode(joint.ceiling or tables.DEFAULT_CEILING)
+        asked_speed = abs(speed.decode(data[at + 4 : at + 6])) if len(data) > at + 4 else 0
+        most = speed_cap(joint.speed)
+        own_speed = speed.encode(min(asked_speed or most, most))
+        return min(address, _ACCELERATION), head + position + own_ceiling + own_speed + data[at + 6 :]
+
+
+def _byte(address: int, data: bytes, at: int) -> int | None:
+    """The byte that a write puts at a register; None if it does not reach there."""
+    return data[at - address] if address <= at < address + len(data) else None
+
+
+def _covers_target(address: int, data: bytes) -> bool:
+    return address <= _TARGET < address + len(data)
+
+
+def _decode(joint: JointFacts, data: bytes) -> int:
+    series = Series.SEVEN_BOT if joint.legacy else _HLS
+    return series.register("target_position" if joint.legacy else "goal_position").decode(data)
+
+
+def _kind(at: int, *, legacy: bool) -> _Kind:
+    if at == _TORQUE:
+        return _Kind.TORQUE
+    if at in (_TARGET, _TARGET + 1):
+        return _Kind.TARGET
+    if legacy:
+        return _Kind.MOTION if _RUN_TIME <= at < _LEGACY_END else _Kind.SETTING
+    if at == _ACCELERATION or _SPEED <= at < _BLOCK_END:
+        return _Kind.MOTION
+    return _Kind.RAM if at in _OTHER_RAM else _Kind.SETTING
