@@ -6,13 +6,15 @@ import pytest
 from tests.drivers.arms import Arm
 
 from hexwire.drivers.board2 import Board2
-from hexwire.errors import ServoError
+from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.session.events import Reply
+from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.commands import AGE_NEVER, ALL_FIELDS, Identity, JointReport
+from hexwire.wire.tables import CAPABILITY_MAINTENANCE
 
 
 def board_of(arm: Arm) -> Board2:
@@ -118,3 +120,86 @@ def test_a_servo_never_sampled_has_no_position() -> None:
     assert all(map(math.isnan, values))
     sent = arm.driver.write(JointTarget.of({"J7": 0.1}, duration=1.0))
     assert sent.silent == ("J7",)
+
+
+def test_maintenance_lets_settings_be_written_and_nothing_move() -> None:
+    arm = Arm(2, 115200)
+    driver = arm.driver
+    mode = sp.make_write(4, 0x21, b"\1")
+    with pytest.raises(CommandRefusedError, match=r"`maintenance\(True\)`"):
+        driver.transact(mode, 6)
+    driver.torque(True)
+    with pytest.raises(CommandRefusedError, match="a joint has torque; `hexwire torque off` first"):
+        driver.maintenance(True)
+    driver.torque(False)
+    driver.maintenance(True)
+    assert driver.read().maintenance
+    assert driver.probe().maintenance
+    driver.transact(mode, 6)
+    with pytest.raises(CommandRefusedError, match=r"the board is in maintenance; `maintenance\(False\)` ends that"):
+        driver.torque(True)
+    driver.transact(sp.make_write(4, 0x21, b"\0"), 6)
+    driver.maintenance(False)
+    assert not driver.read().maintenance
+    assert len(driver.torque(True)) == 7
+
+
+def test_who_has_no_maintenance_says_so() -> None:
+    with pytest.raises(NotSupportedError, match="MAINTENANCE needs a board with dialect 2"):
+        Arm(1).driver.maintenance(True)
+    board = board_of(Arm(2))
+    can = board.identity.capabilities & ~CAPABILITY_MAINTENANCE
+    board.identity = board.identity._replace(capabilities=can, firmware=(2, 0, 1))
+    with pytest.raises(NotSupportedError, match=r"firmware 2\.0\.1 has no maintenance"):
+        board.maintenance(True)
+
+
+def spin(arm: Arm, servo_id: int) -> None:
+    servo = arm.board.wire[servo_id]
+    servo.registers.put_stored("mode", 1)
+    servo.registers.put("goal_speed", 20)
+    servo.registers.put("torque_enable", 1)
+    servo._watch()
+
+
+def test_a_stop_names_the_joints_that_did_not_hold(caplog: pytest.LogCaptureFixture) -> None:
+    arm = Arm(2, 115200)
+    arm.driver.torque(True)
+    spin(arm, 5)
+    assert len(arm.driver.stop()) == 7
+    assert "a joint did not hold and lost its torque; without torque now: J6" in caplog.text
+    assert not arm.torques()[5]
+    caplog.clear()
+    arm.driver.resume()
+    assert arm.driver.torque(True) == ("J1", "J2", "J3", "J4", "J5", "J7")
+    assert "J6 got no torque: a servo is not in position mode" in caplog.text
+
+
+def test_a_stop_names_the_joints_that_are_silent(caplog: pytest.LogCaptureFixture) -> None:
+    arm = Arm(2, 115200, ("silent:3",))
+    arm.driver.torque(True)
+    assert arm.driver.stop() == ("J1", "J2", "J3", "J5", "J6", "J7")
+    assert "the stop is not confirmed by J4" in caplog.text
+
+
+def test_a_stop_that_was_lost_is_said_again_soon_and_one_that_takes_long_is_waited_for() -> None:
+    arm = Arm(2, 115200)
+    arm.driver.torque(True)
+    board = arm.board
+    receive, lost = board.receive, []
+
+    def deaf(data: bytes, now: float) -> None:
+        if len(lost) < 3:
+            lost.append(now)
+        else:
+            receive(data, now)
+
+    board.receive = deaf  # type: ignore[method-assign]  # the first three frames never arrive
+    begun = arm.clock.time
+    assert len(arm.driver.stop()) == 7
+    assert arm.clock.time - begun < 0.6
+    # A servo that is never still: the board looks for 0.4 s, and then takes its torque.
+    arm.driver.resume()
+    board.wire[4].noise = 50.0
+    assert "J5" in arm.driver.stop()
+    assert not arm.torques()[4]

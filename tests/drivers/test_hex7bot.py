@@ -247,7 +247,7 @@ def test_transact_ioctl_ping_stats_and_signals() -> None:
     arm = Arm(2, 0, ("silent:3",))
     driver = arm.driver
     assert driver.transact(sp.make_read(0, 56, 2), 8) == bytes.fromhex("FF F5 00 04 00 08 05 EE")
-    assert driver.transact(sp.make_sync_write(0x28, {0: b"\1"}), 0) == b""
+    assert driver.transact(sp.make_sync_write(0x28, {0: b"\0"}), 0) == b""
     with pytest.raises(UsageError, match="at most"):
         driver.transact(sp.make_ping(0), 300)
     with pytest.raises(UsageError, match="at most"):
@@ -273,7 +273,7 @@ def test_transact_ioctl_ping_stats_and_signals() -> None:
 
 def test_probe() -> None:
     report = Arm(2, 115200, ("silent:5",)).driver.probe()
-    assert (report.robot, report.dialect, report.firmware) == ("hex7bot", 2, "2.0.0")
+    assert (report.robot, report.dialect, report.firmware) == ("hex7bot", 2, "2.1.0")
     assert report.missing == ("J6",)
     assert "joint_move" in report.capabilities
     assert report.counters["board_bus_timeouts"] > 0
