@@ -92,7 +92,7 @@ def test_numbers_of_both_sides_are_in_every_frame(talk: Talk) -> None:
 
 @pytest.mark.parametrize("row", VECTORS, ids=lambda row: row["name"])
 def test_vectors(row: dict[str, Any]) -> None:
-    """Every step of the conversation of PROTOCOL.md section 6.4, byte for byte, and what each side makes of it."""
+    """Every step of the conversation of PROTOCOL.md section 6.6, byte for byte, and what each side makes of it."""
     end = Connection(
         Role(row["role"]),
         local=row["local"],

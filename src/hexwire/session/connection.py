@@ -61,7 +61,7 @@ class Connection(FrameMaker):
         epoch: Added to `now` for the header's time: wall minus monotonic on a host, minus boot time on a board.
         cautious: Keep 0D 0A out of every frame sent, as long as it is unknown who listens.
         numbers: Given on a link of datagrams: source of the random numbers that mark a conversation, from 0 to
-            2**31 - 1. Then what is old, or of another conversation, is refused (PROTOCOL.md section 6.4).
+            2**31 - 1. Then what is old, or of another conversation, is refused (PROTOCOL.md section 6.6).
 
     Attributes:
         conversations: The conversation over datagrams; None on a stream.

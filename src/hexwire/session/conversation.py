@@ -1,6 +1,6 @@
 """Conversations over datagrams: which one a frame belongs to, and whether it is old.
 
-Owns PROTOCOL.md section 6.4: both sides' numbers, what was there already, what came too late. A stream needs none
+Owns PROTOCOL.md section 6.6: both sides' numbers, what was there already, what came too late. A stream needs none
 of it, since a line that is opened anew carries nothing of before. It keeps out mistakes and old copies, not
 somebody who reads the line: it is no cryptography. Sans I/O; time and random numbers come in.
 """
