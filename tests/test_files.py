@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parent.parent
 SRC = ROOT / "src" / "hexwire"
 MODULES = sorted(str(path.relative_to(SRC)) for path in SRC.rglob("*.py"))
@@ -41,23 +39,24 @@ def test_the_generated_files_exist() -> None:
     assert set(MODULES) >= GENERATED
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_module_has_a_docstring(module: str) -> None:
-    assert ast.get_docstring(_tree(module)), "say what the module owns and what it must not know"
+def test_every_module_says_what_it_owns() -> None:
+    silent = [module for module in MODULES if not ast.get_docstring(_tree(module))]
+    assert not silent, f"no docstring that says what it owns and what it must not know: {', '.join(silent)}"
 
 
-@pytest.mark.parametrize("module", sorted(set(MODULES) - GENERATED))
-def test_module_is_short_or_says_why_not(module: str) -> None:
-    lines = len((SRC / module).read_text(encoding="utf-8").splitlines())
-    reason = f"{MAX_LINES} lines" in (ast.get_docstring(_tree(module)) or "")
-    assert lines <= MAX_LINES or reason, (
-        f"{lines} lines; split it, or give the reason in its docstring ('Over {MAX_LINES} lines because ...')"
-    )
+def test_modules_are_short_or_say_why_not() -> None:
+    long = []
+    for module in sorted(set(MODULES) - GENERATED):
+        lines = len((SRC / module).read_text(encoding="utf-8").splitlines())
+        if lines > MAX_LINES and f"{MAX_LINES} lines" not in (ast.get_docstring(_tree(module)) or ""):
+            long.append(f"{module} ({lines})")
+    assert not long, f"split them, or give the reason ('Over {MAX_LINES} lines because ...'): {', '.join(long)}"
 
 
-@pytest.mark.parametrize("module", [module for module in MODULES if not module.startswith("cli/")])
-def test_only_the_command_line_talks_to_people(module: str) -> None:
-    assert _talks_to_people(_tree(module)) == []
+def test_only_the_command_line_talks_to_people() -> None:
+    talk = {module: _talks_to_people(_tree(module)) for module in MODULES if not module.startswith("cli/")}
+    found = [f"{module}: {', '.join(calls)}" for module, calls in talk.items() if calls]
+    assert not found, "\n".join(found)
 
 
 def test_talk_would_be_seen() -> None:
@@ -65,11 +64,10 @@ def test_talk_would_be_seen() -> None:
     assert _talks_to_people(tree) == ["print:2", "sys.exit:3"]
 
 
-@pytest.mark.parametrize(
-    "module", [module for module in MODULES if Path(module).name != "__init__.py" and module not in GENERATED]
-)
-def test_module_has_a_test_file(module: str) -> None:
-    assert _mirror(module).is_file(), f"expected {_mirror(module).relative_to(ROOT)}"
+def test_every_module_has_a_test_file() -> None:
+    modules = [module for module in MODULES if Path(module).name != "__init__.py" and module not in GENERATED]
+    missing = [str(_mirror(module).relative_to(ROOT)) for module in modules if not _mirror(module).is_file()]
+    assert not missing, f"not there: {', '.join(missing)}"
 
 
 def test_tests_are_no_package() -> None:
