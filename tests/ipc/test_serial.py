@@ -24,6 +24,7 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
+from hexwire.ipc import port_identity
 from hexwire.ipc import serial as serial_module
 from hexwire.ipc.link import Link
 from hexwire.ipc.open import make_link
@@ -430,3 +431,138 @@ def test_wrong_addresses(url: str, words: str) -> None:
     with pytest.raises(UsageError) as caught:
         make_link(url)
     assert words in str(caught.value)
+
+
+# --- whether it is the port that was meant ------------------------------------------------------------
+
+
+@pytest.fixture
+def taken_over(tmp_path: Path) -> Iterator[tuple[str, int, int]]:
+    """A link that an emulator left behind, and the terminal that has its number now: link, master, slave."""
+    opened: list[int] = []
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    (tmp_path / "arm").symlink_to(name)
+    os.close(master)
+    os.close(slave)
+    time.sleep(0.05)
+    while not opened or os.ttyname(opened[-1]) != name:
+        opened += os.openpty()
+        assert len(opened) < 100
+    yield str(tmp_path / "arm"), opened[-2], opened[-1]
+    for fd in opened:
+        os.close(fd)
+
+
+def test_nothing_is_written_to_a_terminal_that_took_over_the_number(taken_over: tuple[str, int, int]) -> None:
+    device, master, slave = taken_over
+    before = termios.tcgetattr(slave)
+    link = SerialLink(device)
+    with pytest.raises(LinkNotFoundError) as caught:
+        link.open()
+    assert str(caught.value).startswith(
+        f"{device} is stale: the terminal it leads to was made after the link {device}"
+    )
+    assert str(caught.value).endswith("make the link anew; nothing was written to it")
+    assert "\n" not in str(caught.value)
+    assert not link.is_open
+    os.set_blocking(master, False)
+    with pytest.raises(BlockingIOError):
+        os.read(master, 1)
+    assert termios.tcgetattr(slave) == before
+    os.close(os.open(device, os.O_RDWR | os.O_NOCTTY))  # nor is it locked for others
+
+
+def test_nor_when_the_line_is_opened_again_after_a_loss(tmp_path: Path) -> None:
+    path = tmp_path / "arm"
+    link = SerialLink(str(path))
+    with PtyEnd(path) as far, link:
+        name = str(path.readlink())
+        far.write(b"x", soon())
+        assert link.read(soon()) == b"x"
+        far.close()
+        with pytest.raises(LinkLostError):
+            link.read(soon())
+        link.close()
+        path.symlink_to(name)  # as one that was killed leaves it
+        time.sleep(0.05)
+        opened: list[int] = []
+        try:
+            while not opened or os.ttyname(opened[-1]) != name:
+                opened += os.openpty()
+                assert len(opened) < 100
+            with pytest.raises(LinkNotFoundError, match="is stale"):
+                link.open()
+        finally:
+            for fd in opened:
+                os.close(fd)
+        path.unlink()
+    with PtyEnd(path), link:  # the emulator was started anew, with its link
+        assert link.is_open
+
+
+def test_a_terminal_that_somebody_works_at_is_left_alone(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    before = termios.tcgetattr(slave)
+    (tmp_path / "arm").symlink_to(name)
+    code = "import os, sys; os.open(sys.argv[1], os.O_RDWR); print('ready', flush=True); sys.stdin.read()"
+    try:
+        with subprocess.Popen(
+            [sys.executable, "-c", code, name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        ) as shell:
+            assert shell.stdout is not None
+            assert shell.stdout.readline() == b"ready\n"
+            for device in (name, str(tmp_path / "arm")):
+                with pytest.raises(
+                    LinkNotFoundError, match=rf"is the terminal that .* \(pid {shell.pid}\) runs in"
+                ):
+                    SerialLink(device).open()
+            assert termios.tcgetattr(slave) == before
+            os.set_blocking(master, False)
+            with pytest.raises(BlockingIOError):
+                os.read(master, 1)
+            shell.communicate(b"")
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_another_usb_device_under_the_same_name_is_not_adopted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(port_identity, "_SYSFS", tmp_path / "char")
+    monkeypatch.setattr(port_identity, "_PTS_MAJORS", range(0))
+    path = tmp_path / "ttyACM0"
+
+    def plug_in(serial: str) -> PtyEnd:
+        end = PtyEnd(path)
+        end.open()
+        number = path.stat().st_rdev
+        folder = tmp_path / "char" / f"{os.major(number)}:{os.minor(number)}" / "device"
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, text in (("idVendor", "2341"), ("idProduct", "0042"), ("serial", serial)):
+            (folder / file).write_text(text + "\n")
+        return end
+
+    link = SerialLink(str(path))
+    for serial in ("A1", "A1"):
+        board = plug_in(serial)
+        link.open()
+        board.close()
+        with pytest.raises(LinkLostError):
+            link.read(soon())
+        link.close()
+    board = plug_in("B2")
+    with pytest.raises(LinkNotFoundError) as caught:
+        link.open()
+    assert str(caught.value) == (
+        f"{path} is another device now: 2341:0042 with serial number B2, and it was 2341:0042 with serial number "
+        "A1; nothing was written to it"
+    )
+    with SerialLink(str(path)) as fresh:  # who means the new one says so by asking for it
+        assert fresh.is_open
+    board.close()

@@ -28,7 +28,7 @@ from hexwire.errors import (
     LinkPermissionError,
     UsageError,
 )
-from hexwire.ipc import owner, ports
+from hexwire.ipc import owner, port_identity, ports
 from hexwire.ipc.link import LinkKind
 from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
@@ -72,7 +72,9 @@ class SerialLink(PollLink):
     the board until it answers, then flush.
 
     Args:
-        device: Path, as ``/dev/ttyUSB0``. It may be a symbolic link that vanishes and comes back.
+        device: Path, as ``/dev/ttyUSB0``. It may be a symbolic link that vanishes and comes back. A link object is
+            one device for good: another one that comes back under that name is refused, and so is a terminal that
+            somebody works at.
         baud: Bits a second; any rate that the port's driver can make.
         low_latency: Ask the driver to hand bytes over at once (FTDI: 1 ms instead of 16); ignored where the
             driver has no such thing.
@@ -100,6 +102,7 @@ class SerialLink(PollLink):
         self._low_latency = low_latency
         self._reset_board = reset_board
         self._port = -1
+        self._identity: port_identity.PortIdentity | None = None
 
     @classmethod
     def from_url(cls, url: LinkUrl) -> SerialLink:
@@ -166,10 +169,26 @@ class SerialLink(PollLink):
             raise self._explain(error) from error
         if not stat.S_ISCHR(os.fstat(self._port).st_mode) or not os.isatty(self._port):
             raise self._no_port("is not a serial port")
+        # Before anything is set or locked: it may be a terminal that a person works at.
+        identity = self._check_identity()
         self._claim()
         self._apply_settings()
         if self._low_latency:
             self._ask_low_latency()
+        self._identity = identity
+
+    def _check_identity(self) -> port_identity.PortIdentity:
+        """Refuse a port that is not the one that its name means."""
+        try:
+            identity = port_identity.identify_port(self.device, os.fstat(self._port))
+        except OSError as error:  # a link in motion
+            raise self._explain(error) from error
+        problem = port_identity.why_not(identity)
+        if not problem and self._identity is not None:
+            problem = port_identity.why_not_again(self._identity, identity)
+        if problem:
+            raise LinkNotFoundError(f"{self.device} {problem}; nothing was written to it", url=self.url)
+        return identity
 
     def _close(self) -> None:
         if self._port >= 0:

@@ -1,0 +1,183 @@
+"""Which device a serial port's name leads to, and whether it is still the one that was meant.
+
+Owns the questions to the system: is this a terminal that a person works at, does a symbolic link lead to a
+pseudo-terminal that is younger than the link, is this the USB device that was here before. Nothing is written to a
+port to find out. Must not know what a port is opened for.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+__all__ = ["PortIdentity", "UsbDevice", "identify_port", "why_not", "why_not_again"]
+
+_SYSFS = Path("/sys/dev/char")
+_PROC = Path("/proc")
+# Linux, Documentation/admin-guide/devices.txt: Unix98 pseudo-terminals, and the terminal of whoever opens it.
+_PTS_MAJORS = range(136, 144)
+_OWN_TERMINAL = os.makedev(5, 0)
+_MOST_LINKS = 40
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class UsbDevice:
+    """What a USB device says of itself.
+
+    Attributes:
+        vendor: Vendor id, four hexadecimal digits.
+        product: Product id, likewise.
+        serial: Its serial number; empty if it has none.
+    """
+
+    vendor: str
+    product: str
+    serial: str
+
+    def __str__(self) -> str:
+        return f"{self.vendor}:{self.product}" + (f" with serial number {self.serial}" if self.serial else "")
+
+
+@dataclass(frozen=True)
+class PortIdentity:
+    """What a port's name led to.
+
+    Attributes:
+        device: Number of the device.
+        usb: The USB device behind it; None if there is none.
+        terminal: It is a pseudo-terminal.
+        made: When the pseudo-terminal was made, nanoseconds of the system's clock; 0 for other ports.
+        owner: User id of its owner.
+        link: The symbolic link that leads to it; empty if none does.
+        link_made: When that link was made, as `made`.
+        link_owner: User id of the link's owner.
+    """
+
+    device: int
+    usb: UsbDevice | None
+    terminal: bool
+    made: int
+    owner: int
+    link: str = ""
+    link_made: int = 0
+    link_owner: int = 0
+
+
+def identify_port(name: str, status: os.stat_result) -> PortIdentity:
+    """Look at a port that is open.
+
+    Args:
+        name: What it was opened by.
+        status: Of the open descriptor.
+
+    Raises:
+        OSError: The name does not lead there any more.
+    """
+    terminal = os.major(status.st_rdev) in _PTS_MAJORS
+    # Input and output leave the time of change alone; making one, or changing its owner or mode, sets it.
+    made = status.st_ctime_ns if terminal else 0
+    usb = None if terminal else _usb_device(status.st_rdev)
+    link, path = None, Path(name)
+    for _ in range(_MOST_LINKS):
+        if not path.is_symlink():
+            break
+        link, path = path, path.parent / path.readlink()
+    if path.stat().st_rdev != status.st_rdev:
+        raise OSError(errno.ENXIO, "it leads elsewhere now")
+    found = PortIdentity(status.st_rdev, usb, terminal, made, status.st_uid)
+    if link is None:
+        return found
+    itself = link.lstat()
+    return replace(found, link=str(link), link_made=itself.st_mtime_ns, link_owner=itself.st_uid)
+
+
+def why_not(port: PortIdentity) -> str:
+    """Why nothing may be written to a port; empty if nothing speaks against it.
+
+    The text goes on after the port's name.
+    """
+    if port.device == _OWN_TERMINAL:
+        return "is the terminal that this program runs in"
+    program = _at_work(port.device, itself=port.terminal)
+    if program:
+        return f"is the terminal that {program} runs in, and no robot"
+    if not port.terminal:
+        return ""
+    if not port.link:
+        if os.geteuid() not in (0, port.owner):
+            return f"is a terminal of {_user_name(port.owner)}"
+        return ""
+    # A file system that keeps whole seconds is given two.
+    slack = 0 if port.link_made % _SECOND else 2 * _SECOND
+    if port.made > port.link_made + slack:
+        return (
+            f"is stale: the terminal it leads to was made after the link {port.link}, so it is another one; start "
+            "the emulator again, or make the link anew"
+        )
+    if port.owner != port.link_owner:
+        return (
+            f"leads to a terminal of {_user_name(port.owner)}, and {_user_name(port.link_owner)} made the link "
+            f"{port.link}; make it anew"
+        )
+    return ""
+
+
+def why_not_again(before: PortIdentity, now: PortIdentity) -> str:
+    """Why a port is not the one that was open before; empty if it is, or may be."""
+    if before.usb is not None and now.usb is not None:
+        return "" if before.usb == now.usb else f"is another device now: {now.usb}, and it was {before.usb}"
+    if before.terminal and now.terminal:
+        # A name that the emulator gives anew is checked by its own age; a bare terminal is gone for good.
+        if before.link and now.link:
+            return "" if before.owner == now.owner else f"belongs to {_user_name(now.owner)} now"
+        same = (before.device, before.made) == (now.device, now.made)
+        return (
+            "" if same else "is another terminal now: the one that was open is gone; take the emulator's new name"
+        )
+    same = (before.usb, before.device) == (now.usb, now.device)
+    return "" if same else "is another device now"
+
+
+def _usb_device(number: int) -> UsbDevice | None:
+    try:
+        folder = (_SYSFS / f"{os.major(number)}:{os.minor(number)}" / "device").resolve(strict=True)
+    except OSError:
+        return None
+    for parent in (folder, *folder.parents):
+        if (parent / "idVendor").is_file():
+            return UsbDevice(*(_word(parent / name) for name in ("idVendor", "idProduct", "serial")))
+    return None
+
+
+def _word(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def _at_work(number: int, *, itself: bool) -> str:
+    """Name a program whose controlling terminal a device is, this one only if `itself`; empty if there is none."""
+    minor = os.minor(number)
+    wanted = (minor & 0xFF) | os.major(number) << 8 | (minor & ~0xFF) << 12  # linux, new_encode_dev
+    for process in _PROC.glob("[0-9]*"):
+        try:
+            head, _, tail = (process / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")
+            terminal = int(tail.split()[4]) & 0xFFFFFFFF
+        except (OSError, ValueError, IndexError):
+            continue  # gone meanwhile
+        if terminal == wanted and (itself or process.name != str(os.getpid())):
+            return f"{head.partition('(')[2]} (pid {process.name})"
+    return ""
+
+
+def _user_name(uid: int) -> str:
+    import pwd
+
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return f"user {uid}"
