@@ -181,7 +181,9 @@ def test_probe_names_who_is_missing_or_wrong(monkeypatch: pytest.MonkeyPatch) ->
     report = arm.probe()
     assert report.missing == ("gripper",)
     assert report.joints[0].series == "sts_sms"
-    assert "sts3215 3.10" in report.joints[0].note
+    first = report.joints[0]
+    assert (first.note, first.model, first.remarks) == ("", "sts3215 3.10", "sts3215 3.10")
+    assert (first.supply, first.max_temperature) == ((4.0, 8.0), 70.0)
     assert report.dialect == 0
     assert report.counters["requests"] > 0
 

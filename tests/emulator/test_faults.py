@@ -28,6 +28,7 @@ from hexwire.errors import UsageError
         ("babble:2", Fault("babble", "bus", servo_id=2, probability=0.2)),
         ("overload:3", Fault("overload", "bus", servo_id=3)),
         ("hot:3", Fault("hot", "bus", servo_id=3)),
+        ("supply:3:4.8", Fault("supply", "bus", servo_id=3, volts=4.8)),
         (" sketch ", Fault("sketch", "board")),
     ],
 )

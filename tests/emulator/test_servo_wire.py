@@ -189,6 +189,13 @@ def test_overloaded_and_hot_servos_say_so() -> None:
     assert wire.transact(sp.make_ping(4), 1.0)[0] == sp.make_status(4, 0x20)
 
 
+def test_a_servo_on_another_supply_measures_and_reports_it() -> None:
+    wire = ServoWire([hls(4), hls(5)], faults=FaultPlan(["supply:4:3.2"]))
+    assert wire.transact(sp.make_ping(4), 0.0)[0] == sp.make_status(4, 0x01)
+    assert wire.transact(sp.make_read(4, 62, 1), 0.1)[0] == sp.make_status(4, 0x01, b"\x20")
+    assert wire.transact(sp.make_ping(5), 0.2)[0] == sp.make_status(5)
+
+
 def test_brownout_silences_the_servos_and_clears_their_memory() -> None:
     wire = ServoWire([hls(4)], faults=FaultPlan(["brownout:3:0.5"]))
     wire.transact(sp.make_write(4, 40, b"\x01"), 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -81,7 +82,7 @@ def test_brltty_matters_only_where_a_ch340_is(tmp_path: Path) -> None:
 def test_rights(ch340: PortInfo, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
     found = [f for f in diagnose_port(ch340, tmp_path) if f.level is Level.BAD]
-    assert "usermod -aG" in found[0].advice
+    assert "may not open it" in found[0].text
     monkeypatch.undo()
     Path(ch340.device).chmod(0o666)
     assert any("chmod 777" in f.advice for f in diagnose_port(ch340, tmp_path))
@@ -96,3 +97,19 @@ def test_rights(ch340: PortInfo, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 def test_baud_errors_of_a_mega(baud: int, error: float, level: Level) -> None:
     assert avr_baud_error(baud) == pytest.approx(error, abs=1e-4)
     assert diagnose_baud(baud).level is level
+
+
+@pytest.mark.parametrize(
+    ("mode", "group", "advice"), [(0o660, 20, "usermod -aG"), (0o600, 20, "rule"), (0o660, 0, "rule")]
+)
+def test_what_to_do_about_permission(
+    ch340: PortInfo, monkeypatch: pytest.MonkeyPatch, mode: int, group: int, advice: str
+) -> None:
+    """Nobody is told to join group root, or a group that may not use the port either."""
+    real = os.stat_result((stat.S_IFCHR | mode, 1, 1, 1, 0, group, 0, 0, 0, 0))
+    monkeypatch.setattr(Path, "stat", lambda self: real)
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    found = next(row for row in diagnose_port(ch340) if "may not open" in row.text)
+    assert found.level is Level.BAD
+    assert advice in found.advice
+    assert "-aG root" not in found.advice

@@ -26,13 +26,14 @@ SOON = 2.0
 class _AtBoardRate:
     """A board that keeps to its rate, whatever the host's is."""
 
-    def __init__(self, board: ServedDevice, rates: list[int]) -> None:
+    def __init__(self, board: ServedDevice, rates: list[int], own: int) -> None:
         self.board = board
+        self.own = own
         self.rates = rates
         self.heard = b""
 
     def receive(self, data: bytes, now: float) -> None:
-        data = heard_at(data, self.rates[0], BOARD_RATE)
+        data = heard_at(data, self.rates[0], self.own)
         self.heard += data
         self.board.receive(data, now)
 
@@ -40,7 +41,7 @@ class _AtBoardRate:
         self.board.step(now)
 
     def data_to_send(self) -> bytes:
-        return heard_at(self.board.data_to_send(), BOARD_RATE, self.rates[0])
+        return heard_at(self.board.data_to_send(), self.own, self.rates[0])
 
     def next_event_time(self) -> float | None:
         return self.board.next_event_time()
@@ -49,11 +50,11 @@ class _AtBoardRate:
         self.board.reset(now)
 
 
-def board_link(*faults: str, dialect: int = 2, rate: int = BOARD_RATE) -> BusLink:
+def board_link(*faults: str, dialect: int = 2, rate: int = BOARD_RATE, board_rate: int = BOARD_RATE) -> BusLink:
     clock = FakeClock(1000.0)
     rates = [rate]
     board = make_hex7bot_board(dialect=dialect, baud=BOARD_RATE, faults=faults, start=clock.time)
-    link = BusLink(_AtBoardRate(board, rates), clock, baud=BOARD_RATE)
+    link = BusLink(_AtBoardRate(board, rates, board_rate), clock, baud=BOARD_RATE)
     link.rates = rates
     return link
 

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from serial.tools import list_ports as pyserial_ports
 
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.ipc.ports import PortInfo, find_only_board, list_ports, ports_in_words
+from hexwire.ipc.ports import PortInfo, find_only_board, find_port, list_ports, ports_in_words
 
 
 def usb(device: str, vid: int, pid: int, description: str = "USB Serial", number: str | None = "A1") -> object:
@@ -87,3 +89,23 @@ def test_a_long_list_is_cut(plug) -> None:  # type: ignore[no-untyped-def]  # a 
     plug(*(usb(f"/dev/ttyUSB{n}", 1, 2) for n in range(10)))
     assert ports_in_words().endswith("and 2 more")
     assert ports_in_words().count("/dev/") == 8
+
+
+def test_a_port_is_known_by_any_of_its_names(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    device = tmp_path / "ttyUSB0"
+    device.touch()
+    link = tmp_path / "arm"
+    link.symlink_to(device)
+    monkeypatch.setattr(pyserial_ports, "comports", lambda: [usb(str(device), 0x1A86, 0x55D3)])
+    found = find_port(str(link))
+    assert (found.device, found.usb_id, found.likely_adapter) == (str(link), "1a86:55d3", True)
+    assert find_port(str(tmp_path / "other")) == PortInfo(str(tmp_path / "other"), guess="unknown port")
+
+
+def test_a_pseudo_terminal_is_called_one() -> None:
+    master, slave = os.openpty()
+    try:
+        assert "pseudo-terminal" in find_port(os.ttyname(slave)).guess
+    finally:
+        os.close(master)
+        os.close(slave)

@@ -168,6 +168,8 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
             found = _scan_with_bar(opened, rates, wanted)
         else:
             found = scan_bus(opened, bauds=rates, ids=wanted)
+        if len(found) > _TOO_MANY and not any(row.info for row in found):
+            raise ServoError("every ping is answered, but not as a servo does: is another device on this port?")
         if as_json:
             print_json([_found_json(row) for row in found])
         elif found:
@@ -180,6 +182,8 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
             raise ServoError(f"no servo answers at {tried}: check power and cable")
 
 
+_TOO_MANY = 20
+"""Ids with answers that cannot be read, from which it is no bus with a shared id."""
 _FOUND_HEAD = ("id", "baud", "series", "model", "firmware", "delay us", "acks", "condition")
 
 

@@ -1,30 +1,41 @@
 """`hexwire doctor`: everything that is known to go wrong, looked at in order, each with what to do.
 
-Owns the order and the printing. Looks only, unless --fix is given, which writes a udev rule and nothing else.
+Owns which ports are looked at, the order and the printing. Looks only, unless --fix is given, which writes a udev
+rule and nothing else. What is good and bad is judged in `ipc.diagnose`, `drivers.checkup` and
+`drivers.bus_checkup`.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import DeviceError, HexwireError, LinkError
+from hexwire.errors import (
+    DeviceError,
+    HexwireError,
+    LinkError,
+    NotSupportedError,
+    ReplyTimeoutError,
+    UsageError,
+    WrongDeviceError,
+)
 from hexwire.ipc.diagnose import Finding, Level
 
-from .common import RobotOptions, json_option, open_robot, print_json, robot_options
+from .common import RobotOptions, attached, json_option, make_robot, print_json, robot_options
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import JointProbe
-    from hexwire.model.state import JointState
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.ipc.ports import PortInfo
 
 __all__ = ["doctor"]
 
-_MARKS = {Level.OK: "ok  ", Level.HINT: "hint", Level.BAD: "BAD "}
-_LOW_VOLTAGE, _HIGH_VOLTAGE = 5.0, 8.4
-_WARM = 60.0
-_FRESH_BOOT = 3.0
+_MARKS = {Level.OK: "ok  ", Level.HINT: "hint", Level.BAD: "BAD ", Level.UNKNOWN: "?   "}
+_BOARD_RATES = (57_600, 250_000, 500_000, 1_000_000)
+_BOARD_PATIENCE = 0.6
 
 
 @click.command()
@@ -34,35 +45,33 @@ _FRESH_BOOT = 3.0
 def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
     """Look for what is wrong, from the plug to the servos. Read-only unless --fix.
 
-    Ends with status 1 if something is BAD.
+    Looks at the port that --port names, else at all there are. Ends with status 1 if something is BAD.
     """
-    from hexwire.ipc.diagnose import diagnose_baud, diagnose_port, diagnose_system, udev_rule, write_udev_rule
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.drivers.registry import load_driver
+    from hexwire.ipc.diagnose import diagnose_system, udev_rule, write_udev_rule
     from hexwire.ipc.ports import list_ports
 
-    ports = list_ports()
-    findings: list[Finding] = []
-    asked = bool(options.port) or any(port.likely_board for port in ports)
-    if not asked:
-        text = "no likely board among the serial ports" if ports else "no serial port here"
-        findings.append(
-            Finding(Level.HINT, "ports", text, "plug the board in; try another cable; or name its --port")
-        )
-    for port in ports:
-        findings += diagnose_port(port)
-    findings += diagnose_system(ports)
-    findings.append(diagnose_baud(options.baud or 115200))
-    if asked:
-        findings += _ask_board(options)
-    missing = sorted({p.usb_id for p in ports if p.usb_id and any("no udev rule" in f.text for f in findings)})
-    if as_json:
-        print_json(
-            [{"level": f.level.value, "about": f.about, "text": f.text, "advice": f.advice} for f in findings]
-        )
+    on_bus = issubclass(load_driver(options.robot), BusArm)
+    if options.port:
+        device = _device(options.port)
+        ports = _found([device]) if device else []
+        findings = _look(options, ports[0], on_bus) if ports else _ask(options)
     else:
-        for finding in findings:
-            print(f"{_MARKS[finding.level]}  {finding.about}: {finding.text}")
-            if finding.advice:
-                print(f"      -> {finding.advice}")
+        ports = list_ports()
+        findings = []
+        for port in ports:
+            likely = port.likely_adapter if on_bus else port.likely_board
+            rows = _look(replace(options, port=port.device), port, on_bus, ask=likely)
+            findings += [replace(row, port=port.device) for row in rows]
+        what = "adapter" if on_bus else "board"
+        if not any(port.likely_adapter if on_bus else port.likely_board for port in ports):
+            text = f"no likely {what} among the serial ports" if ports else "no serial port here"
+            advice = f"plug the {what} in; try another cable; or name its --port"
+            findings.append(Finding(Level.HINT, "ports", text, advice))
+    findings += diagnose_system(ports)
+    missing = sorted({p.usb_id for p in ports if p.usb_id and any("no udev rule" in f.text for f in findings)})
+    _show(findings, as_json)
     if missing and fix:
         path = write_udev_rule(missing)
         print(f"wrote {path}; now: sudo udevadm control --reload, unplug, plug in")
@@ -73,68 +82,131 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
         raise DeviceError(f"{bad} thing{'s' if bad > 1 else ''} to put right, marked BAD above")
 
 
-def _ask_board(options: RobotOptions) -> list[Finding]:
-    """Speak to the board: nothing here moves anything."""
+def _show(findings: list[Finding], as_json: bool) -> None:
+    if as_json:
+        rows = [
+            {"level": f.level.value, "port": f.port, "about": f.about, "text": f.text, "advice": f.advice}
+            for f in findings
+        ]
+        print_json(rows)
+        return
+    for finding in findings:
+        label = f"{finding.port}: " if finding.port not in ("", finding.about) else ""
+        print(f"{_MARKS[finding.level]}  {label}{finding.about}: {finding.text}")
+        if finding.advice:
+            print(f"      -> {finding.advice}")
+
+
+def _device(port: str) -> str:
+    """Path of a serial port; empty for another kind of link."""
+    from hexwire.ipc.url import parse_url
+
+    url = parse_url(port)
+    return url.path if url.scheme == "serial" else ""
+
+
+def _found(devices: list[str]) -> list[PortInfo]:
+    """Ports that exist: opening one that does not says that, and which there are."""
+    from hexwire.ipc.ports import find_port
+
+    return [find_port(device) for device in devices if Path(device).exists()]
+
+
+def _look(options: RobotOptions, port: PortInfo, on_bus: bool, *, ask: bool = True) -> list[Finding]:
+    """One port: what it is, who may open it, and who is behind it."""
+    from hexwire.ipc.diagnose import diagnose_baud, diagnose_port
+
+    findings = diagnose_port(port)
+    if any(row.level is Level.BAD and "may not open" in row.text for row in findings):
+        return findings
+    if ask and port.likely_board and not on_bus:
+        findings.append(diagnose_baud(options.baud or 115200))
+    return findings + (_ask(options) if ask else [])
+
+
+def _ask(options: RobotOptions) -> list[Finding]:
+    """Speak to the robot: nothing here moves anything.
+
+    Raises:
+        UsageError: The options make no sense.
+    """
+    from hexwire.drivers.bus_arm import BusArm
+
+    robot = make_robot(options)
     try:
-        with open_robot(options) as robot:
-            report = robot.probe()
-            findings = [
-                Finding(
-                    Level.OK if report.dialect == 2 else Level.HINT,
-                    "board",
-                    f"{report.robot}, dialect {report.dialect}, firmware {report.firmware or 'unknown'}",
-                    "" if report.dialect == 2 else "it speaks the chapter's dialect only; `hexwire firmware flash`",
-                )
-            ]
-            uptime = report.counters.get("board_uptime_ms", math.inf) / 1000
-            if uptime < _FRESH_BOOT:
-                text = f"started {uptime:.1f} s ago: opening its port resets it"
-                advice = "normal for an Arduino; a 10 uF capacitor from RESET to GND prevents it"
-                findings.append(Finding(Level.HINT, "board", text, advice))
-            if report.stopped:
-                findings.append(Finding(Level.HINT, "board", "is stopped", "hexwire resume"))
-            findings += _census(report.joints, report.missing)
-            findings += _bus(report.counters)
-            findings += _health(robot.read())
-            return findings
+        with attached(robot):
+            return _examine_bus(robot) if isinstance(robot, BusArm) else _examine(robot)
+    except UsageError:
+        raise
+    except WrongDeviceError as error:
+        return [Finding(Level.BAD, "device", str(error))]
+    except ReplyTimeoutError as error:
+        try:
+            return _why_silent(robot) or [Finding(Level.BAD, "board", str(error))]
+        except LinkError as lost:
+            return [Finding(Level.BAD, "link", str(lost))]
     except LinkError as error:
         return [Finding(Level.BAD, "link", str(error))]
     except HexwireError as error:
         return [Finding(Level.BAD, "board", str(error))]
 
 
-def _census(joints: tuple[JointProbe, ...], missing: tuple[str, ...]) -> list[Finding]:
-    notes = [
-        Finding(Level.BAD, j.name, j.note, "set the right servo, or the right model") for j in joints if j.note
-    ]
-    if missing:
-        advice = "power, cable after the last servo that answers, id: `hexwire ping`"
-        return [Finding(Level.BAD, "servos", f"{', '.join(missing)} not answering", advice), *notes]
-    return [Finding(Level.OK, "servos", f"all {len(joints)} answer"), *notes]
+def _examine(robot: RobotDriver) -> list[Finding]:
+    from hexwire.drivers.checkup import judge_board, judge_probe, judge_state
+
+    report, state = robot.probe(), robot.read()
+    findings = judge_board(report) + judge_probe(report)
+    shaky = [joint.name for joint in report.joints if joint.present and joint.name in state.silent]
+    if shaky:
+        advice = "contacts, ground, supply of these servos"
+        findings.append(Finding(Level.BAD, ", ".join(shaky), "answered once, but not again", advice))
+    return findings + judge_state(state, report.joints)
 
 
-def _bus(counters: dict[str, int]) -> list[Finding]:
-    asked = counters.get("board_bus_transactions", 0)
-    if not asked:
-        return []
-    failed = counters.get("board_bus_timeouts", 0) + counters.get("board_bus_bad", 0)
-    rate = failed / asked
-    text = f"{failed} of {asked} transactions failed since the board started ({rate:.2%})"
-    if rate < 0.001:
-        return [Finding(Level.OK, "servo bus", text)]
-    return [Finding(Level.BAD if rate > 0.02 else Level.HINT, "servo bus", text, "cable length, ground, supply")]
+def _examine_bus(arm: BusArm) -> list[Finding]:
+    from hexwire.drivers.bus_checkup import explain_missing, judge_traffic
+    from hexwire.drivers.checkup import judge_probe, judge_state
+    from hexwire.ipc.adapter import inspect_adapter
 
-
-def _health(state: JointState) -> list[Finding]:
-    findings = []
-    for joint in state:
-        if joint.flags.faults:
-            findings.append(Finding(Level.BAD, joint.name, f"reports {joint.flags.faults}", "see `hexwire state`"))
-        if joint.voltage < _LOW_VOLTAGE or joint.voltage > _HIGH_VOLTAGE:
-            advice = "a 6 V servo wants 4.5 to 7.4 V: check the supply under load"
-            findings.append(Finding(Level.BAD, joint.name, f"supply {joint.voltage:.1f} V", advice))
-        if joint.temperature > _WARM:
-            findings.append(Finding(Level.HINT, joint.name, f"{joint.temperature:.0f} deg C", "let it rest"))
-    if not findings:
-        findings.append(Finding(Level.OK, "servos", "no fault bit, supply and temperature in order"))
+    report, state, bus = arm.probe(), arm.read(), arm.bus
+    silent = {joint.name for joint in report.joints if not joint.present} | set(state.silent)
+    lost = explain_missing(bus, arm.model, [arm.model.joint(name) for name in arm.model.names if name in silent])
+    findings = [Finding(Level.OK, "bus", f"{report.robot} at {bus.timing.baud} baud")]
+    findings += judge_probe(report, missing=False) + lost + judge_state(state, report.joints)
+    if not lost:
+        # Who is missing is not the adapter's fault.
+        findings += judge_traffic(bus, arm.model)
+    device = getattr(bus.link, "device", None)
+    if isinstance(device, str):
+        advice = inspect_adapter(device, bus.timing.overhead, bus.timing.holds_back).advice
+        if advice and bus.timing.holds_back:
+            findings.append(Finding(Level.HINT, "adapter", "it holds answers back", advice))
     return findings
+
+
+def _why_silent(robot: RobotDriver) -> list[Finding]:
+    """Look further where nobody answers."""
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.drivers.bus_checkup import explain_chatter, explain_silence
+    from hexwire.drivers.hex7bot import Hex7BotDriver
+    from hexwire.ipc.mistaken import find_board
+
+    if isinstance(robot, BusArm):
+        with robot.bus as bus:
+            return explain_silence(bus, robot.model)
+    link = robot.session.ipc.link
+    if not isinstance(robot, Hex7BotDriver) or not hasattr(link, "set_baud"):
+        return []
+    with link:
+        chatter = explain_chatter(link)
+        if chatter is not None:
+            return [chatter]
+        for baud in _BOARD_RATES:
+            try:
+                board = find_board(link, baud=baud, patience=_BOARD_PATIENCE)
+            except (UsageError, NotSupportedError):
+                continue
+            if board is not None:
+                text = f"the board speaks at {baud} baud"
+                return [Finding(Level.BAD, "rate", text, f"name it: --baud {baud}")]
+    return []

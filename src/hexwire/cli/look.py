@@ -98,7 +98,9 @@ def _report_in_words(report: ProbeReport) -> str:
         ("state", "in maintenance: settings of servos may be written, nothing moves" if report.maintenance else ""),
     ]
     lines = [f"{name:9} {value}" for name, value in facts if value]
-    rows = [(j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.note) for j in report.joints]
+    rows = [
+        (j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.remarks) for j in report.joints
+    ]
     lines += ["", format_table(("joint", "servo", "series", "there", ""), rows)]
     counted = [f"{name.replace('_', ' ')} {count}" for name, count in report.counters.items() if count]
     lines += ["", "counters  " + (", ".join(counted) or "all 0")]

@@ -50,13 +50,32 @@ class StopMode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class JointProbe:
-    """What a probe found of one joint."""
+    """What a probe found of one joint.
+
+    Attributes:
+        name: The joint.
+        servo_id: Id of its servo.
+        series: Series of it, as it answers.
+        present: It answers.
+        note: What is wrong with it; empty if nothing is.
+        model: What the servo says it is, as in ``sts3215 3.10``; empty if it does not say.
+        supply: Least and most volts that it wants; None if it does not say.
+        max_temperature: Degrees Celsius from which it protects itself; None if it does not say.
+    """
 
     name: str
     servo_id: int
     series: str
     present: bool
     note: str = ""
+    model: str = ""
+    supply: tuple[float, float] | None = None
+    max_temperature: float | None = None
+
+    @property
+    def remarks(self) -> str:
+        """What is wrong, and what it is, for a person."""
+        return ", ".join(filter(None, (self.note, self.model)))
 
 
 @dataclass(frozen=True, slots=True)

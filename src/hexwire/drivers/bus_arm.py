@@ -146,9 +146,11 @@ class BusArm(RobotDriver):
             series = "unknown" if info.series is None else info.series.value
             notes = [] if series == joint.series else [f"answers as {series}, the arm's file says {joint.series}"]
             notes += self._at_odds(joint)
-            if info.firmware:
-                notes.append(f"{info.model_name} {info.firmware}")
-            rows.append(JointProbe(joint.name, joint.servo_id, series, True, ", ".join(notes)))
+            model = f"{info.model_name} {info.firmware}" if info.firmware else ""
+            supply, hottest = self._ratings(joint.servo_id)
+            rows.append(
+                JointProbe(joint.name, joint.servo_id, series, True, ", ".join(notes), model, supply, hottest)
+            )
             self._torque[i] = self._read_torque(joint)
         return ProbeReport(
             robot=self.model.name,
@@ -161,6 +163,17 @@ class BusArm(RobotDriver):
             joints=tuple(rows),
             counters=self.bus.counters.as_dict(),
         )
+
+    def _ratings(self, servo_id: int) -> tuple[tuple[float, float] | None, float | None]:
+        """Volts and degrees that a servo has stored as its limits."""
+        if "max_voltage" not in self.bus.series_of(servo_id).registers:
+            return None, None
+        low, high, hottest = (
+            self.bus.read(servo_id, name) for name in ("min_voltage", "max_voltage", "max_temperature")
+        )
+        told = low.raw is not None and high.raw is not None and low.raw < high.raw
+        supply = (low.value, high.value) if told else None
+        return supply, hottest.value if hottest.raw else None
 
     def _at_odds(self, joint: JointModel) -> list[str]:
         """A servo whose stored offset is not the one it was calibrated with gives positions that are all wrong."""

@@ -1,6 +1,7 @@
 """Scripted faults of an emulated board, its host line and its servo bus.
 
-A fault is written ``[PLACE.]KIND[:ARGUMENT...]``. P is a probability in 0..1, T and D seconds, ID a servo id.
+A fault is written ``[PLACE.]KIND[:ARGUMENT...]``. P is a probability in 0..1, T and D seconds, V volts, ID a servo
+id.
 
 | fault            | places (first = without prefix) | what happens |
 |------------------|------|---------------------------------------------------------------------------------|
@@ -9,6 +10,7 @@ A fault is written ``[PLACE.]KIND[:ARGUMENT...]``. P is a probability in 0..1, T
 | `babble:ID[:P]`  | bus  | it talks out of turn: 1..8 random bytes into any answer, P = 0.2 unless given |
 | `overload:ID`    | bus  | it reports overload, and gives only its holding torque |
 | `hot:ID`         | bus  | it is 15 degrees above its temperature limit, or at 85 without one |
+| `supply:ID:V`    | bus  | its supply is V volts |
 | `flip:P`         | host, bus | a message has one bit flipped |
 | `drop:P`         | host, bus | a message loses one byte |
 | `dup:P`          | host, bus | a message has one byte doubled |
@@ -54,6 +56,7 @@ class Fault:
     probability: float = 1.0
     at: float = 0.0
     duration: float = 0.0
+    volts: float = 0.0
 
 
 # kind -> places, names of the arguments ("?" marks one that may be left out)
@@ -63,6 +66,7 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "babble": (("bus",), ("servo_id", "probability?")),
     "overload": (("bus",), ("servo_id",)),
     "hot": (("bus",), ("servo_id",)),
+    "supply": (("bus",), ("servo_id", "volts")),
     "flip": (("host", "bus"), ("probability",)),
     "drop": (("host", "bus"), ("probability",)),
     "dup": (("host", "bus"), ("probability",)),
@@ -74,7 +78,7 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "boot": (("board",), ("duration",)),
     "sketch": (("board",), ()),
 }
-_LETTERS = {"servo_id": "ID", "probability": "P", "at": "T", "duration": "D"}
+_LETTERS = {"servo_id": "ID", "probability": "P", "at": "T", "duration": "D", "volts": "V"}
 _BABBLE = 0.2
 _LINE_KINDS = ("flip", "drop", "dup", "junk", "cut")
 
@@ -113,6 +117,7 @@ def parse_fault(spec: str) -> Fault:
         probability=numbers.get("probability", _BABBLE if kind == "babble" else 1.0),
         at=numbers.get("at", 0.0),
         duration=numbers.get("duration", 0.0),
+        volts=numbers.get("volts", 0.0),
     )
 
 
@@ -121,7 +126,7 @@ def _number(spec: str, name: str, text: str) -> float:
         value = int(text) if name == "servo_id" else float(text)
     except ValueError:
         raise UsageError(f"fault {spec!r}: {text!r} is not a number") from None
-    low, high = {"servo_id": (0, 253), "probability": (0, 1)}.get(name, (0, 1e9))
+    low, high = {"servo_id": (0, 253), "probability": (0, 1), "volts": (0, 25)}.get(name, (0, 1e9))
     if not low <= value <= high:
         raise UsageError(f"fault {spec!r}: {text} is outside {low}..{high:g}")
     return value
@@ -225,9 +230,13 @@ class FaultPlan:
         return back
 
     def afflict(self, servo: EmulatedServo) -> None:
-        """Make a servo overloaded or hot, if the plan says so."""
-        for fault in self._of("overload", "hot"):
+        """Make a servo overloaded or hot, or its supply another, if the plan says so."""
+        for fault in self._of("overload", "hot", "supply"):
             if fault.servo_id != servo.servo_id:
+                continue
+            if fault.kind == "supply":
+                if servo.supply != fault.volts:
+                    servo.supply = fault.volts
                 continue
             if fault.kind == "overload":
                 servo.protection.forced |= STATUS_BITS["overload"]
@@ -244,7 +253,7 @@ class FaultPlan:
         """What a servo says after a request (whether to it or not), and how many seconds late."""
         said, late = answer or b"", 0.0
         for fault, dice in zip(self.faults, self._dice, strict=True):
-            if fault.servo_id != servo_id or fault.place != "bus" or fault.kind in ("overload", "hot"):
+            if fault.servo_id != servo_id or fault.place != "bus" or fault.kind in ("overload", "hot", "supply"):
                 continue
             if dice.random() >= fault.probability:
                 continue

@@ -49,6 +49,7 @@ class Level(Enum):
     OK = "ok"
     HINT = "hint"
     BAD = "bad"
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +61,14 @@ class Finding:
         about: What was looked at.
         text: What was found.
         advice: What to do; empty if nothing.
+        port: The port it is about, where several were looked at.
     """
 
     level: Level
     about: str
     text: str
     advice: str = ""
+    port: str = ""
 
 
 def udev_rule(usb_ids: Iterable[str]) -> str:
@@ -168,7 +171,10 @@ def _permission(device: str) -> Finding:
         advice = "everybody may write to it; a udev rule is better than chmod 777" if level is Level.HINT else ""
         return Finding(level, device, f"this user may open it ({mode}, group {group})", advice)
     user = pwd.getpwuid(os.geteuid()).pw_name
-    advice = f"sudo usermod -aG {group} {user}, then log out and in"
+    if status.st_gid == 0 or not status.st_mode & stat.S_IWGRP:
+        advice = "no group may use it: a udev rule that gives it to group dialout helps (--fix writes one for USB)"
+    else:
+        advice = f"sudo usermod -aG {group} {user}, then log out and in"
     return Finding(Level.BAD, device, f"this user may not open it ({mode}, group {group})", advice)
 
 

@@ -93,11 +93,12 @@ def _listen(link: Link, until: float, clock: Callable[[], float]) -> bytes:
             return data
 
 
-def find_board(link: Link, *, patience: float = BOARD_PATIENCE) -> Negotiated | None:
-    """Look for a controller board, at the usual rate of boards where the link has one.
+def find_board(link: Link, *, baud: int = 0, patience: float = BOARD_PATIENCE) -> Negotiated | None:
+    """Look for a controller board.
 
     Args:
         link: An open link.
+        baud: At which rate, where the link has one; 0 is the usual one of boards.
         patience: Seconds to go on asking.
     """
     from .handle import IpcHandle
@@ -107,7 +108,7 @@ def find_board(link: Link, *, patience: float = BOARD_PATIENCE) -> Negotiated | 
     set_baud = getattr(link, "set_baud", None)
     before = getattr(link, "baud", 0)
     if set_baud is not None:
-        set_baud(DEFAULT_BAUD)
+        set_baud(baud or DEFAULT_BAUD)
     try:
         link.flush_input()
         session = Session(IpcHandle.from_link(link), clock=getattr(link, "clock", None))

@@ -5,11 +5,12 @@ Owns the table of USB identities. Opens no port. Must not know what is spoken on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
 
 from hexwire.errors import LinkNotFoundError, UsageError
 
-__all__ = ["PortInfo", "find_only_board", "list_ports"]
+__all__ = ["PortInfo", "find_only_board", "find_port", "list_ports"]
 
 # VID:PID -> what it probably is, likely a controller board, likely a servo bus adapter.
 # Arduino's boards.txt for the genuine boards; converter chips by their makers' ids.
@@ -84,6 +85,21 @@ def list_ports() -> list[PortInfo]:
             PortInfo(found.device, vid, pid, found.serial_number or "", description, guess, board, adapter)
         )
     return sorted(ports, key=lambda port: (port.vid is None, port.device))
+
+
+def find_port(device: str) -> PortInfo:
+    """What is known of one port, listed or not.
+
+    Args:
+        device: Its path; may be a symbolic link, as those in ``/dev/serial/by-id``.
+    """
+    real = os.path.realpath(device)
+    for port in list_ports():
+        if os.path.realpath(port.device) == real:
+            return replace(port, device=device)
+    pseudo = real.startswith("/dev/pts/")
+    guess = "pseudo-terminal: an emulator, or a program that passes bytes on" if pseudo else "unknown port"
+    return PortInfo(device, guess=guess)
 
 
 def find_only_board() -> str:

@@ -230,8 +230,8 @@ def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> Verdict:
     values: list[tuple[str, str]] = []
     if probe is not None:
         values += [("id", str(probe.servo_id)), ("series", probe.series)]
-        if probe.note:
-            values.append(("note", probe.note))
+        if probe.remarks:
+            values.append(("note", probe.remarks))
     state = facts.state
     joint = state[name] if state is not None and name in state.names else None
     if joint is not None:
