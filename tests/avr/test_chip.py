@@ -110,6 +110,17 @@ def test_the_boot_id_counts_resets(chip: Chip) -> None:
         assert Identity.parse(client.ask(Command.IDENTIFY).body).boot_id == first + n
 
 
+@pytest.mark.parametrize(("stored", "expected"), [(0xFFFFFFFF, 1), (0xFFFFFFFE, 0xFFFFFFFF), (0, 1)])
+def test_the_boot_id_is_never_zero(chip: Chip, stored: int, expected: int) -> None:
+    board, client = chip()
+    assert Identity.parse(client.ask(Command.IDENTIFY).body).boot_id == 1
+    board.write_eeprom(0, stored.to_bytes(4, "little"))
+    board.reset()
+    board.settle()
+    client.frames()
+    assert Identity.parse(client.ask(Command.IDENTIFY).body).boot_id == expected
+
+
 def test_a_hanging_program_is_reset_by_the_watchdog(chip: Chip) -> None:
     board, client = chip()
     assert not client.ask(Command.IDENTIFY).body[12] & tables.BOARD_FLAGS_WATCHDOG_RESET

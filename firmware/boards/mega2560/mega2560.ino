@@ -51,10 +51,11 @@ class Mega : public hexwire::Platform {
 Mega platform;
 hexwire::Board board(platform);
 
-// The first four bytes of EEPROM count the resets. A new chip reads FFFFFFFF, so its first boot id is 0.
+// The first four bytes of EEPROM count the resets. A new chip reads FFFFFFFF; 0 is no boot id.
 uint32_t next_boot_id() {
   uint32_t* const cell = reinterpret_cast<uint32_t*>(0);
-  const uint32_t id = eeprom_read_dword(cell) + 1;
+  uint32_t id = eeprom_read_dword(cell) + 1;
+  if (id == 0) id = 1;
   eeprom_update_dword(cell, id);
   return id;
 }
