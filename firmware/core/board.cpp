@@ -23,9 +23,13 @@ Board::Board(Platform& platform)
       decoder_(stats_),
       queue_(),
       stored_(),
+      stops_(),
+      voided_(),
+      void_left_(0),
       settings_(platform),
       bus_(platform, stats_),
       joints_(),
+      gate_(joints_, settings_),
       poller_(bus_, joints_),
       sweep_(bus_, joints_),
       job_(),
@@ -57,6 +61,7 @@ void Board::begin(uint32_t boot_id, uint8_t reset_flags) {
   settings_.load();
   platform_.set_outputs(0);
   start_job(kBoot, kAllJoints);
+  job_.owner = For::kBoot;
 }
 
 void Board::tick() {
@@ -76,6 +81,7 @@ void Board::tick() {
     rest -= whole * 1000;
   }
   ms_rest_ = static_cast<uint16_t>(rest);
+  voided_.age(ms_);
   if (chapter_heard_ && ms_ - chapter_heard_ms_ > kChapterMs) chapter_heard_ = false;
 }
 
@@ -89,9 +95,11 @@ bool Board::poll() {
   check_watchdog();
   settings_.poll();
   run_bus();
+  void_next();
+  answer_stops();
   const uint32_t took = platform_.micros() - begun;
   if (took > stats_.loop_us_max) stats_.loop_us_max = took;
-  return queue_.count() == 0 || owner_ != Owner::kNobody;
+  return void_left_ == 0 && (queue_.count() == 0 || owner_ != Owner::kNobody);
 }
 
 void Board::receive() {
@@ -115,7 +123,10 @@ void Board::accept(const Frame& frame) {
   heard_ms_ = ms_;
   fed_ = true;
   if (frame.proto == gen::PROTO_HEXWIRE) {
-    if (frame.cmd == gen::CMD_IDENTIFY) stored_.forget(frame.src);
+    if (frame.cmd == gen::CMD_IDENTIFY) {
+      stored_.forget(frame.src);
+      voided_.forget(frame.src);
+    }
     const ReplyStore::Entry* entry = stored_.find(frame, ms_);
     if (entry != nullptr) {
       ++stats_.repeats;
@@ -123,12 +134,23 @@ void Board::accept(const Frame& frame) {
       send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | entry->status, entry->reply_size);
       return;
     }
-    if (queue_.holds(frame)) {
+    if (voided_.holds(frame, ms_)) {
+      ++stats_.repeats;
+      send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_STOPPED, 0);
+      return;
+    }
+    const bool stops = frame.cmd == gen::CMD_STOP && frame.size == gen::STOP_REQUEST_SIZE && frame.body[0] < kStopModes;
+    if (queue_.holds(frame) || (stops && stops_.holds(frame.src, frame.seq, frame.body[0]))) {
       // Its answer is on the way.
       ++stats_.repeats;
       return;
     }
-    if (frame.cmd == gen::CMD_STOP && frame.size == gen::STOP_REQUEST_SIZE && frame.body[0] <= 1) return stop(frame);
+    if (stops) {
+      const bool room = stops_.add(frame.src, frame.seq, frame.body[0]);
+      stop(frame.body[0]);
+      if (!room) send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_BUSY, 0);
+      return;
+    }
   }
   if (queue_.push(frame)) {
     if (queue_.count() > stats_.queue_high_water) stats_.queue_high_water = queue_.count();
@@ -137,25 +159,12 @@ void Board::accept(const Frame& frame) {
   }
 }
 
-void Board::stop(const Frame& frame) {
-  if (!queue_.push_front(frame)) {
-    send(gen::PROTO_HEXWIRE, frame.src, frame.seq, frame.cmd, gen::EXT_REPLY | gen::STATUS_BUSY, 0);
-    return;
-  }
-  board_flags_ |= gen::BOARD_FLAG_STOPPED;
-  if (frame.body[gen::STOP_REQUEST_MODE]) board_flags_ |= gen::BOARD_FLAG_TORQUE_OFF_STOP;
-  // What runs now runs again after the stop, and is refused then if it would move anything.
-  drop_job();
-  if (!bus_.idle()) bus_.hurry(last_us_);
-}
-
 void Board::check_watchdog() {
   if (watchdog_ms_ == 0 || !fed_ || ms_ - heard_ms_ < watchdog_ms_) return;
   fed_ = false;
   ++stats_.watchdog_trips;
   board_flags_ |= gen::BOARD_FLAG_WATCHDOG_TRIPPED;
-  const Frame frame = {0, 0, kNoReply, 0, gen::CMD_STOP, 0, gen::STOP_REQUEST_SIZE, &watchdog_mode_};
-  stop(frame);
+  stop(watchdog_mode_);
 }
 
 void Board::send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t ext, uint8_t size) {
@@ -187,11 +196,15 @@ void Board::reply(uint8_t status, uint8_t size) {
   queue_.pop();
 }
 
-// The chapter's board counts its replies and always says command 02, to module 0.
 void Board::reply_chapter(uint8_t size) {
   job_.active = false;
-  send(gen::PROTO_CHAPTER, gen::MODULE_ROS1_HOST, static_cast<uint8_t>(sn_ + 1), gen::CMD_READ, 0, size);
+  send_chapter(size);
   queue_.pop();
+}
+
+// The chapter's board counts its replies and always says command 02, to module 0.
+void Board::send_chapter(uint8_t size) {
+  send(gen::PROTO_CHAPTER, gen::MODULE_ROS1_HOST, static_cast<uint8_t>(sn_ + 1), gen::CMD_READ, 0, size);
 }
 
 void Board::report() {

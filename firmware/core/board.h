@@ -7,6 +7,7 @@
 #include <stdint.h>
 
 #include "frame.h"
+#include "gate.h"
 #include "generated.h"
 #include "joints.h"
 #include "platform.h"
@@ -15,17 +16,9 @@
 #include "servo_bus.h"
 #include "settings.h"
 #include "stats.h"
+#include "stops.h"
 
 namespace hexwire {
-
-constexpr uint8_t kVersionMajor = 1;
-constexpr uint8_t kVersionMinor = 0;
-constexpr uint8_t kVersionPatch = 0;
-
-// Instructions that change nothing.
-inline bool is_read(uint8_t instruction) {
-  return instruction == gen::INST_PING || instruction == gen::INST_READ || instruction == gen::INST_SYNC_READ;
-}
 
 class Board {
  public:
@@ -41,34 +34,53 @@ class Board {
   // What a job is made of. Sweeps and packets take the bus, the rest happens at once.
   enum class Step : uint8_t {
     kReadPosition,
+    kReadStale,        // positions that are too old to judge a way by
     kReadTorque,
-    kReadTarget,
+    kReadUnsure,       // torque that is not known for sure
+    kReadMode,
+    kReadUnknownMode,
     kReadCeiling,
-    kAimPresent,     // target = where the joint is, for all that answered
-    kAimIfTorque,    // the same for joints that have torque
-    kAimMove,        // targets of JOINT_MOVE
-    kAimSyncWrite,   // targets of SYNC_WRITE
+    kReadTarget,
+    kReadMoving,       // positions of the joints that a hold still watches
+    kReadTaken,        // torque of the joints that a hold took it from
+    kAimPresent,       // target = where the joint is, for all that answered
+    kAimHold,          // the same for joints that have torque
+    kAimMove,          // targets of JOINT_MOVE
+    kAimSyncWrite,     // targets of SYNC_WRITE
+    kJudgePacket,      // now that all is known that the gate needs
     kSendLegacy,
     kSendHls,
     kSendTorque,
     kSendPacket,
-    kSendRaw,
+    kSendPacketLegacy, // what the gate made of the host's packet
+    kSendPacketHls,
+    kTakeOtherMode,    // the torque of joints in another mode than position
+    kTakeRest,         // and of those that do not hold
+    kCheckTorque,
+    kCheckTarget,
+    kNote,
+    kPause,
+    kCheckStill,
+    kFinishHold,
+    kEndIfLimp,
     kConfirmTorque,
-    kConfirmTarget,
     kReplyMove,
     kReplySyncWrite,
     kReplyPacket,
-    kReplyRaw,
     kAwaitCycle,
     kReplyState,
+    kAwaitStorage,
     kAwaitSaved,
-    kBooted,
+    kMaintain,
   };
   enum class Owner : uint8_t { kNobody, kPoller, kJob };
+  enum class Lack : uint8_t { kTorque, kMode, kCeiling };
+  enum class For : uint8_t { kRequest, kStop, kBoot };
 
   struct Job {
     bool active;
     bool entered;  // the present step's sweep has begun
+    For owner;
     uint8_t pc;
     uint8_t repeats;
     uint8_t cycles;
@@ -77,6 +89,14 @@ class Board {
     uint8_t argument;  // torque on or off, STOP's mode, fields
     uint16_t duration_ms;
     Targets targets;
+    // Of a hold: limp and confirmed, to lose their torque, lost it, still watched.
+    Mask limp;
+    Mask bad;
+    Mask taken;
+    Mask moving;
+    uint32_t settle_ms;
+    uint32_t noted_ms;
+    int16_t noted[kJoints];
   };
 
   // board.cpp: the way in and out
@@ -84,19 +104,18 @@ class Board {
   void receive();
   void accept(const Frame& frame);
   void check_watchdog();
-  void stop(const Frame& frame);
   void send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t ext, uint8_t size);
   uint8_t* body() { return tx_ + kBodyAt; }
   bool may_send() { return platform_.host_write_room() >= gen::MAX_SERIAL_FRAME; }
   void reply(uint8_t status, uint8_t size);
   void reply_chapter(uint8_t size);
+  void send_chapter(uint8_t size);
   void refuse(uint8_t status) { reply(status, 0); }
   void report();
 
   // commands.cpp: one function a command
   void execute();
   void execute_chapter();
-  void execute_packet();
   void identify();
   void joint_state();
   void set_report();
@@ -105,42 +124,72 @@ class Board {
   void resume();
   void watchdog();
   void settings(Block block);
-  void transact();
   void stats();
   void io();
+  void maintenance();
+  void end_maintenance();
+  void reply_maintenance();
   uint8_t put_state(uint8_t fields);
-  uint8_t check_packet(const uint8_t* packet, uint8_t size) const;
-  void note_write(const uint8_t* packet);
+
+  // packets.cpp: servo packets of a host, through the gate and back
+  const uint8_t* packet() const;
+  uint8_t packet_size() const;
+  Gate::Circumstances circumstances() const;
+  void pass_packet();
+  void pass_move();
+  void judge_packet();
+  void aim_sync_write();
+  void start_packet(bool rewritten);
+  bool send_targets(uint8_t series);
+  void note_packet(const uint8_t* packet);
   void note_register(uint8_t servo_id, uint8_t address, const uint8_t* data, uint8_t size);
-  bool target_allowed(uint8_t servo_id, uint8_t address, const uint8_t* data, uint8_t size) const;
-  uint8_t board_error(uint8_t id, uint8_t error);
+  void note_targets(Mask mask);
+  void reply_packet();
+  void reply_raw();
   void refuse_packet(uint8_t status);
+  uint8_t board_error(uint8_t id, uint8_t error);
+  uint8_t silent_servo(const Request& request);
+
+  // stops.cpp: what a stop does, to the servos and to what waits
+  void stop(uint8_t mode);
+  bool start_stop();
+  void void_next();
+  void answer_stops();
+  void finish_stop(uint8_t status, Mask confirmed);
+  void aim_hold();
+  bool take_torque(Mask mask);
+  void check_torque();
+  void check_target();
+  void note_positions();
+  void check_still();
+  void finish_hold();
 
   // jobs.cpp: what takes the bus
   void start_job(const Step* program, Mask mask);
+  bool start_next();
   void run_job();
   bool run_step();
   bool needs_bus() const;
-  bool start_request();
-  Mask ceiling_unknown() const;
-  void send_packet();
-  void send_raw();
-  void set_duration(uint8_t joint, uint16_t duration_ms);
+  Mask asked(Step step) const;
   bool sweep(Item item, Mask mask);
   void next_step();
+  void back_to(Step step);
+  void begin_again();
   void drop_job();
-  void aim(Mask mask);
-  void aim_move();
-  void aim_sync_write();
-  void put_target(uint8_t joint, int16_t position, uint32_t duration_ms);
-  int16_t clamp(uint8_t joint, int32_t wanted);
-  uint32_t at_least(uint32_t duration_ms, uint8_t joint, int16_t target) const;
-  void confirm(bool target);
-  void reply_move();
-  void reply_packet();
-  void reply_raw();
-  Mask torqued() const;
   void run_bus();
+
+  // moves.cpp: where the joints are to go
+  Mask lacking(Lack what) const;
+  Mask stale() const;
+  void skip_reads();
+  Mask torqued() const;
+  void aim(Mask mask);
+  bool make_targets(uint8_t series);
+  void aim_move();
+  void confirm_torque();
+  void reply_move();
+  bool reply_saved();
+  void enter_maintenance();
 
   static const Step kBoot[];
   static const Step kMove[];
@@ -148,24 +197,32 @@ class Board {
   static const Step kTorqueOn[];
   static const Step kTorqueOff[];
   static const Step kHold[];
-  static const Step kPacket[];
-  static const Step kRaw[];
+  static const Step kPass[];
+  static const Step kSteer[];
+  static const Step kGrant[];
   static const Step kState[];
+  static const Step kLater[];
   static const Step kSave[];
+  static const Step kToMaintenance[];
 
   uint8_t flags() const {
     return static_cast<uint8_t>(board_flags_ | (settings_.is_default() ? gen::BOARD_FLAG_SETTINGS_DEFAULT : 0));
   }
   bool stopped() const { return board_flags_ & gen::BOARD_FLAG_STOPPED; }
+  bool in_maintenance() const { return board_flags_ & gen::BOARD_FLAG_MAINTENANCE; }
 
   Platform& platform_;
   Stats stats_;
   FrameDecoder decoder_;
   RequestQueue queue_;
   ReplyStore stored_;
+  StopList stops_;
+  VoidedStore voided_;
+  uint8_t void_left_;  // requests at the head of the queue that a stop has made void
   Settings settings_;
   ServoBus bus_;
   Joints joints_;
+  Gate gate_;
   Poller poller_;
   Sweep sweep_;
   Job job_;

@@ -55,11 +55,8 @@ inline uint16_t crc16_update(uint16_t crc, uint8_t byte) {
   return static_cast<uint16_t>((static_cast<uint16_t>(high) << 8) | low);
 }
 
-inline uint16_t crc16(const uint8_t* p, uint16_t n) {
-  uint16_t crc = 0xFFFF;
-  while (n--) crc = crc16_update(crc, *p++);
-  return crc;
-}
+// The same over many bytes, going on from `crc`.
+uint16_t crc16(const uint8_t* p, uint16_t n, uint16_t crc = 0xFFFF);
 
 // Checksum of a servo packet: `p` points at its id, `n` counts id, length byte, instruction and parameters.
 inline uint8_t servo_checksum(const uint8_t* p, uint8_t n) {

@@ -25,6 +25,14 @@ bool may_start(const uint8_t* p, uint8_t count) {
 
 }  // namespace
 
+#if defined(__GNUC__)
+__attribute__((noinline))
+#endif
+uint16_t crc16(const uint8_t* p, uint16_t n, uint16_t crc) {
+  while (n--) crc = crc16_update(crc, *p++);
+  return crc;
+}
+
 FrameDecoder::FrameDecoder(Stats& stats) : stats_(stats), last_(0), held_(0), done_(0), skipping_(false) {}
 
 void FrameDecoder::added(uint8_t count, uint32_t now) {

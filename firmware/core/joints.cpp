@@ -13,7 +13,6 @@ const uint8_t kSeries[kJoints] = HEXWIRE_JOINT_SERIES;
 
 constexpr uint16_t kPollTimeoutUs = 2500;  // five times the longest return delay a servo can be set to
 constexpr uint8_t kPollTries = 2;
-constexpr uint16_t kHlsSpeedUnit = 50;     // counts/s
 // 0 on the way down means "stop" to an HLS servo.
 constexpr uint16_t kHlsSlowest = 1;
 constexpr uint16_t kHlsFastest = 0x7FFF;
@@ -61,7 +60,7 @@ uint8_t Joints::torque_unknown() const {
 }
 
 bool Joints::has(uint8_t joint, Item item) const {
-  if (item == Item::kCeiling) return !legacy(joints_[joint].series);
+  if (item == Item::kCeiling || item == Item::kMode) return !legacy(joints_[joint].series);
   return item != Item::kSupply || legacy(joints_[joint].series);
 }
 
@@ -91,6 +90,10 @@ void Joints::locate(uint8_t joint, Item item, uint8_t* address, uint8_t* size) c
     case Item::kSupply:
       *address = gen::SEVEN_BOT_REG_PRESENT_VOLTAGE;
       break;
+    case Item::kMode:
+      *address = gen::HLS_REG_MODE;
+      *size = 1;
+      break;
     case Item::kCurrent:
       *address = old ? gen::SEVEN_BOT_REG_PRESENT_CURRENT : gen::HLS_REG_PRESENT_CURRENT;
       break;
@@ -107,6 +110,7 @@ void Joints::store_position(Joint& joint, uint16_t raw, uint32_t now_us, uint32_
     const int32_t way = static_cast<int32_t>(position) - joint.position;
     joint.speed = way ? narrow(way * 15625 / static_cast<int32_t>(ticks)) : 0;
   }
+  joint.moves = joint.known && position != joint.position;
   joint.position = position;
   joint.sampled_us = now_us;
   joint.sampled_ms = now_ms;
@@ -145,6 +149,10 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
       joint.ceiling = raw ? raw : gen::DEFAULT_CEILING;
       joint.ceiling_known = true;
       return static_cast<int16_t>(raw);
+    case Item::kMode:
+      joint.in_position = p[0] == 0;
+      joint.mode_known = true;
+      return p[0];
     case Item::kSupply:
       joint.voltage = p[0];
       joint.temperature = static_cast<int8_t>(p[1]);
@@ -163,7 +171,13 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
 
 void Joints::missed(uint8_t index) {
   Joint& joint = joints_[index];
-  joint.present = joint.torque_known = joint.ceiling_known = false;
+  joint.present = joint.torque_known = joint.ceiling_known = joint.mode_known = false;
+}
+
+void Joints::forget_settings() {
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    joints_[i].torque_known = joints_[i].ceiling_known = joints_[i].mode_known = false;
+  }
 }
 
 uint8_t Joints::make_read(ServoBus& bus, uint8_t joint, Item item) const {

@@ -14,6 +14,7 @@ constexpr uint8_t kJoints = gen::JOINTS;
 typedef uint16_t Mask;  // bit i = joint i
 constexpr Mask kAllJoints = static_cast<Mask>((1UL << kJoints) - 1);
 constexpr uint8_t kNoJoint = 0xFF;
+constexpr uint16_t kHlsSpeedUnit = 50;  // counts/s
 
 inline Mask only(uint8_t joint) { return static_cast<Mask>(1U << joint); }
 
@@ -26,6 +27,7 @@ enum class Item : uint8_t {
   kMotion,       // position; HLS: also speed, load, voltage, temperature in one read
   kSupply,       // legacy: voltage and temperature
   kCurrent,
+  kMode,         // HLS: 0 is position mode
 };
 
 struct Joint {
@@ -47,6 +49,9 @@ struct Joint {
   bool torque_on;
   bool torque_known;
   bool ceiling_known;
+  bool mode_known;
+  bool in_position;  // mode; the other series have no other
+  bool moves;        // its last two samples differ
   bool clamped;
 };
 
@@ -68,6 +73,12 @@ class Joints {
   Mask with_series(uint8_t series) const;
   // A joint that is there, but whose torque has not been read since it came; kNoJoint if there is none.
   uint8_t torque_unknown() const;
+
+  // It is known to be in another mode than position, or its mode must be read first.
+  bool other_mode(uint8_t joint) const { return joints_[joint].mode_known && !joints_[joint].in_position; }
+  bool mode_unknown(uint8_t joint) const { return has(joint, Item::kMode) && !joints_[joint].mode_known; }
+  // Somebody else may have changed what servos keep to themselves: it must be read anew.
+  void forget_settings();
 
   // Whether the joint's series has the item.
   bool has(uint8_t joint, Item item) const;

@@ -85,8 +85,6 @@ bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
 bool Poller::start_extra(uint32_t now_ms) {
   const uint8_t fresh = joints_.torque_unknown();
   if (fresh != kNoJoint) {
-    // Not asked again before the next cycle, should it not know the register.
-    joints_[fresh].torque_known = true;
     sweep_.begin(only(fresh), Item::kTorque, false);
     phase_ = Phase::kExtra;
     return sweep_.start_next(now_ms);

@@ -12,8 +12,6 @@
 
 namespace hexwire {
 
-constexpr uint8_t kNoReply = 0;  // the `proto` of a request that the board made itself
-
 struct Request {
   int32_t src;
   uint8_t proto;
@@ -33,18 +31,8 @@ class RequestQueue {
   RequestQueue() : used_(0), count_(0) {}
 
   bool push(const Frame& frame) {
-    const uint16_t after = static_cast<uint16_t>(used_ + kHead + frame.size + kReserve);
-    if (after > sizeof(bytes_)) return false;
+    if (count_ == kMost || static_cast<uint16_t>(used_ + kHead + frame.size) > sizeof(bytes_)) return false;
     write(bytes_ + used_, frame);
-    return true;
-  }
-
-  // A stop goes first, and into the room that is kept for it.
-  bool push_front(const Frame& frame) {
-    const uint16_t size = static_cast<uint16_t>(kHead + frame.size);
-    if (static_cast<uint16_t>(used_ + size) > sizeof(bytes_)) return false;
-    memmove(bytes_ + size, bytes_, used_);
-    write(bytes_, frame);
     return true;
   }
 
@@ -75,7 +63,7 @@ class RequestQueue {
  private:
   static constexpr uint8_t kHead = 8;
   static constexpr uint8_t kSizeAt = 7;
-  static constexpr uint8_t kReserve = 4 * (kHead + 1);  // four stops
+  static constexpr uint8_t kMost = 24;
 
   void write(uint8_t* p, const Frame& frame) {
     put32(p, static_cast<uint32_t>(frame.src));

@@ -117,21 +117,74 @@ void noise_on_the_bus() {
   CHECK(b.to_host.size() >= gen::FRAME_OVERHEAD && b.to_host[34] == 9 && b.to_host[38] == gen::CMD_IDENTIFY);
 }
 
-void queue_is_bounded_and_keeps_room_for_a_stop() {
+void queue_is_bounded() {
   RequestQueue queue;
   uint8_t body[50] = {0};
   Frame f = {7, 8, gen::PROTO_HEXWIRE, 0, gen::CMD_TRANSACT, 0, sizeof(body), body};
   int taken = 0;
   while (queue.push(f)) ++taken;
-  CHECK(taken >= 7 && taken < 10);
-  const uint8_t mode = 1;
-  const Frame stop = {7, 8, gen::PROTO_HEXWIRE, 99, gen::CMD_STOP, 0, 1, &mode};
-  CHECK(queue.push_front(stop));
+  CHECK(taken == 8);
+  f.size = 0;
+  while (queue.count()) queue.pop();
+  while (queue.push(f)) ++taken;
+  CHECK(taken == 8 + 24);
+  CHECK(queue.holds(f));
   Request first;
-  CHECK(queue.front(&first) && first.cmd == gen::CMD_STOP && first.seq == 99);
-  CHECK(queue.holds(stop));
-  for (int i = 0; i <= taken; ++i) queue.pop();
+  while (queue.count()) queue.pop();
   CHECK(!queue.front(&first));
+}
+
+void stops_wait_together_and_are_answered_by_one() {
+  StopList stops;
+  for (uint8_t i = 0; i < 16; ++i) CHECK(stops.add(7, i, i & 1));
+  CHECK(!stops.add(7, 16, 0));
+  CHECK(stops.holds(7, 3, 1) && !stops.holds(7, 3, 0) && !stops.holds(6, 3, 1));
+  stops.want(0);
+  stops.want(1);
+  StopList::Asker asker;
+  StopList::Outcome outcome;
+  CHECK(!stops.take_done(&asker, &outcome));
+  stops.done(1, gen::STATUS_SERVO_SILENT, 0x3F);
+  CHECK(stops.wanted(0) && !stops.wanted(1));
+  for (uint8_t i = 1; i < 16; i = static_cast<uint8_t>(i + 2)) {
+    CHECK(stops.take_done(&asker, &outcome) && asker.seq == i && asker.mode == 1);
+    CHECK(outcome.status == gen::STATUS_SERVO_SILENT && outcome.mask == 0x3F);
+  }
+  CHECK(!stops.take_done(&asker, &outcome) && !stops.empty());
+  stops.done(0, gen::STATUS_OK, 0x7F);
+  for (uint8_t i = 0; i < 16; i = static_cast<uint8_t>(i + 2)) CHECK(stops.take_done(&asker, &outcome) && asker.seq == i);
+  CHECK(stops.empty());
+}
+
+void what_was_void_is_known_for_two_seconds() {
+  VoidedStore store;
+  const uint8_t body[2] = {1, 2};
+  const uint8_t other[2] = {1, 3};
+  Frame f = {7, 8, gen::PROTO_HEXWIRE, 5, gen::CMD_IO, 0, 2, body};
+  store.add(Request{7, gen::PROTO_HEXWIRE, 5, gen::CMD_IO, 2, body}, 1000);
+  CHECK(store.holds(f, 1000 + gen::REPEAT_WINDOW_MS));
+  CHECK(!store.holds(f, 1001 + gen::REPEAT_WINDOW_MS));
+  f.body = other;
+  CHECK(!store.holds(f, 1000));
+  f.body = body;
+  f.src = 7 + 256;
+  CHECK(!store.holds(f, 1000));
+  f.src = 7;
+  store.forget(8);
+  CHECK(store.holds(f, 1000));
+  // Its times have 16 bits: what is old is thrown away before they come round.
+  for (int i = 0; i < 32; ++i) store.age(4000);
+  CHECK(!store.holds(f, 1000 + 65536));
+  store.add(Request{7, gen::PROTO_HEXWIRE, 5, gen::CMD_IO, 2, body}, 70000);
+  CHECK(store.holds(f, 70001));
+  store.forget(7);
+  CHECK(!store.holds(f, 70001));
+  // And a new one for each of the last 32.
+  for (uint8_t i = 0; i < 33; ++i) store.add(Request{7, gen::PROTO_HEXWIRE, i, gen::CMD_IO, 2, body}, 70000);
+  f.seq = 0;
+  CHECK(!store.holds(f, 70001));
+  f.seq = 1;
+  CHECK(store.holds(f, 70001));
 }
 
 void a_repeat_is_known_by_its_body_and_its_age() {
@@ -197,7 +250,9 @@ int main() {
   any_split();
   noise_between();
   noise_on_the_bus();
-  queue_is_bounded_and_keeps_room_for_a_stop();
+  queue_is_bounded();
+  stops_wait_together_and_are_answered_by_one();
+  what_was_void_is_known_for_two_seconds();
   a_repeat_is_known_by_its_body_and_its_age();
   storage_that_does_not_keep_what_is_written();
   the_clock_wraps();

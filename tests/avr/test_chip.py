@@ -12,7 +12,7 @@ from tests.avr.machines import ChipBoard
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import STATS_FIELDS, Identity, JointReport
-from hexwire.wire.servo_packet import make_ping, make_read, make_sync_write
+from hexwire.wire.servo_packet import Instruction, make_packet, make_ping, make_read, make_sync_write
 
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
@@ -305,9 +305,9 @@ def test_a_frame_that_never_ends_is_given_up(chip: Chip) -> None:
 
 def test_the_longest_frame(chip: Chip) -> None:
     board, client = chip()
-    data = {i: bytes(range(16)) for i in range(10, 21)}
-    packet = make_sync_write(0x70, data)
-    body = b"\0\0" + packet + b""
+    rows = b"".join(bytes((i,)) + b"\xe8\3\x20\x20\0\0" for i in (4, 5, 6)) * 9
+    packet = make_packet(0xFE, Instruction.SYNC_WRITE, b"\x30\6" + rows)
+    body = b"\0\0" + packet
     board.line.sent.clear()
     assert len(client.frame(Command.TRANSACT, body)) > 230
     assert status(client.ask(Command.TRANSACT, body)) == Status.OK
@@ -341,11 +341,11 @@ def test_stop_goes_before_what_is_queued(chip: Chip) -> None:
     client.machine.send(client.frame(Command.TRANSACT, slow))
     client.machine.send(client.frame(Command.JOINT_MOVE, move(500, {0: 2500})))
     client.machine.send(client.frame(Command.STOP, b"\1"))
-    stop = client.seq
-    got = client.run(0.8)
-    assert got[0].seq == stop
-    assert got[0].body == b"\1\x7f\0"
-    assert [status(f) for f in got[1:]] == [Status.SERVO_SILENT, Status.STOPPED]
+    got = client.run(0.1)
+    assert [status(f) for f in got] == [Status.STOPPED, Status.STOPPED, Status.OK]
+    assert got[2].seq == client.seq
+    assert got[2].body == b"\1\x7f\0"
+    client.run(0.7)
     assert targets_sent(board) == []
     assert not any(servo.torque_on for servo in board.wire.servos)
 
@@ -422,9 +422,14 @@ def test_a_stop_while_settings_are_stored(chip: Chip) -> None:
         client.run(0.0002)
     client.machine.send(client.frame(Command.STOP, b"\1"))
     got = {frame.seq: frame for frame in client.run(0.4)}
-    assert status(got[saved]) == status(got[client.seq]) == Status.OK
+    # The request is void, but what has begun is ended: half of it would be worse.
+    assert status(got[saved]) == Status.STOPPED
+    assert status(got[client.seq]) == Status.OK
     assert client.ask(Command.LIMITS).body[1:] == limits
     assert status(client.ask(Command.LIMITS, limits)) == Status.STOPPED
+    client.ask(Command.RESUME)
+    other = b"\7" + b"\x65\0\xb8\x0b\xe8\3" * 7
+    assert client.ask(Command.LIMITS, other).body[1:] == other
 
 
 def test_targets_outside_the_limits_are_clamped_or_refused(chip: Chip) -> None:

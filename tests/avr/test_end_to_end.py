@@ -20,6 +20,9 @@ from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.arms import make_hex7bot_servos
 from hexwire.emulator.servo_wire import ServoWire
 from hexwire.model.state import JointTarget
+from hexwire.wire import tables
+
+VERSION = f"{tables.VERSION_MAJOR}.{tables.VERSION_MINOR}.{tables.VERSION_PATCH}"
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
@@ -32,7 +35,7 @@ def hexwire(*words: str) -> subprocess.CompletedProcess[str]:
 def test_the_driver_moves_a_joint() -> None:
     with on_pty(PtyBoard(ChipBoard())) as board, Hex7BotDriver.from_url(board.path) as robot:
         report = robot.probe()
-        assert (report.dialect, report.firmware, report.missing) == (2, "1.0.0", ())
+        assert (report.dialect, report.firmware, report.missing) == (2, VERSION, ())
         state = robot.read()
         angles = dict(zip(state.names, map(math.degrees, state.position), strict=True))
         assert angles["J1"] == pytest.approx(-4.47257, abs=1e-4)
@@ -46,7 +49,7 @@ def test_the_command_line() -> None:
     with on_pty(PtyBoard(ChipBoard())) as board:
         probe = hexwire("probe", "--port", board.path, "--json")
         assert probe.returncode == 0, probe.stderr
-        assert json.loads(probe.stdout)["firmware"] == "1.0.0"
+        assert json.loads(probe.stdout)["firmware"] == VERSION
         assert hexwire("torque", "on", "--port", board.path).returncode == 0
         moved = hexwire("move", "J4=10", "--wait", "--tolerance", "0.3", "--port", board.path)
         assert moved.returncode == 0, moved.stderr
@@ -59,7 +62,7 @@ def test_the_command_line() -> None:
         assert "stopped" in refused.stderr
         assert hexwire("resume", "--port", board.path).returncode == 0
         info = hexwire("firmware", "info", "--port", board.path)
-        assert "version 1.0.0" in info.stdout
+        assert f"version {VERSION}" in info.stdout
         assert "(the same)" in info.stdout
 
 
@@ -108,7 +111,7 @@ def test_the_core_as_a_program() -> None:
                 # On a loaded machine the servos may be late; the board asks those again every half second.
                 for _ in range(20):
                     report = json.loads(hexwire("probe", "--port", lines["host"], "--json").stdout)
-                    assert report["firmware"] == "1.0.0"
+                    assert report["firmware"] == VERSION
                     if all(joint["present"] for joint in report["joints"]):
                         break
                 else:

@@ -15,11 +15,13 @@ from tests.avr.pty import FlashableBoard, on_pty
 from hexwire.cli.main import cli
 from hexwire.drivers import firmware as tools
 from hexwire.ipc.ports import PortInfo
+from hexwire.wire import tables
 
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
 
 Ports = Callable[..., None]
+VERSION = f"{tables.VERSION_MAJOR}.{tables.VERSION_MINOR}.{tables.VERSION_PATCH}"
 
 
 def run(*words: str) -> Result:
@@ -45,7 +47,7 @@ def test_build() -> None:
     assert built.exit_code == 0, built.output
     report = json.loads(built.stdout)
     assert Path(report["hex_file"]).read_text().startswith(":")
-    assert report["version"] == "1.0.0"
+    assert report["version"] == VERSION
     assert report["size"].startswith("flash ")
 
 
@@ -64,7 +66,7 @@ def test_build_from_a_folder_without_firmware(tmp_path: Path) -> None:
 
 def test_a_build_that_fails_says_why(tmp_path: Path) -> None:
     (tmp_path / "core").mkdir()
-    (tmp_path / "core/board.h").write_text("constexpr kVersionMajor = 1; kVersionMinor = 2; kVersionPatch = 3;")
+    (tmp_path / "core/generated.h").write_text("VERSION_MAJOR = 1;\nVERSION_MINOR = 2;\nVERSION_PATCH = 3;\n")
     (tmp_path / "Makefile").write_text("mega2560:\n\t@echo no such register >&2; exit 1\n")
     built = run("build", "--source", str(tmp_path))
     assert built.exit_code == 1
@@ -123,14 +125,14 @@ def test_flash_and_read_the_version_back() -> None:
         assert isinstance(board, FlashableBoard)
         done = run("flash", "--port", board.path, "--any-port")
         assert done.exit_code == 0, done.output
-        assert "the board runs version 1.0.0" in done.stdout
+        assert f"the board runs version {VERSION}" in done.stdout
         assert board.writes > 50
         make("mega2560")
         image = tools.find_sources() / "build/mega2560/hexwire.hex"
         first = bytes.fromhex(image.read_text().splitlines()[0][9:-2])
         assert board.flash.startswith(first)
         info = run("info", "--port", board.path, "--json")
-        assert json.loads(info.stdout)["firmware"] == "1.0.0"
+        assert json.loads(info.stdout)["firmware"] == VERSION
 
 
 @pytest.mark.system

@@ -65,7 +65,7 @@ def find_sources(folder: str | os.PathLike[str] | None = None) -> Path:
     """
     if folder is not None:
         path = Path(folder)
-        if not (path / "Makefile").is_file() or not (path / "core/board.h").is_file():
+        if not (path / "Makefile").is_file() or not (path / "core/generated.h").is_file():
             raise UsageError(f"{path} is not the folder of the firmware; it has a Makefile and core/board.h")
         return path
     path = Path(__file__).resolve().parents[3] / "firmware"
@@ -82,10 +82,10 @@ def source_version(sources: Path) -> str:
     Raises:
         UsageError: They do not say.
     """
-    text = (sources / "core/board.h").read_text(encoding="utf-8")
-    parts = [re.search(rf"kVersion{part} = (\d+)", text) for part in ("Major", "Minor", "Patch")]
+    text = (sources / "core/generated.h").read_text(encoding="utf-8")
+    parts = [re.search(rf"VERSION_{part} = (\d+)", text) for part in ("MAJOR", "MINOR", "PATCH")]
     if not all(parts):
-        raise UsageError(f"{sources / 'core/board.h'} does not say which version it is")
+        raise UsageError(f"{sources / 'core/generated.h'} does not say which version it is")
     return ".".join(part.group(1) for part in parts if part)
 
 

@@ -1,0 +1,180 @@
+// What a stop does: it makes void what waits, stops the servos, and sees whether they did. See PROTOCOL.md,
+// sections 6.3 (STOP) and 6.5.
+#include "board.h"
+#include "bytes.h"
+
+namespace hexwire {
+
+namespace {
+
+constexpr uint8_t kMoreTries = 2;
+constexpr uint8_t kStill = 4;          // counts between two looks at a joint that holds
+constexpr uint16_t kSettleMs = 400;
+constexpr uint8_t kStopAnswer = gen::FRAME_OVERHEAD + gen::STOP_REPLY_SIZE + 1;
+
+bool near(int16_t a, int16_t b) {
+  const int32_t difference = static_cast<int32_t>(a) - b;
+  return difference <= kStill && difference >= -kStill;
+}
+
+}  // namespace
+
+void Board::stop(uint8_t mode) {
+  board_flags_ |= gen::BOARD_FLAG_STOPPED;
+  if (mode) board_flags_ |= gen::BOARD_FLAG_TORQUE_OFF_STOP;
+  end_maintenance();
+  stops_.want(mode);
+  void_left_ = queue_.count();
+  // A stop that goes on as it is wanted is left alone, however many more ask for it.
+  if (job_.active && job_.owner == For::kStop && job_.argument >= mode) return;
+  drop_job();
+  if (!bus_.idle()) bus_.hurry(last_us_);
+}
+
+// Starts the stop whose turn it is; false if there is none.
+bool Board::start_stop() {
+  if (!stops_.wanted(0) && !stops_.wanted(1)) return false;
+  const uint8_t mode = stops_.wanted(1) ? 1 : 0;
+  start_job(mode ? kTorqueOff : kHold, kAllJoints);
+  job_.owner = For::kStop;
+  job_.argument = mode;
+  return true;
+}
+
+// Answers one request that a stop made void, if there is room beside the stop's own answer, and forgets it.
+void Board::void_next() {
+  if (void_left_ == 0) return;
+  --void_left_;
+  Request request;
+  queue_.front(&request);
+  const bool room = platform_.host_write_room() >= 2 * kStopAnswer;
+  if (request.proto == gen::PROTO_HEXWIRE) {
+    if (request.cmd != gen::CMD_IDENTIFY) voided_.add(request, ms_);
+    if (room) send(gen::PROTO_HEXWIRE, request.src, request.seq, request.cmd, gen::EXT_REPLY | gen::STATUS_STOPPED, 0);
+    return queue_.pop();
+  }
+  if (room && request.cmd != gen::CMD_SYNC_WRITE) send_chapter(silent_servo(request));
+  queue_.pop();
+}
+
+void Board::answer_stops() {
+  StopList::Asker asker;
+  StopList::Outcome outcome;
+  while (platform_.host_write_room() >= kStopAnswer && stops_.take_done(&asker, &outcome)) {
+    body()[gen::STOP_REPLY_MODE] = asker.mode;
+    put16(body() + gen::STOP_REPLY_MASK, outcome.mask);
+    const Request request = {asker.src, gen::PROTO_HEXWIRE, asker.seq, gen::CMD_STOP, gen::STOP_REQUEST_SIZE, &asker.mode};
+    stored_.add(request, outcome.status, body(), gen::STOP_REPLY_SIZE, ms_);
+    send(gen::PROTO_HEXWIRE, asker.src, asker.seq, gen::CMD_STOP, gen::EXT_REPLY | outcome.status, gen::STOP_REPLY_SIZE);
+  }
+}
+
+void Board::finish_stop(uint8_t status, Mask confirmed) {
+  job_.active = false;
+  stops_.done(job_.argument, status, confirmed);
+}
+
+// A joint without torque stays without: writing it a target could switch it on.
+void Board::aim_hold() {
+  Mask mask = torqued();
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!joints_[i].torque_known) mask &= static_cast<Mask>(~only(i));
+  }
+  aim(mask);
+}
+
+// Puts the packet into the send buffer; false if there is no joint to take torque from.
+bool Board::take_torque(Mask mask) {
+  // What a read before this packet says must not be believed after it.
+  poller_.digest();
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(mask & only(i))) continue;
+    joints_[i].torque_on = false;
+    joints_[i].torque_known = false;
+  }
+  return joints_.make_torque(bus_, mask, false);
+}
+
+void Board::check_torque() {
+  bool again = false;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(sweep_.answered() & only(i))) continue;
+    const int16_t value = sweep_.value(i);
+    if (value == 0) {
+      job_.limp |= only(i);
+      job_.targets.mask &= static_cast<Mask>(~only(i));
+    } else if (value != 1) {
+      // Damped: neither limp nor held.
+      job_.bad |= only(i);
+    } else if (!(job_.targets.mask & only(i))) {
+      again = true;
+    }
+  }
+  if (again && job_.repeats < kMoreTries) {
+    ++job_.repeats;
+    ++stats_.bus_retries;
+    return begin_again();
+  }
+  next_step();
+}
+
+void Board::check_target() {
+  Mask wrong = 0;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(job_.targets.mask & only(i))) continue;
+    if (!(sweep_.answered() & only(i)) || joints_.mode_unknown(i)) {
+      job_.targets.mask &= static_cast<Mask>(~only(i));
+    } else if (sweep_.value(i) != job_.targets.position[i]) {
+      wrong |= only(i);
+    }
+  }
+  if (wrong && job_.repeats < kMoreTries) {
+    // A servo is there, but did not get it: a packet without an answer may be lost to noise.
+    ++job_.repeats;
+    ++stats_.bus_retries;
+    return begin_again();
+  }
+  job_.bad |= wrong;
+  job_.moving = job_.targets.mask & static_cast<Mask>(~job_.bad);
+  job_.settle_ms = ms_;
+  next_step();
+}
+
+void Board::note_positions() {
+  job_.noted_ms = ms_;
+  for (uint8_t i = 0; i < kJoints; ++i) job_.noted[i] = joints_[i].position;
+}
+
+void Board::check_still() {
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(job_.moving & only(i))) continue;
+    const bool silent = !(sweep_.answered() & only(i));
+    if (silent) job_.targets.mask &= static_cast<Mask>(~only(i));
+    if (silent || near(joints_[i].position, job_.noted[i])) job_.moving &= static_cast<Mask>(~only(i));
+  }
+  if (job_.moving && ms_ - job_.settle_ms < kSettleMs) return back_to(Step::kNote);
+  next_step();
+}
+
+void Board::finish_hold() {
+  Mask off = 0;
+  job_.bad = job_.moving = 0;
+  for (uint8_t i = 0; i < kJoints; ++i) {
+    if (!(job_.taken & sweep_.answered() & only(i))) continue;
+    (sweep_.value(i) == 0 ? off : job_.bad) |= only(i);
+  }
+  if (job_.bad && job_.repeats < kMoreTries) {
+    ++job_.repeats;
+    ++stats_.bus_retries;
+    return back_to(Step::kTakeRest);
+  }
+  if (job_.owner == For::kBoot) {
+    job_.active = false;
+    return;
+  }
+  const Mask confirmed = job_.targets.mask | job_.limp | off;
+  const bool all = confirmed == job_.mask;
+  finish_stop(!all ? gen::STATUS_SERVO_SILENT : job_.taken ? gen::STATUS_SERVO_FAULT : gen::STATUS_OK, confirmed);
+}
+
+}  // namespace hexwire

@@ -1,0 +1,143 @@
+// Stops that wait for their turn or their answer, and what a stop has made void (PROTOCOL.md section 6.5).
+// Both are bounded. Neither knows what a stop does to the servos.
+#ifndef HEXWIRE_STOPS_H
+#define HEXWIRE_STOPS_H
+
+#include <stdint.h>
+#include <string.h>
+
+#include "frame.h"
+#include "generated.h"
+#include "joints.h"
+#include "queue.h"
+
+namespace hexwire {
+
+constexpr uint8_t kStopModes = 2;  // 0 holds, 1 takes the torque away
+
+// Who asked for a stop and has no answer yet. One stop answers all of its mode that came before it ended.
+class StopList {
+ public:
+  struct Asker {
+    int32_t src;
+    uint8_t seq;
+    uint8_t mode;
+    bool done;
+  };
+  struct Outcome {
+    uint8_t status;
+    Mask mask;
+  };
+
+  StopList() : wanted_(), outcomes_(), count_(0), askers_() {}
+
+  // False if there is no room for the answer; the stop counts all the same.
+  bool add(int32_t src, uint8_t seq, uint8_t mode) {
+    if (count_ == kMost) return false;
+    askers_[count_++] = Asker{src, seq, mode, false};
+    return true;
+  }
+  bool holds(int32_t src, uint8_t seq, uint8_t mode) const {
+    for (uint8_t i = 0; i < count_; ++i) {
+      const Asker& asker = askers_[i];
+      if (asker.src == src && asker.seq == seq && asker.mode == mode) return true;
+    }
+    return false;
+  }
+
+  void want(uint8_t mode) { wanted_[mode] = true; }
+  bool wanted(uint8_t mode) const { return wanted_[mode]; }
+  void done(uint8_t mode, uint8_t status, Mask mask) {
+    wanted_[mode] = false;
+    outcomes_[mode] = Outcome{status, mask};
+    for (uint8_t i = 0; i < count_; ++i) {
+      if (askers_[i].mode == mode) askers_[i].done = true;
+    }
+  }
+
+  // Takes the first who can be answered.
+  bool take_done(Asker* asker, Outcome* outcome) {
+    for (uint8_t i = 0; i < count_; ++i) {
+      if (!askers_[i].done) continue;
+      *asker = askers_[i];
+      *outcome = outcomes_[asker->mode];
+      --count_;
+      memmove(&askers_[i], &askers_[i + 1], (count_ - i) * sizeof(Asker));
+      return true;
+    }
+    return false;
+  }
+  bool empty() const { return count_ == 0 && !wanted_[0] && !wanted_[1]; }
+
+ private:
+  static constexpr uint8_t kMost = 16;
+
+  bool wanted_[kStopModes];
+  Outcome outcomes_[kStopModes];
+  uint8_t count_;
+  Asker askers_[kMost];
+};
+
+// Requests that a stop has made void: one that comes again is not done either.
+class VoidedStore {
+ public:
+  VoidedStore() : next_(0), checked_(0), entries_() {}
+
+  void add(const Request& request, uint32_t now_ms) {
+    entries_[next_] = Entry{true, request.seq, request.cmd, static_cast<uint8_t>(request.src), hash(request),
+                            static_cast<uint16_t>(now_ms)};
+    next_ = static_cast<uint8_t>((next_ + 1) % kMost);
+  }
+  bool holds(const Frame& frame, uint32_t now_ms) const {
+    const Request request = {frame.src, frame.proto, frame.seq, frame.cmd, frame.size, frame.body};
+    uint16_t hashed = 0;
+    bool known = false;
+    for (uint8_t i = 0; i < kMost; ++i) {
+      const Entry& entry = entries_[i];
+      if (!entry.used || entry.seq != frame.seq || entry.cmd != frame.cmd || old(entry, now_ms)) continue;
+      if (!known) hashed = hash(request);
+      known = true;
+      if (entry.hash == hashed) return true;
+    }
+    return false;
+  }
+  void forget(int32_t src) {
+    for (uint8_t i = 0; i < kMost; ++i) {
+      if (entries_[i].src == static_cast<uint8_t>(src)) entries_[i].used = false;
+    }
+  }
+  // To be called often: the times wrap. Looks at one entry.
+  void age(uint32_t now_ms) {
+    Entry& entry = entries_[checked_];
+    if (entry.used && old(entry, now_ms)) entry.used = false;
+    checked_ = static_cast<uint8_t>((checked_ + 1) % kMost);
+  }
+
+ private:
+  static constexpr uint8_t kMost = 32;
+  struct Entry {
+    bool used;
+    uint8_t seq;
+    uint8_t cmd;
+    uint8_t src;  // its low byte; the hash has the rest
+    uint16_t hash;
+    uint16_t at_ms;
+  };
+
+  static bool old(const Entry& entry, uint32_t now_ms) {
+    return static_cast<uint16_t>(now_ms - entry.at_ms) > gen::REPEAT_WINDOW_MS;
+  }
+  static uint16_t hash(const Request& request) {
+    uint8_t src[4];
+    put32(src, static_cast<uint32_t>(request.src));
+    return crc16(request.body, request.size, crc16(src, sizeof(src)));
+  }
+
+  uint8_t next_;
+  uint8_t checked_;
+  Entry entries_[kMost];
+};
+
+}  // namespace hexwire
+
+#endif  // HEXWIRE_STOPS_H
