@@ -59,6 +59,19 @@ def test_only_the_command_line_talks_to_people() -> None:
     assert not found, "\n".join(found)
 
 
+def test_the_command_line_talks_through_the_one_place_that_cleans() -> None:
+    """`cli/output.py` for what is written, `cli/draw.py` for what rich draws."""
+    past = {"print", "click.echo", "click.secho", "sys.stdout.write", "sys.stderr.write"}
+    drawn = {"Console", "Live", "Progress", "TextColumn"}
+    found = []
+    for module in MODULES:
+        wrong = past if module == "cli/draw.py" else past | drawn
+        if module.startswith("cli/"):
+            calls = [node for node in ast.walk(_tree(module)) if isinstance(node, ast.Call)]
+            found += [f"{module}:{call.lineno}" for call in calls if ast.unparse(call.func) in wrong]
+    assert not found, f"say it with hexwire.cli.output: {', '.join(found)}"
+
+
 def test_talk_would_be_seen() -> None:
     tree = ast.parse("def f():\n    print('x')\n    return sys.exit(1)\nlog.print('x')\n")
     assert _talks_to_people(tree) == ["print:2", "sys.exit:3"]

@@ -16,6 +16,38 @@ def test_degrees_and_radians() -> None:
     assert units.radians(180.0) == math.pi
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (-0.0, "0"),
+        (1.347e-14, "0"),
+        (-1.347e-14, "0"),
+        (12.3456, "12.35"),
+        (-0.5, "-0.5"),
+        (0.00012, "0.00012"),
+        (0.000123456, "0.000123"),
+        (12345.678, "12346"),
+        (99.9999, "100"),
+        (100.0, "100"),
+        (1e9, "1000000000"),
+        (1e300, "1e+300"),
+        (math.nan, "nan"),
+        (math.inf, "inf"),
+    ],
+)
+def test_numbers_for_people(value: float, text: str) -> None:
+    assert units.decimal(value) == text
+
+
+@given(st.floats(-1e14, 1e14))
+def test_numbers_for_people_have_no_exponent_and_four_digits(value: float) -> None:
+    text = units.decimal(value)
+    assert not set(text) - set("-0123456789.")
+    assert float(text) == pytest.approx(value, rel=6e-4, abs=6e-7)
+    assert text != "-0"
+
+
 def test_one_count_is_the_chapters_rounded_constant() -> None:
     assert units.CHAPTER_RADIANS_PER_COUNT == 0.001534
     assert math.tau / 4096 != units.CHAPTER_RADIANS_PER_COUNT

@@ -1,14 +1,14 @@
-"""Conversions between what people type, what servos count and SI.
+"""Conversions between what people type and read, what servos count, and SI.
 
-Owns factors and nothing else. The API of hexwire is SI: radians, seconds, volts, amperes, fractions of full
-scale. Degrees are for people; counts live in `wire` and in the joint model.
+Owns factors and how a number is written for people, and nothing else. The API of hexwire is SI: radians, seconds,
+volts, amperes, fractions of full scale. Degrees are for people; counts live in `wire` and in the joint model.
 """
 
 from __future__ import annotations
 
 import math
 
-__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "degrees", "radians", "split_time"]
+__all__ = ["CHAPTER_RADIANS_PER_COUNT", "NSEC", "decimal", "degrees", "radians", "split_time"]
 
 NSEC = 1_000_000_000
 
@@ -16,8 +16,22 @@ CHAPTER_RADIANS_PER_COUNT = 0.001534
 """Angle of one encoder count as the chapter's host computes it: the rounded constant, not 2 pi / 4096.
 Every angle printed in the chapter's log confirms it to six digits."""
 
+_LONG = 1e15
+"""From here on an exponent reads better than a row of digits."""
+
 degrees = math.degrees
 radians = math.radians
+
+
+def decimal(value: float, digits: int = 4) -> str:
+    """A number for people: so many digits that count, at most six decimals, no exponent, no minus before a zero."""
+    if not math.isfinite(value) or abs(value) >= _LONG:
+        return f"{value:g}"
+    before = math.floor(math.log10(abs(value))) + 1 if value else 1
+    text = f"{value:.{min(max(digits - before, 0), 6)}f}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
 
 
 def split_time(seconds: float) -> tuple[int, int]:

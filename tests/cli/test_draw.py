@@ -4,9 +4,10 @@ import math
 
 import pytest
 from rich.console import Console
+from rich.text import Text
 
 from hexwire.cli.demo import Sample
-from hexwire.cli.draw import LiveView, joint_table
+from hexwire.cli.draw import JointTable, LiveView, SafeConsole, progress
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan
@@ -43,7 +44,7 @@ def sample(**changes: object) -> Sample:
 
 def test_a_table_has_a_row_a_joint() -> None:
     text = drawn(
-        joint_table(("joint", "deg", "condition"), [("J1", "-4.5", "ok"), ("J2", "-", "hot")], [False, True])
+        JointTable(("joint", "deg", "condition"), [("J1", "-4.5", "ok"), ("J2", "-", "hot")], [False, True])
     )
     lines = [line.split() for line in text.splitlines() if line.strip()]
     assert lines[0] == ["joint", "deg", "condition"]
@@ -52,7 +53,7 @@ def test_a_table_has_a_row_a_joint() -> None:
 
 def test_a_faulty_row_is_red() -> None:
     rows = [("J1", "1.0", "ok"), ("J2", "2.0", "overload")]
-    text = drawn(joint_table(HEAD, rows, [False, True]), colour=True)
+    text = drawn(JointTable(HEAD, rows, [False, True]), colour=True)
     one, two = [line for line in text.splitlines() if "J" in line]
     assert "\x1b[1;31m" not in one
     assert "\x1b[1;31m" in two
@@ -101,3 +102,44 @@ def test_a_phase_is_a_line() -> None:
     with console.capture() as capture:
         view.say("pinged", "7 of 7 servos answer, and this line is longer than the terminal is wide")
     assert capture.get() == "    pinged  7 of 7 servos answer, and this line is longer than the terminal is wide\n"
+
+
+EVIL = "J\x1b[2J\u202e[red]x[/red]\n"
+SHOWN = r"J\x1b[2J\u202e[red]x[/red]\n"
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_narrow_terminal_gets_the_table_in_parts(width: int) -> None:
+    head = ("joint", "target deg", "position deg", "error deg", "load %", "age ms", "condition")
+    rows = [
+        ("J1", "-100.1", "-104.5", "+4.4", "12", "100", "ok"),
+        ("J2", "1.5", "2.5", "-1.0", "-", "-", "no answer"),
+    ]
+    text = drawn(JointTable(head, rows, [False, True]), width=width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    for row in (head, *rows):
+        assert all(cell in text for cell in row)
+
+
+def test_names_cannot_command_the_terminal() -> None:
+    console = SafeConsole(width=80)
+    with console.capture() as capture:
+        console.print(JointTable(("joint", "deg"), [(EVIL, "1.0")], [False]))
+        console.print(EVIL)
+        console.print(Text(EVIL))
+    lines = capture.get().splitlines()
+    assert any(line.split() == [SHOWN, "1.0"] for line in lines)
+    assert sum(SHOWN.removesuffix(r"\n") in line for line in lines) == 3
+    assert "\x1b" not in capture.get()
+    assert "\u202e" not in capture.get()
+
+
+def test_what_goes_on_behind_a_bar_cannot_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    with progress() as bar:
+        bar.add_task(EVIL, total=1.0)
+        with bar.console.capture() as capture:
+            bar.console.print(bar.get_renderable())
+    assert SHOWN.removesuffix(r"\n") in capture.get()
+    assert "\x1b" not in capture.get()

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hexwire.errors import ServoError, UsageError
+from hexwire.units import decimal
 
-from .common import confirm, format_table, json_option, on_terminal, port_option, print_json, resolve_url
+from .common import confirm, json_option, on_terminal, port_option, resolve_url
 from .exits import note
+from .output import plain, print_json, say, say_table
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
@@ -143,8 +145,8 @@ def with_unit(value: float, unit: str) -> str:
     import math
 
     if unit.startswith("rad"):
-        return f"{math.degrees(value):.4g} deg{unit[3:]}"
-    return f"{value:.4g} {unit}".rstrip() if unit != "fraction" else f"{value:.1%}"
+        return f"{decimal(math.degrees(value))} deg{unit[3:]}"
+    return f"{decimal(value)} {unit}".rstrip() if unit != "fraction" else f"{plain(100 * value, 1)}%"
 
 
 @click.group()
@@ -173,7 +175,7 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
         if as_json:
             print_json([_found_json(row) for row in found])
         elif found:
-            print(format_table(_FOUND_HEAD, [_found_cells(row) for row in found]))
+            say_table(_FOUND_HEAD, [_found_cells(row) for row in found])
         for row in found:
             if row.shared:
                 note(f"several servos seem to have id {row.servo_id}: connect one alone and `hexwire bus set-id`")
@@ -225,15 +227,15 @@ def _info_json(info: ServoInfo | None) -> dict[str, object]:
 
 
 def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> list[Found]:
-    from rich.progress import Progress
-
     from hexwire.ipc.servo_setup import scan as scan_bus
 
-    with Progress(transient=True) as progress:
-        task = progress.add_task("scanning", total=len(rates) * len(ids))
+    from .draw import progress
+
+    with progress() as bar:
+        task = bar.add_task("scanning", total=len(rates) * len(ids))
 
         def show(baud: int, servo_id: int, found: int) -> None:
-            progress.update(task, advance=1, description=f"{baud} baud, id {servo_id}, {found} found")
+            bar.update(task, advance=1, description=f"{baud} baud, id {servo_id}, {found} found")
 
         return scan_bus(opened, bauds=rates, ids=ids, progress=show)
 
@@ -251,12 +253,12 @@ def ping(ids: str, options: BusOptions) -> None:
             answer = opened.ping(servo_id)
             if answer.error:
                 silent.append(servo_id)
-                print(f"{servo_id}: {answer.error}")
+                say(f"{servo_id}: {answer.error}")
                 continue
             info = identify(opened, servo_id)
             words = "" if info is None else f" {info.series.value if info.series else '?'} {info.model_name}"
             firmware = f" firmware {info.firmware}" if info and info.firmware else ""
-            print(f"{servo_id}: {', '.join(answer.faults) or 'ok'}{words}{firmware}")
+            say(f"{servo_id}: {', '.join(answer.faults) or 'ok'}{words}{firmware}")
         if silent:
             raise ServoError(f"no answer from {', '.join(map(str, silent))}: check cable, power, id and --baud")
 
@@ -298,7 +300,7 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
         if as_json:
             print_json(data)
         else:
-            print(format_table(("id", "register", "raw", "value", "condition"), rows))
+            say_table(("id", "register", "raw", "value", "condition"), rows)
         if errors:
             errors[0].check()
 
@@ -336,7 +338,7 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
                 answer.check()
         now = opened.read(servo_id, name)
         shown = "-" if now.raw is None else f"{now.raw} ({with_unit(now.value, register.si_unit)})"
-        print(f"servo {servo_id} {name}: {shown}")
+        say(f"servo {servo_id} {name}: {shown}")
         if now.faults:
             note(f"warning: servo {servo_id} reports {', '.join(now.faults)}")
 
@@ -374,7 +376,7 @@ def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
     if as_json:
         print_json(data)
     else:
-        print(format_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows))
+        say_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows)
 
 
 # The other commands join the group on import.

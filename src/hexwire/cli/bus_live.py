@@ -19,8 +19,9 @@ from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 
 from .bus import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
-from .common import FiniteFloat, confirm, format_table, on_terminal
+from .common import FiniteFloat, confirm, on_terminal
 from .exits import note, shielded
+from .output import format_table, line_width, plain, say, say_table
 from .samples import Row, SampleFiles, file_options, saving
 from .sim_bus import parse_ids
 
@@ -87,33 +88,30 @@ def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...
         position, speed, load, volts, celsius, amperes = values
         cells = (
             str(block.servo_id),
-            _number(math.degrees(position), 2),
-            _number(math.degrees(speed), 1),
-            _number(load * 100, 1),
-            _number(volts, 1),
-            _number(celsius, 0),
-            _number(amperes * 1000, 0),
+            plain(math.degrees(position), 2),
+            plain(math.degrees(speed), 1),
+            plain(load * 100, 1),
+            plain(volts, 1),
+            plain(celsius, 0),
+            plain(amperes * 1000, 0),
             condition,
         )
         rows.append((cells, (float(block.servo_id), *values)))
     return rows
 
 
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
-
-
 @contextmanager
 def _screen() -> Iterator[Callable[[list[tuple[str, ...]]], None]]:
     """A table that is drawn in place on a terminal, and printed each time elsewhere."""
     if not on_terminal():
-        yield lambda rows: print(format_table(_HEAD, rows), flush=True)
+        yield lambda rows: say_table(_HEAD, rows, flush=True)
         return
-    from rich.live import Live
     from rich.text import Text
 
-    with Live(auto_refresh=False) as live:
-        yield lambda rows: live.update(Text(format_table(_HEAD, rows)), refresh=True)
+    from .draw import live
+
+    with live() as screen:
+        yield lambda rows: screen.update(Text(format_table(_HEAD, rows, width=line_width())), refresh=True)
 
 
 # --- wave ------------------------------------------------------------------------------------------------------
@@ -175,7 +173,7 @@ def wave(
                     note("stopped")
     if samples:
         off = max(abs(row[2] - row[3]) for row in samples)
-        print(f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}")
+        say(f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}")
 
 
 @contextmanager
@@ -345,13 +343,13 @@ def stress(ids: str, count: int, name: str, options: BusOptions) -> None:
         overhead = opened.timing.overhead
     if not took:
         return
-    print(histogram(took))
+    say(*histogram(took).splitlines())
     failed = sum(missing.values())
     values = len(took) * len(wanted)
-    print(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} a second")
-    print(f"values missing: {failed} of {values} ({failed / values:.3%})")
-    print(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
-    print(", ".join(f"{key} {value}" for key, value in counters.items() if value))
+    say(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} a second")
+    say(f"values missing: {failed} of {values} ({failed / values:.3%})")
+    say(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
+    say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
     if failed:
         worst = max(missing, key=lambda servo_id: missing[servo_id])
         raise ServoError(f"{failed} values are missing, most of them of servo {worst}: check its cable and power")

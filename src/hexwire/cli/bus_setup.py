@@ -16,8 +16,9 @@ from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
 from .bus import BusOptions, bus, bus_options, known_servo, open_bus
-from .common import confirm, force_option, format_table, resolve_url
+from .common import confirm, force_option, resolve_url
 from .exits import note
+from .output import format_table, say, say_table
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
         known_servo(opened, old, options)
         confirm(f"Servo {old} becomes servo {new}. Go on?", yes)
         info = servo_setup.set_id(opened, old, new)
-    print(f"servo {old} is servo {info.servo_id} now, and answers")
+    say(f"servo {old} is servo {info.servo_id} now, and answers")
 
 
 @bus.command("set-baud")
@@ -63,7 +64,7 @@ def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions) -> None:
         known_servo(opened, servo_id, options)
         confirm(f"Servo {servo_id} will be heard at {rate} baud only. Go on?", yes)
         servo_setup.set_baud(opened, servo_id, rate)
-    print(f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on")
+    say(f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on")
 
 
 @bus.command()
@@ -78,7 +79,7 @@ def center(servo_id: int, yes: bool, options: BusOptions) -> None:
         known_servo(opened, servo_id, options)
         confirm(f"The present position of servo {servo_id} becomes its middle. Go on?", yes)
         position = servo_setup.center(opened, servo_id)
-    print(f"servo {servo_id} reports {position} here now")
+    say(f"servo {servo_id} reports {position} here now")
 
 
 @bus.command()
@@ -93,7 +94,7 @@ def recover(ids: str, options: BusOptions) -> None:
         for servo_id in parse_ids(ids):
             known_servo(opened, servo_id, options)
             faults = servo_setup.recover(opened, servo_id)
-            print(f"servo {servo_id}: {', '.join(faults) or 'ok'}, torque off")
+            say(f"servo {servo_id}: {', '.join(faults) or 'ok'}, torque off")
             if faults:
                 left.append(servo_id)
     if left:
@@ -114,7 +115,7 @@ def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
         with open_bus(options) as opened:
             rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in wanted]
         out.file.write(serialize_backups(rows).encode())
-    print(f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}")
+    say(f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}")
 
 
 @bus.command()
@@ -138,7 +139,7 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions) -> None:
         confirm(f"Settings of servo {names} will be overwritten. Go on?", yes)
         for row in chosen:
             changed = restore_backup(opened, row.servo_id, row)
-            print(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
+            say(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
 
 
 @bus.command()
@@ -155,9 +156,9 @@ def diff(file: str, options: BusOptions) -> None:
             for name, here, there in compare(now, saved):
                 rows.append((str(saved.servo_id), name, _cell(here), _cell(there)))
     if not rows:
-        print("no differences")
+        say("no differences")
         return
-    print(format_table(("id", "register", "servo", "file"), rows))
+    say_table(("id", "register", "servo", "file"), rows)
     several = len(rows) > 1
     raise ServoError(f"{f'{len(rows)} settings differ' if several else 'one setting differs'} from {file}")
 
@@ -192,7 +193,7 @@ def calibrate(
     with OutputFile(file, force=force) as out:
         found = _calibration(driver, robot, lerobot, seconds, options)
         out.file.write(found.serialize().encode())
-    print(f"{len(found.joints)} joints saved to {file}")
+    say(f"{len(found.joints)} joints saved to {file}")
 
 
 def _calibration(
@@ -243,7 +244,8 @@ def _wizard(arm: BusArm, seconds: int | None) -> Calibration:
         offset = arm.bus.read(joint.servo_id, "position_offset").raw if has_offset else None
         servos[joint.name] = (offset, info.model_name if info else "", info.firmware if info else "")
     rows = [(name, str(low), str(middles[name]), str(high)) for name, (low, high) in sweep.ranges.items()]
-    note(format_table(("joint", "low", "middle", "high"), rows))
+    for line in format_table(("joint", "low", "middle", "high"), rows).splitlines():
+        note(line)
     return sweep.finish(arm.model, _now(), servos)
 
 

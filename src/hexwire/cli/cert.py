@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from .common import FiniteFloat
+from .output import say
 
 __all__ = ["cert"]
 
@@ -58,15 +59,15 @@ def new(
     _check_names([name for name, _ in wanted], Path(folder))
     if not any((Path(folder) / f"{AUTHORITY}{end}").exists() for end in (".pem", ".key")):
         made = make_authority(folder, name=lab)
-        print(f"{made.cert}  the authority; every machine needs it")
-        print(f"{made.key}  its key; keep it to yourself")
+        say(f"{made.cert}  the authority; every machine needs it")
+        say(f"{made.key}  its key; keep it to yourself")
     for name in servers:
         files = issue_certificate(folder, name, "server", hosts=hosts, days=days or CERTIFICATE_DAYS)
-        print(f"{files.cert}, {files.key}  server")
+        say(f"{files.cert}, {files.key}  server")
     for name in clients:
         files = issue_certificate(folder, name, "client", days=days or CERTIFICATE_DAYS)
-        print(f"{files.cert}, {files.key}  client")
-        print(f"    calls tcps://HOST:PORT?ca={folder}/ca.pem&cert={files.cert}&key={files.key}")
+        say(f"{files.cert}, {files.key}  client")
+        say(f"    calls tcps://HOST:PORT?ca={folder}/ca.pem&cert={files.cert}&key={files.key}")
 
 
 def _check_names(names: list[str], folder: Path) -> None:

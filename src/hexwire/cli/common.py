@@ -6,11 +6,10 @@ Owns the options that say which robot is meant, and the form of what is printed.
 from __future__ import annotations
 
 import functools
-import json
 import math
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ import click
 from hexwire.errors import UsageError
 
 from .exits import note
+from .output import format_table, print_json
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -361,22 +361,6 @@ def on_terminal() -> bool:
     return sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
-def print_json(value: object, *, one_line: bool = False) -> None:
-    """Print a value as JSON; NaN and infinity become null, which is what JSON has for them."""
-    text = json.dumps(_finite(value), indent=None if one_line else 2, ensure_ascii=False, allow_nan=False)
-    print(text, flush=one_line)
-
-
-def _finite(value: object) -> object:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
-
-
 def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
     """One joint for JSON, each key with its unit."""
     from hexwire.model.state import JointFlag
@@ -419,22 +403,3 @@ def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
             "check cable, power and id",
             servo_id=servos[0][0],
         )
-
-
-def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns of text; a column whose cells are numbers is aligned to the right."""
-    columns = list(zip(head, *rows, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    numeric = [all(_is_number(cell) for cell in column[1:]) for column in columns]
-    lines = []
-    for row in (head, *rows):
-        cells = [
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(row, widths, numeric, strict=True)
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
-
-
-def _is_number(cell: str) -> bool:
-    return cell == "-" or cell.lstrip("+-").replace(".", "", 1).isdigit()

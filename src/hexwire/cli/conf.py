@@ -14,7 +14,8 @@ import click
 
 from hexwire.new_file import OutputFile
 
-from .common import force_option, format_table, json_option, print_json
+from .common import force_option, json_option
+from .output import print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.ipc.channel import ChannelConf
@@ -39,9 +40,9 @@ def check(file: str, as_json: bool) -> None:
         print_json([_as_json(channel) | {"url": link_url(channel)} for channel in channels])
         return
     if channels:
-        print(_table(channels))
-        print()
-    print(f"{file}: {len(channels)} channel{'s' if len(channels) != 1 else ''}, no error")
+        _say_table(channels)
+        say()
+    say(f"{file}: {len(channels)} channel{'s' if len(channels) != 1 else ''}, no error")
 
 
 @conf.command()
@@ -59,20 +60,20 @@ def convert(source: str, target: str, force: bool) -> None:
     wanted = Path(target).suffix if target != "-" else ("" if Path(source).suffix == ".toml" else ".toml")
     text = to_toml(channels) if wanted == ".toml" else to_conf(channels)
     if target == "-":
-        print(text, end="")
+        say_document(text)
         return
     with OutputFile(target, force=force) as out:
         out.file.write(text.encode())
 
 
-def _table(channels: Sequence[ChannelConf]) -> str:
+def _say_table(channels: Sequence[ChannelConf]) -> None:
     from hexwire.ipc.conf import link_url
 
     rows = [
         (str(c.line or "-"), c.module.name, c.direction.value, c.destination.name, c.interface.name, link_url(c))
         for c in channels
     ]
-    return format_table(("line", "module", "direction", "destination", "interface", "opens"), rows)
+    say_table(("line", "module", "direction", "destination", "interface", "opens"), rows)
 
 
 def _as_json(channel: ChannelConf) -> dict[str, object]:

@@ -18,6 +18,7 @@ from hexwire.errors import HexwireError, ServoError, UsageError
 from .board_process import board_process
 from .common import FiniteFloat, attached, on_terminal, raise_if_silent, resolve_url
 from .exits import note, shielded
+from .output import say
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -80,7 +81,7 @@ class PlainView:
         self._next = 0.0
 
     def say(self, phase: str, text: str) -> None:
-        print(f"{phase}: {text}", flush=True)
+        say(f"{phase}: {text}", flush=True)
 
     def moving(self) -> AbstractContextManager[object]:
         return nullcontext()

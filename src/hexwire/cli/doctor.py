@@ -24,7 +24,8 @@ from hexwire.errors import (
 )
 from hexwire.ipc.diagnose import Finding, Level
 
-from .common import RobotOptions, attached, json_option, make_robot, print_json, robot_options
+from .common import RobotOptions, attached, json_option, make_robot, robot_options
+from .output import print_json, say, say_document
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -74,9 +75,10 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
     _show(findings, as_json)
     if missing and fix:
         path = write_udev_rule(missing)
-        print(f"wrote {path}; now: sudo udevadm control --reload, unplug, plug in")
+        say(f"wrote {path}; now: sudo udevadm control --reload, unplug, plug in")
     elif missing and not as_json:
-        print("\nThe udev rule that is missing (--fix writes it):\n\n" + udev_rule(missing))
+        say("", "The udev rule that is missing (--fix writes it):", "")
+        say_document(udev_rule(missing))
     bad = sum(finding.level is Level.BAD for finding in findings)
     if bad:
         raise DeviceError(f"{bad} thing{'s' if bad > 1 else ''} to put right, marked BAD above")
@@ -92,9 +94,9 @@ def _show(findings: list[Finding], as_json: bool) -> None:
         return
     for finding in findings:
         label = f"{finding.port}: " if finding.port not in ("", finding.about) else ""
-        print(f"{_MARKS[finding.level]}  {label}{finding.about}: {finding.text}")
+        say(f"{_MARKS[finding.level]}  {label}{finding.about}: {finding.text}")
         if finding.advice:
-            print(f"      -> {finding.advice}")
+            say(f"      -> {finding.advice}")
 
 
 def _device(port: str) -> str:

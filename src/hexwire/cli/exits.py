@@ -20,6 +20,8 @@ import click
 
 from hexwire.errors import HexwireError, UsageError
 
+from .output import shown, write
+
 if TYPE_CHECKING:
     from hexwire.ipc.tap import Missed
 
@@ -61,7 +63,8 @@ def run(call: Callable[[], object]) -> int:
         # click leaves this way when the reader of a pipe has gone.
         return error.code if isinstance(error.code, int) else DEVICE
     except click.exceptions.NoArgsIsHelpError as error:
-        print(error.format_message(), file=sys.stderr)
+        for line in error.format_message().splitlines():
+            note(line)
         return USAGE
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
@@ -98,7 +101,7 @@ def speak(text: str) -> None:
         OSError: Standard error is closed, or the disk behind it is full. What is said later goes nowhere.
     """
     try:
-        print(text, file=sys.stderr, flush=True)
+        write(sys.stderr, shown(text) + "\n", flush=True)
     except OSError:
         # What is still buffered must not be tried again at exit: that would change the exit status.
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # as long as the program

@@ -16,11 +16,11 @@ from .common import (
     attached,
     json_option,
     make_robot,
-    print_json,
     resolve_url,
     robot_options,
 )
 from .exits import note
+from .output import print_json, say, say_document
 
 __all__ = ["firmware"]
 
@@ -55,7 +55,7 @@ def build(source: str | None, host_baud: str, as_json: bool) -> None:
     if as_json:
         print_json(asdict(report) | {"hex_file": str(report.hex_file)})
     else:
-        print(f"{report.hex_file}\nversion {report.version}, host line at {report.host_baud}\n{report.size}")
+        say(report.hex_file, f"version {report.version}, host line at {report.host_baud}", report.size)
 
 
 @firmware.command()
@@ -92,7 +92,7 @@ def flash(
     command = tools.flash_command(device, image)
     note(f"board: {device} ({guess})")
     if dry_run:
-        print(shlex.join(command))
+        say_document(shlex.join(command))
         return
     tools.run_flash(command)
     note("written and verified; waiting for the board")
@@ -101,7 +101,7 @@ def flash(
         from hexwire.errors import DeviceError
 
         raise DeviceError(f"the board runs {running} after version {version} was written; is it the same board?")
-    print(f"the board runs version {running}")
+    say(f"the board runs version {running}")
 
 
 @firmware.command()
@@ -133,13 +133,13 @@ def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
         )
         return
     if not report.firmware:
-        print("the board speaks the chapter's dialect only and does not say its version")
+        say("the board speaks the chapter's dialect only and does not say its version")
     else:
-        print(f"version {report.firmware}, boot id {report.boot_id:08x}")
-        print(f"can {', '.join(report.capabilities).replace('_', ' ')}")
+        say(f"version {report.firmware}, boot id {report.boot_id:08x}")
+        say(f"can {', '.join(report.capabilities).replace('_', ' ')}")
     if available:
         same = " (the same)" if available == report.firmware else ""
-        print(f"sources {available}{same}")
+        say(f"sources {available}{same}")
 
 
 def _version_of(options: RobotOptions) -> str:

@@ -13,14 +13,13 @@ import click
 from .common import (
     RobotOptions,
     fault_names,
-    format_table,
     json_option,
     open_robot,
-    print_json,
     raise_if_silent,
     robot_options,
 )
 from .exits import note
+from .output import print_json, say, say_table
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport
@@ -66,7 +65,7 @@ def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
             row = _Ping(servo_id, joint.name if joint else None, there, fault_names(error or 0), trip)
             pings.append(row)
             if not as_json:
-                print(row, flush=True)
+                say(row, flush=True)
     if as_json:
         print_json([asdict(row) for row in pings])
     raise_if_silent([(row.servo_id, row.joint) for row in pings if not row.present])
@@ -82,11 +81,11 @@ def probe(options: RobotOptions, as_json: bool) -> None:
     if as_json:
         print_json(asdict(report))
     else:
-        print(_report_in_words(report))
+        _say_report(report)
     raise_if_silent([(joint.servo_id, joint.name) for joint in report.joints if not joint.present])
 
 
-def _report_in_words(report: ProbeReport) -> str:
+def _say_report(report: ProbeReport) -> None:
     facts = [
         ("robot", report.robot),
         ("link", report.link),
@@ -97,14 +96,13 @@ def _report_in_words(report: ProbeReport) -> str:
         ("stopped", "yes; 'hexwire resume' ends that" if report.stopped else "no"),
         ("state", "in maintenance: settings of servos may be written, nothing moves" if report.maintenance else ""),
     ]
-    lines = [f"{name:9} {value}" for name, value in facts if value]
+    say(*(f"{name:9} {value}" for name, value in facts if value), "")
     rows = [
         (j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.remarks) for j in report.joints
     ]
-    lines += ["", format_table(("joint", "servo", "series", "there", ""), rows)]
+    say_table(("joint", "servo", "series", "there", ""), rows)
     counted = [f"{name.replace('_', ' ')} {count}" for name, count in report.counters.items() if count]
-    lines += ["", "counters  " + (", ".join(counted) or "all 0")]
-    return "\n".join(lines)
+    say("", "counters  " + (", ".join(counted) or "all 0"))
 
 
 @click.command()
@@ -120,4 +118,4 @@ def ports(as_json: bool) -> None:
         note("no serial port on this machine; 'hexwire sim board' makes one with a simulated board")
     else:
         rows = [(p.device, p.usb_id or "-", p.guess, "yes" if p.likely_board else "") for p in found]
-        print(format_table(("device", "usb id", "probably", "board?"), rows))
+        say_table(("device", "usb id", "probably", "board?"), rows)

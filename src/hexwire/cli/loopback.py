@@ -11,8 +11,9 @@ import click
 
 from hexwire.errors import LinkError, UsageError
 
-from .common import format_table, json_option, on_terminal, port_option, print_json, resolve_url
+from .common import json_option, on_terminal, port_option, resolve_url
 from .exits import note
+from .output import print_json, say_table
 
 __all__ = ["loopback"]
 
@@ -61,7 +62,7 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
         )
     else:
         rows = [[str(r.baud), str(r.sent), str(r.returned), str(r.wrong), r.verdict] for r in results]
-        print(format_table(["baud", "sent", "back", "wrong", "verdict"], rows))
+        say_table(["baud", "sent", "back", "wrong", "verdict"], rows)
     bad = [str(r.baud) for r in results if not r.good]
     if bad:
         raise LinkError(f"the loopback fails at {', '.join(bad)} baud", url=url)

@@ -19,7 +19,8 @@ from hexwire.errors import LimitError, UsageError
 from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 
-from .common import FiniteFloat, force_option, format_table, json_option, print_json, refuse_idle_force
+from .common import FiniteFloat, force_option, json_option, refuse_idle_force
+from .output import plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel, Solution
@@ -73,20 +74,17 @@ def fk(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None
     for key, value in report.items():
         if key == "rotation":
             for name, row in zip(("rotation", "", ""), value, strict=True):
-                print(f"{name:12} " + "  ".join(f"{_clean(v, 6):9.6f}" for v in row))
+                say(f"{name:12} " + "  ".join(f"{plain(v, 6):>9}" for v in row))
         elif key in {"violations", "near_singularity"}:
             for text in value:
-                print(f"{'warning':12} {'near a singularity: ' if key == 'near_singularity' else ''}{text}")
+                say(f"{'warning':12} {'near a singularity: ' if key == 'near_singularity' else ''}{text}")
         elif isinstance(value, tuple):
             digits = 5 if key.endswith("_m") else 3
-            print(
-                f"{key.replace('_', ' '):12} "
-                + "  ".join(f"{_clean(v, digits):{digits + 6}.{digits}f}" for v in value)
-            )
+            say(f"{key.replace('_', ' '):12} " + "  ".join(f"{plain(v, digits):>{digits + 6}}" for v in value))
         elif isinstance(value, float):
-            print(f"{key.replace('_', ' '):12} {value:.3f}")
+            say(f"{key.replace('_', ' '):12} {plain(value, 3)}")
         elif isinstance(value, str):
-            print(f"{key:12} {value}")
+            say(f"{key:12} {value}")
 
 
 def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any]:
@@ -166,11 +164,8 @@ def ik(
         print_json({"robot": arm.name, "solutions": rows})
         return
     names = [r.name for r in arm.ranges][: len(solutions[0].angles)]
-    cells = [
-        (*(f"{_clean(math.degrees(a), 4):.4f}" for a in s.angles), s.branch, _short(s.violations))
-        for s in solutions
-    ]
-    print(format_table((*names, "branch", ""), cells))
+    cells = [(*(plain(math.degrees(a), 4) for a in s.angles), s.branch, _short(s.violations)) for s in solutions]
+    say_table((*names, "branch", ""), cells)
 
 
 def _solve(
@@ -261,11 +256,11 @@ def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> N
         )
     else:
         for name, value in singular.measures.items():
-            print(f"{name:10} {value:.3f}{'  near a singularity' if name in singular.near else ''}")
+            say(f"{name:10} {plain(value, 3)}{'  near a singularity' if name in singular.near else ''}")
     if found:
         raise LimitError("; ".join(found))
     if not as_json:
-        print("allowed")
+        say("allowed")
 
 
 @model.command()
@@ -280,7 +275,7 @@ def urdf(links: str, robot: str, output: str | None, force: bool) -> None:
     text = make_urdf(make_kinematics(robot, links))
     if output is None:
         refuse_idle_force(force, "the file of --output")
-        print(text, end="")
+        say_document(text)
     else:
         with OutputFile(output, force=force) as out:
             out.file.write(text.encode())
@@ -294,8 +289,3 @@ def _short(violations: Sequence[str]) -> str:
 
 def _mm(v: Sequence[float]) -> tuple[float, ...]:
     return tuple(1e3 * x for x in v)
-
-
-def _clean(value: float, digits: int) -> float:
-    # "-0.000" would have a reader look for a meaning.
-    return round(value, digits) + 0.0

@@ -17,6 +17,7 @@ import click
 
 from hexwire.errors import UsageError
 from hexwire.model.geometry import kinematics_or_none, make_kinematics
+from hexwire.units import decimal
 
 from .common import (
     FiniteFloat,
@@ -32,6 +33,7 @@ from .common import (
 )
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
+from .output import say
 from .plot import open_picture
 from .run_motion import MotionOptions, run_motion, torque_up
 
@@ -325,7 +327,7 @@ def teach(
             if recording.count:
                 note(f"{recording.count} states are kept in {file}")
             raise
-    print(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
+    say(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
 
 
 def _record_by_hand(
@@ -390,7 +392,7 @@ def _unit(model: KinematicModel) -> float:
 
 def _place_words(model: KinematicModel, goal: Pose) -> str:
     unit = _unit(model)
-    return " ".join(f"{v / unit:.4g}" for v in goal.position) + (" mm" if unit == 1e-3 else " m")
+    return " ".join(decimal(v / unit) for v in goal.position) + (" mm" if unit == 1e-3 else " m")
 
 
 def _read_taught(file: str) -> Taught:
@@ -415,7 +417,7 @@ def _save(taught: Taught, file: str, save: str, force: bool) -> None:
     with RecordingWriter(save, force=force) as recording:
         for t, row in zip(taught.times, taught.rows, strict=True):
             recording.joint_state(make_positions(taught.names, row), begin + t)
-    print(f"{recording.count} states, {taught.duration:.2f} s in {save}")
+    say(f"{recording.count} states, {taught.duration:.2f} s in {save}")
 
 
 def _want_mcap(file: str) -> None:

@@ -20,7 +20,6 @@ from .common import (
     json_option,
     make_robot,
     on_terminal,
-    print_json,
     raise_if_silent,
     refuse_table,
     robot_options,
@@ -28,6 +27,7 @@ from .common import (
 )
 from .exits import note, shielded
 from .model import links_option
+from .output import print_json, say
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -95,15 +95,15 @@ def move(
     kinematics = kinematics_or_none(robot.model.name, links, for_motion=True)
     if kinematics is None:
         refuse_table(robot.model)
-    say: Callable[[str], object] = (lambda _: None) if as_json else print
+    tell: Callable[[str], object] = (lambda _: None) if as_json else say
     shortfall = ""
     with attached(robot), hold_on_ctrl_c(robot):
         switched_on = _torque_on(robot, list(goal), _check_way(robot, goal, kinematics, table))
         if switched_on:
-            say(f"torque on: {' '.join(switched_on)}")
+            tell(f"torque on: {' '.join(switched_on)}")
         sent = robot.write(JointTarget.of(goal, duration))
         words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
-        say(f"moving to: {words} deg in {sent.duration:.2f} s")
+        tell(f"moving to: {words} deg in {sent.duration:.2f} s")
         if sent.clamped:
             note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
         if wait:
@@ -115,7 +115,7 @@ def move(
     if shortfall:
         raise ServoError(shortfall)
     if wait:
-        say("arrived")
+        tell("arrived")
 
 
 def parse_targets(words: Sequence[str]) -> list[tuple[str, float]]:
@@ -281,9 +281,9 @@ def _shortfall(state: JointState, goal: dict[str, float], tolerance: float, seco
 
 @contextmanager
 def _progress() -> Iterator[Callable[[float, str], None]]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from .draw import progress
 
-    with Progress(BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"), transient=True) as bar:
+    with progress() as bar:
         task = bar.add_task("", total=1.0)
         yield lambda share, text: bar.update(task, completed=share, description=text)
 

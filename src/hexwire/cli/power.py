@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .common import RobotOptions, open_robot, robot_options
+from .output import say
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -60,9 +61,9 @@ def resume(options: RobotOptions) -> None:
         if tripped and watchdog is not None:
             # Or it would stop the arm again as soon as this program has ended.
             watchdog(0.0)
-            print("the watchdog of the program that fell silent is off")
+            say("the watchdog of the program that fell silent is off")
         on = robot.read().torque_on
-        print(f"resumed; torque on: {' '.join(on) or 'none'}")
+        say(f"resumed; torque on: {' '.join(on) or 'none'}")
 
 
 def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], words: str) -> None:
@@ -73,7 +74,7 @@ def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], wo
     """
     from hexwire.errors import ServoError
 
-    print(f"{words}: {' '.join(confirmed) or 'none'}")
+    say(f"{words}: {' '.join(confirmed) or 'none'}")
     missing = [model.joint(name) for name in wanted if name not in confirmed]
     if missing:
         names = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in missing)

@@ -23,8 +23,9 @@ from hexwire.ipc.link import Link
 from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
 from hexwire.new_file import OutputFile
 
-from .common import force_option, format_table, observing_states
+from .common import force_option, observing_states
 from .exits import note, tell_missed
+from .output import say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
@@ -105,11 +106,11 @@ def info(file: BinaryIO) -> None:
         counts[key] = counts.get(key, 0) + 1
         first, last = min(first, message.time), max(last, message.time)
     rows = [(topic, schema, str(count)) for (topic, schema), count in sorted(counts.items())]
-    click.echo(format_table(("topic", "schema", "messages"), rows))
+    say_table(("topic", "schema", "messages"), rows)
     if rows:
-        click.echo(f"{last - first:.3f} s, from {first:.6f}")
+        say(f"{last - first:.3f} s, from {first:.6f}")
     for remark in remarks:
-        click.echo(f"! {remark}")
+        say(f"! {remark}")
 
 
 @record.command()
@@ -132,7 +133,7 @@ def export(file: BinaryIO, target: str, force: bool) -> None:
             text = io.TextIOWrapper(out.file, encoding="utf-8", newline="")
             count = (_csv if form == ".csv" else _jsonl)(data, file.name, text)
             text.detach()
-    click.echo(f"{count} {'states' if form == '.csv' else 'messages'} written to {target}")
+    say(f"{count} {'states' if form == '.csv' else 'messages'} written to {target}")
 
 
 @record.command()
@@ -147,7 +148,7 @@ def recover(file: str, target: str, force: bool) -> None:
         raise UsageError("give the recovered recording another name; the damaged one stays as it is")
     with Path(file).open("rb") as source, OutputFile(target, force=force) as out:
         saved = save(source, file, out.file)
-    click.echo(f"{saved.messages} messages saved to {target}")
+    say(f"{saved.messages} messages saved to {target}")
     if saved.problem:
         note(saved.problem)
 
@@ -170,7 +171,7 @@ def plot(file: str, picture: str, force: bool) -> None:
         drawn = MotionPlot(first.names, title=Path(file).name)
         drawn.planned = [(s.time - first.time, s.position) for s in states if s.names == first.names]
         drawn.draw(out)
-    click.echo(f"{len(drawn.planned)} states drawn to {picture}")
+    say(f"{len(drawn.planned)} states drawn to {picture}")
 
 
 @record.command()
@@ -196,7 +197,7 @@ def replay(file: BinaryIO, link: str | None, baud: int) -> None:
             transfers.append(RecordedTransfer(item.direction is Direction.SENT, item.data, item.time))
     device = ReplayedBoard(transfers, start=time.monotonic())
     note(f"answers {device.known} different requests")
-    serve_board(device, link=link, baud=baud, stop=lambda: False, announce=lambda path: click.echo(path))
+    serve_board(device, link=link, baud=baud, stop=lambda: False, announce=say_document)
 
 
 def _messages(file: BinaryIO) -> Iterator[Message | str]:

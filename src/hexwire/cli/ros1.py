@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import UsageError
 
 from .exits import ends_like_ctrl_c, run
+from .output import say, say_document
 
 if TYPE_CHECKING:
     from hexwire.ros1.parameters import Parameter
@@ -118,7 +119,7 @@ def _main(args: Sequence[str]) -> int | None:
     if options[0] not in _OPTIONS:
         hint = "; a parameter is given as _port:=/dev/ttyUSB0" if not options[0].startswith("-") else ""
         raise UsageError(f"no option {options[0]!r}{hint} (see '{PROGRAM} --help')")
-    print(_OPTIONS[options[0]]())
+    say_document(_OPTIONS[options[0]]())
     return None
 
 
@@ -130,8 +131,8 @@ def _write_messages(args: Sequence[str]) -> None:
 
     folder = Path(args[1])
     for package in write_messages(folder):
-        print(package)
-    print(f"export PYTHONPATH={shlex.quote(str(folder.resolve()))}:$PYTHONPATH")
+        say(package)
+    say_document(f"export PYTHONPATH={shlex.quote(str(folder.resolve()))}:$PYTHONPATH")
 
 
 def _find_ros() -> None:

@@ -16,6 +16,7 @@ from hexwire.ipc.tap import Missed
 
 from .exits import note, shielded, tell_missed
 from .move import hold_on_ctrl_c
+from .output import say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def run_motion(
     where = dict(start)
     for name, leg in legs:
         report = check_trajectory(leg, robot.model, model, others=where, table=options.table).require()
-        print(f"{name}: {_in_words(report)}")
+        say(f"{name}: {_in_words(report)}")
         where.update(zip(leg.names, leg.goal, strict=True))
     plot = _planned(legs, model, start, title)
     missed = Missed()
@@ -128,7 +129,7 @@ def run_motion(
             draw = plot.draw if options.dry_run else missed.guard(plot.draw)
             draw(options.plot)
             if missed.first is None:
-                print(f"drawn: {options.plot.path}")
+                say(f"drawn: {options.plot.path}")
             # Harmless for one that was drawn.
             options.plot.discard()
         tell_missed(f"the picture {options.plot.path if options.plot else ''}", missed)
@@ -207,7 +208,7 @@ def _drive(
         note(f"warning: line or machine are too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
     if off:
         raise ServoError(f"did not arrive: {off}")
-    print("arrived")
+    say("arrived")
 
 
 def _settle(loop: MotionLoop, names: Sequence[str], goal: Sequence[float]) -> str:

@@ -16,6 +16,7 @@ from hexwire.errors import UsageError
 
 from .common import FiniteFloat
 from .exits import note
+from .output import say_document
 from .sim_bus import bus
 from .sim_puma import puma260
 
@@ -99,7 +100,7 @@ def board(
 
 
 def _announce(path: str) -> None:
-    print(path, flush=True)
+    say_document(path)
     if sys.stdout.isatty():
         note(f"try 'hexwire state --port {path}' in another terminal; Ctrl-C ends the board")
 

@@ -15,6 +15,7 @@ import click
 from hexwire.errors import UsageError
 
 from .exits import note
+from .output import say_document
 
 __all__ = ["bus", "parse_ids"]
 
@@ -97,7 +98,7 @@ def bus(
 
 
 def _announce(path: str) -> None:
-    print(path, flush=True)
+    say_document(path)
     if sys.stdout.isatty():
         note(f"try 'hexwire bus scan --port {path}' in another terminal; Ctrl-C ends the bus")
 

@@ -11,6 +11,7 @@ import time
 import click
 
 from .exits import note
+from .output import say_document
 
 __all__ = ["parse_address", "puma260"]
 
@@ -68,6 +69,6 @@ def parse_address(text: str) -> tuple[str, int]:
 def _announce(url: str) -> None:
     # Ours to hear on, the other side's to call.
     url = url.replace("-listen://", "://").partition("?")[0]
-    print(url, flush=True)
+    say_document(url)
     if sys.stdout.isatty():
         note(f"try 'hexwire --robot puma260 state --port {url}' in another terminal; Ctrl-C ends it")

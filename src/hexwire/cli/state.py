@@ -14,15 +14,14 @@ from .common import (
     FiniteFloat,
     RobotOptions,
     fault_names,
-    format_table,
     joint_json,
     json_option,
     on_terminal,
     open_robot,
-    print_json,
     raise_if_silent,
     robot_options,
 )
+from .output import plain, print_json, say, say_table
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -56,9 +55,9 @@ def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> Non
             if as_json:
                 print_json(state_json(joints, robot.model))
             else:
-                print(format_table(_HEAD, [_cells(joint) for joint in joints]))
+                say_table(_HEAD, [_cells(joint) for joint in joints])
                 for line in _remarks(joints):
-                    print(line)
+                    say(line)
             raise_if_silent([(robot.model.joint(name).servo_id, name) for name in joints.silent])
 
 
@@ -96,24 +95,23 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
     elif not on_terminal():
         for seconds in ticks:
             joints = robot.read()
-            angles = "  ".join(f"{j.name} {_number(math.degrees(j.position), 2)}" for j in joints)
+            angles = "  ".join(f"{j.name} {plain(math.degrees(j.position), 2)}" for j in joints)
             odd = [f"{j.name} {condition(j)}" for j in joints if condition(j) != "ok"]
-            print("; ".join([f"{seconds:8.1f} s  {angles} deg", *odd, *_remarks(joints)]), flush=True)
+            say("; ".join([f"{seconds:8.1f} s  {angles} deg", *odd, *_remarks(joints)]), flush=True)
     else:
         from rich.console import Group
-        from rich.live import Live
         from rich.text import Text
 
-        from .draw import joint_table
+        from .draw import JointTable, live
 
-        with Live(auto_refresh=False, transient=False) as live:
+        with live() as screen:
             for _ in ticks:
                 joints = robot.read()
                 faulty = [condition(joint) != "ok" for joint in joints]
                 remarks = [Text(line, style="bold red") for line in _remarks(joints)]
                 foot = Text(f"{robot.session.ipc.link.url}, {rate:g} Hz; Ctrl-C ends", style="dim")
-                table = joint_table(_HEAD, [_cells(joint) for joint in joints], faulty)
-                live.update(Group(table, *remarks, foot), refresh=True)
+                table = JointTable(_HEAD, [_cells(joint) for joint in joints], faulty)
+                screen.update(Group(table, *remarks, foot), refresh=True)
 
 
 def _remarks(state: JointState) -> list[str]:
@@ -129,18 +127,13 @@ def _cells(joint: JointReading) -> tuple[str, ...]:
 
     return (
         joint.name,
-        _number(math.degrees(joint.position), 2),
-        _number(math.degrees(joint.velocity), 1),
-        _number(100 * joint.load, 1),
-        _number(1000 * joint.current, 0),
-        _number(joint.voltage, 1),
-        _number(joint.temperature, 0),
-        _number(1000 * joint.age, 0),
+        plain(math.degrees(joint.position), 2),
+        plain(math.degrees(joint.velocity), 1),
+        plain(100 * joint.load, 1),
+        plain(1000 * joint.current, 0),
+        plain(joint.voltage, 1),
+        plain(joint.temperature, 0),
+        plain(1000 * joint.age, 0),
         "on" if joint.flags & JointFlag.TORQUE_ON else "off",
         condition(joint),
     )
-
-
-def _number(value: float, digits: int) -> str:
-    # "-0.0" would have a reader look for a meaning.
-    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "-"

@@ -19,6 +19,7 @@ from hexwire.errors import DeviceError, HexwireError, StoppedError, UsageError
 from .common import FiniteFloat, RobotOptions, make_robot, open_robot, refuse_table, robot_options, table_options
 from .exits import note, shielded
 from .model import links_option
+from .output import say
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -49,7 +50,7 @@ def list_() -> None:
     if not found:
         note("no joystick is plugged in, or this user may not read /dev/input")
     for path in found:
-        print(path)
+        say(path)
 
 
 @joystick.command()
@@ -65,7 +66,7 @@ def show(device: str | None) -> None:
             if state != before:
                 axes = "  ".join(f"{number}:{value:+.2f}" for number, value in enumerate(state.axes))
                 down = " ".join(str(i) for i in range(32) if state.pressed(i))
-                print(f"axes {axes}  buttons {down or 'none'}", flush=True)
+                say(f"axes {axes}  buttons {down or 'none'}", flush=True)
             before = state
 
 

@@ -13,6 +13,7 @@ import click
 from hexwire.errors import ServoError
 
 from .common import FiniteFloat, RobotOptions, open_robot, robot_options
+from .output import say
 
 __all__ = ["grip", "pump"]
 
@@ -59,7 +60,7 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
             pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
             if pressed >= _PRESSED:
                 gripper.keep(state)
-                print(f"holds something at {100 * gripper.share(state):.0f} % open")
+                say(f"holds something at {100 * gripper.share(state):.0f} % open")
                 return
             if abs(state[gripper.joint.name].position - angle) < gripper.joint.scale * 5:
                 break
@@ -68,7 +69,7 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
                 f"it is not known where {gripper.joint.name} is: no answer; check cable, power and id",
                 servo_id=gripper.joint.servo_id,
             )
-        print(f"{round(100 * gripper.share(state)) + 0} % open")
+        say(f"{round(100 * gripper.share(state)) + 0} % open")
         if not abs(gripper.share(state) - share) <= 0.1:
             raise ServoError(f"{gripper.joint.name} did not get there", servo_id=gripper.joint.servo_id)
 
@@ -102,4 +103,4 @@ def pump(how: str, seconds: float, options: RobotOptions) -> None:
         elif how == "off":
             suction.off()
         running, open_valve = suction.read()
-        print(f"pump {'on' if running else 'off'}, valve {'open' if open_valve else 'shut'}")
+        say(f"pump {'on' if running else 'off'}, valve {'open' if open_valve else 'shut'}")

@@ -5,7 +5,6 @@ Owns arguments and printing. What the bytes mean is `hexwire.trace`'s.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import BinaryIO
@@ -19,6 +18,7 @@ from hexwire.trace.explain import Explained, Explainer
 from hexwire.trace.sources import read_traffic
 
 from .exits import speak, tell_missed
+from .output import print_json, say
 
 __all__ = ["trace", "tracing"]
 
@@ -102,15 +102,18 @@ def decode(file: BinaryIO, as_json: bool) -> None:
 
 
 def _remark(text: str, as_json: bool) -> None:
-    click.echo(json.dumps({"kind": "remark", "text": text}) if as_json else f"! {text}")
+    if as_json:
+        print_json({"kind": "remark", "text": text}, one_line=True)
+    else:
+        say(f"! {text}")
 
 
 def _show(explained: Explained, as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps(explained.as_fields()))
+        print_json(explained.as_fields(), one_line=True)
         return
     arrow = "->" if explained.direction is Direction.SENT else "<-"
     stamp = f"{explained.time:.6f} " if explained.time else ""
-    click.echo(f"{stamp}{arrow} {explained.kind}, {len(explained.data)} bytes: {explained.data.hex(' ').upper()}")
+    say(f"{stamp}{arrow} {explained.kind}, {len(explained.data)} bytes: {explained.data.hex(' ').upper()}")
     for line in _lines(explained):
-        click.echo(_INDENT + line)
+        say(_INDENT + line)

@@ -19,6 +19,7 @@ from hexwire.ipc.session import Session
 from hexwire.model.puma260 import PUMA260, angles_to_counts, counts_to_angles
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target, needed_duration
+from hexwire.units import decimal
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import IpcType, ModuleType
@@ -255,7 +256,8 @@ class Puma260Driver(RobotDriver):
             # A millisecond of grace: what one call has slowed, the next must not find too fast.
             if needed > time - when + 0.001:
                 raise UsageError(
-                    f"the waypoint at {time:g} s is {needed - (time - when):.3g} s too early for the speed limits"
+                    f"the waypoint at {time:g} s is {decimal(needed - (time - when), 3)} s too early for the "
+                    "speed limits"
                 )
             before, when = goal, time
         self._send(trajectory)
@@ -279,8 +281,8 @@ class Puma260Driver(RobotDriver):
         for joint, speed in zip(joints, commands.velocity, strict=False):
             if abs(speed) > joint.max_speed * (1 + 1e-9):
                 raise UsageError(
-                    f"{joint.name} at {math.degrees(speed):.4g} deg/s is over its limit of "
-                    f"{math.degrees(joint.max_speed):.4g} deg/s; nothing was sent"
+                    f"{joint.name} at {decimal(math.degrees(speed))} deg/s is over its limit of "
+                    f"{decimal(math.degrees(joint.max_speed))} deg/s; nothing was sent"
                 )
         named = replace(commands, name=tuple(joint.name for joint in joints))
         check_reply(self.commands.request(Command.JOINT_COMMANDS, named.serialize()))

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from hexwire.errors import LimitError, UsageError
+from hexwire.units import decimal
 
 __all__ = ["ArmModel", "JointModel"]
 
@@ -72,8 +73,8 @@ class JointModel:
         if not self.minimum - grace <= angle <= self.maximum + grace:
             low, high = math.degrees(self.minimum), math.degrees(self.maximum)
             raise LimitError(
-                f"{self.name}={math.degrees(angle):.4g} deg is outside its limits {low:.4g} to {high:.4g} deg; "
-                "nothing was sent"
+                f"{self.name}={decimal(math.degrees(angle))} deg is outside its limits {decimal(low)} to "
+                f"{decimal(high)} deg; nothing was sent"
             )
 
 

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexwire.errors import UsageError
+from hexwire.units import decimal
 
 from .arm import ArmModel
 from .batch import hex7bot_forward_many, hex7bot_inverse_many
@@ -245,15 +246,15 @@ class Hex7BotModel(KinematicModel):
             side = "open" if elbow > high else "folded"
             off = math.degrees(elbow - high if elbow > high else low - elbow)
             found.append(
-                f"elbow {side} {off:.3g} deg too far: {math.degrees(elbow):.4g} deg between upper arm and forearm, "
-                f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg allowed"
+                f"elbow {side} {decimal(off, 3)} deg too far: {decimal(math.degrees(elbow))} deg between upper arm "
+                f"and forearm, {decimal(math.degrees(low))} to {decimal(math.degrees(high))} deg allowed"
             )
         gate = k.elevation
         if gate is not None and gate.elevation(t1, elbow) > gate.maximum + 1e-9:
             raised = math.degrees(gate.elevation(t1, elbow))
             found.append(
-                f"arm raised {raised - math.degrees(gate.maximum):.3g} deg too far: {raised:.4g} deg from shoulder "
-                f"to wrist, {math.degrees(gate.maximum):.4g} deg allowed"
+                f"arm raised {decimal(raised - math.degrees(gate.maximum), 3)} deg too far: {decimal(raised)} deg "
+                f"from shoulder to wrist, {decimal(math.degrees(gate.maximum))} deg allowed"
             )
         return tuple(found)
 

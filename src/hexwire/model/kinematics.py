@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import LimitError, UsageError
+from hexwire.units import decimal
 
 from .pose import Matrix, Pose, Vector
 
@@ -229,9 +230,9 @@ class KinematicModel(ABC):
             excess = limit.excess(angle)
             if excess:
                 found.append(
-                    f"{limit.name}={math.degrees(angle):.4g} deg is {math.degrees(abs(excess)):.3g} deg "
-                    f"{'above' if excess > 0 else 'below'} its limits {math.degrees(limit.minimum):.4g} to "
-                    f"{math.degrees(limit.maximum):.4g} deg"
+                    f"{limit.name}={decimal(math.degrees(angle))} deg is {decimal(math.degrees(abs(excess)), 3)} "
+                    f"deg {'above' if excess > 0 else 'below'} its limits {decimal(math.degrees(limit.minimum))} "
+                    f"to {decimal(math.degrees(limit.maximum))} deg"
                 )
         return tuple(found)
 

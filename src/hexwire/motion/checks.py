@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from hexwire.errors import LimitError
 from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
+from hexwire.units import decimal
 
 from .fence import Fence
 from .waypoints import Sample, Trajectory
@@ -148,8 +149,8 @@ def check_trajectory(
                 note(
                     f"{joint.name} speed",
                     t,
-                    f"{joint.name} would turn at {math.degrees(speed):.4g} deg/s, "
-                    f"{math.degrees(joint.max_speed):.4g} are allowed",
+                    f"{joint.name} would turn at {decimal(math.degrees(speed))} deg/s, "
+                    f"{decimal(math.degrees(joint.max_speed))} are allowed",
                 )
         if fence is not None:
             where = dict(others or {})

@@ -14,6 +14,7 @@ from enum import Enum
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget
+from hexwire.units import decimal
 
 from .safety import Guard, SafetyLimits, StopReason
 from .trajectory import PEAK_SPEED
@@ -165,7 +166,9 @@ class Follower:
             # The blend closes the gap as a quintic does, whose peak speed is above its mean.
             if not PEAK_SPEED * abs(b - a) <= self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
                 gap = math.degrees(abs(b - a))
-                raise LimitError(f"the trajectory begins {gap:.3g} deg from where {name} is; move there first")
+                raise LimitError(
+                    f"the trajectory begins {decimal(gap, 3)} deg from where {name} is; move there first"
+                )
         return Blend(old, switch, trajectory, seconds)
 
     def set_point(self, positions: Mapping[str, float], now: float) -> None:

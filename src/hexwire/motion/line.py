@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose, distance, rotation_between, slerp
+from hexwire.units import decimal
 
 from .optimal import Trapezoid
 from .waypoints import Sample, Trajectory
@@ -123,8 +124,8 @@ class Line(Trajectory):
                     2
                 ]
                 raise LimitError(
-                    f"at {share:.0%} of the line: {joint} would have to turn {math.degrees(jump):.3g} deg at once; "
-                    "the line leads past a singularity, take another or move the joints"
+                    f"at {share:.0%} of the line: {joint} would have to turn {decimal(math.degrees(jump), 3)} deg "
+                    "at once; the line leads past a singularity, take another or move the joints"
                 )
             knots.append(angles)
         return knots

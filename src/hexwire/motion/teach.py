@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import LONGEST
+from hexwire.units import decimal
 
 from .optimal import time_optimal
 from .waypoints import Spline, Trajectory, Waypoint
@@ -134,7 +135,7 @@ class Taught:
         """
         if not self.duration <= LONGEST:
             raise UsageError(
-                f"what was recorded lasts {self.duration:.4g} s, and a motion may take {LONGEST:g} s: "
+                f"what was recorded lasts {decimal(self.duration)} s, and a motion may take {LONGEST:g} s: "
                 "was the clock set meanwhile? Take a part, with --from and --to"
             )
         n = len(self.times)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from hexwire.errors import UsageError
 from hexwire.model.state import LONGEST
+from hexwire.units import decimal
 
 from .trajectory import Quintic
 
@@ -69,7 +70,7 @@ class Trajectory(ABC):
         if not 0 < period < math.inf:
             raise UsageError(f"a period of {period:g} s makes no sense")
         if not self.duration / period <= _MOST_SAMPLES:
-            raise UsageError(f"{self.duration:.4g} s in steps of {period:.4g} s are too many samples")
+            raise UsageError(f"{decimal(self.duration)} s in steps of {decimal(period)} s are too many samples")
         # A hair less, so that rounding makes no sample just before the end.
         count = math.ceil(self.duration / period - 1e-9)
         for i in range(count):
@@ -242,7 +243,7 @@ class Scaled(Trajectory):
         self.names = other.names
         self.duration = other.duration / speed
         if not self.duration <= LONGEST:
-            raise UsageError(f"{self.duration:.4g} s are too long for a motion; it may take {LONGEST:g} s")
+            raise UsageError(f"{decimal(self.duration)} s are too long for a motion; it may take {LONGEST:g} s")
 
     def at(self, t: float) -> Sample:
         k = self._speed

@@ -1,0 +1,191 @@
+"""The one place through which the command line talks to people and programs.
+
+Owns the form of lines, tables and JSON, and that no text from outside (names in files, strings of devices, file
+names, errors that quote them) can command a terminal: characters that do not print are shown as their code. Must
+not know any one command. What is drawn in place is `draw`'s, which cleans its text here.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import IO
+
+__all__ = [
+    "format_table",
+    "line_width",
+    "plain",
+    "print_json",
+    "say",
+    "say_document",
+    "say_table",
+    "shown",
+    "split_columns",
+    "write",
+]
+
+_GAP = "  "
+_DIGITS = 12
+"""Decimals of a number in JSON. What is smaller comes of rounding, and 1e-17 for a zero serves nobody."""
+_NARROWEST = 10
+_SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
+
+
+def shown(text: str) -> str:
+    """Text on one line as it may go to a terminal.
+
+    What does not print is shown as its code: control characters, escape sequences, marks that turn the direction of
+    writing, invisible characters, and bytes of file names that are no text.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else _SHORT.get(c) or _code(ord(c)) for c in text)
+
+
+def _code(number: int) -> str:
+    if 0xDC80 <= number <= 0xDCFF:
+        # How Python carries a byte that is no UTF-8.
+        number -= 0xDC00
+    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+
+
+def plain(value: float, digits: int, *, sign: bool = False) -> str:
+    """A number for a person: so many decimals, no exponent, no minus before a zero; ``-`` if it is not known."""
+    return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}" if math.isfinite(value) else "-"
+
+
+def write(stream: IO[str], text: str, *, flush: bool = False) -> None:
+    """Write text that is clean; what the stream's encoding has not is shown as its code.
+
+    Raises:
+        OSError: The stream is closed, or what is behind it takes no more.
+    """
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        text = text.encode(encoding, "backslashreplace").decode(encoding)
+    stream.write(text)
+    if flush:
+        stream.flush()
+
+
+def say(*lines: object, flush: bool = False) -> None:
+    """Print lines, each folded between words where the terminal is narrower; without any, an empty line.
+
+    Args:
+        lines: What to print. A line break inside one is shown as its code.
+        flush: Somebody waits for it.
+    """
+    width = line_width()
+    out = [folded for line in lines or ("",) for folded in _folded(shown(str(line)), width)]
+    write(sys.stdout, "\n".join(out) + "\n", flush=flush)
+
+
+def say_document(text: str) -> None:
+    """Print lines that a program reads: a file, or a command. They are not folded."""
+    write(sys.stdout, "".join(f"{shown(line)}\n" for line in text.removesuffix("\n").split("\n")), flush=True)
+
+
+def say_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1, flush: bool = False) -> None:
+    """Print a table; see `format_table`."""
+    write(sys.stdout, format_table(head, rows, keys=keys, width=line_width()) + "\n", flush=flush)
+
+
+def print_json(value: object, *, one_line: bool = False) -> None:
+    """Print a value as JSON; NaN and infinity become null, which is what JSON has for them."""
+    text = json.dumps(_finite(value), indent=None if one_line else 2, ensure_ascii=False, allow_nan=False)
+    if not text.replace("\n", "").isprintable():
+        text = "".join(map(_json_code, text))
+    write(sys.stdout, text + "\n", flush=one_line)
+
+
+def _json_code(c: str) -> str:
+    # Between the values of a document there are only spaces and line breaks: all else is inside a string.
+    return c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1]
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float):
+        return round(value, _DIGITS) + 0.0 if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def line_width() -> int | None:
+    """Columns of the terminal, or COLUMNS if that is set; None where a program reads, whatever COLUMNS says."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+def _folded(line: str, width: int | None) -> list[str]:
+    if width is None or len(line) <= width:
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) or [
+        line
+    ]
+
+
+def format_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1, width: int | None = None
+) -> str:
+    """Columns of text; a column whose cells are numbers is aligned to the right.
+
+    Args:
+        head: Titles.
+        rows: Cells.
+        keys: So many columns in front say what a row is.
+        width: Columns of the terminal. A wider table is shown in parts below each other, each with its keys: no
+            column gets lost and no number is broken.
+    """
+    table = [[shown(cell) for cell in row] for row in (head, *rows)]
+    columns = list(zip(*table, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    blocks = []
+    for part in split_columns(widths, keys, width, len(_GAP)):
+        room = {i: widths[i] for i in part}
+        if width is not None and len(part) == keys + 1:
+            last = part[-1]
+            room[last] = min(room[last], max(_NARROWEST, width - sum(widths[i] + len(_GAP) for i in part[:-1])))
+        blocks.append("\n".join(_lines(table, columns, room)))
+    return "\n\n".join(blocks)
+
+
+def split_columns(widths: Sequence[int], keys: int, width: int | None, gap: int) -> Iterator[list[int]]:
+    """Which columns stand in each part of a table that may be too wide; every part begins with the keys."""
+    front = list(range(min(keys, len(widths))))
+    part, used = list(front), sum(widths[i] + gap for i in front)
+    for i in range(len(front), len(widths)):
+        if width is not None and len(part) > len(front) and used + widths[i] > width:
+            yield part
+            part, used = list(front), sum(widths[k] + gap for k in front)
+        part.append(i)
+        used += widths[i] + gap
+    yield part
+
+
+def _lines(table: list[list[str]], columns: Sequence[Sequence[str]], room: Mapping[int, int]) -> Iterator[str]:
+    """Rows with those columns, each so wide; longer text goes on below."""
+    right = {i for i in room if all(_is_number(cell) for cell in columns[i][1:])}
+    for row in table:
+        cells = {i: _fitted(row[i], room[i]) for i in room}
+        for n in range(max(map(len, cells.values()))):
+            words = {i: lines[n] if n < len(lines) else "" for i, lines in cells.items()}
+            yield _GAP.join(
+                word.rjust(room[i]) if i in right else word.ljust(room[i]) for i, word in words.items()
+            ).rstrip()
+
+
+def _fitted(cell: str, width: int) -> list[str]:
+    return [cell] if len(cell) <= width else textwrap.wrap(cell, width, break_on_hyphens=False)
+
+
+def _is_number(cell: str) -> bool:
+    return cell == "-" or cell.lstrip("+-").replace(".", "", 1).isdigit()
