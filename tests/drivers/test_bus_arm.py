@@ -188,6 +188,11 @@ def test_probe_names_who_is_missing_or_wrong(monkeypatch: pytest.MonkeyPatch) ->
     assert report.counters["requests"] > 0
 
 
+def test_an_arm_without_a_board_has_no_pump(arm: BusArm) -> None:
+    with pytest.raises(NotSupportedError, match="no pump and no valve"):
+        arm.ioctl(Command.IO, bytes((1, 1)))
+
+
 def test_a_calibration_replaces_middles_and_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     row = JointCalibration("shoulder_pan", 1, 2000, 1500, 2600, -1, 0)
     other = JointCalibration("shoulder_lift", 2, 2000, 1500, 2600, 1, 77)

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from tests.motion.arms import state
 
+from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.tools import Gripper, Suction
 from hexwire.errors import UsageError
 from hexwire.model.hex7bot import HEX7BOT
@@ -79,3 +80,10 @@ def test_gripper_keeps_a_little_pressure(robot: Any) -> None:
     assert [dict(t.positions)["J7"] for t in robot.targets] == pytest.approx(
         [0.1 + math.radians(3), gripper.joint.maximum]
     )
+
+
+def test_the_gripper_of_another_arm_is_not_guessed_at(robot: Any) -> None:
+    robot.model = load_profile("so101").model
+    with pytest.raises(UsageError, match=r"so101 has no joint J7.*`hexwire move NAME=DEGREES`"):
+        Gripper(robot)
+    assert robot.targets == []

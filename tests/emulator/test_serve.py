@@ -26,6 +26,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.ipc.open import make_link
+from hexwire.ipc.serial import SerialLink
 from hexwire.session.policy import ReconnectPolicy
 from hexwire.wire.command_frame import Command, serialize_frame
 
@@ -300,6 +301,25 @@ def test_another_rate_at_the_hosts_end_garbles_both_directions() -> None:
             assert read_some(fd, 10) == b"plain text"
         finally:
             os.close(fd)
+
+
+@pytest.mark.parametrize("rate", [250_000, 128_000, 100_000, 76_800])
+def test_a_rate_without_a_name_is_another_rate_too(rate: int) -> None:
+    device = Loopback()
+    with serving(PtyServer(device, baud=115200)) as path, SerialLink(path, rate) as link:
+        link.write(bytes(range(120)))
+        wait_until(lambda: device.heard)
+        assert bytes(range(8)) not in device.heard
+        time.sleep(0.2)
+        link.set_baud(115200)
+        link.flush_input()
+        link.write(b"plain text")
+        heard = b""
+        while len(heard) < 10:
+            more = link.read(time.monotonic() + 10)
+            assert more
+            heard += more
+        assert heard[-10:] == b"plain text"
 
 
 @pytest.mark.parametrize("baud", [9600, 115200])

@@ -40,7 +40,7 @@ _PHASE_SPEED_UNIT = 0x04
 """Bit of STS register phase: speeds count single steps instead of 50."""
 _RESERVED_FAULTS = int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
 _MIN_DURATION = 0.02
-_ADVICE = "check power and cable; `hexwire bus scan` tells who is there"
+_ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 
 
 class BusArm(RobotDriver):
@@ -368,6 +368,8 @@ class BusArm(RobotDriver):
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         self._check_attached()
+        if sub_cmd == Command.IO:
+            raise NotSupportedError("an arm on a servo bus has no outputs: no pump and no valve")
         if sub_cmd != Command.TRANSACT or len(data) < 8:
             raise NotSupportedError(f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; TRANSACT takes a packet")
         packet, length = data[2:], data[0]

@@ -64,9 +64,17 @@ class Gripper:
         robot: An attached robot.
         joint: Name of the joint.
         held: Drive effort from which a jaw that stands still holds something, fraction of full.
+
+    Raises:
+        UsageError: The robot has no such joint: which way another gripper opens is not known.
     """
 
     def __init__(self, robot: RobotDriver, joint: str = _GRIPPER_JOINT, *, held: float = 0.25) -> None:
+        if joint not in robot.model.names:
+            raise UsageError(
+                f"{robot.model.name} has no joint {joint}, the gripper of a Hex7Bot; move its own by name, "
+                "as in `hexwire move NAME=DEGREES`"
+            )
         self._robot = robot
         self.joint: JointModel = robot.model.joint(joint)
         self._held = held
