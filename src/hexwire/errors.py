@@ -22,13 +22,15 @@ line. Knows nothing of the layers that raise them.
         ├── ReplyTimeoutError (TimeoutError)  no answer; carries what was asked, how often, what came instead
         │   └── WrongDeviceError            no answer, since another kind of device is there
         ├── CommandRefusedError             the board answered with a status other than ok
-        │   └── StoppedError                refused because the arm is stopped
+        │   └── StoppedError                refused, or not even sent, because the arm is stopped
         ├── ServoError                      a servo is silent or reports a fault
         ├── NotSupportedError               this board or dialect cannot do it
-        └── PreemptedError                  a stop took the line while this request waited
+        └── PreemptedError                  a stop took the line from a request that was sent
 """
 
 from __future__ import annotations
+
+from typing import Self
 
 __all__ = [
     "CommandRefusedError",
@@ -200,6 +202,13 @@ class CommandRefusedError(DeviceError):
 class StoppedError(CommandRefusedError):
     """The arm is stopped; nothing but reads is accepted until resume."""
 
+    @classmethod
+    def unsent(cls, command: str, status: int, reason: str) -> Self:
+        """The error for what a stop kept from being sent: no board has refused it."""
+        error = cls(command, status, reason)
+        error.args = (f"{command} was not sent: {reason}",)
+        return error
+
 
 class ServoError(DeviceError):
     """A servo is silent or reports a fault.
@@ -220,4 +229,4 @@ class NotSupportedError(DeviceError):
 
 
 class PreemptedError(DeviceError):
-    """A stop took the line while this request was waiting; its outcome is unknown."""
+    """A stop took the line from a request that was sent: it may have been done before the stop, but not after."""

@@ -14,12 +14,14 @@ from hexwire.errors import (
     CommandRefusedError,
     LocalProtocolError,
     NotSupportedError,
+    PreemptedError,
     ReplyTimeoutError,
     StoppedError,
 )
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.session.events import Reply
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
@@ -128,15 +130,16 @@ def _value(status: StatusPacket) -> int:
 class Board1:
     """Dialect-1 commands of one session.
 
+    Such a board latches no stop: the session does, which outlives a board that was away.
+
     Args:
         session: A negotiated session.
         model: The arm.
-        stopped: A stop is latched already: the board was away and does not remember it.
     """
 
     dialect = 1
 
-    def __init__(self, session: Session, model: ArmModel, *, stopped: bool = False) -> None:
+    def __init__(self, session: Session, model: ArmModel) -> None:
         self._session = session
         self._model = model
         n = len(model.joints)
@@ -147,8 +150,8 @@ class Board1:
         self._torque: list[bool | None] = [None] * n
         self._ceilings: dict[int, int] = {}
         self._missed: dict[int, dict[int, float]] = {}
-        self._stopped = stopped
         self._next_load = 0
+        self._mode = StopMode.HOLD
 
     # -- state --------------------------------------------------------------------------------------
 
@@ -179,7 +182,7 @@ class Board1:
             tuple(now - t for t in self._sampled),
             now,
             math.nan,
-            self._stopped,
+            self.stopped,
         )
 
     def _sample(self, i: int, joint: JointModel, *, urgent: bool = False) -> None:
@@ -248,7 +251,7 @@ class Board1:
         legacy = {joint.servo_id: joint.angle_to_counts(angle) for joint, angle in joints if joint.series != "hls"}
         if legacy:
             packet, ms, legacy = make_legacy_move(legacy, round(duration * 1000))
-            self._session.request(Command.SYNC_WRITE, packet, guard=self._refuse_if_stopped)
+            self._act(Command.SYNC_WRITE, packet, guard=self._refuse_if_stopped)
             duration = ms / 1000
             for joint, _ in joints:
                 if joint.servo_id in legacy:
@@ -282,8 +285,8 @@ class Board1:
         return self._names(i for i in wanted if self._check_torque(i))
 
     def stop(self, mode: StopMode) -> tuple[str, ...]:
-        """Hold or free every joint, then refuse everything that moves, on this side of the line."""
-        self._stopped = True
+        """Hold or free every joint; that nothing moves it again until `resume` is the session's business."""
+        self._mode = mode
         joints = range(len(self._model.joints))
         if mode == StopMode.TORQUE_OFF:
             return self._free(joints, urgent=True)
@@ -299,11 +302,14 @@ class Board1:
     @property
     def stopped(self) -> bool:
         """Whether a stop is latched."""
-        return self._stopped
+        return self._session.epochs.stopped
 
     def resume(self) -> None:
-        """End the stop."""
-        self._stopped = False
+        """End the stop, if none came since this was called."""
+        epochs = self._session.epochs
+        token = epochs.token("resume", freeing=True)
+        epochs.check(token, "resume")
+        epochs.resumed(token)
 
     def _hold(self, i: int, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:
         """Make the present position of a joint its target, at once after reading it; False if it is silent."""
@@ -316,8 +322,25 @@ class Board1:
             packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint, urgent=urgent))
             return self._write(packet, urgent=urgent, guard=guard)
         packet, _, _ = make_legacy_move({joint.servo_id: counts}, _MIN_RUN_TIME)
-        self._session.request(Command.SYNC_WRITE, packet, urgent=urgent, guard=guard)
+        self._act(Command.SYNC_WRITE, packet, urgent=urgent, guard=guard)
         return True
+
+    def _act(
+        self, cmd: int, packet: bytes, *, urgent: bool = False, guard: Callable[[], None] | None = None
+    ) -> Reply:
+        """Send what acts.
+
+        A signal handler may stop the arm when the bytes are about to leave and nothing holds them any more. They
+        come after the stop then, so it is said once more: such a board latches none.
+        """
+        epochs = self._session.epochs
+        try:
+            return self._session.request(cmd, packet, urgent=urgent, guard=guard)
+        except PreemptedError:
+            if epochs.stopped_by_this_thread and not urgent:
+                with epochs.stopping():
+                    self.stop(self._mode)
+            raise
 
     def _free(self, wanted: Iterable[int], *, urgent: bool = False) -> tuple[str, ...]:
         """Take the torque of joints away and read that back; who does not confirm is told once more."""
@@ -353,7 +376,7 @@ class Board1:
     def _write(self, packet: bytes, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:
         """Send a write; True if the servo acknowledged it. Legacy servos never do."""
         try:
-            reply = self._session.request(Command.READ, packet, urgent=urgent, guard=guard)
+            reply = self._act(Command.READ, packet, urgent=urgent, guard=guard)
         except ReplyTimeoutError:
             return False
         return find_status(reply.body, packet[2], 0) is not None
@@ -366,7 +389,7 @@ class Board1:
         return bool(status.params[0] if joint.series == "hls" else status.params[1])
 
     def _refuse_if_stopped(self) -> None:
-        if self._stopped:
+        if self.stopped:
             raise StoppedError("the command", Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
 
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:

@@ -10,11 +10,19 @@ refused. There is no board that would stop by itself if this program dies: the s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from hexwire.errors import CommandRefusedError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
+from hexwire.errors import (
+    CommandRefusedError,
+    NotSupportedError,
+    PreemptedError,
+    ReplyTimeoutError,
+    StoppedError,
+    UsageError,
+)
 from hexwire.ipc import servo_setup
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.mistaken import find_board, is_board
@@ -25,6 +33,7 @@ from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
+from hexwire.session.effects import packet_only_reads
 from hexwire.session.servo_values import ServoBlock
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
@@ -71,8 +80,9 @@ class BusArm(RobotDriver):
         # A link that was not told a rate has the serial ports' usual one.
         self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
         self.bus = ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
-        self._attached = False
-        self._stopped = False
+        # One arm, one set of stops: what waits at the bus is void after one too.
+        self.epochs = self.bus.epochs = session.epochs
+        self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
         self._speed_units: dict[int, float] = {}
         self._ceilings: dict[int, int] = {}
@@ -116,7 +126,8 @@ class BusArm(RobotDriver):
         except BaseException:
             bus.close()
             raise
-        self._attached, self._stopped = True, False
+        self._attached = True
+        self.epochs.forget()
 
     def detach(self, *, torque_off: bool = False) -> None:
         was, self._attached = self._attached, False
@@ -159,7 +170,7 @@ class BusArm(RobotDriver):
             firmware="",
             boot_id=None,
             capabilities=("servo bus",),
-            stopped=self._stopped,
+            stopped=self.epochs.stopped,
             joints=tuple(rows),
             counters=self.bus.counters.as_dict(),
         )
@@ -189,6 +200,7 @@ class BusArm(RobotDriver):
 
     def read(self) -> JointState:
         self._check_attached()
+        self.epochs.let_through()
         bus, joints = self.bus, self.model.joints
         able = tuple(joint.servo_id for joint in joints if joint.series != "seven_bot")
         blocks: dict[int, ServoBlock] = {}
@@ -221,7 +233,7 @@ class BusArm(RobotDriver):
             flags,
             ages,
             now,
-            stopped=self._stopped,
+            stopped=self.epochs.stopped,
         )
 
     def _live(self, i: int, joint: JointModel, block: ServoBlock) -> tuple[Any, ...]:
@@ -252,6 +264,22 @@ class BusArm(RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         self._check_attached()
+        with self.epochs.calling("a move"), self._stop_again():
+            return self._move(target)
+
+    @contextmanager
+    def _stop_again(self) -> Iterator[None]:
+        """No servo latches a stop: what a signal handler found about to leave has left behind its stop."""
+        token = self.epochs.of_this_call
+        try:
+            yield
+        except (PreemptedError, StoppedError):
+            if token is not None and not self.epochs.holds(token) and self.epochs.stopped_by_this_thread:
+                with self.epochs.stopping():
+                    self._stop(self._mode)
+            raise
+
+    def _move(self, target: JointTarget) -> SentTarget:
         self._refuse_if_stopped("a move")
         joints = [self.model.joint(name) for name, _ in target.positions]
         self._refuse_without_torque(joints)
@@ -273,8 +301,6 @@ class BusArm(RobotDriver):
             joint = self.model.joint(name)
             address, data = self._goal(joint, counts, duration)
             packets.setdefault(address << 8 | len(data), {})[joint.servo_id] = data
-        if self._stopped:
-            raise StoppedError("a move", int(Status.STOPPED), "the arm was stopped; `hexwire resume` ends that")
         for key, rows in packets.items():
             self.bus.sync_write_bytes(key >> 8, rows)
 
@@ -300,6 +326,10 @@ class BusArm(RobotDriver):
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         self._check_attached()
+        with self.epochs.calling("torque on" if on else "torque off", freeing=not on), self._stop_again():
+            return self._switch(on, joints)
+
+    def _switch(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         if on:
             self._refuse_if_stopped("torque on")
         wanted = [self.model.index(name) for name in (self.model.names if joints is None else joints)]
@@ -319,18 +349,25 @@ class BusArm(RobotDriver):
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         self._check_attached()
-        self._stopped = True
-        if mode is StopMode.TORQUE_OFF:
-            return self.torque(False)
+        with self.epochs.stopping():
+            return self._stop(mode)
+
+    def _stop(self, mode: StopMode) -> tuple[str, ...]:
+        self._mode = mode
+        return self._switch(False, None) if mode is StopMode.TORQUE_OFF else self._hold_all()
+
+    def resume(self) -> None:
+        token = self.epochs.token("resume", freeing=True)
+        self.epochs.check(token, "resume")
+        self.epochs.resumed(token)
+
+    def _hold_all(self) -> tuple[str, ...]:
         held = []
         for i, joint in enumerate(self.model.joints):
             # A joint without torque stays limp: a goal would switch it on.
             if self._torque[i] is False or self._hold(joint):
                 held.append(joint.name)
         return tuple(held)
-
-    def resume(self) -> None:
-        self._stopped = False
 
     def _hold(self, joint: JointModel) -> bool:
         """Make the present position of a joint its goal."""
@@ -351,7 +388,7 @@ class BusArm(RobotDriver):
         return None if raw is None else bool(raw)
 
     def _refuse_if_stopped(self, what: str) -> None:
-        if self._stopped:
+        if self.epochs.stopped:
             raise StoppedError(what, int(Status.STOPPED), "the arm is stopped; `hexwire resume` ends that")
 
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
@@ -373,6 +410,8 @@ class BusArm(RobotDriver):
         if sub_cmd != Command.TRANSACT or len(data) < 8:
             raise NotSupportedError(f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; TRANSACT takes a packet")
         packet, length = data[2:], data[0]
+        if not packet_only_reads(packet):
+            self._refuse_if_stopped("a servo packet")
         answers = self.bus.raw(packet, (packet[2],) if length else (), max(0, length - 6))
         return answers.get(packet[2], b"")
 

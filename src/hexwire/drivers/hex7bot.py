@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any, Self
 
@@ -19,8 +20,9 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
+from hexwire.session.effects import Effect, effect_of, packet_only_reads
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, command_name
 from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
 
 from .base import ProbeReport, RobotDriver, StopMode
@@ -169,15 +171,16 @@ class Hex7BotDriver(RobotDriver):
         return state
 
     def write(self, target: JointTarget) -> SentTarget:
-        board = self._attached()
-        if self._last is None:
-            self.read()
-        # A target is judged from where the one before ends, unless a state was read in between.
-        present = ({} if self._last is None else self._last.positions) | self._aimed
-        sent = board.move(check_target(self.model, target, present), present)
-        self._aimed.update(sent.positions)
-        self._keep_armed()
-        return sent
+        with self._calling("a move"):
+            board = self._attached()
+            if self._last is None:
+                self.read()
+            # A target is judged from where the one before ends, unless a state was read in between.
+            present = ({} if self._last is None else self._last.positions) | self._aimed
+            sent = board.move(check_target(self.model, target, present), present)
+            self._aimed.update(sent.positions)
+            self._keep_armed()
+            return sent
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the board reports by itself every `period` seconds.
@@ -246,21 +249,23 @@ class Hex7BotDriver(RobotDriver):
             board.watchdog(*watchdog)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
-        board = self._attached()
-        confirmed = board.torque(on, joints)
-        self._keep_armed()
-        return confirmed
+        with self._calling("torque on" if on else "torque off", freeing=not on):
+            confirmed = self._attached().torque(on, joints)
+            self._keep_armed()
+            return confirmed
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         # Nothing goes before a stop, not even the watchdog of a board that was reset.
         if self._board is None:
             raise self._not_attached()
-        if self.session.generation != self._generation:
-            self._after_reconnect()
-        return self._board.stop(mode)
+        with self.session.epochs.stopping():
+            if self.session.generation != self._generation:
+                self._after_reconnect()
+            return self._board.stop(mode)
 
     def resume(self) -> None:
-        self._attached().resume()
+        with self._calling("resume", freeing=True):
+            self._attached().resume()
 
     def ping(self, servo_id: int) -> int | None:
         """Error byte of a servo, or None if it does not answer."""
@@ -290,7 +295,8 @@ class Hex7BotDriver(RobotDriver):
             CommandRefusedError: A joint has torque.
             StoppedError: A stop is latched.
         """
-        self._dialect2("MAINTENANCE").maintenance(on)
+        with self._calling("maintenance"):
+            self._dialect2("MAINTENANCE").maintenance(on)
 
     def limits(self) -> tuple[LimitRow, ...]:
         """Limits that the board has stored, in counts, in its joint order."""
@@ -302,7 +308,8 @@ class Hex7BotDriver(RobotDriver):
             rows = [
                 LimitRow(*joint.count_limits, round(joint.max_speed / joint.scale)) for joint in self.model.joints
             ]
-        return self._dialect2("LIMITS").store_limits(rows)
+        with self._calling("store limits"):
+            return self._dialect2("LIMITS").store_limits(rows)
 
     def offsets(self) -> tuple[OffsetRow, ...]:
         """Neutral counts and signs that the board has stored."""
@@ -310,7 +317,8 @@ class Hex7BotDriver(RobotDriver):
 
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
         """Store neutral counts and signs on the board. Returns what it has then."""
-        return self._dialect2("OFFSETS").store_offsets(rows)
+        with self._calling("store offsets"):
+            return self._dialect2("OFFSETS").store_offsets(rows)
 
     def stats(self) -> dict[str, int]:
         """The board's counters since its reset; empty in dialect 1."""
@@ -327,9 +335,17 @@ class Hex7BotDriver(RobotDriver):
         Raises:
             NotSupportedError: A dialect-1 board would not survive it.
         """
-        return self._attached().transact(packet, reply_length, timeout)
+        with nullcontext() if packet_only_reads(packet) else self._calling("a servo packet"):
+            return self._attached().transact(packet, reply_length, timeout)
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        effect = effect_of(tables.PROTO_HEXWIRE, sub_cmd, data)
+        if effect in (Effect.NONE, Effect.STOP):
+            return self._ioctl(sub_cmd, data)
+        with self._calling(command_name(sub_cmd), freeing=effect is not Effect.ACT):
+            return self._ioctl(sub_cmd, data)
+
+    def _ioctl(self, sub_cmd: int, data: bytes) -> bytes:
         board = self._attached()
         if isinstance(board, Board2):
             return board.command(sub_cmd, data)
@@ -338,6 +354,10 @@ class Hex7BotDriver(RobotDriver):
         raise board.unsupported(f"ioctl 0x{sub_cmd:02X}")
 
     # -- keeping it right ---------------------------------------------------------------------------
+
+    def _calling(self, what: str, *, freeing: bool = False) -> AbstractContextManager[object]:
+        """What is done inside belongs to one call: a stop that comes voids what of it has not been sent."""
+        return self.session.epochs.calling(what, freeing=freeing)
 
     def _attached(self) -> Board1 | Board2:
         if self._board is None:
@@ -367,8 +387,7 @@ class Hex7BotDriver(RobotDriver):
         if negotiated is not None and negotiated.identity is not None:
             self._board = Board2(self.session, self.model, negotiated.identity)
         else:
-            stopped = isinstance(self._board, Board1) and self._board.stopped
-            self._board = Board1(self.session, self.model, stopped=stopped)
+            self._board = Board1(self.session, self.model)
         self._arming_due = True
 
     def _remember(self, state: JointState) -> None:

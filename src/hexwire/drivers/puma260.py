@@ -75,6 +75,8 @@ class Puma260Driver(RobotDriver):
         self.states = states or session
         self.trajectories = trajectories or session
         self._boot_window = boot_window
+        for other in self.sessions[1:]:
+            other.share_stops(session)
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -226,14 +228,15 @@ class Puma260Driver(RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         """Send joints to a target as a trajectory of one waypoint; joints that are not named hold."""
-        # Read anew: a joint that somebody moved since must not be sent back to where it was.
-        present = self.read().positions
-        checked = check_target(self.model, target, present)
-        goal = present | dict(checked.positions)
-        # Encoders count whole steps: what is sent is what they can hold.
-        angles = counts_to_angles(angles_to_counts([goal[name] for name in self.model.names]))
-        duration = max(checked.duration, _MINIMUM_DURATION)
-        self._send(TrajectoryPoints((duration,), (angles,)))
+        with self.session.epochs.calling("a move"):
+            # Read anew: a joint that somebody moved since must not be sent back to where it was.
+            present = self.read().positions
+            checked = check_target(self.model, target, present)
+            goal = present | dict(checked.positions)
+            # Encoders count whole steps: what is sent is what they can hold.
+            angles = counts_to_angles(angles_to_counts([goal[name] for name in self.model.names]))
+            duration = max(checked.duration, _MINIMUM_DURATION)
+            self._send(TrajectoryPoints((duration,), (angles,)))
         named = dict(zip(self.model.names, angles, strict=True))
         return SentTarget(tuple((name, named[name]) for name, _ in checked.positions), duration)
 
@@ -247,7 +250,12 @@ class Puma260Driver(RobotDriver):
         names = self.model.names
         if len(trajectory.positions[0]) != len(names):
             raise UsageError(f"a trajectory of {len(trajectory.positions[0])} joints; puma260 has {len(names)}")
-        before, when = self.read().positions, 0.0
+        with self.session.epochs.calling("a trajectory"):
+            self._check_speeds(trajectory, self.read().positions)
+            self._send(trajectory)
+
+    def _check_speeds(self, trajectory: TrajectoryPoints, before: dict[str, float]) -> None:
+        names, when = self.model.names, 0.0
         for time, row in zip(trajectory.times, trajectory.positions, strict=True):
             goal = dict(zip(names, row, strict=True))
             for joint, angle in zip(self.model.joints, row, strict=True):
@@ -260,7 +268,6 @@ class Puma260Driver(RobotDriver):
                     "speed limits"
                 )
             before, when = goal, time
-        self._send(trajectory)
 
     def _send(self, trajectory: TrajectoryPoints) -> None:
         check_reply(self.trajectories.request(Command.JOINT_TRAJECTORY, trajectory.serialize()))
@@ -301,13 +308,20 @@ class Puma260Driver(RobotDriver):
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         number = Signal.STOP if mode == StopMode.HOLD else Signal.STOP_TORQUE_OFF
-        check_reply(
-            self.session.request(Command.ROBOT_SIGNAL, bytes((number,)), urgent=True, repeatable=True, attempts=5)
-        )
+        with self.session.epochs.stopping():
+            check_reply(
+                self.session.request(
+                    Command.ROBOT_SIGNAL, bytes((number,)), urgent=True, repeatable=True, attempts=5
+                )
+            )
         return self.model.names
 
     def resume(self) -> None:
-        self._signal(Signal.RESUME)
+        with self.session.epochs.calling("resume", freeing=True):
+            # What was sent before the stop over another channel must be there, and be refused, before it is ended.
+            for session in self.sessions[1:]:
+                check_reply(session.request(Command.ROBOT_PROBE, repeatable=True))
+            self._signal(Signal.RESUME)
 
     def set_mode(self, mode: Puma260Mode) -> None:
         """Switch between position and teach mode. Nothing moves by it."""

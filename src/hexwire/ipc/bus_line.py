@@ -18,11 +18,13 @@ from dataclasses import asdict, dataclass, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from hexwire.errors import UsageError
+from hexwire.errors import PreemptedError, UsageError
 from hexwire.session.servo_answers import AnswerCollector, Outlook
 from hexwire.session.servo_timing import RETURN_DELAY, LineTiming
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_ping, make_read
+
+from .epochs import Epochs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -93,6 +95,7 @@ class BusLine:
     Attributes:
         link: The line.
         timing: Windows and the adapter's measured overhead.
+        epochs: The stops of the arm behind it, and what they void; a driver has its own here.
         echo: Whether the adapter hears itself; None until it is known. Learned by itself.
         retries: See above; may be changed at any time.
     """
@@ -102,6 +105,7 @@ class BusLine:
             raise UsageError(f"{retries} retries make no sense")
         self.link = link
         self.retries = retries
+        self.epochs = Epochs()
         self.echo: bool | None = None
         self._count = BusCounters()
         self.timing = LineTiming(getattr(link, "baud", 0) if baud is None else baud)
@@ -146,10 +150,20 @@ class BusLine:
 
     def _post(self, packet: bytes) -> None:
         """Send what nobody answers. The line is busy with it, and what is asked next waits as long."""
+        self._check_call()
         now = self._clock()
         self.link.write(packet, now + _WRITE_TIME)
         busy = self._busy_until
         self._busy_until = (busy if busy > now else now) + len(packet) * self.timing.byte_time
+        token = self.epochs.of_this_call
+        if token is not None and not self.epochs.holds(token):
+            raise PreemptedError("a stop came as a servo packet was sent: it may have been done at that time")
+
+    def _check_call(self) -> None:
+        """Send nothing more of a call that was made before a stop."""
+        token = self.epochs.of_this_call
+        if token is not None:
+            self.epochs.check(token, "a servo packet")
 
     def _backlog(self) -> float:
         """Seconds until the line has carried what was sent before."""
@@ -185,6 +199,7 @@ class BusLine:
         collector = AnswerCollector(request, servo_ids, params)
         if data is None:
             counters.requests += 1
+            self._check_call()
             data = self._exchange(request, window)
         else:
             self._fallen += 1

@@ -7,9 +7,11 @@ registers by name (but for the two that say how a servo answers), nor arms.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
 from hexwire.errors import NotSupportedError, UsageError
+from hexwire.session.effects import packet_only_reads
 from hexwire.session.servo_plan import WritePlan
 from hexwire.session.servo_timing import LineTiming
 from hexwire.session.servo_values import SILENT, Answer
@@ -164,7 +166,7 @@ class BusOrders(BusLine):
         Returns:
             The status packet or None, and in words what came instead; empty if nothing did.
         """
-        with self._lock:
+        with self._calling(request), self._lock:
             base = self._base(len(request) + 6 + params, (servo_id,))
             collector = self._collect(request, (servo_id,), params, base)
         return collector.answers.get(servo_id), collector.in_words()
@@ -181,7 +183,7 @@ class BusOrders(BusLine):
         if not servo_ids:
             self._send(request)
             return {}
-        with self._lock:
+        with self._calling(request), self._lock:
             total = len(request) + len(servo_ids) * (6 + params)
             collector = self._collect(request, servo_ids, params, self._base(total, servo_ids))
         return {servo_id: status.params for servo_id, status in collector.answers.items()}
@@ -221,8 +223,12 @@ class BusOrders(BusLine):
         self._mute.clear()
         self._forget_plans()
 
+    def _calling(self, request: bytes) -> AbstractContextManager[object]:
+        """The call that a packet belongs to: void if a stop comes before it has left."""
+        return nullcontext() if packet_only_reads(request) else self.epochs.calling("a servo packet")
+
     def _send(self, packet: bytes) -> None:
-        with self._lock:
+        with self._calling(packet), self._lock:
             self._post(packet)
 
     def _order(self, servo_id: int, request: bytes) -> WritePlan:
@@ -239,7 +245,7 @@ class BusOrders(BusLine):
         if servo_id == BROADCAST_ID:
             self._send(plan.request)
             return Answer(servo_id, what, confirmed=False)
-        with self._lock:
+        with self.epochs.calling(what), self._lock:
             plan.base = self._base(plan.total, (servo_id,))
             if not self.acknowledges(servo_id):
                 self._post(plan.request)
@@ -249,6 +255,7 @@ class BusOrders(BusLine):
             if self._doubts and self._doubted(servo_id, 0) and not self._settle(servo_id):
                 return Answer(servo_id, what, 0, SILENT, False)
             start = self._clock()
+            self._check_call()
             data = self._exchange(plan.request, plan.base + self.timing.allowance)
             self._turns += 1
             if data == plan.acknowledgement:

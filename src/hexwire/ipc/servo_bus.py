@@ -266,7 +266,7 @@ class ServoBus(BusOrders):
             if plan is None:
                 return self._sync_write_mixed(name, values)
         packet = plan.serialize(tuple(values.values()))
-        with self._lock:
+        with self.epochs.calling(name), self._lock:
             self._post(packet)
         return None
 
@@ -469,5 +469,6 @@ class ServoBus(BusOrders):
             register = self._writable(servo_id, name)
             data = register.encode(self._in_range(servo_id, register, value))
             rows.setdefault((register.address, register.size), {})[servo_id] = data
-        for (address, _), data_of in rows.items():
-            self._send(packets.make_sync_write(address, data_of))
+        with self.epochs.calling(name):
+            for (address, _), data_of in rows.items():
+                self._send(packets.make_sync_write(address, data_of))

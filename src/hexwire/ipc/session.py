@@ -5,7 +5,8 @@ away. It adds and removes the session header through its `Connection`, which own
 retries. Must not know joints, servos or units.
 
 One caller at a time drives the line. A second thread waits its turn, but for an urgent request (a stop), which
-interrupts the one that is waiting.
+interrupts the one that is waiting. What was called before a stop and is not a mere question is not sent after it,
+whoever sent the stop and however: `epochs` tells which calls that are.
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ from hexwire.errors import (
     ReplyTimeoutError,
 )
 from hexwire.session.connection import Connection
+from hexwire.session.effects import Effect, effect_of
 from hexwire.session.events import Event, Reply, Report, TimedOut
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, command_name
+from hexwire.wire.command_frame import Command, Frame, Status, command_name
 from hexwire.wire.modules import IpcType, ModuleType
 
 from .connections import Introduction, host_connection
+from .epochs import Epochs, Token
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
 from .turn import Turn
@@ -47,8 +50,15 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 _WRITE_TIMEOUT = 2.0
+_LOOK = 1.0
+"""Seconds after which a wait looks up: a signal handler may have voided what it waits for."""
 _KEPT = 256
 _KEPT_RTTS = 8192
+_ORPHANS = 32
+_VOIDED = 3
+"""How often a question is put again that a stop or the watchdog of the board has made void there."""
+_OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
+_PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
 
 class Session:
@@ -69,6 +79,7 @@ class Session:
         negotiated: The outcome of the last negotiation, or None.
         generation: Grows with every reconnection; a driver compares it to see that the board may be another.
         board_restarts: Resets of the board that showed in its frame counter, the port being open.
+        epochs: The stops, and what they void.
         rtts: Round-trip times of the last answers, seconds.
     """
 
@@ -91,7 +102,7 @@ class Session:
         self.generation = 0
         self.reconnects = 0
         self.board_restarts = 0
-        self._board_sn = 0
+        self._board_sn = self._noted = 0
         self.rtts: deque[float] = deque(maxlen=_KEPT_RTTS)
         self._src = src
         self._dst = dst
@@ -106,10 +117,12 @@ class Session:
         self._sleep: Callable[[float], None] = time.sleep
         self._closed = False
         self._turn = Turn()
-        self._awaited: set[int] = set()
+        self.epochs = Epochs()
+        self.epochs.on_stop(self._look_up)
         self._stash: dict[int, Event] = {}
         self._reports: deque[tuple[Frame, float]] = deque(maxlen=_KEPT)
         self._frames: deque[Frame] = deque(maxlen=_KEPT)
+        self._stop = (int(Command.STOP), b"\0")
         self._negotiation: tuple[float, Sequence[int], int | None] | None = None
 
     @classmethod
@@ -131,6 +144,7 @@ class Session:
             LinkError: As `Link.open`.
         """
         self._closed = False
+        self.epochs.forget()
         self._open()
 
     def _open(self) -> None:
@@ -146,12 +160,21 @@ class Session:
         self._reports.clear()
         self._frames.clear()
         self._stash.clear()
-        self._board_sn = 0
+        self._board_sn = self._noted = 0
 
     def close(self) -> None:
         """Close the channel; a request that waits in another thread ends with LinkClosedError."""
         self._closed = True
         self.ipc.close()
+
+    def share_stops(self, other: Session) -> None:
+        """Both lead to the same arm: a stop that goes over one of them voids what waits at the other."""
+        self.epochs = other.epochs
+        self.epochs.on_stop(self._look_up)
+
+    def _look_up(self) -> None:
+        if self._turn.owner:
+            self.ipc.link.wake()
 
     @property
     def is_open(self) -> bool:
@@ -235,6 +258,9 @@ class Session:
     ) -> Reply:
         """Ask and wait for the answer. The status is the caller's to look at.
 
+        A command that stops the arm is urgent by itself and voids what was called before it. What acts and was
+        called before a stop is not sent after it.
+
         Over datagrams, if nobody has said who is there yet, that is asked first.
 
         Args:
@@ -249,21 +275,67 @@ class Session:
         Raises:
             ReplyTimeoutError: No answer.
             LinkLostError: The port went away; if it came back, the text says that this was not repeated.
-            PreemptedError: A stop took the line; whether this was done is unknown.
+            StoppedError: A stop came, or is under way; this was not sent.
+            PreemptedError: A stop took the line; this was sent and may have been done before the stop.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
+        effect = effect_of(self.connection.dialect, cmd, body)
+        if effect is Effect.STOP:
+            self._stop = (cmd, body)
+            with self.epochs.stopping():
+                reply = self._request(cmd, body, window, attempts, effect, True, repeatable, guard, None)
+                if reply.status not in _OBEYED:
+                    self.epochs.unconfirmed()
+                return reply
+        token = self.epochs.of_this_call
+        if effect is not Effect.NONE and token is None:
+            token = self.epochs.token(command_name(cmd), freeing=effect is not Effect.ACT)
+        try:
+            reply = self._request(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
+        except PreemptedError:
+            if effect is Effect.RESUME and self.epochs.stopped_by_this_thread:
+                # A signal handler may stop the arm when the bytes are about to leave and nothing holds them any
+                # more. They came after the stop then, and ended it.
+                self.request(*self._stop, repeatable=True)
+            raise
+        for _ in range(_VOIDED):
+            if effect is not Effect.NONE or reply.status != Status.STOPPED:
+                break
+            reply = self._request(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
+        if effect is Effect.RESUME and reply.status == Status.OK and token is not None:
+            self.epochs.resumed(token)
+        return reply
+
+    def _request(
+        self,
+        cmd: int,
+        body: bytes,
+        window: float | None,
+        attempts: int | None,
+        effect: Effect,
+        urgent: bool,
+        repeatable: bool,
+        guard: Callable[[], None] | None,
+        token: Token | None,
+    ) -> Reply:
         self._turn.begin(self.ipc.link.wake if urgent else None)
         try:
+            if urgent:
+                # What waits for an answer is not sent again behind a stop; nor is what has not left yet.
+                self.connection.void()
             while True:
+                if token is not None:
+                    self.epochs.check(token, command_name(cmd))
                 if guard is not None:
                     guard()
                 try:
                     if self._datagrams and cmd != Command.IDENTIFY and not self.connection.in_conversation:
-                        self._await(self.connection.request(Command.IDENTIFY, b"", self.now()), urgent)
+                        asked = self.connection.request(Command.IDENTIFY, b"", self.now(), urgent=urgent)
+                        self._await(asked, Command.IDENTIFY, Effect.NONE, urgent, token)
                     ticket = self.connection.request(
                         cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
                     )
-                    return self._await(ticket, urgent)
+                    return self._await(ticket, cmd, effect, urgent, token)
                 except LinkLostError as lost:
                     self._reopen(lost)
                     if not repeatable:
@@ -282,17 +354,41 @@ class Session:
 
         Raises:
             LinkError: The line takes nothing.
+            StoppedError: As `request`. A stop that is sent so is not confirmed: all is refused until a resume.
         """
-        with self._turn.taken():
+        effect = effect_of(self.connection.dialect, cmd, body)
+        if effect is Effect.STOP:
+            with self.epochs.stopping():
+                self._send(cmd, body, None, urgent=True)
+                self.epochs.unconfirmed()
+            return
+        token = None
+        if effect is not Effect.NONE:
+            token = self.epochs.token(command_name(cmd), freeing=effect is not Effect.ACT)
+        self._send(cmd, body, token)
+        if effect is Effect.RESUME and token is not None:
+            self.epochs.resumed(token)
+
+    def _send(self, cmd: int, body: bytes, token: Token | None, *, urgent: bool = False) -> None:
+        self._turn.begin(self.ipc.link.wake if urgent else None)
+        try:
+            if urgent:
+                self.connection.void()
             if self._datagrams:
                 self._step(self.now())
                 self._sort_events()
                 self._introduction.ask(self.connection, self.now())
                 self._write()
+            if token is not None:
+                self.epochs.check(token, command_name(cmd))
             if self.connection.in_conversation:
-                ticket = self.connection.request(cmd, body, self.now(), attempts=1)
-                self._write()
-                self.connection.abandon(ticket)
+                ticket = self.connection.request(cmd, body, self.now(), attempts=1, urgent=urgent)
+                try:
+                    self._write()
+                finally:
+                    self.connection.abandon(ticket)
+        finally:
+            self._turn.end()
 
     def receive(self, timeout: float | None = None) -> Frame | None:
         """Wait for the next frame that answers nothing we asked; None if none came within `timeout` seconds."""
@@ -319,18 +415,22 @@ class Session:
 
     # -- the loop -----------------------------------------------------------------------------------
 
-    def _await(self, ticket: int, urgent: bool) -> Reply:
-        connection = self.connection
-        self._awaited.add(ticket)
+    def _await(self, ticket: int, cmd: int, effect: Effect, urgent: bool, token: Token | None) -> Reply:
+        connection, epochs = self.connection, self.epochs
         try:
             if connection.dialect != tables.PROTO_CHAPTER and not self._turn.urgent_waiting:
                 # Nothing can have happened yet: the usual case is one step, and the answer is there.
-                self._step(None)
+                self._step(self._now() + _LOOK, token)
             while True:
                 while (event := connection.next_event()) is not None:
                     if event.__class__ is Reply and event.ticket == ticket:
+                        if token is not None and event.frame is None:
+                            # Never answered: it counts as done, and leaves only now.
+                            epochs.check(token, command_name(cmd))
                         # What is never answered counts as done when it is sent; and a confirmation may be due.
                         self._write()
+                        if token is not None and event.frame is None and not epochs.holds(token):
+                            raise PreemptedError(_PREEMPTED.format(command_name(cmd)))
                         self.rtts.append(event.rtt)
                         self._note_number(event)
                         return event
@@ -342,37 +442,52 @@ class Session:
                     return stashed
                 if isinstance(stashed, TimedOut):
                     raise self._timed_out(stashed)
-                if self._turn.urgent_waiting and not urgent:
-                    raise PreemptedError("a stop took the line; whether the request was done is unknown")
+                if not urgent and (
+                    self._turn.urgent_waiting
+                    or not connection.holds(ticket)
+                    or (token is not None and not epochs.holds(token))
+                ):
+                    raise PreemptedError(_PREEMPTED.format(command_name(cmd)))
                 if self.connection is not connection:
                     raise LinkLostError(f"{self.ipc.link.url} was lost and opened anew", url=self.ipc.link.url)
-                self._step(None)
-        except BaseException:
-            connection.abandon(ticket)
+                self._step(self._now() + _LOOK, token)
+        except BaseException as error:
+            left = connection.abandon(ticket)
+            if isinstance(error, PreemptedError) and token is not None and (effect is Effect.NONE or not left):
+                # Nothing of it was done; and whatever it was to be part of is over.
+                epochs.check(token, command_name(cmd))
             raise
-        finally:
-            self._awaited.discard(ticket)
 
     def _note_number(self, reply: Reply) -> None:
         frame = reply.frame
-        if frame is not None and reply.attempts == 1 and not self._datagrams:
+        if frame is not None and reply.attempts == 1 and reply.ticket > self._noted and not self._datagrams:
+            self._noted = reply.ticket
             # A frame counter that starts again is a board that did.
             self.board_restarts += frame.sn < self._board_sn
             self._board_sn = frame.sn
 
-    def _step(self, deadline: float | None) -> None:
-        """Write what is due, read once, until `deadline` or the connection's own next one."""
+    def _step(self, deadline: float | None, token: Token | None = None) -> None:
+        """Write what is due, read once, until `deadline` or the connection's own next one.
+
+        Args:
+            deadline: As said.
+            token: The call that waits here: once a stop has come, nothing of it is written.
+        """
         connection = self.connection
         out = connection.data_to_send()
         due = connection.next_timeout()
         if due is None or (deadline is not None and deadline < due):
             due = deadline
         link = self.ipc.link
+        if token is not None and not self.epochs.holds(token):
+            return
         if len(out) == 1 and due is not None:
             # The hot path, one request and its answer: the link does both in one go.
             data = link.exchange(out[0], max(0.0, due - self._now()))
         else:
             for frame in out:
+                if token is not None and not self.epochs.holds(token):
+                    break
                 link.write(frame, self._now() + _WRITE_TIMEOUT)
             data = link.read(due)
         now = self._now()
@@ -413,8 +528,9 @@ class Session:
         if isinstance(event, Report):
             self._reports.append((event.frame, self.now()))
         elif isinstance(event, Reply | TimedOut):
-            if event.ticket in self._awaited:
-                self._stash[event.ticket] = event
+            if len(self._stash) >= _ORPHANS:
+                del self._stash[next(iter(self._stash))]
+            self._stash[event.ticket] = event
         else:
             frame = getattr(event, "frame", None)
             if frame is not None:

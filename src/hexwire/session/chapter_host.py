@@ -41,6 +41,7 @@ class ChapterHost:
     ) -> None:
         """Queue a request; see `Connection.request`."""
         pending = Pending1(ticket, cmd, body, window or self._connection.policy.dialect1_window, attempts)
+        pending.urgent = urgent
         if urgent:
             self._queue.appendleft(pending)
         else:
@@ -64,12 +65,40 @@ class ChapterHost:
         self._pump(now)
         return True
 
-    def abandon(self, ticket: int) -> None:
-        """Forget a request. If it is outstanding, its answer's window must pass first."""
-        if self._current is not None and self._current.ticket == ticket:
-            self._quiet_until = self._current.deadline
-            self._current = None
+    def holds(self, ticket: int) -> bool:
+        """Whether a request is outstanding or queued."""
+        current = self._current
+        return (current is not None and current.ticket == ticket) or any(p.ticket == ticket for p in self._queue)
+
+    def abandon(self, ticket: int) -> bool:
+        """Forget a request. If it is outstanding, its answer's window must pass first.
+
+        Returns:
+            Whether it may have been sent; True for one that is not known here.
+        """
+        left = not any(p.ticket == ticket for p in self._queue)
         self._queue = deque(p for p in self._queue if p.ticket != ticket)
+        if self._current is not None and self._current.ticket == ticket:
+            left = self._give_up()
+        return left
+
+    def void(self) -> list[bytes]:
+        """Forget every request that is not urgent; returns the frames of the one that stays."""
+        self._queue = deque(p for p in self._queue if p.urgent)
+        if self._current is not None and self._current.urgent:
+            return [self._current.frame]
+        if self._current is not None:
+            self._give_up()
+        return []
+
+    def _give_up(self) -> bool:
+        pending, self._current = self._current, None
+        if pending is None:
+            return False
+        left = self._connection.withhold(pending.frame) or pending.sent > 1
+        if left:
+            self._quiet_until = pending.deadline
+        return left
 
     def stay_quiet(self, until: float) -> None:
         """Send nothing before this time."""
@@ -113,7 +142,7 @@ class ChapterHost:
                 self._connection.add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
 
     def _transmit(self, pending: Pending1, now: float) -> None:
-        self._connection.send_chapter(pending.cmd, pending.body, now)
+        pending.frame = self._connection.send_chapter(pending.cmd, pending.body, now)
         pending.sent += 1
         pending.sent_at = now
         pending.deadline = now + pending.window

@@ -7,7 +7,7 @@ fragments. Bytes go in with `receive`, events come out of `next_event`, bytes to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
@@ -45,6 +45,9 @@ class _Pending:
     deadline: float = 0.0
     instead: str = ""
     message_id: int | None = None
+    urgent: bool = False
+    frames: list[bytes] = field(default_factory=list)
+    """Of the last sending; those that have not been taken yet can still be kept from it."""
 
 
 class Connection(FrameMaker):
@@ -145,7 +148,8 @@ class Connection(FrameMaker):
     def next_timeout(self) -> float | None:
         """When `handle_timeout` wants to be called, or None."""
         first = None
-        for pending in self._pending.values():
+        # A signal handler may stop the arm in the middle of anything here, and empty what is gone through.
+        for pending in tuple(self._pending.values()):
             if first is None or pending.deadline < first:
                 first = pending.deadline
         for part in self._timed_parts:
@@ -159,7 +163,7 @@ class Connection(FrameMaker):
         while (bad := self.decoder.handle_timeout(now)) is not None:
             self._note(bad)
             self._drain(now)
-        for pending in [p for p in self._pending.values() if p.deadline <= now]:
+        for pending in [p for p in tuple(self._pending.values()) if p.deadline <= now]:
             if pending.sent < pending.attempts:
                 self.counters.retries += 1
                 self._transmit(pending, now)
@@ -226,8 +230,8 @@ class Connection(FrameMaker):
             if seq == self.seq:
                 raise LocalProtocolError("256 requests are outstanding; the board answers none of them")
         self.seq = seq
-        pending = _Pending(self._ticket, cmd, body, seq, window or self.policy.window, attempts)
-        self._transmit(pending, now, urgent=urgent)
+        pending = _Pending(self._ticket, cmd, body, seq, window or self.policy.window, attempts, urgent=urgent)
+        self._transmit(pending, now)
         self._pending[seq] = pending
         return self._ticket
 
@@ -237,12 +241,41 @@ class Connection(FrameMaker):
         begun = self.conversations is None or self.conversations.current is not None
         return begun or self.dialect == PROTO_CHAPTER
 
-    def abandon(self, ticket: int) -> None:
-        """Forget a request; an answer that still comes is stale."""
+    def holds(self, ticket: int) -> bool:
+        """Whether an answer to a request is still waited for."""
+        return any(pending.ticket == ticket for pending in tuple(self._pending.values())) or self._chapter.holds(
+            ticket
+        )
+
+    def abandon(self, ticket: int) -> bool:
+        """Forget a request; an answer that still comes is stale, and what was not taken to be sent is not sent.
+
+        Returns:
+            Whether some of it may have been sent.
+        """
+        left = True
         for pending in list(self._pending.values()):
             if pending.ticket == ticket:
+                left = self._withhold(pending.frames) or pending.sent > 1
                 self._settle(pending)
-        self._chapter.abandon(ticket)
+        return self._chapter.abandon(ticket) and left
+
+    def void(self) -> None:
+        """A stop is to be sent: forget every request but other stops. Nothing of them is sent, or sent again."""
+        keep = []
+        for pending in list(self._pending.values()):
+            if pending.urgent:
+                keep += pending.frames
+            else:
+                self._settle(pending)
+        keep += self._chapter.void()
+        self._out = [data for data in self._out if any(data is kept for kept in keep)]
+
+    def _withhold(self, frames: list[bytes]) -> bool:
+        """Take frames back that were not taken to be sent; returns whether any was."""
+        waiting = [data for data in self._out if any(data is frame for frame in frames)]
+        self._out = [data for data in self._out if not any(data is frame for frame in frames)]
+        return len(waiting) < len(frames)
 
     def stay_quiet(self, until: float) -> None:
         """Dialect 1: send nothing before this time, and take what arrives until then as stale."""
@@ -310,25 +343,28 @@ class Connection(FrameMaker):
             self._send_frame(Command.FRAGMENT, chunk, now, dst)
         return message_id
 
-    def _transmit(self, pending: _Pending, now: float, *, urgent: bool = False) -> None:
+    def _transmit(self, pending: _Pending, now: float) -> None:
         pending.sent += 1
         pending.sent_at = now
         pending.deadline = now + pending.window
         if len(pending.body) > max_body(self.max_frame):
+            before = len(self._out)
             if pending.message_id is None:
                 pending.message_id = self._send_message(pending.cmd, 0, pending.body, pending.seq, now)
-                return
-            for chunk in self._fragments_out.remind(pending.message_id, pending.cmd, 0, pending.body, now):
-                self._send_frame(Command.FRAGMENT, chunk, now)
+            else:
+                for chunk in self._fragments_out.remind(pending.message_id, pending.cmd, 0, pending.body, now):
+                    self._send_frame(Command.FRAGMENT, chunk, now)
+            pending.frames = self._out[before:]
             return
         data = self.build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
-        if urgent:
+        pending.frames = [data]
+        if pending.urgent:
             self._out.insert(0, data)
         else:
             self._out.append(data)
 
     def _settle(self, pending: _Pending) -> None:
-        del self._pending[pending.seq]
+        self._pending.pop(pending.seq, None)
         if pending.message_id is not None:
             self._fragments_out.forget(pending.message_id)
 
@@ -399,7 +435,7 @@ class Connection(FrameMaker):
     def _receive_chapter(self, frame: Frame, now: float) -> None:
         if self._chapter.receive(frame, now):
             return
-        identify = next((p for p in self._pending.values() if p.cmd == Command.IDENTIFY), None)
+        identify = next((p for p in tuple(self._pending.values()) if p.cmd == Command.IDENTIFY), None)
         if identify is None or frame.body != UNKNOWN_COMMAND_PACKET:
             self._stale(frame, "dialect 1, and it answers nothing that was asked")
             return
@@ -478,20 +514,26 @@ class Connection(FrameMaker):
         )
         self._take_frame(whole, now)
 
-    def send_chapter(self, cmd: int, body: bytes, now: float) -> None:
-        """Queue a dialect-1 frame. For the dialect-1 half only."""
+    def send_chapter(self, cmd: int, body: bytes, now: float) -> bytes:
+        """Queue a dialect-1 frame, and return it. For the dialect-1 half only."""
         self.seq = (self.seq + 1) & 0xFF
-        self._out.append(self.build(PROTO_CHAPTER, cmd, body, self.seq, now))
+        data = self.build(PROTO_CHAPTER, cmd, body, self.seq, now)
+        self._out.append(data)
+        return data
+
+    def withhold(self, data: bytes) -> bool:
+        """Take a frame back; returns whether it was too late. For the dialect-1 half only."""
+        return self._withhold([data])
 
     def _stale(self, frame: Frame, reason: str) -> None:
         self.counters.stale += 1
-        for pending in self._pending.values():
+        for pending in tuple(self._pending.values()):
             pending.instead = str(frame)
         self._chapter.note(str(frame))
         self.add(Stale(frame, reason))
 
     def _note(self, event: BadFrame | Garbage) -> None:
-        for pending in self._pending.values():
+        for pending in tuple(self._pending.values()):
             pending.instead = str(event)
         self._chapter.note(str(event))
         self.add(event)

@@ -65,6 +65,8 @@ class Pending1:
     sent_at: float = 0.0
     deadline: float = 0.0
     instead: str = ""
+    urgent: bool = False
+    frame: bytes = b""
     packet: ServoPacket = field(init=False)
     expected: Expected = field(init=False)
 

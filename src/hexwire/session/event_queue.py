@@ -34,7 +34,11 @@ class EventQueue:
         """The oldest event, or None."""
         if not self._events:
             return None
-        event = self._events.popleft()
+        try:
+            event = self._events.popleft()
+        except IndexError:
+            # A signal handler that stops the arm has taken it meanwhile.
+            return None
         if event.__class__ is Report:
             self._reports -= 1
         return event
@@ -48,7 +52,7 @@ class EventQueue:
     def add_report(self, report: Report) -> None:
         """Put a report at the end. The newest state matters most: the oldest report makes room."""
         if self._reports >= _MAX_REPORTS:
-            i = next(i for i, event in enumerate(self._events) if event.__class__ is Report)
+            i = next(i for i, event in enumerate(tuple(self._events)) if event.__class__ is Report)
             del self._events[i]
             self._reports -= 1
             self._counters.reports_dropped += 1
@@ -57,7 +61,7 @@ class EventQueue:
 
     def _make_room(self) -> None:
         # Somebody waits for a reply or its time-out, and there are no more of them than were asked for.
-        for i, event in enumerate(self._events):
+        for i, event in enumerate(tuple(self._events)):
             if not isinstance(event, Reply | TimedOut):
                 del self._events[i]
                 self._reports -= event.__class__ is Report

@@ -1,0 +1,375 @@
+"""Nothing that was called before a stop takes effect after it: any threads, and a signal at any line."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+import pytest
+from tests.drivers.arms import Arm
+from tests.ipc.bus_bench import make_bus
+from tests.property.stops import Judge, watch
+
+from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.bus_arm import SevenBotArm
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator.board import make_hex7bot_board
+from hexwire.errors import HexwireError, LinkClosedError, LinkLostError, PreemptedError, StoppedError
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.memory import memory_pair
+from hexwire.ipc.session import Session
+from hexwire.model.state import JointTarget
+from hexwire.session.policy import RetryPolicy
+from hexwire.wire import servo_packet as sp
+from hexwire.wire.command_frame import Command
+from hexwire.wire.commands import MoveRequest, MoveRow, TransactRequest
+from hexwire.wire.registers import Series
+
+PATIENCE = 20.0
+RUNS = int(os.environ.get("HEXWIRE_STOP_RUNS", "6"))
+POINTS = int(os.environ.get("HEXWIRE_STOP_POINTS", "25"))
+SILENT = 9
+"""An id that no servo has: who asks it keeps the line busy for as long as the board waits."""
+SLOW = 0.15
+
+
+def move(robot: RobotDriver, count: int, duration: float = 4.0) -> None:
+    joint = robot.model.joint("J1")
+    robot.write(JointTarget.of({"J1": joint.counts_to_angle(count)}, duration))
+
+
+# --- threads ----------------------------------------------------------------------------------------------------
+
+
+class Bench:
+    """A driver in real time, its board in another thread, and a judge who sees the servo of J1."""
+
+    def __init__(self, dialect: int) -> None:
+        self.judge = Judge()
+        near, self._far = memory_pair()
+        self._far.open()
+        self.board = make_hex7bot_board(dialect=dialect, start=time.monotonic())
+        watch(self.judge, self.board.wire, self.board.wire[0])
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+        session = Session(
+            IpcHandle.from_link(near), policy=RetryPolicy(attempts=3, window=1.0, dialect1_window=1.0)
+        )
+        self.robot = Hex7BotDriver(session)
+        self.robot.attach()
+        self.robot.torque(True)
+        self.robot.read()
+
+    def _serve(self) -> None:
+        stopped = False
+        while not self._ended.is_set():
+            with contextlib.suppress(LinkLostError, LinkClosedError):
+                data = self._far.read(time.monotonic() + 0.002)
+                now = time.monotonic()
+                if data:
+                    self.board.receive(data, now)
+                self.board.step(now)
+                if stopped and not self.board.state.stopped:
+                    self.judge.seen("resume")
+                stopped = self.board.state.stopped
+                if out := self.board.data_to_send():
+                    self._far.write(out)
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join(PATIENCE)
+        self.robot.session.close()
+        self._far.close()
+
+    # What a thread may do. Each is one call of the judge's.
+
+    def move(self) -> None:
+        count = self.judge.target()
+        with self.judge.call("move", count):
+            move(self.robot, count)
+
+    def raw_move(self) -> None:
+        count = self.judge.target()
+        body = MoveRequest(4000, (MoveRow(0, count),)).serialize()
+        with self.judge.call("move", count):
+            self.robot.session.request(Command.JOINT_MOVE, body)
+
+    def sent_move(self) -> None:
+        count = self.judge.target()
+        body = MoveRequest(4000, (MoveRow(0, count),)).serialize()
+        with self.judge.call("move", count):
+            self.robot.session.send(Command.JOINT_MOVE, body)
+
+    def torque(self) -> None:
+        with self.judge.call("torque"):
+            self.robot.torque(True)
+
+    def resume(self) -> None:
+        with self.judge.call("resume"):
+            self.robot.resume()
+
+    def raw_resume(self) -> None:
+        with self.judge.call("resume"):
+            self.robot.session.request(Command.RESUME)
+
+    def read(self) -> None:
+        self.robot.read()
+
+    def slow(self) -> None:
+        """Keep the line."""
+        packet = sp.make_ping(SILENT)
+        if self.robot.dialect == 2:
+            body = TransactRequest(6, int(SLOW * 1000), packet).serialize()
+            self.robot.session.request(Command.TRANSACT, body)
+        else:
+            self.robot.ping(SILENT)
+
+    def stop(self) -> None:
+        with self.judge.stop():
+            self.robot.stop()
+
+
+@contextmanager
+def bench(dialect: int) -> Iterator[Bench]:
+    made = Bench(dialect)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+BOTH = ("move", "torque", "resume")
+RAW = ("raw_move", "sent_move", "raw_resume")
+
+
+@pytest.mark.parametrize(
+    ("dialect", "what"), [(d, w) for d in (1, 2) for w in BOTH] + [(2, w) for w in RAW], ids=lambda p: str(p)
+)
+def test_what_waits_for_the_line_is_void_after_a_stop(dialect: int, what: str) -> None:
+    with bench(dialect) as b:
+        if "resume" in what:
+            b.stop()
+        if what == "torque":
+            b.robot.torque(False)
+        taken, called = threading.Event(), threading.Event()
+        turn = b.robot.session._turn
+        outcome: list[BaseException | None] = []
+
+        def hold() -> None:
+            with turn.taken():
+                taken.set()
+                assert called.wait(PATIENCE)
+                time.sleep(0.05)
+
+        def wait() -> None:
+            assert taken.wait(PATIENCE)
+            try:
+                begin, mine = turn.begin, threading.get_ident()
+
+                def seen(*args: Any) -> None:
+                    if threading.get_ident() == mine:
+                        called.set()
+                    begin(*args)
+
+                turn.begin = seen  # type: ignore[method-assign]  # tells when the line is waited for
+                called.set() if (dialect, what) == (1, "resume") else None
+                getattr(b, what)()
+                outcome.append(None)
+            except HexwireError as error:
+                outcome.append(error)
+
+        threads = [threading.Thread(target=hold), threading.Thread(target=wait)]
+        for thread in threads:
+            thread.start()
+        assert called.wait(PATIENCE)
+        b.stop()
+        for thread in threads:
+            thread.join(PATIENCE)
+        if (dialect, what) != (1, "resume"):  # which waits for nothing
+            assert isinstance(outcome[0], StoppedError), outcome
+        time.sleep(0.05)
+        assert b.judge.wrong() == []
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int) -> None:
+    moved = 0
+    for seed in range(RUNS):
+        with bench(dialect) as b:
+            moved += run(b, seed)
+            assert b.judge.wrong() == [], f"seed {seed}"
+    assert moved > 0
+
+
+def run(b: Bench, seed: int, *, seconds: float = 0.6) -> int:
+    """Threads that call at random, and one that stops and resumes; returns how many moves took effect."""
+    deeds = ["move", "move", "torque", "resume", "read", "slow"]
+    deeds += ["raw_move", "sent_move", "raw_resume"] if b.robot.dialect == 2 else []
+    until = time.monotonic() + seconds
+    failures: list[BaseException] = []
+
+    def work(number: int) -> None:
+        dice = random.Random(f"{seed} {number}")
+        while time.monotonic() < until:
+            try:
+                getattr(b, dice.choice(deeds))()
+            except HexwireError:
+                pass
+            except BaseException as error:
+                failures.append(error)
+                raise
+            time.sleep(dice.choice((0.0, 0.001, 0.01)))
+
+    def stop() -> None:
+        dice = random.Random(f"{seed} stop")
+        while time.monotonic() < until:
+            time.sleep(dice.uniform(0.0, 0.08))
+            try:
+                b.stop()
+                if dice.random() < 0.5:
+                    time.sleep(dice.uniform(0.0, 0.03))
+                    b.resume()
+            except HexwireError:
+                pass
+            except BaseException as error:
+                failures.append(error)
+                raise
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)] + [threading.Thread(target=stop)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    assert not any(thread.is_alive() for thread in threads)
+    assert failures == []
+    return b.judge.moved()
+
+
+# --- a signal handler, at every line ---------------------------------------------------------------------------
+
+
+class AtLine:
+    """Calls something when the n-th line of hexwire (but the emulator) is about to run, as a signal handler may.
+
+    Counted from where a call has its token: before that it is as if it had not been called.
+    """
+
+    def __init__(self, n: int, call: Callable[[], object]) -> None:
+        self.lines = 0
+        self._n, self._call = n, call
+        self._inside, self._called = False, False
+
+    def __call__(self, frame: FrameType, event: str, arg: object) -> Any:
+        if event == "call" and not self._ours(frame):
+            return None
+        if event == "return" and frame.f_code.co_name == "token":
+            self._called = True
+        if event == "line" and self._called and not self._inside:
+            self.lines += 1
+            if self.lines == self._n:
+                self._inside = True
+                try:
+                    self._call()
+                finally:
+                    self._inside = False
+        return self
+
+    @staticmethod
+    def _ours(frame: FrameType) -> bool:
+        """Code of the host's side, not what the emulated board runs in the same thread."""
+        if "/src/hexwire/" not in frame.f_code.co_filename:
+            return False
+        at: FrameType | None = frame
+        while at is not None:
+            if "/emulator/board" in at.f_code.co_filename or "/emulator/bus_" in at.f_code.co_filename:
+                return False
+            at = at.f_back
+        return "/emulator/" not in frame.f_code.co_filename
+
+    @contextmanager
+    def tracing(self) -> Iterator[None]:
+        before = sys.gettrace()
+        sys.settrace(self)
+        try:
+            yield
+        finally:
+            sys.settrace(before)
+
+
+def fresh(kind: str) -> tuple[RobotDriver, Judge, Callable[[], int], Callable[[float], None]]:
+    """An arm in simulated time: driver, judge, the goal of J1's servo in counts, and a way to wait."""
+    judge = Judge()
+    if kind == "bus":
+        series = (Series.SEVEN_BOT,) * 4 + (Series.HLS,) * 3
+        bus, device = make_bus(tuple(range(7)), series, baud=115200)
+        bus.close()
+        robot = SevenBotArm(Session(IpcHandle.from_link(bus.link)))
+        robot.attach()
+        robot.torque(True)
+        robot.read()
+        first = device.wire[0]
+        watch(judge, device.wire, first)
+        return robot, judge, lambda: first.registers.get("target_position"), robot.bus.pause
+    arm = Arm(int(kind))
+    arm.driver.torque(True)
+    arm.driver.read()
+    servo = arm.board.wire[0]
+    watch(judge, arm.board.wire, servo)
+    return arm.driver, judge, lambda: servo.registers.get("target_position"), arm.wait
+
+
+@pytest.mark.parametrize("kind", ["1", "2", "bus"])
+@pytest.mark.parametrize("what", ["move", "torque", "resume"])
+def test_a_signal_handler_that_stops_voids_what_it_interrupts(kind: str, what: str) -> None:
+    robot, judge, goal, _ = fresh(kind)
+    count = AtLine(-1, lambda: None)
+    with count.tracing():
+        act(robot, judge, what)
+    lines = range(1, count.lines + 1)
+    for line in random.Random(f"{kind} {what}").sample(lines, min(POINTS, len(lines))):
+        robot, judge, goal, wait = fresh(kind)
+        if what == "resume":
+            robot.stop()
+        if what == "torque":
+            robot.torque(False)
+
+        def stop(robot: RobotDriver = robot, judge: Judge = judge) -> None:
+            with judge.stop():
+                robot.stop()
+
+        handler = AtLine(line, stop)
+        with handler.tracing(), contextlib.suppress(StoppedError, PreemptedError):
+            act(robot, judge, what)
+        if not judge.stops:
+            continue
+        wait(0.5)
+        call = judge.calls[0]
+        assert call.outcome == "done" or "Stopped" in call.outcome or "Preempted" in call.outcome
+        if kind == "2":
+            assert judge.wrong() == [], line
+        assert robot.read().stopped, line
+        # Toward a board that latches no stop, what had left as the signal came is made up for at once.
+        assert goal() != call.count, line
+        with pytest.raises(StoppedError):
+            move(robot, 2000)
+
+
+def act(robot: RobotDriver, judge: Judge, what: str) -> None:
+    count = judge.target() if what == "move" else -1
+    with judge.call(what, count):
+        if what == "move":
+            move(robot, count)
+        elif what == "torque":
+            robot.torque(True)
+        else:
+            robot.resume()
