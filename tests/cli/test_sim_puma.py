@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
@@ -14,6 +15,7 @@ from click.testing import CliRunner, Result
 from hexwire.cli.main import cli
 from hexwire.cli.sim_puma import parse_address
 from hexwire.errors import UsageError
+from hexwire.ipc.certs import issue_certificate, make_authority
 
 
 def run(*words: str) -> Result:
@@ -70,6 +72,50 @@ def test_the_option_behind_the_command_wins(urls: list[str]) -> None:
     assert result.exit_code == 0, result.output
 
 
+def first_lines(*words: str) -> tuple[str, str]:
+    """What the process says first: its first URL, and all of standard error."""
+    command = [sys.executable, "-m", "hexwire.cli", "sim", "puma260", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        url = process.stdout.readline().strip()
+        process.terminate()
+        return url, process.stderr.read()
+
+
+@pytest.mark.system
+def test_an_address_that_others_reach_is_warned_of() -> None:
+    url, told = first_lines("--tcp", "0.0.0.0:0", "--udp", "0.0.0.0:0", "--peer", "192.0.2.7")
+    assert url.startswith("tcp://0.0.0.0:")
+    assert told == (
+        "warning: whoever reaches TCP on 0.0.0.0 commands this robot; --ca, --cert and --key keep others out\n"
+        "warning: UDP keeps nobody out who sends in the name of 192.0.2.7; TCP with --ca, --cert and --key does\n"
+    )
+
+
+@pytest.mark.system
+def test_with_tls_only_clients_of_the_authority_command_it(tmp_path: Path) -> None:
+    make_authority(tmp_path)
+    server, client = (issue_certificate(tmp_path, kind, kind) for kind in ("server", "client"))
+    ca = str(tmp_path / "ca.pem")
+    words = ("--tcp", "0.0.0.0:0", "--ca", ca, "--cert", str(server.cert), "--key", str(server.key))
+    command = [sys.executable, "-m", "hexwire.cli", "sim", "puma260", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        url = process.stdout.readline().strip().replace("0.0.0.0", "127.0.0.1")
+        assert url.startswith("tcps://127.0.0.1:")
+        options = f"?ca={ca}&cert={client.cert}&key={client.key}"
+        early = ("--robot", "puma260")
+        result = run(*early, "torque", "on", "--port", url + options)
+        assert result.exit_code == 0, result.output
+        refused = run(*early, "state", "--timeout", "0.5", "--port", url.replace("tcps", "tcp"))
+        assert refused.exit_code == 1
+        assert refused.stderr.count("\n") == 1
+        process.terminate()
+        assert process.stderr.read() == "", "with TLS there is nothing to warn of"
+
+
 @pytest.mark.parametrize(
     ("words", "status", "text"),
     [
@@ -78,6 +124,7 @@ def test_the_option_behind_the_command_wins(urls: list[str]) -> None:
         (("--robot", "puma260", "state", "--timeout", "0.1", "--port", "udp://127.0.0.1:9"), 1, "no answer to"),
         (("sim", "puma260", "--tcp", "nowhere"), 2, "the port is missing"),
         (("sim", "puma260", "--tcp", ":0", "--udp", "0.0.0.0:0"), 2, "name the host that is heard"),
+        (("sim", "puma260", "--ca", "ca.pem", "--tcp", ":0"), 2, "TLS needs --ca, --cert and --key together"),
         (("sim", "puma260", "--peer", "127.0.0.1"), 2, "--peer makes no sense without --udp"),
     ],
 )

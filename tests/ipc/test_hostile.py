@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import threading
@@ -303,3 +304,21 @@ def test_a_client_is_not_hurt_by_a_server_that_floods_or_stalls() -> None:
         peer.close()
         flooder.outcome()
         assert link.is_open or link.read(in_a_moment()) == b""
+
+
+def test_one_host_that_calls_without_end_ends_no_others_handshake(lab: Path) -> None:
+    listener = Listener(tls=files(lab, "server"), max_handshakes=4)
+    with listener, socket.socket() as slow:
+        slow.bind(("127.0.0.2", 0))
+        slow.connect(("127.0.0.1", listener.port))
+        flood = []
+        try:
+            for _ in range(40):
+                flood.append(socket.create_connection(("127.0.0.1", listener.port)))
+                while select.select([listener.fileno()], [], [], 0.0)[0]:
+                    assert listener.accept(0.0) is None
+            assert len(listener._handshakes) == 4
+            assert sum(shake.peer.startswith("127.0.0.2:") for shake in listener._handshakes.values()) == 1
+        finally:
+            for caller in flood:
+                caller.close()

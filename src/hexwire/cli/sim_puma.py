@@ -27,23 +27,39 @@ _PORT = 15030
     show_default=True,
     help="Where TCP hosts call; port 0 takes a free one.",
 )
+@click.option("--ca", metavar="FILE", help="TLS: the authority whose clients may call; with --cert and --key.")
+@click.option("--cert", metavar="FILE", help="TLS: our certificate; 'hexwire cert new' makes the three files.")
+@click.option("--key", metavar="FILE", help="TLS: its key.")
 @click.option("--udp", metavar="HOST:PORT", help="Where hosts may speak UDP.")
 @click.option("--peer", metavar="HOST", help="With --udp on an address that others reach: the host that is heard.")
-def puma260(tcp: str, udp: str | None, peer: str | None) -> None:
+def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: str | None, peer: str | None) -> None:
     """Emulate a PUMA 260 controller: prints its URLs, and runs until it is stopped.
 
-    It has the four channels of the chapter's configuration file on one port, for any number of hosts.
+    It has the four channels of the chapter's configuration file on one port, for some tens of hosts at once. On an
+    address that others reach, and without TLS, it obeys whoever calls.
     """
     from hexwire.emulator.puma import EmulatedPuma
     from hexwire.emulator.serve_puma import serve_puma
     from hexwire.errors import UsageError
+    from hexwire.ipc.channel import is_loopback
     from hexwire.ipc.listener import Listener
+    from hexwire.ipc.tls import TlsFiles
     from hexwire.ipc.udp_server import UdpServer
 
     if peer and not udp:
         raise UsageError("--peer makes no sense without --udp")
-    listener = Listener(*parse_address(tcp))
+    tls = None
+    if ca or cert or key:
+        if not (ca and cert and key):
+            raise UsageError("TLS needs --ca, --cert and --key together; 'hexwire cert new' makes the files")
+        tls = TlsFiles(ca, cert, key)
+    host, port = parse_address(tcp)
+    listener = Listener(host, port, tls=tls)
     link = UdpServer(*parse_address(udp), peer=peer or "") if udp else None
+    if tls is None and not is_loopback(host):
+        note(f"warning: whoever reaches TCP on {host} commands this robot; --ca, --cert and --key keep others out")
+    if udp and not is_loopback(parse_address(udp)[0]):
+        note(f"warning: UDP keeps nobody out who sends in the name of {peer}; TCP with --ca, --cert and --key does")
     serve_puma(
         EmulatedPuma(start=time.monotonic()),
         listener=listener,

@@ -11,6 +11,7 @@ import errno
 import select
 import socket
 import threading
+from collections import Counter
 from dataclasses import dataclass, replace
 from time import monotonic
 from typing import TYPE_CHECKING, Self
@@ -61,7 +62,7 @@ class Listener:
         port: Port; 0 lets the system choose, see `port` after `open`.
         tls: Certificates; None for connections in the clear.
         handshake_timeout: Seconds that a caller has for the TLS handshake.
-        max_handshakes: Handshakes under way at once; one more ends the oldest.
+        max_handshakes: Handshakes under way at once; one more ends the oldest of the host that has most.
 
     Attributes:
         refused: Callers who were not let in.
@@ -280,7 +281,7 @@ class Listener:
         from hexwire.ipc.tls import TlsStream
 
         if len(self._handshakes) >= self._max_handshakes:
-            self._drop(next(iter(self._handshakes)), "too many TLS handshakes at once")
+            self._drop(self._most_pressing(), "too many TLS handshakes at once")
         stream = TlsStream(caller, self._context)
         self._handshakes[caller.fileno()] = _Handshake(stream, peer, monotonic() + self._handshake_timeout)
         doors.register(caller, stream.wants)
@@ -321,10 +322,16 @@ class Listener:
         handshake.stream.close()
         self._refuse(f"{handshake.peer}: {why}")
 
+    def _most_pressing(self) -> int:
+        """The oldest handshake of the host that has most: one that calls without end keeps nobody else out."""
+        hosts = Counter(handshake.peer.rpartition(":")[0] for handshake in self._handshakes.values())
+        host = hosts.most_common(1)[0][0]
+        return next(fd for fd, handshake in self._handshakes.items() if handshake.peer.rpartition(":")[0] == host)
+
     def _make_room(self) -> None:
         """Without a free descriptor a caller cannot be taken in nor turned away: wait a moment, do not spin."""
         if self._handshakes:
-            self._drop(next(iter(self._handshakes)), "no room")
+            self._drop(self._most_pressing(), "no room")
         else:
             select.poll().poll(10)
 
