@@ -359,3 +359,15 @@ def test_random_bytes_raise_no_error(tmp_path: Path) -> None:
         parse_frame(spoilt[-1])
     assert len(readings(serial(tmp_path / "r.pcap", spoilt))) >= 300
     assert readings(serial(tmp_path / "q.pcap", [b"\xff\xff" + source.randbytes(20) for _ in range(100)]))
+
+
+def test_conversations_over_datagrams_read_as_any_frame(tmp_path: Path) -> None:
+    rows = [json.loads(line) for line in (ROOT / "vectors/conversation.jsonl").read_text().splitlines()]
+    steps = [(row["role"] == "host", step) for row in rows for step in row["steps"]]
+    traffic = [((step["what"] == "asks") == host, bytes.fromhex(step["hex"])) for host, step in steps]
+    capture = network(tmp_path / "udp.pcap", traffic, tcp=False, port=15030)
+    found = tshark(capture, fields=["hexwire.sn", "hexwire.type", "hexwire.cmd"])
+    assert len(found) == len(traffic)
+    for (_, data), (sn, kind, cmd) in zip(traffic, found, strict=True):
+        frame = parse_frame(data)
+        assert (int(sn), int(kind), int(cmd, 0)) == (frame.sn, frame.type, frame.cmd)
