@@ -71,7 +71,7 @@ def test_gearing_signs_and_defaults(tmp_path: Path) -> None:
         ('name = "x"\nspeed = 3\n' + JOINT, "speed"),
         ('name = "x"\n' + JOINT + "color = 1\n", r"joints\.0\.color"),
         ('name = "x"\n' + JOINT.replace("servo_id = 1", "servo_id = 300"), r"joints\.0\.servo_id"),
-        ('name = "x"\n' + JOINT.replace("sts_sms", "sts"), "J1: no servo series 'sts'"),
+        ('name = "x"\n' + JOINT.replace("sts_sms", "stx"), "J1: no servo series 'stx'"),
         ('name = "x"\n' + JOINT.replace("-90.0", "95.0"), "J1: minimum_deg"),
         ('name = "x"\n' + JOINT + "sign = 2\n", "J1: sign 2"),
         ('name = "x"\n' + JOINT + JOINT, "share a name or a servo id"),

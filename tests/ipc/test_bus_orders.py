@@ -14,7 +14,7 @@ def test_series_by_name() -> None:
     assert as_series("hls") is Series.HLS
     assert as_series(Series.SCS) is Series.SCS
     with pytest.raises(UsageError, match="there are seven_bot, scs, sts_sms, hls"):
-        as_series("sts")
+        as_series("stx")
 
 
 def test_a_series_may_be_told_later() -> None:

@@ -153,3 +153,26 @@ def test_series_facts() -> None:
 )
 def test_series_from_firmware(version: tuple[int, int] | tuple[int, int, str], series: Series | None) -> None:
     assert Series.from_firmware(*version) is series
+
+
+@pytest.mark.parametrize(
+    ("name", "series"),
+    [
+        ("sts", Series.STS_SMS),
+        ("SMS", Series.STS_SMS),
+        ("sts-sms", Series.STS_SMS),
+        ("SMS_STS", Series.STS_SMS),
+        ("SCSCL", Series.SCS),
+        ("HLS", Series.HLS),
+        ("7bot", Series.SEVEN_BOT),
+        (" seven_bot ", Series.SEVEN_BOT),
+    ],
+)
+def test_a_series_is_found_by_the_names_that_people_know(name: str, series: Series) -> None:
+    assert Series(name) is series
+
+
+@pytest.mark.parametrize("name", ["", "st", "servo", "sts_sms2", None, 3])
+def test_other_names_are_no_series(name: object) -> None:
+    with pytest.raises(ValueError, match="is not a valid Series"):
+        Series(name)

@@ -17,7 +17,7 @@ import click
 from hexwire.errors import ServoError, UsageError
 from hexwire.units import decimal
 
-from .common import confirm, json_option, on_terminal, port_option, resolve_url
+from .common import confirm, group_port_option, json_option, on_terminal, port_option, resolve_url
 from .exits import note
 from .output import plain, print_json, say, say_table
 from .sim_bus import parse_ids
@@ -57,7 +57,7 @@ def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
         "--baud", type=click.IntRange(min=1), metavar="N", help="Line rate (1000000; 115200 for seven_bot)."
     )
     series_option = click.option(
-        "--series", metavar="S", help="seven_bot, scs, sts_sms or hls. Not needed: servos are asked."
+        "--series", metavar="S", help="sts, sms, scs, hls or seven_bot. Not needed: servos are asked."
     )
     return port_option(series_option(baud_option(packed)))
 
@@ -150,7 +150,8 @@ def with_unit(value: float, unit: str) -> str:
 
 
 @click.group()
-def bus() -> None:
+@group_port_option
+def bus(port: str | None) -> None:
     """Talk to bus servos through an adapter: find, read, write, set up, watch, test."""
 
 

@@ -32,13 +32,16 @@ __all__ = [
     "RobotOptions",
     "attached",
     "confirm",
+    "early_port",
     "fault_names",
     "force_option",
     "format_table",
+    "group_port_option",
     "joint_json",
     "json_option",
     "line_options",
     "make_robot",
+    "numbers_argument",
     "observing_states",
     "on_terminal",
     "open_robot",
@@ -92,6 +95,24 @@ class FiniteFloat(click.ParamType[float]):
         return number
 
 
+def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F], _F]:
+    """An argument of several numbers, which usage and errors call by what is typed.
+
+    Args:
+        name: Of the command's parameter.
+        metavar: As ``X Y Z``: a word a number.
+        kind: What each is.
+    """
+    count = len(metavar.split())
+
+    def check(ctx: click.Context, param: click.Parameter, value: tuple[float, ...]) -> tuple[float, ...]:
+        if len(value) != count:
+            raise click.UsageError(f"{metavar} takes {count} values, not {len(value)}", ctx)
+        return value
+
+    return click.argument(name, nargs=-1, required=True, type=kind, metavar=metavar, callback=check)
+
+
 # -- which robot ----------------------------------------------------------------------------------------
 
 
@@ -114,15 +135,39 @@ class RobotOptions:
     timeout: float | None
 
 
-def port_option(command: _F) -> _F:
-    """``--port``, which HEXWIRE_PORT sets too."""
+def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--port``, which may stand before the command as well, and which HEXWIRE_PORT sets too."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, port: str | None, **rest: Any) -> Any:
+        return command(*args, port=early_port(port), **rest)
+
     return click.option(
         "--port",
         metavar="URL",
         envvar="HEXWIRE_PORT",
         show_envvar=True,
         help="Device or link, as /dev/ttyUSB0 or tcp://host:port. Not needed if one likely board is plugged in.",
-    )(command)
+    )(packed)
+
+
+group_port_option = click.option(
+    "--port", metavar="URL", help="Where it is, for every command below that takes --port."
+)
+"""``--port`` of a group: `hexwire bus --port URL scan`."""
+
+
+def early_port(port: str | None) -> str | None:
+    """The port of this command: typed behind it, else before it, else `port`, as from the environment."""
+    if _is_typed("port"):
+        return port
+    context = click.get_current_context().parent
+    while context is not None:
+        early: str | None = context.params.get("port")
+        if early:
+            return early
+        context = context.parent
+    return port
 
 
 def line_options(command: _F) -> _F:
@@ -154,12 +199,8 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         timeout: float | None,
         **rest: Any,
     ) -> Any:
-        # Both may stand before the command as well: `hexwire --robot puma260 state`.
-        early = click.get_current_context().find_root().params
-        robot = robot or early.get("robot") or DEFAULT_ROBOT
-        # On the command line, before the environment.
-        if early.get("port") and not _is_typed("port"):
-            port = early["port"]
+        # It may stand before the command as well: `hexwire --robot puma260 state`.
+        robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
         return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
 
     robot_option = click.option(

@@ -7,6 +7,7 @@ drawn.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -16,7 +17,7 @@ import click
 from hexwire.errors import HexwireError, ServoError, UsageError
 
 from .board_process import board_process
-from .common import FiniteFloat, attached, on_terminal, raise_if_silent, resolve_url
+from .common import FiniteFloat, attached, early_port, on_terminal, raise_if_silent, resolve_url
 from .exits import note, shielded
 from .output import say
 
@@ -96,7 +97,9 @@ class PlainView:
 
 @click.command()
 @click.option("--port", metavar="URL", help="Move the real arm behind this port instead of an emulated one.")
-@click.option("--yes-move-the-arm", is_flag=True, help="With --port: yes, there is room for the arm to move.")
+@click.option(
+    "--yes-move-the-arm", "--yes", is_flag=True, help="Yes, the real arm, and there is room for it to move."
+)
 @click.option(
     "--baud",
     type=click.IntRange(min=0),
@@ -133,8 +136,13 @@ def demo(
     """Move an emulated Hex7Bot there and back, with a live table.
 
     Nothing else is needed: the board and its seven servos are emulated behind a pseudo-terminal, which is opened
-    like any serial port. With --port and --yes-move-the-arm it moves a real arm: 30 degrees a joint.
+    like any serial port. With --yes-move-the-arm it moves the real arm behind --port or HEXWIRE_PORT: 30 degrees a
+    joint.
     """
+    port = early_port(port)
+    if port is None and yes_move_the_arm:
+        # A variable that is always set must not turn every demo into one with the real arm.
+        port = os.environ.get("HEXWIRE_PORT") or None
     view: View = PlainView()
     if on_terminal():
         from .draw import LiveView

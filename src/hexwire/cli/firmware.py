@@ -14,6 +14,7 @@ import click
 from .common import (
     RobotOptions,
     attached,
+    group_port_option,
     json_option,
     make_robot,
     resolve_url,
@@ -39,7 +40,8 @@ rate_option = click.option(
 
 
 @click.group()
-def firmware() -> None:
+@group_port_option
+def firmware(port: str | None) -> None:
     """Build, flash and identify the controller board's firmware."""
 
 

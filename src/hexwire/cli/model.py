@@ -6,6 +6,7 @@ PUMA 260. Must not know the geometry.
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import sys
@@ -19,7 +20,7 @@ from hexwire.errors import LimitError, UsageError
 from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 
-from .common import FiniteFloat, force_option, json_option, refuse_idle_force
+from .common import DEFAULT_ROBOT, FiniteFloat, force_option, json_option, numbers_argument, refuse_idle_force
 from .output import plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
@@ -45,9 +46,18 @@ def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``--robot``, which may stand before the command as well."""
+
+    @functools.wraps(command)
+    def packed(*args: Any, robot: str | None, **rest: Any) -> Any:
+        robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
+        if robot not in ROBOTS:
+            raise UsageError(f"no geometry of {robot!r}; there is one of {', '.join(ROBOTS)}")
+        return command(*args, robot=robot, **rest)
+
     return click.option(
-        "--robot", type=click.Choice(ROBOTS), default="hex7bot", show_default=True, help="Which arm."
-    )(command)
+        "--robot", metavar="NAME", help=f"Which arm: {', '.join(ROBOTS)}.  [default: {DEFAULT_ROBOT}]"
+    )(packed)
 
 
 @click.group()
@@ -60,7 +70,7 @@ def model() -> None:
 
 
 @model.command(context_settings=NEGATIVE_NUMBERS)
-@click.argument("angles", nargs=6, type=DEGREES, metavar="T0 T1 T2 T3 T4 T5")
+@numbers_argument("angles", "T0 T1 T2 T3 T4 T5", DEGREES)
 @links_option
 @_robot_option
 @json_option
@@ -231,7 +241,7 @@ def _are_numbers(value: object, n: int) -> bool:
 
 
 @model.command(context_settings=NEGATIVE_NUMBERS)
-@click.argument("angles", nargs=6, type=DEGREES, metavar="T0 T1 T2 T3 T4 T5")
+@numbers_argument("angles", "T0 T1 T2 T3 T4 T5", DEGREES)
 @links_option
 @_robot_option
 @json_option

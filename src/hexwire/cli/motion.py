@@ -26,6 +26,7 @@ from .common import (
     confirm,
     force_option,
     make_robot,
+    numbers_argument,
     open_robot,
     refuse_idle_force,
     robot_options,
@@ -109,7 +110,7 @@ def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @click.command(context_settings=NEGATIVE_NUMBERS)
-@click.argument("place", nargs=3, type=_PLACE, metavar="X Y Z")
+@numbers_argument("place", "X Y Z", _PLACE)
 @_pose_options
 @click.option(
     "--speed",
@@ -154,7 +155,7 @@ def goto(
 
 
 @click.command(context_settings=NEGATIVE_NUMBERS)
-@click.argument("place", nargs=3, type=_PLACE, metavar="X Y Z")
+@numbers_argument("place", "X Y Z", _PLACE)
 @_pose_options
 @click.option(
     "--speed",

@@ -54,7 +54,7 @@ def _parse_rates(text: str) -> list[int]:
     default="sts_sms",
     show_default=True,
     metavar="S[,S...]",
-    help="seven_bot, scs, sts_sms or hls: one for all, or one for each id.",
+    help="sts, sms, scs, hls or seven_bot: one for all, or one for each id.",
 )
 @click.option(
     "--ids", default="1-6", show_default=True, metavar="IDS", help="As 1-6 or 1,2,9; twice the same collides."

@@ -155,7 +155,9 @@ def _joint(row: Any) -> JointModel:
         series = Series(row.series)
     except ValueError:
         known = ", ".join(kind.value for kind in Series)
-        raise UsageError(f"{row.name}: no servo series {row.series!r}; there are {known}") from None
+        raise UsageError(
+            f"{row.name}: no servo series {row.series!r}; there are {known} (sts and sms are sts_sms)"
+        ) from None
     if row.sign not in (1, -1):
         raise UsageError(f"{row.name}: sign {row.sign} is neither 1 nor -1")
     if row.minimum_deg >= row.maximum_deg:

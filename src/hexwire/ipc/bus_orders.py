@@ -295,7 +295,7 @@ def as_series(series: Series | str) -> Series:
         return Series(series)
     except ValueError:
         known = ", ".join(kind.value for kind in Series)
-        raise UsageError(f"no servo series {series!r}; there are {known}") from None
+        raise UsageError(f"no servo series {series!r}; there are {known} (sts and sms are sts_sms)") from None
 
 
 def why(instead: str) -> str:

@@ -21,6 +21,15 @@ from .tables import FIRMWARE, REGISTER_BITS, REGISTER_NOTES, REGISTERS, SERIES, 
 __all__ = ["Register", "Series"]
 
 
+_ALIASES_OF = {
+    "seven_bot": ("sevenbot", "7bot"),
+    "scs": ("scscl",),
+    "sts_sms": ("sts", "sms", "sms_sts"),
+    "hls": ("hlscl",),
+}
+"""Further names of the series: on the vendor's boxes, in its libraries, and what people write for the 7Bot's."""
+
+
 @dataclass(frozen=True, slots=True)
 class Register:
     """One register of one series.
@@ -124,6 +133,12 @@ class Series(Enum):
     SCS = "scs"
     STS_SMS = "sts_sms"
     HLS = "hls"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Series | None:
+        """The names that people know from boxes, other libraries and vendors' programs, in any case."""
+        name = str(value).strip().lower().replace("-", "_")
+        return next((series for series in cls if name in (series.value, *_ALIASES_OF[series.value])), None)
 
     @classmethod
     def from_code(cls, code: int) -> Series | None:

@@ -1,0 +1,158 @@
+"""Options that mean the same on every command that has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+from tests.cli.bus_cli import BusCli
+
+from hexwire.cli.main import cli
+
+Words = tuple[str, ...]
+
+
+def commands() -> Iterator[tuple[str, click.Command]]:
+    """Every command with its words."""
+
+    def walk(
+        group: click.Group, context: click.Context, words: tuple[str, ...]
+    ) -> Iterator[tuple[str, click.Command]]:
+        for name in group.list_commands(context):
+            command = group.get_command(context, name)
+            assert command is not None
+            inner = click.Context(command, parent=context, info_name=name)
+            if isinstance(command, click.Group):
+                yield from walk(command, inner, (*words, name))
+            else:
+                yield " ".join((*words, name)), command
+
+    yield from walk(cli, click.Context(cli, info_name="hexwire"), ())
+
+
+ALL = dict(commands())
+
+
+def options_of(command: click.Command) -> dict[str, click.Option]:
+    return {name: p for p in command.params if isinstance(p, click.Option) for name in p.opts}
+
+
+def test_a_port_comes_from_the_environment_wherever_there_is_one() -> None:
+    with_port = {
+        name: options_of(command)["--port"] for name, command in ALL.items() if "--port" in options_of(command)
+    }
+    assert len(with_port) > 30
+    without = [name for name, option in with_port.items() if option.envvar != "HEXWIRE_PORT"]
+    # The demo moves an emulated arm unless the real one is asked for.
+    assert without == ["demo"]
+
+
+def test_flags_take_no_value_and_say_what_they_do() -> None:
+    for name, command in ALL.items():
+        for flag in ("--json", "--yes", "--wait", "--force"):
+            option = options_of(command).get(flag)
+            assert option is None or (option.is_flag and option.help), f"{name} {flag}"
+
+
+def test_what_asks_can_be_answered_beforehand() -> None:
+    asking = {"set-id", "set-baud", "center", "restore", "wave", "write"}
+    for name in (*(f"bus {name}" for name in asking), "teach", "demo"):
+        assert "--yes" in options_of(ALL[name]), name
+
+
+@pytest.mark.parametrize("words", [("state",), ("move", "J1=5", "--json"), ("goto", "0", "220", "200")])
+@pytest.mark.parametrize("where", ["before", "behind", "environment"])
+def test_a_port_before_or_behind_a_command_on_an_arm(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], where: str
+) -> None:
+    check_port(lambda args: bench.run(*args, port=None), bench.urls, monkeypatch, words, where)
+
+
+@pytest.mark.parametrize("where", ["before", "between", "behind", "environment"])
+def test_a_port_before_or_behind_a_command_on_a_bus(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+    bus = BusCli(monkeypatch)
+    check_port(lambda args: CliRunner().invoke(cli, args), bus.urls, monkeypatch, ("bus", "ping", "1"), where)
+
+
+def check_port(
+    run: Any, urls: list[str], monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], where: str
+) -> None:
+    port = ["--port", "/dev/ttyHERE"]
+    if where == "environment":
+        monkeypatch.setenv("HEXWIRE_PORT", "/dev/ttyHERE")
+    else:
+        # What is typed comes before the environment.
+        monkeypatch.setenv("HEXWIRE_PORT", "/dev/ttyELSEWHERE")
+    args = {
+        "before": [*port, *words],
+        "between": [words[0], *port, *words[1:]],
+        "behind": [*words, *port],
+        "environment": [*words],
+    }[where]
+    result = run(args)
+    assert result.exit_code == 0, result.output
+    assert [url.partition("?")[0] for url in urls] == ["/dev/ttyHERE"]
+
+
+def test_the_nearest_port_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = BusCli(monkeypatch)
+    words = ["--port", "/dev/tty1", "bus", "--port", "/dev/tty2", "ping", "1"]
+    CliRunner().invoke(cli, [*words, "--port", "/dev/tty3"])
+    CliRunner().invoke(cli, words)
+    assert [url.partition("?")[0] for url in bus.urls] == ["/dev/tty3", "/dev/tty2"]
+
+
+def test_a_demo_moves_the_real_arm_only_if_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = CliRunner().invoke(cli, ["--port", "/dev/ttyREAL", "demo"])
+    assert (result.exit_code, "--yes-move-the-arm" in result.stderr) == (2, True)
+    monkeypatch.delenv("HEXWIRE_PORT", raising=False)
+    result = CliRunner().invoke(cli, ["demo", "--yes"])
+    assert (result.exit_code, "which arm?" in result.stderr) == (2, True)
+    monkeypatch.setenv("HEXWIRE_PORT", "/nowhere/at/all")
+    result = CliRunner().invoke(cli, ["demo", "--yes"])
+    assert (result.exit_code, "/nowhere/at/all" in result.stderr) == (1, True)
+
+
+def test_the_arm_of_a_model_may_stand_before_the_command() -> None:
+    zero = ["0"] * 6
+    for words in (
+        ["--robot", "puma260", "model", "fk", *zero, "--json"],
+        ["model", "fk", *zero, "--json", "--robot", "puma260"],
+    ):
+        assert '"robot": "puma260"' in CliRunner().invoke(cli, words).stdout
+    result = CliRunner().invoke(cli, ["--robot", "so101", "model", "fk", *zero])
+    assert (result.exit_code, "no geometry of 'so101'" in result.stderr) == (2, True)
+
+
+@pytest.mark.parametrize("series", ["sts", "sms", "STS", "sts_sms"])
+def test_series_by_the_names_that_users_know(monkeypatch: pytest.MonkeyPatch, series: str) -> None:
+    bus = BusCli(monkeypatch)
+    assert "present_position" in bus.ok("read", "1", "present_position", "--series", series)
+
+
+def test_usage_says_what_is_typed() -> None:
+    for name, place in (
+        ("goto", "X Y Z"),
+        ("line", "X Y Z"),
+        ("bus set-id", "OLD NEW"),
+        ("bus set-baud", "ID RATE"),
+    ):
+        result = CliRunner().invoke(cli, [*name.split(), "--help"])
+        assert result.stdout.splitlines()[0].endswith(f"{name} [OPTIONS] {place}")
+    for words, says in (
+        (("goto", "1", "2"), "X Y Z"),
+        (("goto",), "X Y Z"),
+        (("line", "1", "2", "3", "4"), "4"),
+        (("model", "fk", "1", "2"), "T0 T1 T2 T3 T4 T5"),
+        (("model", "ik", "1", "2", "--rpy", "0", "0", "0"), "X Y Z"),
+        (("bus", "set-id", "1"), "NEW"),
+        (("bus", "set-baud", "x", "1"), "ID"),
+    ):
+        result = CliRunner().invoke(cli, words)
+        assert result.exit_code == 2
+        assert says in result.stderr
+        assert "place" not in result.stderr.lower().replace("a place has", "")
+        assert result.stderr.count("\n") == 1
