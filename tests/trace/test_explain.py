@@ -165,3 +165,20 @@ def test_sound_packets_of_any_content_are_explained_without_an_exception(
         whole = b"".join(wrapped(each, data) for each, data in transfers if each is way)
         assert b"".join(e.data for e in found if e.direction is way) == whole
     assert all(isinstance(e.reading, str) for e in found)
+
+
+def test_what_follows_an_unfinished_frame_is_explained_at_the_end() -> None:
+    good = frame(2, Command.STATS, b"", seq=1)
+    long = bytearray(good[:40])
+    long[28:32], long[36:38] = (8000).to_bytes(4, "little"), (8000 - 44).to_bytes(2, "little")
+    found = explain((SENT, bytes(long) + good + good, 0.0))
+    assert [(e.kind, e.problem) for e in found] == [("bad", "cut short by the end"), ("frame", ""), ("frame", "")]
+
+
+def test_an_explanation_that_is_not_taken_is_not_given_again() -> None:
+    good = frame(2, Command.STATS, b"", seq=1)
+    explainer = Explainer()
+    for first in explainer.feed(Passed(SENT, good + good, 0.0, "")):
+        assert first.data == good
+        break
+    assert [e.data for e in explainer.feed(Passed(SENT, good[:8], 0.0, ""))] == [good]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import resource
+import subprocess
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -64,3 +68,49 @@ def test_any_file_is_read_without_a_stray_exception(data: bytes) -> None:
         list(read_traffic(data))
     except UsageError:
         assert not data.strip() or data.startswith(MAGIC)
+
+
+HOSTILE = {
+    "blanks": b" " * 200_000 + b"x",
+    "blanks behind hex": b"FF FF" + b" " * 200_000 + b"x",
+    "blanks in lines": (b" " * 3000 + b"x\n") * 60,
+    "tabs before a bar": b"FF" + b"\t" * 200_000 + b"|",
+    "blanks in a headline": b"1.5" + b" " * 200_000 + b"x",
+    "digits": b"1" * 200_001,
+    "a length of many digits": b"SerialPort sent - Length=" + b"9" * 200_000,
+    "bars": b"|" * 200_000,
+    "arrows": b"<>" * 100_000,
+}
+
+
+@pytest.mark.parametrize("data", HOSTILE.values(), ids=HOSTILE.keys())
+def test_a_file_made_to_be_slow_is_not(data: bytes) -> None:
+    """In processor time, a hundred times what it takes: the square of these lengths would be hours."""
+    code = "import sys; from hexwire.trace.sources import read_traffic; list(read_traffic(sys.stdin.buffer.read()))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=data,
+        capture_output=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (60, 60)),
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_log_whose_length_is_no_number() -> None:
+    text = f"SerialPort sent - Length={'9' * 5000}\nFF FF 01 02 01 FB\n"
+    assert [str(item)[:40] for item in read_traffic(text.encode())][:1] == [
+        "line 1 is neither hex nor a log line: Se"
+    ]
+
+
+def test_a_file_that_is_too_large_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexwire.trace.sources.LARGEST", 1 << 20)
+    with pytest.raises(UsageError, match=r"capture\.bin has more than 1 MiB"):
+        list(read_traffic(bytes((1 << 20) + 1) + b"x", "capture.bin"))
+
+
+def test_a_mark_of_byte_order_and_windows_line_ends_make_no_difference() -> None:
+    dump = "\n".join(FRAME[i : i + 8].hex(" ") for i in range(0, len(FRAME), 8))
+    for data in (dump.encode("utf-8-sig"), dump.replace("\n", "\r\n").encode(), dump.encode("utf-8-sig") + b"\r\n"):
+        assert transfers(data) == [(Direction.SENT, FRAME)]

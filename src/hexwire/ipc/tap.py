@@ -78,7 +78,8 @@ class Missed:
         """Count a failure."""
         with self._lock:
             self.count += 1
-            self.first = self.first or error
+            # Without its traceback, which would keep the bytes of that moment for as long as the program runs.
+            self.first = self.first or error.with_traceback(None)
 
 
 class TapLink(Link):

@@ -17,7 +17,10 @@ __all__ = ["HEADLINE", "format_passed", "hex_rows", "parse_log"]
 
 _WIDTH = 16
 _WORDS = {Direction.SENT: "sent", Direction.RECEIVED: "receive"}
-HEADLINE = re.compile(r"^\s*(?:(?P<time>\d+\.\d+)\s+)?\S+ (?P<way>sent|receive) - Length=(?P<length>\d+)\s*$")
+# Digits are bounded: a number of thousands is no length, and takes the square of its length to read.
+HEADLINE = re.compile(
+    r"^\s*(?:(?P<time>[0-9]{1,12}\.[0-9]{1,12})\s+)?\S+ (?P<way>sent|receive) - Length=(?P<length>[0-9]{1,9})\s*$"
+)
 _HEX_ROW = re.compile(r"^\s*(?P<hex>[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2})*)\s*(?:\|.*)?$")
 
 

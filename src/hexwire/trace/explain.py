@@ -40,6 +40,7 @@ _BOARD_SERIES = {
 }
 _SERVO_COMMANDS = (Command.PING, Command.READ, Command.SYNC_WRITE)
 _COOKED_TAIL = b"\n\n"
+_COOKED = "tail 0A 0A: the port was left with ICRNL, and every 0D in it became 0A"
 _NO_FRAME = "belongs to no frame"
 _CEILING = f"hazard: {CEILING}"
 
@@ -102,9 +103,17 @@ class _Asked:
 
 @dataclass(slots=True)
 class _Way:
-    """One direction of the line: what has arrived and is not explained yet."""
+    """One direction of the line.
+
+    Attributes:
+        data: What has arrived lately.
+        done: So many bytes of it are explained.
+        frames: A sync word has come.
+        bus: It is taken for a bus of servos.
+    """
 
     data: bytes = b""
+    done: int = 0
     frames: bool = False
     bus: bool = False
 
@@ -127,7 +136,7 @@ class Explainer:
     def feed(self, passed: Passed) -> Iterator[Explained]:
         """Explain what is whole after this transfer."""
         way = self._ways[passed.direction]
-        way.data += passed.data
+        way.data, way.done = way.data[way.done :] + passed.data, 0
         if self._bus or (self._bus is None and not way.frames and self._begins_bus(way.data)):
             way.bus = True
             yield from self._servo_traffic(way, passed.direction, passed.time)
@@ -141,51 +150,58 @@ class Explainer:
         for direction, way in self._ways.items():
             if way.bus:
                 yield from self._servo_traffic(way, direction, 0.0, final=True)
-            rest, way.data = way.data, b""
-            if rest:
-                problem = "cut short by the end" if rest.startswith(SYNC_BYTES) else _NO_FRAME
-                yield self._spoilt(rest, direction, 0.0, problem)
+            else:
+                yield from self._take(way, direction, 0.0, final=True)
 
-    def _take(self, way: _Way, direction: Direction, time: float) -> Iterator[Explained]:
-        """Cut whole frames off the front. At most one unfinished frame stays."""
-        at = 0
+    def _take(self, way: _Way, direction: Direction, time: float, *, final: bool = False) -> Iterator[Explained]:
+        """Cut whole frames off the front; at most one unfinished frame stays.
+
+        Every step moves on in the same bytes: cutting them anew for each frame would take the square of a long
+        capture's time.
+        """
+        data = way.data
+        at = way.done
         while True:
-            data = way.data
             start = data.find(SYNC_BYTES, at)
             if start < 0:
-                keep = next((n for n in (3, 2, 1) if data.endswith(SYNC_BYTES[:n])), 0)
-                lost, way.data = data[: len(data) - keep], data[len(data) - keep :]
-                if lost:
-                    yield self._spoilt(lost, direction, time, _NO_FRAME)
+                keep = 0 if final else next((n for n in (3, 2, 1) if data.endswith(SYNC_BYTES[:n])), 0)
+                yield from self._passed_over(way, max(len(data) - keep, way.done), direction, time)
                 return
             result = examine(data, start, tables.MAX_NETWORK_FRAME)
             if isinstance(result, str) and result.startswith("head:"):
                 at = start + 1
                 continue
-            if start:
-                yield self._spoilt(data[:start], direction, time, _NO_FRAME)
-                data = way.data = data[start:]
-                at = 0
-            if isinstance(result, int):
+            yield from self._passed_over(way, start, direction, time)
+            if isinstance(result, int) and not final:
                 return
-            size = result.size if isinstance(result, Frame) else int.from_bytes(data[28:32], "little")
-            raw, problem = data[:size], ""
-            if isinstance(result, str):
-                problem = result
-                mended = examine(raw[:-2] + TAIL, 0, tables.MAX_NETWORK_FRAME) if raw.endswith(_COOKED_TAIL) else ""
-                if isinstance(mended, Frame):
-                    result = mended
-                    problem = "tail 0A 0A: the port was left with ICRNL, and every 0D in it became 0A"
-                else:
-                    # Bad bytes reach to where the next frame may begin.
-                    following = data.find(SYNC_BYTES, 1)
-                    raw = data[:following] if 0 < following < size else raw
-            way.data = data[len(raw) :]
-            at = 0
-            if isinstance(result, Frame):
-                yield self._frame(result, raw, direction, time, problem)
+            frame, end, problem = self._judged(data, start, result)
+            raw = data[start:end]
+            way.done = at = end
+            if frame is not None:
+                yield self._frame(frame, raw, direction, time, problem)
             else:
                 yield self._spoilt(raw, direction, time, problem)
+
+    def _passed_over(self, way: _Way, end: int, direction: Direction, time: float) -> Iterator[Explained]:
+        if end > way.done:
+            lost, way.done = way.data[way.done : end], end
+            yield self._spoilt(lost, direction, time, _NO_FRAME)
+
+    @staticmethod
+    def _judged(data: bytes, start: int, result: Frame | str | int) -> tuple[Frame | None, int, str]:
+        """What stands at `start`: a frame or None, where it ends, and what is wrong with it."""
+        if isinstance(result, Frame):
+            return result, start + result.size, ""
+        size, problem = len(data) - start, "cut short by the end"
+        if isinstance(result, str):
+            size, problem = int.from_bytes(data[start + 28 : start + 32], "little"), result
+            if data[start + size - 2 : start + size] == _COOKED_TAIL:
+                mended = examine(data[start : start + size - 2] + TAIL, 0, tables.MAX_NETWORK_FRAME)
+                if isinstance(mended, Frame):
+                    return mended, start + size, _COOKED
+        # Bad bytes reach to where the next frame may begin.
+        following = data.find(SYNC_BYTES, start + 1, start + size)
+        return None, following if following > 0 else start + size, problem
 
     # -- frames -------------------------------------------------------------------------------------
 
@@ -344,10 +360,10 @@ class Explainer:
         self, way: _Way, direction: Direction, time: float, *, final: bool = False
     ) -> Iterator[Explained]:
         """A bus without a board: packets go out, status packets come in, perhaps several at once."""
-        pieces, rest = cut_packets(way.data, final=final)
-        data, way.data = way.data, way.data[rest:]
-        for kind, start, end, reason in pieces:
-            piece = data[start:end]
+        data = way.data[way.done :]
+        begin = way.done
+        for kind, start, end, reason in cut_packets(data, final=final):
+            piece, way.done = data[start:end], begin + end
             if kind == "packet":
                 yield self._servo_packet(piece, direction, time)
                 continue

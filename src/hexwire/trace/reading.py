@@ -6,7 +6,10 @@ too. Knows nothing of streams and pairing; `explain` does those.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from array import array
+from collections.abc import Iterator, Mapping
+from itertools import accumulate
 
 from hexwire.errors import HexwireError
 from hexwire.wire import tables
@@ -31,6 +34,8 @@ _MISFIT = "the body does not fit the command"
 _ICRNL = "tail 0A 0A, the port was left with ICRNL"
 _SAMPLE = 24
 _MIN_PACKET, _MAX_LENGTH = 6, tables.MAX_SERVO_PACKET - 4
+# Of a row of FF only the last two can be a header: no servo has the id 255.
+_HEADER = re.compile(rb"\xff(?:\xff(?!\xff)|\xf5)")
 _READS = (Instruction.READ, Instruction.SYNC_READ)
 _BARE = frozenset(
     {
@@ -48,64 +53,57 @@ _SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 SeriesById = Mapping[int, Series]
 
 
-def cut_packets(data: bytes, *, final: bool = False) -> tuple[list[tuple[str, int, int, str]], int]:
+def cut_packets(data: bytes, *, final: bool = False) -> Iterator[tuple[str, int, int, str]]:
     """Find the servo packets in the bytes of one line.
+
+    Takes a time that grows with the length, whatever the bytes are.
 
     Args:
         data: What came, from where the last call left off.
         final: Nothing more will come: what is unfinished is bad.
 
-    Returns:
-        Pieces (kind, start, end, reason), the kind being packet, bad or garbage, without gaps between them; and
-        where the unfinished rest begins.
+    Yields:
+        Pieces (kind, start, end, reason), the kind being packet, bad or garbage, without gaps between them. An
+        unfinished rest begins where the last one ends.
     """
-    pieces: list[tuple[str, int, int, str]] = []
     done = at = 0
-
-    def pass_over(until: int) -> None:
-        if until > done:
-            pieces.append(("garbage", done, until, ""))
-
+    # Sums up to each byte: adding up anew for each of many overlapping packets would take long.
+    sums = array("Q", accumulate(data, initial=0))
     while True:
         start = _header(data, at)
         if start < 0:
             rest = len(data) - (1 if not final and data.endswith(b"\xff") else 0)
-            rest = max(rest, done)
-            pass_over(rest)
-            return pieces, rest
+            if rest > done:
+                yield "garbage", done, rest, ""
+            return
         head = data[start : start + _MIN_PACKET]
         length = head[3] if len(head) > 3 else 2
-        quirk = head[1] == 0xF5 and length == 6 and len(head) == 6 and sum(head[2:]) & 0xFF == 0xFF
-        size = _MIN_PACKET if quirk else 4 + length
-        if head[1:3] == b"\xff\xff" or not 2 <= length <= _MAX_LENGTH:
+        if not 2 <= length <= _MAX_LENGTH:
             at = start + 1
             continue
+        quirk = length == 6 and head[1] == 0xF5 and len(head) == 6 and sum(head[2:]) & 0xFF == 0xFF
+        size = _MIN_PACKET if quirk else 4 + length
         kind, end, reason = "packet", start + size, ""
+        if start > done:
+            yield "garbage", done, start, ""
         if len(data) < end:
             if not final:
-                pass_over(start)
-                return pieces, start
+                return
             kind, end, reason = "bad", len(data), f"cut short, {len(data) - start} of {size} bytes"
         else:
-            wanted = ~sum(data[start + 2 : end - 1]) & 0xFF
+            wanted = ~(sums[end - 1] - sums[start + 2]) & 0xFF
             if data[end - 1] != wanted:
                 kind, reason = "bad", f"checksum {data[end - 1]:02X}, not {wanted:02X}"
         if kind == "bad":
             following = _header(data, start + 2)
             end = following if 0 < following < end else end
-        pass_over(start)
-        pieces.append((kind, start, end, reason))
+        yield kind, start, end, reason
         done = at = end
 
 
 def _header(data: bytes, at: int) -> int:
-    # One search for FF: two for both headers would each run to the end, and a long capture would take for ever.
-    at = data.find(b"\xff", at)
-    while 0 <= at < len(data) - 1:
-        if data[at + 1] in (0xFF, 0xF5):
-            return at
-        at = data.find(b"\xff", at + 1)
-    return -1
+    found = _HEADER.search(data, at)
+    return -1 if found is None else found.start()
 
 
 def answers(data: bytes, asked: ServoPacket | None) -> bool:

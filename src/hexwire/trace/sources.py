@@ -15,37 +15,56 @@ from hexwire.ipc.tap import Direction, Passed
 from .capture import MAGIC, traffic_of
 from .chapter_log import HEADLINE, parse_log
 
-__all__ = ["read_traffic"]
+__all__ = ["LARGEST", "read_traffic"]
 
-_OFFSET = re.compile(r"^\s*(?:0x)?[0-9A-Fa-f]{4,16}:?\s+(?=[0-9A-Fa-f]{2}\b)")
-_TEXT_COLUMN = re.compile(r"\s*(?:\||\s{2,}[^0-9A-Fa-f\s]).*$")
+LARGEST = 64 * 1024 * 1024
+"""Bytes of a file of traffic; a longer one is cut into pieces first."""
+
+_OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{4,16}:?\s+(?=[0-9A-Fa-f]{2}\b)")
+_TEXT_COLUMN = re.compile(r"\||\s\s[^0-9A-Fa-f\s|]")
 _BOARD_TO_HOST = b"\xff\xf5"
 
 
-def read_traffic(data: bytes) -> Iterator[Passed | str]:
+def read_traffic(data: bytes, name: str = "the file") -> Iterator[Passed | str]:
     """Read a file's bytes as traffic.
+
+    Takes a time that grows with the length, whatever stands in it.
 
     Args:
         data: The whole file.
+        name: What to call it in an error.
 
     Yields:
         A `Passed` for each transfer, and sentences about what is odd in the file itself.
 
     Raises:
-        UsageError: The file is empty, or a recording and the package ``mcap`` is not installed.
+        UsageError: The file is empty or larger than `LARGEST`; or it is a recording, and that is damaged beyond
+            reading or the package ``mcap`` is not installed.
     """
     if not data.strip():
-        raise UsageError("the file is empty: there is nothing to decode")
+        raise UsageError(f"{name} is empty: there is nothing to decode")
+    if len(data) > LARGEST:
+        raise UsageError(f"{name} has more than {LARGEST >> 20} MiB: cut it into pieces, as with split -C 32M")
     if data.startswith(MAGIC):
-        yield from traffic_of(io.BytesIO(data), "the file")
+        yield from traffic_of(io.BytesIO(data), name)
         return
     text = _as_text(data)
     if text is None:
         yield Passed(_way(data), data, 0.0, "")
-    elif any(HEADLINE.match(line) for line in text.splitlines()):
-        yield from parse_log(text.splitlines())
+    elif any(HEADLINE.match(line) for line in _lines(text)):
+        yield from parse_log(_lines(text))
     else:
         yield from _hex_dump(text)
+
+
+def _lines(text: str) -> Iterator[str]:
+    """One after the other: a list of all would take many times the room of the text."""
+    at = 0
+    while at < len(text):
+        end = text.find("\n", at)
+        end = len(text) if end < 0 else end
+        yield text[at:end].removesuffix("\r")
+        at = end + 1
 
 
 def _as_text(data: bytes) -> str | None:
@@ -53,38 +72,42 @@ def _as_text(data: bytes) -> str | None:
     if b"\0" in data:
         return None
     try:
-        text = data.decode("ascii")
+        return data.decode("ascii")
     except UnicodeDecodeError:
-        try:
-            text = data.decode("utf-8")
-        except UnicodeDecodeError:
-            return None
-        if not any(HEADLINE.match(line) for line in text.splitlines()):
-            return None
-    return text
+        pass
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return None
+    return text if text.isascii() or any(HEADLINE.match(line) for line in _lines(text)) else None
 
 
 def _hex_dump(text: str) -> Iterator[Passed | str]:
     """Hex bytes, with or without offsets and a text column; a blank line or `<`, `>` ends a transfer."""
     way: Direction | None = None
     gathered = bytearray()
-    for number, line in enumerate(text.splitlines(), start=1):
-        line = line.partition("#")[0]
-        marked = line.lstrip()[:1]
-        if marked in ("<", ">") or not line.strip():
+    for number, line in enumerate(_lines(text), start=1):
+        line = line.partition("#")[0].strip()
+        if line[:1] in ("<", ">", ""):
             yield from _gathered(gathered, way)
             gathered.clear()
-            way = {">": Direction.SENT, "<": Direction.RECEIVED}.get(marked)
-            line = line.lstrip().lstrip("<>")
-        code = _TEXT_COLUMN.sub("", _OFFSET.sub("", line)).strip()
-        if not code:
-            continue
-        words = code.replace(",", " ").replace("0x", " ").split()
-        if not all(len(word) % 2 == 0 and re.fullmatch(r"[0-9A-Fa-f]+", word) for word in words):
-            yield f"line {number} is neither hex nor a log line: {line.strip()[:60]}"
-            continue
-        gathered += bytes.fromhex("".join(words))
+            way = {">": Direction.SENT, "<": Direction.RECEIVED}.get(line[:1])
+            line = line.lstrip("<>").lstrip()
+        try:
+            gathered += _bytes_of(line)
+        except ValueError:
+            yield f"line {number} is neither hex nor a log line: {line[:60]}"
     yield from _gathered(gathered, way)
+
+
+def _bytes_of(line: str) -> bytes:
+    offset = _OFFSET.match(line)
+    if offset:
+        line = line[offset.end() :]
+    column = _TEXT_COLUMN.search(line)
+    if column:
+        line = line[: column.start()]
+    return bytes.fromhex(line.replace(",", " ").replace("0x", " "))
 
 
 def _gathered(data: bytearray, way: Direction | None) -> Iterator[Passed]:
