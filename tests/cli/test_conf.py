@@ -95,7 +95,7 @@ def test_nothing_is_written_over_unasked(tmp_path: Path) -> None:
 def test_files_that_are_not_there(tmp_path: Path) -> None:
     result = run("check", tmp_path / "none.conf")
     assert result.exit_code == 2
-    assert "cannot read the configuration: No such file" in result.stderr
+    assert "cannot be read: No such file" in result.stderr
     result = run("convert", CHAPTER, tmp_path / "no" / "ipc.toml")
     assert result.exit_code == 2
     assert f"{tmp_path / 'no' / 'ipc.toml'} cannot be written: there is no such folder" in result.stderr

@@ -137,7 +137,7 @@ def test_play_waypoints_as_ros_writes_them(bench: Any, tmp_path: Path) -> None:
     ("change", "error"),
     [
         ({"joint_names": ["J1", "J9"]}, "moves J9; hex7bot has J1, J2"),
-        ({"points": 7}, "is no trajectory"),
+        ({"points": 7}, "points must be a list, not 7"),
         ({"points": []}, "a trajectory without a point"),
         ({"joint_names": ["J1"]}, "2 values for 1 joints"),
     ],

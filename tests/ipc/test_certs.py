@@ -94,7 +94,7 @@ def test_names_that_cannot_be_files(tmp_path: Path, name: str) -> None:
 
 
 def test_other_wrong_wishes(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"no authority in .*ca\.pem: No such file"):
+    with pytest.raises(UsageError, match=r"no authority in .*ca\.pem: cannot be read: No such file"):
         issue_certificate(tmp_path, "arm", "server")
     with pytest.raises(UsageError, match="1 to 64 printable characters"):
         make_authority(tmp_path, name="")

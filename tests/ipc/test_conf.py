@@ -114,9 +114,9 @@ def test_files_of_other_systems(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.conf: cannot read the configuration: No such file"):
+    with pytest.raises(ConfigError, match=r"none\.conf: cannot be read: No such file"):
         load_conf(tmp_path / "none.conf")
-    with pytest.raises(ConfigError, match="cannot read the configuration: Is a directory"):
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
         load_conf(tmp_path)
     path = tmp_path / "latin1.conf"
     path.write_bytes(b"# note\n# gr\xfc\xdfe\n")

@@ -122,9 +122,9 @@ def test_files_that_cannot_be_used(lab: Path, tmp_path: Path) -> None:
     (tmp_path / "junk").write_text("junk")
     junk = str(tmp_path / "junk")
     for wrong, words in (
-        (TlsFiles(str(tmp_path / "no"), cert, key), "cannot read the authority .*no: No such file"),
-        (TlsFiles(ca, str(tmp_path / "no"), key), "cannot read the certificate .*no: No such file"),
-        (TlsFiles(ca, cert, str(tmp_path)), "cannot read the key .*: Is a directory"),
+        (TlsFiles(str(tmp_path / "no"), cert, key), "cannot read the authority .*no: cannot be read: No such file"),
+        (TlsFiles(ca, str(tmp_path / "no"), key), "cannot read the certificate .*no: cannot be read: No such file"),
+        (TlsFiles(ca, cert, str(tmp_path)), "cannot read the key .*: cannot be read: Is a directory"),
         (TlsFiles(junk, cert, key), "junk is not an authority's certificate in PEM form"),
         (TlsFiles(ca, junk, key), "are not a certificate and its key in PEM form"),
         (TlsFiles(ca, cert, str(lab / "server.key")), "are not a certificate and its key"),

@@ -56,19 +56,39 @@ def test_lerobot_files_are_taken_over() -> None:
     assert math.degrees(angle) == pytest.approx(-(2500 - 2020.5) * 360 / 4095, abs=0.2)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"a": 3}', '{"a": {"id": 1}}', '{"a": {"id": "x"}}'])
-def test_no_lerobot_file(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"c\.json: no LeRobot calibration"):
+LEROBOT_ROW = '"drive_mode": 0, "homing_offset": 0, "range_min": 1, "range_max": 9'
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", ":1:1: no JSON"),
+        ("[]", ": must be a table, not a list"),
+        ("{}", ": no LeRobot calibration: it has no joint"),
+        ('{"a": 3}', ": a must be a table, not 3"),
+        ('{"a": {"id": 1}}', r": a\.drive_mode is missing"),
+        (f'{{"a": {{"id": "x", {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not the text 'x'"),
+        (f'{{"a": {{"id": 254, {LEROBOT_ROW}}}}}', r": a\.id is 254, and must be 0 to 253"),
+        (f'{{"a": {{"id": 1e3, {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not 1000"),
+        (f'{{"a": {{"id": {"9" * 5000}, {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not inf"),
+        (f'{{"a": {{"id": 1, {LEROBOT_ROW}}}, "a": {{}}}}', ": the key 'a' stands twice in one table"),
+        (f'{{"a\\n": {{"id": 1, {LEROBOT_ROW}}}}}', ": a joint's name has characters that cannot be printed"),
+        ("[" * 100_000, ": no JSON for us: brackets within brackets"),
+    ],
+)
+def test_no_lerobot_file(text: str, named: str) -> None:
+    with pytest.raises(ConfigError, match=rf"c\.json{named}"):
         Calibration.from_lerobot(text, arm="x", file="c.json")
 
 
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("arm = 3", "arm is no str"),
+        ("arm = 3", "taken is missing"),
+        ('arm = 3\ntaken = ""\njoints = []', "arm must be a text, not 3"),
         ('arm = "x"', "taken is missing"),
-        ('arm = "x"\ntaken = ""\njoints = [3]', "joints must be tables"),
-        ('arm = "x"\ntaken = ""\ncolor = 1\njoints = []', "unknown key 'color'"),
+        ('arm = "x"\ntaken = ""\njoints = [3]', r"joints\[0\] must be a table, not 3"),
+        ('arm = "x"\ntaken = ""\ncolor = 1\njoints = []', "color is an unknown key"),
         ('arm = "x"\ntaken = ""\n[[joints]]\nname = "a"', "servo_id is missing"),
         (
             'arm = "x"\ntaken = ""\n[[joints]]\nname="a"\nservo_id=1\nmiddle=5\nlow=6\nhigh=7',

@@ -56,7 +56,7 @@ def test_own_limits() -> None:
         ("[12, 160]", "3", "bench.toml:11: elbow must be a pair of degrees"),
         ("[12, 160]", "[10, 165]\nlimits = [[1, 2]]", "bench.toml:12: limits must be six pairs"),
         ('"bench"', "7", "bench.toml:1: name must be a text"),
-        ("a = 120", "a = = 1", "bench.toml: not TOML"),
+        ("a = 120", "a = = 1", "bench.toml:2:5: not TOML"),
     ],
 )
 def test_mistakes_are_named_with_their_line(old: str, new: str, message: str) -> None:

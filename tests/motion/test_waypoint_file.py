@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
 from hexwire.motion.waypoint_file import parse_waypoints
 from hexwire.motion.waypoints import Waypoint
 
@@ -17,6 +18,11 @@ WHOLE: dict[str, Any] = {
         {"time_from_start": {"sec": 2, "nanosec": 1}, "positions": [1, 2], "velocities": [0, 0]},
     ],
 }
+
+
+def _point(time: str, positions: object) -> str:
+    point = f'{{"time_from_start": {time}, "positions": {json.dumps(positions)}}}'
+    return f'{{"joint_names": ["J1"], "points": [{point}]}}'
 
 
 @pytest.mark.parametrize("as_bytes", [False, True])
@@ -31,30 +37,54 @@ def test_what_people_and_ros_write(as_bytes: bool) -> None:
     )
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1,", b"\xff\xfe{}", "[" * 100_000])
-def test_what_is_no_json(content: str | bytes) -> None:
-    with pytest.raises(UsageError, match=r"^way\.json is no JSON: "):
+@pytest.mark.parametrize(
+    ("content", "place"),
+    [
+        ("", ":1:1: no JSON"),
+        ("{", ":1:2: no JSON"),
+        ("[1,", ":1:4: no JSON"),
+        (b"\xff\xfe{}", ":1:1: is UTF-16 text"),
+        (b'{"a\xff"', ":1:4: not UTF-8 text"),
+        (b"{}\n\0", ":2:1: not UTF-8 text"),
+        ("[" * 100_000, ": no JSON for us: brackets"),
+        ('{"points": 1, "points": 2}', ": the key 'points' stands twice"),
+    ],
+)
+def test_what_is_no_json(content: str | bytes, place: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^way\.json{place}"):
         parse_waypoints(content, "way.json")
 
 
 @pytest.mark.parametrize(
-    "content",
+    ("content", "error"),
     [
-        "null",
-        "[]",
-        "{}",
-        '{"joint_names": 7, "points": []}',
-        '{"joint_names": ["J1"]}',
-        '{"joint_names": ["J1"], "points": [7]}',
-        '{"joint_names": ["J1"], "points": [{"positions": [0]}]}',
-        '{"joint_names": ["J1"], "points": [{"time_from_start": 0, "positions": ["x"]}]}',
-        '{"joint_names": ["J1"], "points": [{"time_from_start": [], "positions": [0]}]}',
-        '{"joint_names": ["J1"], "points": [{"time_from_start": {"secs": "x"}, "positions": [0]}]}',
+        ("null", "must be a table, not nothing"),
+        ("[]", "must be a table, not a list"),
+        ("{}", "joint_names is missing"),
+        ('{"joint_names": 7, "points": []}', "joint_names must be a list, not 7"),
+        ('{"joint_names": [], "points": []}', "joint_names has 0 values, and 1 to 253 are wanted"),
+        ('{"joint_names": ["J1", "J1"], "points": []}', "joint_names name a joint twice"),
+        ('{"joint_names": ["J1"]}', "points is missing"),
+        ('{"joint_names": ["J1"], "points": [7]}', "points[0] must be a table, not 7"),
+        ('{"joint_names": ["J1"], "points": [{"positions": [0]}]}', "points[0].time_from_start is missing"),
+        (_point("0", "x"), "points[0].positions must be a list, not the text 'x'"),
+        (_point("0", ["x"]), "points[0].positions[0] must be a number, not the text 'x'"),
+        (_point("[]", [0]), "points[0].time_from_start must be a number, not a list"),
+        (_point('{"secs": "x"}', [0]), "points[0].time_from_start.secs must be a number, not the text 'x'"),
+        (_point("1e308", [0]), "points[0].time_from_start is 1e+308, and must be 0 to 3600 s"),
+        (_point("1e999", [0]), "points[0].time_from_start is not a number that makes sense here"),
+        (_point("9" * 5000, [0]), "points[0].time_from_start is not a number that makes sense here"),
+        (_point("-1", [0]), "points[0].time_from_start is -1, and must be 0 to 3600 s"),
+        (_point("true", [0]), "points[0].time_from_start must be a number, not true"),
+        (_point("0", [1e5]), "points[0].positions[0] is 100000, and must be -10000 to 10000"),
+        (_point("0", [math.nan]), "points[0].positions[0] is not a number that makes sense here"),
+        (_point("0", [None]), "points[0].positions[0] must be a number, not nothing"),
     ],
 )
-def test_what_is_no_trajectory(content: str) -> None:
-    with pytest.raises(UsageError, match=r"^way\.json is no trajectory: it needs joint_names, and points .*\)$"):
+def test_what_is_no_trajectory(content: str, error: str) -> None:
+    with pytest.raises(ConfigError) as caught:
         parse_waypoints(content, "way.json")
+    assert str(caught.value) == f"way.json: {error}"
 
 
 @pytest.mark.parametrize(
@@ -63,7 +93,6 @@ def test_what_is_no_trajectory(content: str) -> None:
         ([], "without a point"),
         ([{"time_from_start": 1, "positions": [0]}], "it must be the start"),
         ([{"time_from_start": 0, "positions": [0, 0]}], "2 values for 1 joints"),
-        ([{"time_from_start": 0, "positions": [float("nan")]}], "not a number"),
         ([{"time_from_start": 0, "positions": [0]}] * 2, "not after the one before"),
     ],
 )

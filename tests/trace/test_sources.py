@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
 from hexwire.ipc.tap import Direction, Passed
-from hexwire.trace.capture import MAGIC
+from hexwire.trace.mcap_file import MAGIC
 from hexwire.trace.sources import read_traffic
 
 FRAME = bytes.fromhex("5AFAFA5A0100000000000000010000000700000008000000030000002C0000008202010000001000AB120D0A")

@@ -200,10 +200,11 @@ def _calibration(
     driver: type[BusArm], robot: str, lerobot: str | None, seconds: int | None, options: BusOptions
 ) -> Calibration:
     """Take a file over, or measure."""
+    from hexwire.inputs import read_text
     from hexwire.model.calibration import Calibration
 
     if lerobot is not None:
-        text = Path(lerobot).read_text(encoding="utf-8", errors="replace")
+        text = read_text(lerobot)
         taken = datetime.datetime.fromtimestamp(Path(lerobot).stat().st_mtime).astimezone()
         return Calibration.from_lerobot(text, arm=robot, taken=taken.isoformat(timespec="seconds"), file=lerobot)
     with driver.from_url(resolve_url(options.port, options.baud)) as arm:

@@ -7,16 +7,15 @@ PUMA 260. Must not know the geometry.
 from __future__ import annotations
 
 import functools
-import json
 import math
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hexwire.errors import LimitError, UsageError
+from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream
 from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 
@@ -30,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["links_option", "model"]
 
 DEGREES = FiniteFloat("degrees")
+_MOST = 1e6
+"""Millimetres that no arm reaches."""
 # So that -30 is a number and not an option.
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 
@@ -157,7 +158,8 @@ def ik(
     pose_file = None
     if len(place) == 1:
         pose_file = _read_pose(place[0])
-        robot, links = pose_file.get("robot", robot), pose_file.get("links", links)
+        robot = pose_file["robot"].text() if "robot" in pose_file else robot
+        links = pose_file["links"].text() if "links" in pose_file else links
     arm = make_kinematics(robot, links)
     solutions = _solve(arm, place, rotation, rpy, wrist, pose_file)
     if as_json:
@@ -184,7 +186,7 @@ def _solve(
     rotation: Sequence[float] | None,
     rpy: Sequence[float] | None,
     wrist: bool,
-    pose_file: dict[str, Any] | None,
+    pose_file: dict[str, Item] | None,
 ) -> tuple[Solution, ...]:
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
     from hexwire.model.pose import Pose, column, rotation_from_numbers, rotation_from_rpy
@@ -193,11 +195,10 @@ def _solve(
     unit = 1e-3 if seven else 1.0
     if pose_file is not None:
         key = "tip_mm" if seven else "position_m"
-        numbers: Any = pose_file.get(key)
-        rows = pose_file.get("rotation")
-        if not _are_numbers(numbers, 3) or not isinstance(rows, list) or not all(_are_numbers(r, 3) for r in rows):
+        if key not in pose_file or "rotation" not in pose_file:
             raise UsageError(f"the pose needs {key} with three numbers and rotation with three rows of three")
-        rotation = [v for row in rows for v in row]
+        numbers = _numbers_of(pose_file[key], 3)
+        rotation = [v for row in pose_file["rotation"].rows(3, 3) for v in _numbers_of(row, 3)]
     else:
         if len(place) != 3:
             raise UsageError(f"a place has three coordinates X Y Z, got {len(place)}")
@@ -225,19 +226,20 @@ def _solve(
     return solutions
 
 
-def _read_pose(name: str) -> dict[str, Any]:
-    text = sys.stdin.read() if name == "-" else Path(name).read_text(encoding="utf-8")
-    try:
-        data = json.loads(text)
-    except ValueError as error:
-        raise UsageError(f"{name} is no JSON: {error}") from None
-    if not isinstance(data, dict):
+def _read_pose(name: str) -> dict[str, Item]:
+    if name == "-":
+        name = "standard input"
+        data = read_stream(sys.stdin.buffer, name, largest=LARGEST_TEXT)
+    else:
+        data = read_bytes(name)
+    root = parse_json(data, name)
+    if not isinstance(root.value, dict):
         raise UsageError(f"{name} is no pose: it must be a JSON object as 'hexwire model fk --json' prints it")
-    return data
+    return root.table()
 
 
-def _are_numbers(value: object, n: int) -> bool:
-    return isinstance(value, list) and len(value) == n and all(isinstance(v, int | float) for v in value)
+def _numbers_of(item: Item, n: int) -> list[float]:
+    return [row.number(-_MOST, _MOST) for row in item.rows(n, n)]
 
 
 @model.command(context_settings=NEGATIVE_NUMBERS)

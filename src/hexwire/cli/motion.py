@@ -52,6 +52,8 @@ __all__ = ["goto", "line", "play", "teach"]
 _ACCELERATION = 6.0
 """Radians per second squared: a 7Bot joint is at full speed after 0.4 s."""
 _PLACE = FiniteFloat("coordinate")
+_MOST_STATES = 500_000
+"""Joint states that are read to be played: hours of them."""
 
 
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -400,12 +402,20 @@ def _read_taught(file: str) -> Taught:
     from hexwire.motion.teach import Taught
     from hexwire.trace.recording import read_joint_states
 
-    rows = list(read_joint_states(file))
-    if not rows:
+    # A joint that is missing once, as from a silent servo, is missing in that row only. Of each set of names its
+    # rows are kept, and nothing else: a state has many times as much.
+    by_names: dict[tuple[str, ...], list[tuple[float, tuple[float, ...]]]] = {}
+    for count, row in enumerate(read_joint_states(file, whole=True)):
+        if count == _MOST_STATES:
+            raise UsageError(f"{file} has more than {_MOST_STATES} joint states: too many for one motion")
+        by_names.setdefault(row.names, []).append((row.time, row.position))
+    if not by_names:
         raise UsageError(f"{file} has no joint states")
-    # A joint that is missing once, as from a silent servo, is missing in that row only.
-    names = max((row.names for row in rows), key=len)
-    return Taught.of(names, ((row.time, row.position) for row in rows if row.names == names))
+    names = max(by_names, key=len)
+    try:
+        return Taught.of(names, by_names[names])
+    except UsageError as error:
+        raise UsageError(f"{file}: {error}") from None
 
 
 def _save(taught: Taught, file: str, save: str, force: bool) -> None:
@@ -427,6 +437,7 @@ def _want_mcap(file: str) -> None:
 
 
 def _read_waypoints(file: str) -> Trajectory:
+    from hexwire.inputs import LARGEST_DATA, read_bytes
     from hexwire.motion.waypoint_file import parse_waypoints
 
-    return parse_waypoints(Path(file).read_bytes(), file)
+    return parse_waypoints(read_bytes(file, largest=LARGEST_DATA), file)

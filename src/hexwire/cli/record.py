@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 import time
 from collections.abc import Iterator
@@ -19,11 +20,12 @@ from typing import TYPE_CHECKING, BinaryIO, TextIO
 import click
 
 from hexwire.errors import UsageError
+from hexwire.inputs import parse_json
 from hexwire.ipc.link import Link
 from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
 from hexwire.new_file import OutputFile
 
-from .common import force_option, observing_states
+from .common import force_option, name_of, observing_states
 from .exits import note, tell_missed
 from .output import say, say_document, say_table
 
@@ -33,6 +35,9 @@ if TYPE_CHECKING:
 
 __all__ = ["record", "recording"]
 
+_MOST_REPLAYED = 64 * 1024 * 1024
+"""Bytes of traffic that a replayed board keeps."""
+_MOST_DRAWN = 1_000_000
 _COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature", "flags")
 
 
@@ -125,13 +130,12 @@ def export(file: BinaryIO, target: str, force: bool) -> None:
     form = Path(target).suffix
     if form not in (".csv", ".jsonl", ".pcapng"):
         raise UsageError(f"{target}: a name ends with .csv, .jsonl or .pcapng")
-    data = io.BytesIO(file.read())
     with OutputFile(target, force=force) as out:
         if form == ".pcapng":
-            count = _pcapng(data, file.name, out.file)
+            count = _pcapng(file, name_of(file), out.file)
         else:
             text = io.TextIOWrapper(out.file, encoding="utf-8", newline="")
-            count = (_csv if form == ".csv" else _jsonl)(data, file.name, text)
+            count = (_csv if form == ".csv" else _jsonl)(file, name_of(file), text)
             text.detach()
     say(f"{count} {'states' if form == '.csv' else 'messages'} written to {target}")
 
@@ -164,12 +168,16 @@ def plot(file: str, picture: str, force: bool) -> None:
     from .plot import MotionPlot, open_picture
 
     with open_picture(picture, force=force) as out:
-        states = list(read_joint_states(file))
-        if not states:
+        drawn, begin = MotionPlot((), title=Path(file).name), 0.0
+        for state in read_joint_states(file):
+            if not drawn.planned:
+                drawn.names, begin = state.names, state.time
+            if state.names == drawn.names:
+                drawn.planned.append((state.time - begin, state.position))
+            if len(drawn.planned) > _MOST_DRAWN:
+                raise UsageError(f"{file} has more than {_MOST_DRAWN} joint states: too many for a picture")
+        if not drawn.planned:
             raise UsageError(f"{file} has no joint states")
-        first = states[0]
-        drawn = MotionPlot(first.names, title=Path(file).name)
-        drawn.planned = [(s.time - first.time, s.position) for s in states if s.names == first.names]
         drawn.draw(out)
     say(f"{len(drawn.planned)} states drawn to {picture}")
 
@@ -189,13 +197,18 @@ def replay(file: BinaryIO, link: str | None, baud: int) -> None:
     from hexwire.ipc.tap import Direction
     from hexwire.trace.capture import traffic_of
 
-    transfers = []
-    for item in traffic_of(file, file.name):
-        if isinstance(item, str):
-            note(item)
-        else:
-            transfers.append(RecordedTransfer(item.direction is Direction.SENT, item.data, item.time))
-    device = ReplayedBoard(transfers, start=time.monotonic())
+    def transfers() -> Iterator[RecordedTransfer]:
+        total = 0
+        for item in traffic_of(file, name_of(file)):
+            if isinstance(item, str):
+                note(item)
+                continue
+            total += len(item.data)
+            if total > _MOST_REPLAYED:
+                raise UsageError(f"{name_of(file)} has more than {_MOST_REPLAYED >> 20} MiB of traffic to replay")
+            yield RecordedTransfer(item.direction is Direction.SENT, item.data, item.time)
+
+    device = ReplayedBoard(transfers(), start=time.monotonic())
     note(f"answers {device.known} different requests")
     serve_board(device, link=link, baud=baud, stop=lambda: False, announce=say_document)
 
@@ -203,7 +216,7 @@ def replay(file: BinaryIO, link: str | None, baud: int) -> None:
 def _messages(file: BinaryIO) -> Iterator[Message | str]:
     from hexwire.trace.capture import read_messages
 
-    return read_messages(file, file.name)
+    return read_messages(file, name_of(file))
 
 
 def _pcapng(data: BinaryIO, name: str, out: BinaryIO) -> int:
@@ -230,27 +243,46 @@ def _jsonl(data: BinaryIO, name: str, out: TextIO) -> int:
             continue
         row = {"time": message.time, "topic": message.topic, "schema": message.schema}
         if message.encoding == "json":
-            row["message"] = json.loads(message.data)
+            item = parse_json(message.data, name, f"message {count + 1}")
+            try:
+                row["message"] = _finite_or_null(item.value)
+            except RecursionError:
+                raise item.fault("is nested without end") from None
         else:
             row["hex"] = message.data.hex(" ").upper()
-        out.write(json.dumps(row) + "\n")
+        out.write(json.dumps(row, allow_nan=False) + "\n")
         count += 1
     return count
 
 
 def _csv(data: BinaryIO, name: str, out: TextIO) -> int:
     from hexwire.trace.capture import read_messages
+    from hexwire.trace.recording import parse_joints
 
     writer, count, columns = csv.writer(out), 0, list[tuple[str, str]]()
     for message in read_messages(data, name):
         if isinstance(message, str):
             note(message)
         elif message.schema == "foxglove.JointStates" and message.encoding == "json":
-            joints = {joint["name"]: joint for joint in json.loads(message.data)["joints"]}
+            _, rows = parse_joints(message.data, name, count + 1)
+            joints = {joint["name"].value: {key: item.value for key, item in joint.items()} for joint in rows}
             if not columns:
                 columns = [(joint, key) for joint in joints for key in _COLUMNS]
                 writer.writerow(["time", *(f"{joint}.{key}" for joint, key in columns)])
-            cells = [joints.get(joint, {}).get(key, "") for joint, key in columns]
+            cells = [_cell(joints.get(joint, {}).get(key)) for joint, key in columns]
             writer.writerow([f"{message.time:.9f}", *cells])
             count += 1
     return count
+
+
+def _cell(value: object) -> object:
+    return value if isinstance(value, int | float) and math.isfinite(value) else ""
+
+
+def _finite_or_null(value: object) -> object:
+    """A value for JSON, which has no NaN and no infinity."""
+    if isinstance(value, dict):
+        return {key: _finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite_or_null(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -11,12 +11,14 @@ from typing import BinaryIO
 
 import click
 
+from hexwire.inputs import read_stream
 from hexwire.ipc.link import Link
 from hexwire.ipc.tap import Direction, Missed, Passed, TapLink, wrap_new_links
 from hexwire.trace.chapter_log import format_passed
 from hexwire.trace.explain import Explained, Explainer
-from hexwire.trace.sources import read_traffic
+from hexwire.trace.sources import LARGEST, read_traffic
 
+from .common import name_of
 from .exits import speak, tell_missed
 from .output import print_json, say
 
@@ -91,7 +93,8 @@ def decode(file: BinaryIO, as_json: bool) -> None:
     Corrupt parts are shown where they are, with the reason, and decoding goes on behind them.
     """
     explainer = Explainer()
-    for item in read_traffic(file.read()):
+    name = name_of(file)
+    for item in read_traffic(read_stream(file, name, largest=LARGEST), name):
         if isinstance(item, str):
             _remark(item, as_json)
             continue

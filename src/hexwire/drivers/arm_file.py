@@ -6,7 +6,6 @@ Owns the form of the file and the profiles that come with hexwire. Must not know
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import parse_toml, read_text
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
 from hexwire.wire.registers import Series
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["BusArmFile", "load_arm_file", "load_calibration", "load_profile", "profile_names"]
 
+_MOST_FAULTS = 10
+_MOST_COUNTS = 1_000_000
+_MOST_DEGREES = 36_000.0
 _BAUD = 1_000_000
 """As Feetech servos leave the factory."""
 
@@ -68,7 +71,7 @@ def load_arm_file(path: str | Path) -> BusArmFile:
     Raises:
         ConfigError: The file is wrong; every fault is named, with its place.
     """
-    return _parse(_read(path), str(path))
+    return _parse(read_text(path), str(path))
 
 
 def load_calibration(path: str | Path) -> Calibration:
@@ -77,14 +80,7 @@ def load_calibration(path: str | Path) -> Calibration:
     Raises:
         ConfigError: The file is wrong.
     """
-    return Calibration.parse(_read(path), file=str(path))
-
-
-def _read(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=str(path)) from None
+    return Calibration.parse(read_text(path), file=str(path))
 
 
 @cache
@@ -95,26 +91,26 @@ def _schema() -> type[BaseModel]:
     class Joint(BaseModel):
         model_config = ConfigDict(extra="forbid", strict=True)
 
-        name: str = Field(min_length=1)
+        name: str = Field(min_length=1, max_length=100)
         servo_id: int = Field(ge=0, le=253)
-        series: str
-        neutral: int | None = None
+        series: str = Field(max_length=100)
+        neutral: int | None = Field(default=None, ge=-_MOST_COUNTS, le=_MOST_COUNTS)
         sign: int = 1
-        offset_deg: float = Field(default=0.0, allow_inf_nan=False)
-        minimum_deg: float = Field(allow_inf_nan=False)
-        maximum_deg: float = Field(allow_inf_nan=False)
-        max_speed_deg_per_s: float = Field(default=90.0, gt=0, allow_inf_nan=False)
-        gearing: float = Field(default=1.0, gt=0, allow_inf_nan=False)
-        degrees_per_count: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+        offset_deg: float = Field(default=0.0, ge=-_MOST_DEGREES, le=_MOST_DEGREES)
+        minimum_deg: float = Field(ge=-_MOST_DEGREES, le=_MOST_DEGREES)
+        maximum_deg: float = Field(ge=-_MOST_DEGREES, le=_MOST_DEGREES)
+        max_speed_deg_per_s: float = Field(default=90.0, ge=1e-3, le=_MOST_DEGREES)
+        gearing: float = Field(default=1.0, ge=1e-4, le=1e4)
+        degrees_per_count: float | None = Field(default=None, ge=1e-6, le=360.0)
 
     class Arm(BaseModel):
         model_config = ConfigDict(extra="forbid", strict=True)
 
-        name: str = Field(min_length=1)
-        base: str | None = None
-        baud: int | None = Field(default=None, ge=1200)
-        calibration: str | None = None
-        joints: list[Joint] = []
+        name: str = Field(min_length=1, max_length=100)
+        base: str | None = Field(default=None, max_length=100)
+        baud: int | None = Field(default=None, ge=1200, le=12_000_000)
+        calibration: str | None = Field(default=None, max_length=4000)
+        joints: list[Joint] = Field(default=[], max_length=254)
 
     return Arm
 
@@ -122,15 +118,17 @@ def _schema() -> type[BaseModel]:
 def _parse(text: str, file: str) -> BusArmFile:
     from pydantic import ValidationError
 
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not TOML: {error}", file=file) from None
+    content = parse_toml(text, file).value
     try:
         arm: Any = _schema().model_validate(content)
     except ValidationError as error:
-        faults = [f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}" for fault in error.errors()]
+        faults = [f"{_place(fault['loc'])}: {fault['msg'].lower()}" for fault in error.errors()[:_MOST_FAULTS]]
+        if error.error_count() > _MOST_FAULTS:
+            faults.append(f"and {error.error_count() - _MOST_FAULTS} more")
         raise ConfigError("; ".join(faults), file=file) from None
+    for name in (arm.name, *(joint.name for joint in arm.joints)):
+        if not name.isprintable():
+            raise ConfigError(f"name {name[:40]!r} has characters that cannot be printed", file=file)
     try:
         if arm.base is None and not arm.joints:
             raise UsageError("no joints: write [[joints]], or base = a profile")
@@ -148,6 +146,11 @@ def _parse(text: str, file: str) -> BusArmFile:
         raise
     except UsageError as error:
         raise ConfigError(str(error), file=file) from None
+
+
+def _place(path: tuple[int | str, ...]) -> str:
+    # A key may hold anything, and an error is one line.
+    return ".".join(str(step) if str(step).isprintable() else repr(step) for step in path)[:100]
 
 
 def _joint(row: Any) -> JointModel:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hexwire.errors import DeviceError, UsageError
+from hexwire.inputs import read_text
 from hexwire.ipc.ports import list_ports
 from hexwire.ipc.url import parse_url
 
@@ -82,7 +83,7 @@ def source_version(sources: Path) -> str:
     Raises:
         UsageError: They do not say.
     """
-    text = (sources / "core/generated.h").read_text(encoding="utf-8")
+    text = read_text(sources / "core/generated.h")
     parts = [re.search(rf"VERSION_{part} = (\d+)", text) for part in ("MAJOR", "MINOR", "PATCH")]
     if not all(parts):
         raise UsageError(f"{sources / 'core/generated.h'} does not say which version it is")

@@ -17,7 +17,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import read_bytes
 from hexwire.new_file import OutputFile, make_folder
 
 if TYPE_CHECKING:
@@ -215,11 +216,9 @@ def _load_authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivat
 
     files = (folder / f"{AUTHORITY}.pem", folder / f"{AUTHORITY}.key")
     try:
-        cert_text, key_text = (path.read_bytes() for path in files)
-    except OSError as error:
-        raise UsageError(
-            f"no authority in {folder} ({error.filename}: {error.strerror}); make one first, and keep its key"
-        ) from error
+        cert_text, key_text = (read_bytes(path) for path in files)
+    except ConfigError as error:
+        raise UsageError(f"no authority in {folder} ({error}); make one first, and keep its key") from None
     try:
         key = load_pem_private_key(key_text, password=None)
         certificate = x509.load_pem_x509_certificate(cert_text)

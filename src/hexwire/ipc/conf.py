@@ -19,6 +19,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hexwire.errors import ConfigError
+from hexwire.inputs import read_text
 from hexwire.ipc.channel import (
     COLUMNS,
     MODULES,
@@ -105,17 +106,10 @@ def load_conf(path: str | Path) -> list[ChannelConf]:
         ConfigError: The file cannot be read or is wrong.
     """
     file = str(path)
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise ConfigError(f"cannot read the configuration: {error.strerror}", file=file) from error
-    try:
-        text = data.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        column = error.start - data.rfind(b"\n", 0, error.start)
-        raise ConfigError("not UTF-8 text", file=file, line=line, column=column) from error
-    is_toml = Path(path).suffix == ".toml" or re.match(r"(?:[ \t]*(?:#[^\n]*)?\n)*[ \t]*\[", text)
+    text = read_text(path)
+    lines = (line.strip() for line in text.split("\n"))
+    first = next((line for line in lines if line and not line.startswith("#")), "")
+    is_toml = Path(path).suffix == ".toml" or first.startswith("[")
     return parse_toml(text, file) if is_toml else parse_conf(text, file)
 
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 
 from hexwire.errors import ConfigError
+from hexwire.inputs import parse_toml as parse_tables
 from hexwire.ipc.channel import Cell, ChannelConf, Record, make_channels, rows_of
 from hexwire.wire.modules import IpcType
 
@@ -39,31 +39,25 @@ def parse_toml(text: str, file: str = "") -> list[ChannelConf]:
     Raises:
         ConfigError: As `parse_conf`, and for a key that is not known.
     """
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", str(error), re.DOTALL)
-        message, line, column = found.groups() if found else (str(error), 0, 0)
-        raise ConfigError(f"not TOML: {message}", file=file, line=int(line), column=int(column)) from error
-    except RecursionError as error:
-        raise ConfigError("not a configuration: brackets within brackets without end", file=file) from error
+    tables = parse_tables(text, file).value
     for name in tables:
         if name != "channel":
-            line = _line_of(text, rf"\[*\s*{re.escape(name)}\b")
+            line = _line_of(text, name)
             raise ConfigError(
-                f"unknown key {name!r}; known: channel", file=file, line=line, column=1 if line else 0
+                f"unknown key {name[:60]!r}; known: channel", file=file, line=line, column=1 if line else 0
             )
     entries = tables.get("channel", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        line = _line_of(text, r"\[?\s*channel\b")
+        line = _line_of(text, "channel")
         raise ConfigError("write each channel as a table [[channel]]", file=file, line=line, column=1)
     places = _key_places(text, len(entries))
     return make_channels([_from_table(entry, place, file) for entry, place in zip(entries, places, strict=True)])
 
 
-def _line_of(text: str, pattern: str) -> int:
-    found = re.search(rf"^\s*{pattern}", text, re.MULTILINE)
-    return text.count("\n", 0, found.end()) + 1 if found else 0
+def _line_of(text: str, key: str) -> int:
+    """The first line that begins with a key or the header of its table; 0 if none does."""
+    begins = (line.strip().lstrip("[").lstrip().strip("\"'") for line in text.split("\n"))
+    return next((number for number, begin in enumerate(begins, 1) if begin.startswith(key)), 0)
 
 
 def _key_places(text: str, count: int) -> list[Callable[[str, str], Cell]]:
@@ -78,9 +72,9 @@ def _key_places(text: str, count: int) -> list[Callable[[str, str], Cell]]:
     def placer(first: int, last: int) -> Callable[[str, str], Cell]:
         def place(key: str, value: str) -> Cell:
             for number in range(first, last):
-                found = re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=\s*""", lines[number - 1])
-                if found:
-                    return Cell(value, number, found.end() + 1)
+                name, equals, rest = lines[number - 1].partition("=")
+                if equals and name.strip().strip("\"'") == key:
+                    return Cell(value, number, len(name) + len(rest) - len(rest.lstrip()) + 2)
             return Cell(value, first, 1)
 
         return place
@@ -98,12 +92,12 @@ def _from_table(entry: Mapping[str, object], place: Callable[[str, str], Cell], 
             return ConfigError(message, file=file, line=cell.line, column=cell.column)
 
         if key not in _KEYS:
-            raise fault(f"unknown key {key!r}; known: {', '.join(_KEYS)}")
+            raise fault(f"unknown key {key[:60]!r}; known: {', '.join(_KEYS)}")
         if type(value) is not (int if _KEYS[key] == "port" else str):
             kind = "a number" if _KEYS[key] == "port" else "a text"
-            raise fault(f"{key} must be {kind}, not {value!r}")
+            raise fault(f"{key} must be {kind}, not {value!r:.60}")
         if re.search(r"\s", cell.text) or not cell.text or cell.text.startswith("#"):
-            raise fault(f"{key} must be one word, not {cell.text!r}")
+            raise fault(f"{key} must be one word, not {cell.text[:60]!r}")
         if _KEYS[key] in cells:
             same = [other for other, column in _KEYS.items() if column == _KEYS[key]]
             raise fault(f"{' and '.join(same)} are the same thing: give one")

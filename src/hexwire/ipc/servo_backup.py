@@ -10,9 +10,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from hexwire.errors import ConfigError, ServoError, UsageError
+from hexwire.inputs import LARGEST_DATA, Item, parse_json, read_bytes
 from hexwire.wire.registers import Series
 
 from .servo_bus import ServoBus
@@ -24,6 +24,8 @@ _FORMAT = "hexwire servo settings 1"
 # Putting these back would lose the servo: it would answer to another id, or at another rate.
 _NEVER_RESTORED = ("id", "baud_code")
 _EEPROM_TIME = 0.02
+_MOST_SERVOS = 253
+_KEYS = ("id", "series", "firmware", "model", "taken", "registers")
 
 
 @dataclass(frozen=True)
@@ -141,23 +143,22 @@ def load_backup(path: str | Path) -> list[ServoBackup]:
     Raises:
         ConfigError: It is no such file; the text says where.
     """
-    text = Path(path).read_text(encoding="utf-8", errors="replace")
-    try:
-        content: Any = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ConfigError(f"not JSON: {error.msg}", file=str(path), line=error.lineno, column=error.colno) from None
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+    root = parse_json(read_bytes(path, largest=LARGEST_DATA), str(path))
+    if not isinstance(root.value, dict) or root.value.get("format") != _FORMAT:
         raise ConfigError(f"no file of servo settings (it has no format {_FORMAT!r})", file=str(path))
-    try:
-        return [_parse(row) for row in content["servos"]]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(f"a servo's entry is broken at {error}", file=str(path)) from None
+    return [_parse(row) for row in root.table(needed=("servos",))["servos"].rows(_MOST_SERVOS)]
 
 
-def _parse(row: Any) -> ServoBackup:
-    series = Series(row["series"])
-    registers = {str(name): int(value) for name, value in row["registers"].items()}
-    unknown = [name for name in registers if name not in series.registers]
-    if unknown:
-        raise ValueError(f"unknown register {unknown[0]!r}")
-    return ServoBackup(int(row["id"]), series.value, row["firmware"], row["model"], row["taken"], registers)
+def _parse(item: Item) -> ServoBackup:
+    row = item.table(_KEYS, _KEYS)
+    name = row["series"].text()
+    if name not in {known.value for known in Series}:
+        raise row["series"].fault(f"is unknown: {name!r}")
+    series = Series(name)
+    registers = {}
+    for key, value in row["registers"].table(series.registers).items():
+        # Refused here: half of the settings would be written before the one that does not fit.
+        fits = series.register(key).fits
+        registers[key] = value.integer(fits[0], fits[-1])
+    texts = {key: row[key].text(100) for key in ("firmware", "model", "taken")}
+    return ServoBackup(row["id"].integer(0, _MOST_SERVOS), series.value, registers=registers, **texts)

@@ -13,9 +13,9 @@ import ssl
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from hexwire.errors import LinkLostError, UsageError
+from hexwire.errors import ConfigError, LinkLostError, UsageError
+from hexwire.inputs import read_bytes
 from hexwire.ipc.url import LinkUrl
 
 __all__ = ["TlsFiles", "TlsStream"]
@@ -97,10 +97,11 @@ class TlsFiles:
         context.verify_mode = ssl.CERT_REQUIRED
         context.options |= ssl.OP_NO_RENEGOTIATION
         for what, file in (("authority", self.ca), ("certificate", self.cert), ("key", self.key)):
+            # OpenSSL would wait for a pipe, and read a device without end.
             try:
-                Path(file).read_bytes()
-            except OSError as error:
-                raise UsageError(f"cannot read the {what} {file}: {error.strerror}") from error
+                read_bytes(file)
+            except ConfigError as error:
+                raise UsageError(f"cannot read the {what} {error}") from None
         try:
             context.load_verify_locations(self.ca)
         except ssl.SSLError as error:

@@ -7,12 +7,12 @@ the arm in the middle, then move every joint through its range. Reads and writes
 from __future__ import annotations
 
 import json
-import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import Item, parse_json, parse_toml
 
 from .arm import ArmModel
 
@@ -113,12 +113,10 @@ class Calibration:
         Raises:
             ConfigError: It is none, or a key is unknown, missing or wrong; the text names it.
         """
-        try:
-            content = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"not TOML: {error}", file=file) from None
-        _only(content, {"arm": str, "taken": str, "joints": list}, "", file)
-        return cls(content["arm"], content["taken"], tuple(_row(row, file) for row in content["joints"]))
+        root = parse_toml(text, file).table(("arm", "taken", "joints"), ("arm", "taken", "joints"))
+        rows = [_row(item) for item in root["joints"].rows(_MOST_JOINTS)]
+        _check_names(rows, root["joints"])
+        return cls(root["arm"].text(), root["taken"].text(), tuple(rows))
 
     @classmethod
     def from_lerobot(cls, text: str, *, arm: str, taken: str = "", file: str = "") -> Calibration:
@@ -130,62 +128,54 @@ class Calibration:
         Raises:
             ConfigError: It is no such file.
         """
-        try:
-            content: Any = json.loads(text)
-            rows = []
-            for name, row in content.items():
-                low, high = int(row["range_min"]), int(row["range_max"])
-                rows.append(
-                    JointCalibration(
-                        str(name),
-                        int(row["id"]),
-                        (low + high) // 2,
-                        low,
-                        high,
-                        -1 if row["drive_mode"] else 1,
-                        int(row["homing_offset"]),
-                    )
-                )
-        except (json.JSONDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
-            raise ConfigError(f"no LeRobot calibration: {type(error).__name__} {error}", file=file) from None
+        root = parse_json(text, file)
+        rows = []
+        for name, item in root.table().items():
+            row = item.table(needed=_LEROBOT)
+            low, high = (row[key].integer(-_MOST_COUNTS, _MOST_COUNTS) for key in ("range_min", "range_max"))
+            turned = row["drive_mode"].integer(0, 1)
+            offset = row["homing_offset"].integer(-_MOST_COUNTS, _MOST_COUNTS)
+            servo_id = row["id"].integer(0, _MOST_JOINTS)
+            Item(name, file, "a joint's name").text(100, least=1)
+            rows.append(_checked(item, name, servo_id, (low + high) // 2, low, high, -1 if turned else 1, offset))
         if not rows:
-            raise ConfigError("no LeRobot calibration: it has no joint", file=file)
+            raise root.fault("no LeRobot calibration: it has no joint")
         return cls(arm, taken, tuple(rows))
 
 
-_ROW: dict[str, type] = {
-    "name": str,
-    "servo_id": int,
-    "middle": int,
-    "low": int,
-    "high": int,
-    "sign": int,
-    "servo_offset": int,
-    "model": str,
-    "firmware": str,
-}
+_MOST_JOINTS = 253
+_MOST_COUNTS = 1_000_000
+"""Counts that no servo has, over all its turns."""
+_LEROBOT = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
+_TEXTS = ("name", "model", "firmware")
 _NEEDED = ("name", "servo_id", "middle", "low", "high")
 
 
-def _row(row: Any, file: str) -> JointCalibration:
-    if not isinstance(row, dict):
-        raise ConfigError("joints must be tables", file=file)
-    _only(row, {key: kind for key, kind in _ROW.items() if key in row or key in _NEEDED}, "joints: ", file)
+def _row(item: Item) -> JointCalibration:
+    row = item.table(JointCalibration.__slots__, _NEEDED)
+    values: dict[str, Any] = {}
+    for key, value in row.items():
+        if key in _TEXTS:
+            values[key] = value.text(100, least=key == "name")
+        else:
+            values[key] = value.integer(0, _MOST_JOINTS) if key == "servo_id" else value.integer(*_COUNTS)
+    return _checked(item, **values)
+
+
+_COUNTS = (-_MOST_COUNTS, _MOST_COUNTS)
+
+
+def _checked(item: Item, *values: Any, **named: Any) -> JointCalibration:
     try:
-        return JointCalibration(**row)
+        return JointCalibration(*values, **named)
     except UsageError as error:
-        raise ConfigError(str(error), file=file) from None
+        raise ConfigError(str(error), file=item.file) from None
 
 
-def _only(table: Mapping[str, Any], keys: Mapping[str, type], where: str, file: str) -> None:
-    for key in table:
-        if key not in keys:
-            raise ConfigError(f"{where}unknown key {key!r}", file=file)
-    for key, kind in keys.items():
-        if key not in table:
-            raise ConfigError(f"{where}{key} is missing", file=file)
-        if not isinstance(table[key], kind) or isinstance(table[key], bool):
-            raise ConfigError(f"{where}{key} is no {kind.__name__}", file=file)
+def _check_names(rows: Sequence[JointCalibration], item: Item) -> None:
+    names = [row.name for row in rows]
+    if len(set(names)) != len(names):
+        raise item.fault("name a joint twice")
 
 
 class RangeSweep:

@@ -6,10 +6,10 @@ wrote. Must not know drivers, nor what is done with a model.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hexwire.errors import ConfigError, UsageError
+from hexwire.errors import UsageError
+from hexwire.inputs import read_text
 
 if TYPE_CHECKING:
     from .kinematics import KinematicModel
@@ -29,8 +29,7 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
         for_motion: With limits that the robot's joints allow as well, where the two differ.
 
     Raises:
-        UsageError: No such robot or link set, or a mistake in the link set's file.
-        OSError: The file cannot be read.
+        UsageError: No such robot or link set, or the link set's file cannot be read or has a mistake.
     """
     if robot == "puma260":
         from .puma260 import Puma260Model
@@ -42,7 +41,7 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
     from .hex7bot_links import link_set, parse_link_set
 
     if links.lower().endswith(".toml") or "/" in links:
-        model = Hex7BotModel(parse_link_set(_read(links), file=links))
+        model = Hex7BotModel(parse_link_set(read_text(links), file=links))
     else:
         model = Hex7BotModel(link_set(links))
     return model.within_arm() if for_motion else model
@@ -51,10 +50,3 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
 def kinematics_or_none(robot: str, links: str = "A", *, for_motion: bool = False) -> KinematicModel | None:
     """As `make_kinematics`, but None for a robot without a geometry."""
     return make_kinematics(robot, links, for_motion=for_motion) if robot in ROBOTS else None
-
-
-def _read(file: str) -> str:
-    try:
-        return Path(file).read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise ConfigError("not UTF-8 text", file=file) from None

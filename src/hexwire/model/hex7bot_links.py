@@ -7,10 +7,10 @@ metres, angles radians; the public tables and the files have millimetres and deg
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import parse_toml
 
 from .kinematics import JointRange
 
@@ -115,6 +115,8 @@ def _make(
     return LinkSet(name, a, b, c, d, e, f, g, h, math.radians(offset_deg), ranges, elbow, elevation, source)
 
 
+_MOST = 1e5
+"""Millimetres or degrees that no arm has; what is beyond is no number of a link set."""
 _BUS_LIMITS = ((10.0, 170.0), (10.0, 180.0), (10.0, 170.0), (0.0, 180.0), (0.0, 180.0), (0.0, 360.0))
 _RAD = 180 / math.pi
 
@@ -178,10 +180,7 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
     Raises:
         ConfigError: No TOML, a key that is unknown or missing, or a value that makes no sense; with its line.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not TOML: {error}", file=file) from None
+    data = parse_toml(text, file).value
 
     def bad(key: str, why: str) -> ConfigError:
         lines = text.splitlines()
@@ -215,7 +214,7 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
 
 
 def _number(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _MOST:
         return None
     return float(value)
 

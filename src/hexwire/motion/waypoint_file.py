@@ -5,14 +5,18 @@ Owns that form. Pure: the content comes in as it is in the file. Must not know f
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import Item, parse_json
+from hexwire.model.state import LONGEST
 
 from .waypoints import Spline, Waypoint
 
 __all__ = ["parse_waypoints"]
+
+_MOST_JOINTS = 253
+_MOST = 1e4
+"""Radians, or radians per second, that no joint does: a wrong unit."""
+_MOST_ACCELERATION = 1e6
 
 
 def parse_waypoints(content: str | bytes, name: str) -> Spline:
@@ -27,39 +31,46 @@ def parse_waypoints(content: str | bytes, name: str) -> Spline:
         A spline through the points.
 
     Raises:
-        UsageError: It is no JSON, or not of this form, or its points make no trajectory.
+        ConfigError: It is no JSON, or not of this form, or its points make no trajectory; the text names the place.
     """
+    root = parse_json(content, name).table(needed=("joint_names", "points"))
+    names = [row.text(100, least=1) for row in root["joint_names"].rows(_MOST_JOINTS, 1)]
+    if len(set(names)) != len(names):
+        raise root["joint_names"].fault("name a joint twice")
+    points = [_waypoint(row) for row in root["points"].rows()]
     try:
-        data = json.loads(content if isinstance(content, str) else content.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{name} is no JSON: {error}") from None
-    try:
-        names = [str(joint) for joint in data["joint_names"]]
-        points = [
-            Waypoint(
-                _seconds(point["time_from_start"]),
-                _values(point["positions"]) or (),
-                _values(point.get("velocities")),
-                _values(point.get("accelerations")),
-            )
-            for point in data["points"]
-        ]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(
-            f"{name} is no trajectory: it needs joint_names, and points with time_from_start, positions ({error!r})"
-        ) from None
-    return Spline(names, points)
+        way = Spline(names, points)
+    except UsageError as error:
+        raise ConfigError(str(error), file=name) from None
+    if way.duration > LONGEST:
+        raise ConfigError(f"lasts {way.duration:.6g} s; a motion may take {LONGEST:g} s", file=name)
+    return way
 
 
-def _seconds(value: float | Mapping[str, float]) -> float:
+def _waypoint(row: Item) -> Waypoint:
+    point = row.table(needed=("time_from_start", "positions"))
+    return Waypoint(
+        _seconds(point["time_from_start"]),
+        _values(point["positions"], _MOST) or (),
+        _values(point.get("velocities"), _MOST),
+        _values(point.get("accelerations"), _MOST_ACCELERATION),
+    )
+
+
+def _seconds(item: Item) -> float:
     """ROS writes a duration as seconds and nanoseconds; people write a number."""
-    if isinstance(value, Mapping):
-        return (
-            float(value.get("secs", value.get("sec", 0))) + float(value.get("nsecs", value.get("nanosec", 0))) / 1e9
-        )
-    return float(value)
+    if not isinstance(item.value, dict):
+        return item.number(0, LONGEST, "s")
+    parts = item.table()
+    whole, rest = (
+        next((parts[key].number(0, high) for key in keys if key in parts), 0.0)
+        for keys, high in ((("secs", "sec"), LONGEST), (("nsecs", "nanosec"), 1e9))
+    )
+    return whole + rest / 1e9
 
 
-def _values(value: Sequence[float] | None) -> tuple[float, ...] | None:
+def _values(item: Item | None, most: float) -> tuple[float, ...] | None:
     """ROS writes an empty list for what is not given."""
-    return tuple(float(v) for v in value) if value else None
+    if item is None or item.value is None:
+        return None
+    return tuple([row.number(-most, most) for row in item.rows()]) or None

@@ -11,13 +11,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple, Self
+from typing import IO, TYPE_CHECKING, NamedTuple, Self
 
-from hexwire.errors import HexwireError, UsageError
+from hexwire.errors import HexwireError
 from hexwire.ipc.tap import Direction, Passed
 
 from .explain import Explainer
-from .recording import RecordingWriter, load_mcap, nanoseconds
+from .mcap_file import MAGIC, load_mcap, read_records
+from .recording import RecordingWriter, nanoseconds
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -30,10 +31,8 @@ __all__ = ["BYTES", "FRAMES", "MAGIC", "Capture", "Message", "Recovered", "read_
 
 BYTES = {Direction.SENT: "/bytes/sent", Direction.RECEIVED: "/bytes/received"}
 FRAMES = "/frames"
-MAGIC = b"\x89MCAP0\r\n"
 _INFO, _WARNING = 2, 3
 _NSEC = 1_000_000_000
-_LARGEST = 64 * 1024 * 1024  # bytes of a record beyond which a file is taken to be damaged, not large
 
 
 class Capture:
@@ -168,7 +167,7 @@ def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
     Raises:
         UsageError: It is no recording, or the package ``mcap`` is not installed.
     """
-    for record in _records(file, name):
+    for record in read_records(file, name):
         if isinstance(record, str):
             yield record
             continue
@@ -180,36 +179,6 @@ def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
             message.log_time / _NSEC,
             message.data,
         )
-
-
-def _records(file: IO[bytes], name: str) -> Iterator[tuple[Any, Any, Any] | str]:
-    """Schema (or None), channel and message of every message; a sentence if the file ends too early."""
-    stream, kinds = load_mcap("mcap.stream_reader"), load_mcap("mcap.records")
-    schemas: dict[int, Any] = {}
-    channels: dict[int, Any] = {}
-    reader = iter(stream.StreamReader(file, record_size_limit=_LARGEST).records)
-    begun = ended = False
-    while True:
-        try:
-            record = next(reader, None)
-        except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever mcap's parts raise
-            if not begun:
-                raise UsageError(f"{name} is no recording (MCAP): {str(error) or type(error).__name__}") from None
-            record = None
-        if record is None:
-            if not ended:
-                yield "the recording is cut off; what stands before is whole"
-            return
-        begun = True
-        if isinstance(record, kinds.Schema):
-            schemas[record.id] = record
-        elif isinstance(record, kinds.Channel):
-            channels[record.id] = record
-        elif isinstance(record, kinds.Message) and record.channel_id in channels:
-            channel = channels[record.channel_id]
-            yield schemas.get(channel.schema_id), channel, record
-        elif isinstance(record, kinds.Footer):
-            ended = True
 
 
 def traffic_of(file: IO[bytes], name: str) -> Iterator[Passed | str]:
@@ -242,7 +211,7 @@ def recover(source: IO[bytes], name: str, target: IO[bytes]) -> Recovered:
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
     started = False
-    for record in _records(source, name):
+    for record in read_records(source, name):
         if not started:
             writer.start(profile="", library="hexwire")
             started = True

@@ -16,14 +16,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import Item, parse_json
 from hexwire.model.state import JointState
 from hexwire.new_file import OutputFile
+
+from .mcap_file import load_mcap, read_records
 
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["JOINT_STATES", "RecordedJoints", "RecordingWriter", "load_mcap", "make_positions", "read_joint_states"]
+__all__ = [
+    "JOINT_STATES",
+    "RecordedJoints",
+    "RecordingWriter",
+    "is_joint_state",
+    "make_positions",
+    "nanoseconds",
+    "parse_joints",
+    "read_joint_states",
+]
 
 JOINT_STATES = "/joint_states"
 """Topic of the joint states."""
@@ -34,9 +46,9 @@ _END_OF_TIME = 2**63 / _NSEC
 # Small chunks: a crash loses the chunk that is being written, and no more.
 _CHUNK = 64 * 1024
 
-_LARGEST = 64 * 1024 * 1024
-"""Bytes of a record beyond which a file is taken to be damaged, not large."""
-
+_MOST_JOINTS = 253
+_MOST = 1e4
+"""Radians that no joint has."""
 _TIME = {
     "type": "object",
     "title": "time",
@@ -267,67 +279,74 @@ def make_positions(names: Sequence[str], position: Sequence[float]) -> JointStat
     return JointState(tuple(names), tuple(position), nan, nan, nan, nan, nan, flags, age, 0.0)
 
 
-def read_joint_states(path: str | Path) -> Iterator[RecordedJoints]:
+def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[RecordedJoints]:
     """The joint states of a recording, in the order of the file; one that was cut off gives what is whole.
 
-    Also reads files of other programs that have ``foxglove.JointStates`` messages in JSON.
+    Also reads files of other programs that have ``foxglove.JointStates`` messages in JSON. A joint without a
+    position is left out, and so is a value that is no number.
+
+    Args:
+        path: The file.
+        whole: Refuse a file that is cut off or damaged, at its end.
 
     Raises:
         UsageError: It is no recording, or the package ``mcap`` is not installed.
-        OSError: The file cannot be read.
+        ConfigError: The file cannot be read, or a joint state is wrong; the text says which, and where in it.
     """
-    stream, records = load_mcap("mcap.stream_reader"), load_mcap("mcap.records")
-    schemas: dict[int, str] = {}
-    wanted: set[int] = set()
-    found = False
-    with Path(path).open("rb") as file:
-        reader = iter(stream.StreamReader(file, record_size_limit=_LARGEST).records)
-        while True:
-            try:
-                record = next(reader, None)
-            except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever mcap's parts raise
-                # Cut off or damaged in the middle of a record: what came before is whole.
-                if found:
-                    return
-                raise UsageError(f"{path} is no recording (MCAP): {str(error) or type(error).__name__}") from None
-            if record is None:
-                return
-            found = True
-            if isinstance(record, records.Schema):
-                schemas[record.id] = record.name
-            elif isinstance(record, records.Channel):
-                if schemas.get(record.schema_id) == "foxglove.JointStates" and record.message_encoding == "json":
-                    wanted.add(record.id)
-            elif isinstance(record, records.Message) and record.channel_id in wanted:
-                yield _joints(record.log_time / _NSEC, record.data, path)
-
-
-def _joints(stamp: float, data: bytes, path: str | Path) -> RecordedJoints:
+    number = 0
     try:
-        body = json.loads(data)
-        when = body.get("timestamp")
-        if when is not None:
-            stamp = when["sec"] + when["nsec"] / _NSEC
-        rows = [joint for joint in body["joints"] if "position" in joint]
-        return RecordedJoints(
-            stamp,
-            tuple(str(joint["name"]) for joint in rows),
-            tuple(float(joint["position"]) for joint in rows),
-            tuple({k: float(v) for k, v in joint.items() if k != "name" and v is not None} for joint in rows),
-        )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UsageError(f"{path} has a joint state that is none: {error!r}") from None
+        if Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir():
+            raise ConfigError("is a pipe or a device, not a file", file=str(path))
+        with Path(path).open("rb") as file:
+            for record in read_records(file, str(path)):
+                if isinstance(record, str):
+                    if whole:
+                        raise ConfigError(f"{record}: save that by 'hexwire record recover'", file=str(path))
+                elif is_joint_state(record[0], record[1]):
+                    number += 1
+                    yield _joints(record[2], str(path), number)
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
 
 
-def load_mcap(module: str) -> Any:
-    """A module of the package ``mcap``.
+def is_joint_state(schema: Any, channel: Any) -> bool:
+    """Whether messages of a channel are joint states, by the records of `read_records`."""
+    return schema is not None and schema.name == "foxglove.JointStates" and channel.message_encoding == "json"
+
+
+def parse_joints(data: bytes, file: str, number: int) -> tuple[float | None, list[dict[str, Item]]]:
+    """The message of a joint state: its own time, and what it says of each joint, with the name checked.
 
     Raises:
-        UsageError: It is not installed; the text says how to.
+        ConfigError: It is none; the text says where.
     """
-    from importlib import import_module
+    root = parse_json(data, file, f"joint state {number}").table(needed=("joints",))
+    stamp = None
+    if "timestamp" in root and root["timestamp"].value is not None:
+        parts = root["timestamp"].table(needed=("sec", "nsec"))
+        stamp = parts["sec"].integer(0, int(_END_OF_TIME)) + parts["nsec"].integer(0, _NSEC - 1) / _NSEC
+    joints = [item.table(needed=("name",)) for item in root["joints"].rows(_MOST_JOINTS)]
+    names = [joint["name"].text(100, least=1) for joint in joints]
+    if len(set(names)) != len(names):
+        raise root["joints"].fault("name a joint twice")
+    return stamp, joints
 
-    try:
-        return import_module(module)
-    except ImportError:
-        raise UsageError("recordings need the package mcap: pip install 'hexwire[record]'") from None
+
+def _joints(message: Any, file: str, number: int) -> RecordedJoints:
+    stamp, joints = parse_joints(message.data, file, number)
+    rows = [joint for joint in joints if "position" in joint and joint["position"].value is not None]
+    return RecordedJoints(
+        message.log_time / _NSEC if stamp is None else stamp,
+        tuple([joint["name"].text() for joint in rows]),
+        tuple([joint["position"].number(-_MOST, _MOST, "rad") for joint in rows]),
+        tuple([_numbers(joint) for joint in rows]),
+    )
+
+
+def _numbers(joint: dict[str, Item]) -> dict[str, float]:
+    values = {key: item.value for key, item in joint.items()}
+    return {
+        key: float(value)
+        for key, value in values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    }

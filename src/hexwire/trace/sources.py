@@ -12,8 +12,9 @@ from collections.abc import Iterator
 from hexwire.errors import UsageError
 from hexwire.ipc.tap import Direction, Passed
 
-from .capture import MAGIC, traffic_of
+from .capture import traffic_of
 from .chapter_log import HEADLINE, parse_log
+from .mcap_file import MAGIC
 
 __all__ = ["LARGEST", "read_traffic"]
 

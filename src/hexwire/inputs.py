@@ -1,0 +1,331 @@
+"""Files as they come from people and programs: read with a bound, parsed, and every fault told with its place.
+
+Owns the sizes, what is no plain file, text encodings, JSON and TOML, and `Item`, by which readers take values out
+of what was parsed. Whatever a file holds, the outcome is a value or a `ConfigError`, in a time and a room that
+grow with the length of the file. Must not know what the values mean.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from .errors import ConfigError
+
+__all__ = [
+    "LARGEST_DATA",
+    "LARGEST_TEXT",
+    "Item",
+    "decode_text",
+    "parse_json",
+    "parse_toml",
+    "read_bytes",
+    "read_stream",
+    "read_text",
+]
+
+LARGEST_TEXT = 1024 * 1024
+"""Bytes of a file that people write: an arm, a calibration, channels, certificates."""
+LARGEST_DATA = 16 * 1024 * 1024
+"""Bytes of a file that programs write and that is read as a whole: waypoints, settings of servos."""
+
+_MOST_DIGITS = 20
+"""Digits of a whole number; more take the square of their number to read, and mean nothing here."""
+_MOST_DOTS = 32
+"""Dots in a line of TOML: a key of thousands of parts takes the square of their number to read."""
+_LONG_NUMBER = re.compile(rf"[0-9_]{{{_MOST_DIGITS + 1},}}")
+_LONG_CODE = re.compile(r"\b0[xob][0-9A-Fa-f_]{40,}")
+_TOML_PLACE = re.compile(r"(.*) \(at line ([0-9]+), column ([0-9]+)\)", re.DOTALL)
+_PLAIN_KEY = re.compile(r"[A-Za-z0-9_/-]{1,60}")
+_SHOWN = 40
+
+
+# -- bytes and text -----------------------------------------------------------------------------------------
+
+
+def read_bytes(path: str | Path, *, largest: int = LARGEST_TEXT) -> bytes:
+    """All bytes of a plain file.
+
+    Args:
+        path: The file.
+        largest: Bytes it may have.
+
+    Raises:
+        ConfigError: It cannot be read, is a folder, a pipe or a device, or is larger.
+    """
+    try:
+        file = Path(path)
+        if file.exists() and not file.is_file() and not file.is_dir():
+            # A pipe may never come to an end, and a device neither.
+            raise ConfigError("is a pipe or a device, not a file", file=str(path))
+        with file.open("rb") as stream:
+            return read_stream(stream, str(path), largest=largest)
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
+    except ValueError as error:  # a name with a NUL in it
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"cannot be read: {error}", file=repr(str(path))) from None
+
+
+def read_stream(stream: IO[bytes], name: str, *, largest: int) -> bytes:
+    """All bytes of an open file or pipe.
+
+    Raises:
+        ConfigError: There are more than `largest`.
+        OSError: It cannot be read.
+    """
+    parts, left = [], largest + 1
+    while left and (part := stream.read(min(left, 1 << 20))):
+        parts.append(part)
+        left -= len(part)
+    if not left:
+        room = f"{largest >> 20} MiB" if largest >= 1 << 20 else f"{largest >> 10} KiB"
+        raise ConfigError(f"has more than {room}; no file of this kind is so large", file=name)
+    return b"".join(parts)
+
+
+def read_text(path: str | Path, *, largest: int = LARGEST_TEXT) -> str:
+    """The text of a plain file: see `read_bytes` and `decode_text`."""
+    return decode_text(read_bytes(path, largest=largest), str(path))
+
+
+def decode_text(data: bytes, file: str = "") -> str:
+    """UTF-8 text, with or without a mark at its beginning, line ends as Python has them.
+
+    Raises:
+        ConfigError: It is none; with line and column.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise ConfigError("is UTF-16 text; save it as UTF-8", file=file, line=1, column=1)
+    try:
+        text = data.decode("utf-8")
+        bad = data.find(b"\0")
+    except UnicodeDecodeError as error:
+        text, bad = "", error.start
+    if bad >= 0:
+        line = data.count(b"\n", 0, bad) + 1
+        raise ConfigError("not UTF-8 text", file=file, line=line, column=bad - data.rfind(b"\n", 0, bad))
+    return text.removeprefix("\ufeff").replace("\r\n", "\n")
+
+
+# -- JSON and TOML ------------------------------------------------------------------------------------------
+
+
+def parse_json(content: str | bytes, file: str = "", where: str = "") -> Item:
+    """Parse JSON.
+
+    What JSON has no form for (NaN, Infinity) and whole numbers beyond 20 digits are let in as floats that are not
+    finite, so that `Item` can name their place.
+
+    Args:
+        content: The text; bytes are UTF-8.
+        file: Its name, for errors.
+        where: What stands before every key in an error, as ``message 7``.
+
+    Raises:
+        ConfigError: It is no JSON, a key stands twice in a table, or brackets are nested hundreds deep.
+    """
+    text = decode_text(content, file) if isinstance(content, bytes) else content.removeprefix("\ufeff")
+    prefix = f"{where}: " if where else ""
+    try:
+        value = json.loads(text, parse_int=_integer, object_pairs_hook=_table)
+    except json.JSONDecodeError as error:
+        line, column = (0, 0) if where else (error.lineno, error.colno)
+        raise ConfigError(f"{prefix}no JSON: {error.msg}", file=file, line=line, column=column) from None
+    except RecursionError:
+        raise ConfigError(f"{prefix}no JSON for us: brackets within brackets without end", file=file) from None
+    except _TwiceError as error:
+        raise ConfigError(f"{prefix}the key {error.key!r} stands twice in one table", file=file) from None
+    return Item(value, file, where)
+
+
+class _TwiceError(Exception):
+    def __init__(self, key: str) -> None:
+        super().__init__(key)
+        self.key = key[:_SHOWN]
+
+
+def _integer(digits: str) -> int | float:
+    if len(digits) > _MOST_DIGITS:
+        return -math.inf if digits[0] == "-" else math.inf
+    return int(digits)
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        seen = set()
+        for key, _ in pairs:
+            if key in seen:
+                raise _TwiceError(key)
+            seen.add(key)
+    return table
+
+
+def parse_toml(text: str, file: str = "") -> Item:
+    """Parse TOML.
+
+    Raises:
+        ConfigError: It is none, or brackets or keys are nested without end; with line and column.
+    """
+    if code := _LONG_CODE.search(text):
+        raise _at(text, code.start(), "a number of too many digits", file)
+    for i, row in enumerate(text.split("\n"), 1):
+        if row.count(".") > _MOST_DOTS and not row.lstrip().startswith("#"):
+            raise ConfigError(f"more than {_MOST_DOTS} dots in a line: break it", file=file, line=i, column=1)
+    try:
+        return Item(tomllib.loads(text), file)
+    except tomllib.TOMLDecodeError as error:
+        found = _TOML_PLACE.fullmatch(str(error))
+        message, line, column = (found[1], int(found[2]), int(found[3])) if found else (str(error), 0, 0)
+        raise ConfigError(f"not TOML: {message}", file=file, line=line, column=column) from None
+    except RecursionError:
+        raise ConfigError("not TOML for us: brackets within brackets without end", file=file) from None
+    except ValueError:
+        # A whole number of thousands of digits, which Python does not read.
+        digits = _LONG_NUMBER.search(text)
+        raise _at(text, digits.start() if digits else 0, "a number of too many digits", file) from None
+
+
+def _at(text: str, place: int, message: str, file: str) -> ConfigError:
+    line, column = text.count("\n", 0, place) + 1, place - text.rfind("\n", 0, place)
+    return ConfigError(message, file=file, line=line, column=column)
+
+
+# -- values -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A value out of a file, which knows where it stands.
+
+    Attributes:
+        value: As it was parsed.
+        file: The file's name.
+        where: Its place, as ``points[3].positions``; empty for the whole.
+    """
+
+    value: Any
+    file: str = ""
+    where: str = ""
+
+    def fault(self, text: str) -> ConfigError:
+        """The error that says so of this value."""
+        return ConfigError(f"{self.where} {text}" if self.where else text, file=self.file)
+
+    def table(self, known: Collection[str] | None = None, needed: Sequence[str] = ()) -> dict[str, Item]:
+        """The values of a table by key.
+
+        Args:
+            known: The keys there may be; any if None.
+            needed: The keys there must be.
+
+        Raises:
+            ConfigError: It is no table, or a key is unknown or missing.
+        """
+        if not isinstance(self.value, dict):
+            raise self._wrong("a table")
+        for key in needed:
+            if key not in self.value:
+                raise self._at(_step(key, self.where)).fault("is missing")
+        if known is not None:
+            for key in self.value:
+                if key not in known:
+                    raise self._at(_step(key, self.where)).fault(f"is an unknown key; known: {', '.join(known)}")
+        return {key: self._at(_step(key, self.where), value) for key, value in self.value.items()}
+
+    def rows(self, most: int | None = None, least: int = 0) -> Iterator[Item]:
+        """The values of a list, one after the other.
+
+        Raises:
+            ConfigError: It is no list, or one with too many or too few values.
+        """
+        if not isinstance(self.value, list):
+            raise self._wrong("a list")
+        if len(self.value) < least or (most is not None and len(self.value) > most):
+            wanted = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
+            raise self.fault(f"has {len(self.value)} values, and {wanted} are wanted")
+        return (self._at(f"[{i}]", value) for i, value in enumerate(self.value))
+
+    def number(self, low: float = -math.inf, high: float = math.inf, unit: str = "") -> float:
+        """A finite number within bounds.
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        value = self.value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._wrong("a number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.fault("is not a number that makes sense here")
+        if not low <= number <= high:
+            raise self.fault(f"is {number:.6g}, and must be {_bounds(low, high)}{f' {unit}' if unit else ''}")
+        return number
+
+    def integer(self, low: int, high: int) -> int:
+        """A whole number within bounds.
+
+        Raises:
+            ConfigError: It is something else, a float as well.
+        """
+        value = self.value
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self._wrong("a whole number")
+        if not low <= value <= high:
+            shown = value if abs(value) < 10**_MOST_DIGITS else "too large"
+            raise self.fault(f"is {shown}, and must be {low} to {high}")
+        return value
+
+    def text(self, most: int = 1000, *, least: int = 0) -> str:
+        """A line of text of at most so many characters.
+
+        Raises:
+            ConfigError: It is something else, or longer, or shorter, or has what cannot be printed.
+        """
+        if not isinstance(self.value, str):
+            raise self._wrong("a text")
+        if not least <= len(self.value) <= most:
+            raise self.fault(f"has {len(self.value)} characters, and {least} to {most} are allowed")
+        if not self.value.isprintable():
+            raise self.fault("has characters that cannot be printed")
+        return self.value
+
+    def _at(self, step: str, value: Any = None) -> Item:
+        return Item(value, self.file, f"{self.where}{step}")
+
+    def _wrong(self, wanted: str) -> ConfigError:
+        value = self.value
+        if isinstance(value, dict | list):
+            got = "a table" if isinstance(value, dict) else "a list"
+        elif isinstance(value, bool) or value is None:
+            got = {True: "true", False: "false", None: "nothing"}[value]
+        elif isinstance(value, str):
+            got = f"the text {value[:_SHOWN]!r}"
+        elif isinstance(value, int) and abs(value) >= 10**_MOST_DIGITS:
+            got = "a number of too many digits"
+        else:
+            got = f"{value}"[:_SHOWN]
+        return self.fault(f"must be {wanted}, not {got}")
+
+
+def _step(key: str, where: str) -> str:
+    """How a place goes on at a key; one that may hold anything must not break the line of an error."""
+    shown = key if _PLAIN_KEY.fullmatch(key) else repr(key[:_SHOWN])
+    return f".{shown}" if where else shown
+
+
+def _bounds(low: float, high: float) -> str:
+    if high == math.inf:
+        return f"{low:g} or more"
+    return f"{high:g} or less" if low == -math.inf else f"{low:g} to {high:g}"

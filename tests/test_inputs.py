@@ -1,0 +1,227 @@
+"""Files in general: what is no plain file, what is too large, and text, JSON and TOML made to hurt."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.errors import ConfigError
+from hexwire.inputs import Item, decode_text, parse_json, parse_toml, read_bytes, read_stream, read_text
+
+
+def said(call: Any, *args: Any, **named: Any) -> str:
+    with pytest.raises(ConfigError) as caught:
+        call(*args, **named)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# -- what a name may stand for ------------------------------------------------------------------------------
+
+
+def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for name, why in (
+        (tmp_path / "pipe", "is a pipe or a device, not a file"),
+        (Path("/dev/zero"), "is a pipe or a device, not a file"),
+        (tmp_path, "cannot be read: Is a directory"),
+        (tmp_path / "none", "cannot be read: No such file or directory"),
+        (tmp_path / ("x" * 300), "cannot be read: File name too long"),
+        (tmp_path / "pipe" / "x", "cannot be read: Not a directory"),
+    ):
+        assert said(read_bytes, name) == f"{name}: {why}"
+    assert "cannot be read: embedded null byte" in said(read_bytes, "a\0b")
+
+
+def test_a_file_that_is_too_large_is_not_read_to_its_end(tmp_path: Path) -> None:
+    with (tmp_path / "big").open("wb") as file:
+        file.truncate(1 << 40)
+    assert said(read_text, tmp_path / "big").endswith("big: has more than 1 MiB; no file of this kind is so large")
+    assert read_stream(io.BytesIO(b"abc"), "it", largest=3) == b"abc"
+    assert said(read_stream, io.BytesIO(b"abcd"), "it", largest=3).startswith("it: has more than")
+
+
+@pytest.mark.parametrize(
+    ("data", "place"),
+    [
+        (b"\xff", "f:1:1: not UTF-8 text"),
+        (b"one\r\ntwo \xc3(", "f:2:5: not UTF-8 text"),
+        (b"one\0", "f:1:4: not UTF-8 text"),
+        ("x = 1".encode("utf-16"), "f:1:1: is UTF-16 text; save it as UTF-8"),
+    ],
+)
+def test_what_is_no_text_is_told_with_its_place(data: bytes, place: str) -> None:
+    assert said(decode_text, data, "f") == place
+
+
+def test_marks_and_line_ends_of_other_systems() -> None:
+    assert decode_text(b"\xef\xbb\xbfa = 1\r\nb = 2\r\n") == "a = 1\nb = 2\n"
+    assert parse_json(b'\xef\xbb\xbf{"a": 1}').value == parse_json('\ufeff{"a": 1}').value == {"a": 1}
+    assert parse_toml(decode_text(b"\xef\xbb\xbfa = 1\r\n")).value == {"a": 1}
+
+
+# -- JSON and TOML ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "f:1:1: no JSON"),
+        ('{"a":\n 1,}', "f:2:4: no JSON"),
+        ("[" * 100_000, "f: no JSON for us: brackets within brackets without end"),
+        ('{"a":' * 100_000, "f: no JSON for us: brackets within brackets without end"),
+        ('{"a": {"b": 1, "b": 1}}', "f: the key 'b' stands twice in one table"),
+        ('{"\\u001b[2J": 1, "\\u001b[2J": 2}', "f: the key '\\x1b[2J' stands twice in one table"),
+    ],
+)
+def test_what_is_no_json_for_us(text: str, words: str) -> None:
+    assert said(parse_json, text, "f").startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a = = 1", "f:1:5: not TOML: Invalid value"),
+        ("\na = " + "9" * 5000, "f:2:5: a number of too many digits"),
+        ("\na = 0x" + "f" * 5000, "f:2:5: a number of too many digits"),
+        ("a = " + "[" * 100_000, "f: not TOML for us: brackets within brackets without end"),
+        ("# " + "." * 100 + "\n" + ".".join("a" * 40) + " = 1", "f:2:1: more than 32 dots in a line: break it"),
+        ("a = 1\na = 2", "f: not TOML: Cannot overwrite a value (at end of document)"),
+        ("a\\n = 1", "f:1:2: not TOML"),
+    ],
+)
+def test_what_is_no_toml_for_us(text: str, words: str) -> None:
+    assert said(parse_toml, text, "f").startswith(words)
+
+
+SLOW = {
+    "json": ("parse_json", "[" + "1e5," * 200_000 + "1]"),
+    "json digits": ("parse_json", "[" + "1" * 1_000_000 + "]"),
+    "json text": ("parse_json", '"' + "\\\\" * 400_000 + '"'),
+    "toml keys": ("parse_toml", "".join(f"a{i} = 1\n" for i in range(60_000))),
+    "toml tables": ("parse_toml", "".join(f"[a{i}.b.c.d.e.f.g.h]\n" for i in range(20_000))),
+    "toml dots": ("parse_toml", ".".join("a" * 400_000) + " = 1"),
+    "toml blanks": ("parse_toml", " " * 900_000 + "x"),
+    "toml lines": ("parse_toml", "\n" * 900_000 + "x"),
+    "toml digits": ("parse_toml", "a = " + "1" * 900_000),
+    "toml brackets": ("parse_toml", "[" * 900_000),
+}
+
+
+@pytest.mark.parametrize(("name", "text"), SLOW.values(), ids=SLOW.keys())
+def test_a_text_made_to_be_slow_is_not(name: str, text: str) -> None:
+    """In processor time, far more than it takes; the square of these lengths would be hours."""
+    code = (
+        "import sys, hexwire.inputs as i\nfrom hexwire.errors import ConfigError\n"
+        f"try: i.{name}(sys.stdin.read())\nexcept ConfigError: pass"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=text.encode(),
+        capture_output=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (60, 60)),
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+# -- values -------------------------------------------------------------------------------------------------
+
+
+def at(text: str) -> Item:
+    return parse_json(f'{{"rows": [{text}]}}', "f").table()["rows"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1e999", "is not a number that makes sense here"),
+        ("NaN", "is not a number that makes sense here"),
+        ("-Infinity", "is not a number that makes sense here"),
+        ("9" * 5000, "is not a number that makes sense here"),
+        ("null", "must be a number, not nothing"),
+        ("true", "must be a number, not true"),
+        ('"1"', "must be a number, not the text '1'"),
+        ("[1]", "must be a number, not a list"),
+        ("{}", "must be a number, not a table"),
+        ("-0.5", "is -0.5, and must be 0 to 10 mm"),
+        ("1e308", "is 1e+308, and must be 0 to 10 mm"),
+    ],
+)
+def test_a_number_that_is_none(text: str, words: str) -> None:
+    (item,) = at(text).rows()
+    assert said(item.number, 0, 10, "mm") == f"f: rows[0] {words}"
+
+
+def test_numbers_texts_lists_and_tables() -> None:
+    (item,) = at("3").rows()
+    assert (item.number(), item.integer(0, 3)) == (3.0, 3)
+    assert said(item.integer, 0, 2) == "f: rows[0] is 3, and must be 0 to 2"
+    assert said(item.number, 4) == "f: rows[0] is 3, and must be 4 or more"
+    assert said(item.number, high=2) == "f: rows[0] is 3, and must be 2 or less"
+    assert said(item.text) == "f: rows[0] must be a text, not 3"
+    assert said(item.rows) == "f: rows[0] must be a list, not 3"
+    assert said(item.table) == "f: rows[0] must be a table, not 3"
+    (half,) = at("0.5").rows()
+    assert said(half.integer, 0, 9) == "f: rows[0] must be a whole number, not 0.5"
+    assert said(at("1, 2, 3").rows, 2) == "f: rows has 3 values, and 0 to 2 are wanted"
+    (text,) = at('"a\\u0007"').rows()
+    assert said(text.text) == "f: rows[0] has characters that cannot be printed"
+    assert said(text.text, 1) == "f: rows[0] has 2 characters, and 0 to 1 are allowed"
+    (table,) = at('{"a": 1, "b\\n": {"c": null}}').rows()
+    assert said(table.table, ("a",)) == "f: rows[0].'b\\n' is an unknown key; known: a"
+    assert said(table.table, None, ("z",)) == "f: rows[0].z is missing"
+    assert said(table.table()["b\n"].table()["c"].number) == "f: rows[0].'b\\n'.c must be a number, not nothing"
+    huge = Item(10**400, "f", "x")
+    assert said(huge.number) == "f: x is not a number that makes sense here"
+    assert said(huge.integer, 0, 1) == "f: x is too large, and must be 0 to 1"
+    assert said(huge.text) == "f: x must be a text, not a number of too many digits"
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(values)
+def test_any_value_is_taken_or_refused_in_one_line(value: Any) -> None:
+    item = parse_json(json.dumps(value), "f")
+    for take in (
+        lambda: item.number(-1e9, 1e9),
+        lambda: item.integer(0, 9),
+        lambda: item.text(5),
+        lambda: list(item.rows(3)),
+        lambda: item.table(("a",), ("a",)),
+    ):
+        found, words = None, "f: "
+        try:
+            found = take()
+        except ConfigError as error:
+            words = str(error)
+        assert words.startswith("f: ")
+        assert words.isprintable()
+        assert not isinstance(found, float) or math.isfinite(found)
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")))
+def test_any_bytes_are_parsed_or_refused_in_one_way(data: bytes) -> None:
+    for parse in (lambda: parse_json(data, "f"), lambda: parse_toml(decode_text(data, "f"), "f")):
+        words = "f:"
+        try:
+            parse()
+        except ConfigError as error:
+            words = str(error)
+        assert words.startswith("f:")
