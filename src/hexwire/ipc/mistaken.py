@@ -28,6 +28,8 @@ BOARD_PATIENCE = 1.5
 """Seconds to wait for a board that the opening of its port may have reset."""
 
 _SERVO_RATE = Series.STS_SMS.baud
+_NEAR = 0.1
+"""Share by which rates must differ for a receiver to hear nothing sound."""
 _FIRST_IDS = range(9)
 _MORE_IDS = range(9, 32)
 _PING_TIME = 0.003
@@ -44,11 +46,12 @@ def find_servos(link: Link) -> tuple[int, ...]:
         link: An open link.
 
     Returns:
-        Ids of servos that answered; empty if none did, or the link has no rate that could be changed.
+        Ids of servos that answered; empty if none did, the link has no rate that could be changed, or has this very
+        rate: there a board would hear the pings, and servos answer those in the board's frames.
     """
     set_baud = getattr(link, "set_baud", None)
     before = getattr(link, "baud", 0)
-    if set_baud is None or not before:
+    if set_baud is None or not before or abs(before - _SERVO_RATE) < _NEAR * _SERVO_RATE:
         return ()
     try:
         set_baud(_SERVO_RATE)
