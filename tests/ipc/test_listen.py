@@ -135,3 +135,31 @@ def test_a_writer_is_told_of_a_loss() -> None:
         with pytest.raises(LinkLostError):
             write_on()
         assert not link.is_open
+
+
+def test_a_caller_who_never_says_a_word_does_not_keep_others_out() -> None:
+    now = [5.0]
+    with (
+        TcpListenLink(clock=lambda: now[0]) as link,
+        TcpLink("127.0.0.1", link.listener.port) as silent,
+    ):
+        assert link.read(in_a_moment()) == b""
+        now[0] += 4.9
+        with TcpLink("127.0.0.1", link.listener.port) as early:
+            assert link.read(in_a_moment()) == b""
+            with pytest.raises(LinkLostError):
+                early.read(soon())
+        now[0] += 0.2
+        with TcpLink("127.0.0.1", link.listener.port) as caller:
+            caller.write(b"hello", soon())
+            assert link.read(soon()) == b"hello"
+            with pytest.raises(LinkLostError):
+                silent.read(soon())
+            # Who has spoken keeps his place, however quiet he is then.
+            now[0] += 3600.0
+            with TcpLink("127.0.0.1", link.listener.port) as late:
+                assert link.read(in_a_moment()) == b""
+                with pytest.raises(LinkLostError):
+                    late.read(soon())
+            link.write(b"there", soon())
+            assert caller.read(soon()) == b"there"

@@ -187,6 +187,18 @@ def test_a_command_held_up_on_the_way_is_not_executed(talk: Talk, late: float, d
     assert talk.done == ([(Command.TORQUE, ON)] if done else [])
 
 
+def test_an_answer_held_up_on_the_way_is_taken_while_it_is_waited_for_a_report_is_not(talk: Talk) -> None:
+    (data,) = talk.frames(Command.STATS, b"x", window=30.0)
+    (answer,) = talk.to_board(data)
+    talk.board.report(Command.JOINT_STATE, b"old", talk.now)
+    (report,) = talk.board.data_to_send()
+    talk.now += 10.0
+    assert [reply.body for reply in talk.to_host(answer)] == [b"x"]
+    assert talk.to_host(answer) == []
+    talk.to_host(report)
+    assert talk.host.counters.reports == 0
+
+
 @pytest.mark.parametrize(("cmd", "body"), [(Command.STOP, b"\0"), (Command.ROBOT_SIGNAL, b"\x02")])
 def test_a_stop_is_obeyed_however_late_it_comes_but_once(talk: Talk, cmd: int, body: bytes) -> None:
     (data,) = talk.frames(cmd, body)

@@ -6,7 +6,9 @@ not know what the bytes mean.
 
 from __future__ import annotations
 
+import math
 import threading
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, LinkTimeoutError
@@ -28,13 +30,33 @@ class TcpListenLink(Link):
     """The waiting side of a line between two: whoever calls first is the other end until the line is lost.
 
     `open` binds and returns; the first read or write waits for the caller. While one is connected, others are
-    hung up on. After a loss, `open` waits for the next one, on the same port.
+    hung up on; but one without a certificate who has sent nothing at all for `patience` seconds gives way to the
+    next. After a loss, `open` waits for the next one, on the same port.
+
+    Args:
+        host: Address to bind; loopback unless told otherwise.
+        port: Port; 0 lets the system choose.
+        tls: Certificates; None for connections in the clear.
+        patience: Seconds that a silent caller keeps others out.
+        clock: Monotonic seconds.
     """
 
     kind = LinkKind.STREAM
 
-    def __init__(self, host: str = LOOPBACK, port: int = 0, *, tls: TlsFiles | None = None) -> None:
+    def __init__(
+        self,
+        host: str = LOOPBACK,
+        port: int = 0,
+        *,
+        tls: TlsFiles | None = None,
+        patience: float = 5.0,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
         self._listener = Listener(host, port, tls=tls)
+        self._patience = math.inf if tls else patience
+        self._clock = clock
+        self._silent_since: float | None = None
+        self._gives_way = False
         self._peer: PeerLink | None = None
         self._meeting = threading.Lock()
         self._open = False
@@ -91,13 +113,20 @@ class TcpListenLink(Link):
             self._peer.wake()
 
     def read(self, deadline: float | None) -> bytes:
-        peer = self._meet(deadline)
-        if peer is None:
-            return b""
-        try:
-            return peer.read(deadline)
-        except LinkLostError as error:
-            raise self._lose(error) from error
+        while True:
+            peer = self._meet(deadline)
+            if peer is None:
+                return b""
+            try:
+                data = peer.read(deadline)
+            except LinkLostError as error:
+                raise self._lose(error) from error
+            if data:
+                self._silent_since = None
+            if data or not self._gives_way:
+                return data
+            self._gives_way = False
+            self._part()
 
     def write(self, data: bytes, deadline: float | None = None) -> None:
         peer = self._meet(deadline)
@@ -129,6 +158,7 @@ class TcpListenLink(Link):
             if self._peer is None:
                 self._peer = self._listener.accept(deadline, watched=self._doorbell)
                 if self._peer is not None:
+                    self._silent_since, self._gives_way = self._clock(), False
                     self._listener.turn_away()
             if not self.is_open:  # closed meanwhile, by a thread that did not see this peer
                 self._part()
@@ -138,7 +168,16 @@ class TcpListenLink(Link):
             self._meeting.release()
 
     def _doorbell(self) -> dict[int, Callable[[], None]]:
-        return {self._listener.fileno(): self._listener.turn_away}
+        return {self._listener.fileno(): self._answer_door}
+
+    def _answer_door(self) -> None:
+        """Somebody else calls: hang up on him, or have a caller who never said a word give way to him."""
+        silent = self._silent_since
+        if silent is None or self._clock() - silent < self._patience or self._peer is None:
+            self._listener.turn_away()
+        else:
+            self._gives_way = True
+            self._peer.wake()
 
     def _lose(self, error: LinkLostError) -> LinkLostError:
         self._lost = self._lost or str(error)

@@ -54,6 +54,8 @@ _LOOK = 1.0
 """Seconds after which a wait looks up: a signal handler may have voided what it waits for."""
 _KEPT = 256
 _KEPT_RTTS = 8192
+_NO_ANSWER = "has the board lost its power, is a plug loose?"
+_NO_CONVERSATION = "is the other end there? If it was started anew, or this machine slept, open the line again"
 _ORPHANS = 32
 _VOIDED = 3
 """How often a question is put again that a stop or the watchdog of the board has made void there."""
@@ -595,7 +597,7 @@ class Session:
             command_name(event.cmd),
             attempts=event.attempts,
             instead=event.instead,
-            advice="" if event.instead else "has the board lost its power, is a plug loose?",
+            advice="" if event.instead else _NO_CONVERSATION if self._datagrams else _NO_ANSWER,
         )
 
     def _make_connection(self, clock: Callable[[], float]) -> Connection:

@@ -102,7 +102,8 @@ class Conversation:
         self._at = now
         late = behind - self._least
         stop = is_stop(frame)
-        if late > tables.DATAGRAM_LATE and not stop:
+        # An answer does nothing by itself: as long as it is waited for, it is good however late it comes.
+        if late > tables.DATAGRAM_LATE and not stop and not frame.is_reply:
             return f"it is {late:.1f} s late"
         problem = self._window.take(frame.sn)
         if stop and not problem:
