@@ -272,7 +272,7 @@ def drive(driver: Puma260Driver, robot: EmulatedPuma) -> None:
     """Everything once: states, commands, a trajectory in fragments, a stop in the middle of it."""
     with driver:
         driver.torque(True)
-        driver.command(JointCommands(("J3",), position=(0.05,)))
+        driver.command(JointCommands(("J3",), position=(0.001,)))
         trajectory = line(4000)
         driver.follow(trajectory)
         assert robot.executed[-1] == trajectory

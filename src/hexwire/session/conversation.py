@@ -12,6 +12,8 @@ from collections.abc import Callable
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame
 
+from .effects import Effect, effect_of
+
 __all__ = ["Conversation", "Conversations", "Numbers", "Window", "is_stop"]
 
 Numbers = Callable[[], int]
@@ -24,14 +26,11 @@ _REPEATS_WITHIN = 128
 """A request that comes again has a number less than this above the first; seq comes round after 256 requests."""
 _DRIFT = 0.001
 """How much the clocks of two machines may part, in seconds per second: ten times what bad quartz does."""
-_STOP_SIGNALS = (b"\x01", b"\x02")
 
 
 def is_stop(frame: Frame) -> bool:
     """Whether a request stops the arm: it is obeyed however late it comes, and voids what was sent before it."""
-    if frame.cmd_ext:
-        return False
-    return frame.cmd == Command.STOP or (frame.cmd == Command.ROBOT_SIGNAL and frame.body in _STOP_SIGNALS)
+    return not frame.cmd_ext and effect_of(frame.proto, frame.cmd, frame.body) is Effect.STOP
 
 
 class Window:
