@@ -151,3 +151,10 @@ def test_recovery_says_what_remains() -> None:
     device.wire.servos = []
     with pytest.raises(ServoError, match="does not confirm"):
         setup.recover(gone, 1)
+
+
+@pytest.mark.parametrize("late", [0.012, 0.02, 0.04])
+def test_a_late_answer_makes_no_servo_of_the_next_id(late: float) -> None:
+    for seed in range(20):
+        bus, _ = make_bus((2,), faults=FaultPlan([f"late:2:{late}:0.5"], seed=seed))
+        assert {row.servo_id for row in setup.scan(bus, ids=range(8))} <= {2}

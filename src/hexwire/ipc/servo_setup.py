@@ -34,6 +34,8 @@ __all__ = [
 
 _EEPROM_TIME = 0.02
 """Seconds until a stored setting is in force, generously; a servo is deaf while it writes."""
+_LATE = 0.1
+"""Seconds after which a late answer has come, on a machine that stalls too."""
 _COLLISION_READS = 6
 _CALIBRATE_MID = 128
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
@@ -181,8 +183,10 @@ def _hears(bus: ServoBus, servo_id: int) -> bool:
         return True
     if "only the echo" in answer.error or "but" not in answer.error:
         return False
-    _, again = bus.ask(make_ping(servo_id), servo_id, 0)
-    return bool(again)
+    # It may be a late answer to what was asked before: only what comes for this id, and comes again, counts.
+    bus.pause(_LATE)
+    status, again = bus.ask(make_ping(servo_id), servo_id, 0)
+    return status is not None or (bool(again) and "answer of servo" not in again and "echo" not in again)
 
 
 def shares_id(bus: ServoBus, servo_id: int) -> bool:
