@@ -50,3 +50,28 @@ def test_dialect_1_as_the_chapters_board_makes_it() -> None:
     board = maker(Role.BOARD, local=8, remote=7, type=8)
     frame = parse_frame(board.build_dialect1(b"\xff\xf5\xff\x06\x04\xf6", 0.0015, 0))
     assert (frame.proto, frame.cmd, frame.seq, frame.check, frame.time_nsec) == (1, 2, 1, 0xFFFF, 1_000_000)
+
+
+def test_what_waits_is_taken_once_and_can_be_taken_back_before() -> None:
+    host = maker(Role.HOST)
+    first, second = host.send_chapter(Command.READ, b"a", 0.0), host.send_chapter(Command.READ, b"b", 0.0)
+    assert not host.withhold(first)
+    assert host.data_to_send() == [second]
+    assert host.data_to_send() == []
+    assert host.withhold(second), "it is on its way"
+
+
+def test_a_report_has_a_count_of_its_own() -> None:
+    board = maker(Role.BOARD, local=8, remote=7)
+    for _ in range(2):
+        board.report(Command.JOINT_STATE, b"x", 0.0)
+    reports = [parse_frame(data) for data in board.data_to_send()]
+    assert [(report.seq, report.is_unsolicited) for report in reports] == [(1, True), (2, True)]
+
+
+def test_no_peer_is_believed_that_takes_next_to_nothing() -> None:
+    host = maker(Role.HOST)
+    host.limit_frame(1)
+    assert host.max_frame == 128
+    host.limit_frame(8192)
+    assert host.max_frame == 128

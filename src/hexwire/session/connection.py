@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status, command_name, max_body
-from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missing
+from hexwire.wire.commands import FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .chapter_host import ChapterHost
@@ -27,9 +27,6 @@ from .policy import RetryPolicy
 from .reply_store import ReplyStore
 
 __all__ = ["Connection", "ConnectionCounters", "Role"]
-
-_SMALLEST_FRAME = 128
-"""No peer is believed that takes less: the answer of a 16-joint board to IDENTIFY needs this much."""
 
 
 @dataclass(slots=True)
@@ -96,17 +93,13 @@ class Connection(FrameMaker):
         )
         self.policy = policy or RetryPolicy()
         self.dialect = dialect
-        self.seq = 0
         self.decoder = FrameDecoder(max_frame)
         self._events = EventQueue(self.counters)
-        self._out: list[bytes] = []
         self._ticket = 0
         self._pending: dict[int, _Pending] = {}
         self._chapter = ChapterHost(self)
         self._replies = ReplyStore()
-        self._message_count = 0
         self._fragments_in = FragmentReceiver()
-        self._fragments_out = FragmentSender(max_body(max_frame) - FRAGMENT_HEAD_SIZE)
 
     # -- bytes and time -----------------------------------------------------------------------------
 
@@ -133,13 +126,6 @@ class Connection(FrameMaker):
                 self._note(bad)
             else:
                 break
-
-    def data_to_send(self) -> list[bytes]:
-        """Frames to write now, in order; each is one message where the link keeps boundaries."""
-        out = self._out
-        if out:
-            self._out = []
-        return out
 
     def next_event(self) -> Event | None:
         """The next thing that happened, or None."""
@@ -179,11 +165,6 @@ class Connection(FrameMaker):
     @property
     def _timed_parts(self) -> tuple[ChapterHost | FrameDecoder | FragmentReceiver | FragmentSender, ...]:
         return self._chapter, self.decoder, self._fragments_in, self._fragments_out
-
-    def limit_frame(self, max_frame: int) -> None:
-        """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""
-        self.max_frame = min(self.max_frame, max(max_frame, _SMALLEST_FRAME))
-        self._fragments_out = FragmentSender(max_body(self.max_frame) - FRAGMENT_HEAD_SIZE)
 
     # -- host ---------------------------------------------------------------------------------------
 
@@ -271,12 +252,6 @@ class Connection(FrameMaker):
         keep += self._chapter.void()
         self._out = [data for data in self._out if any(data is kept for kept in keep)]
 
-    def _withhold(self, frames: list[bytes]) -> bool:
-        """Take frames back that were not taken to be sent; returns whether any was."""
-        waiting = [data for data in self._out if any(data is frame for frame in frames)]
-        self._out = [data for data in self._out if not any(data is frame for frame in frames)]
-        return len(waiting) < len(frames)
-
     def stay_quiet(self, until: float) -> None:
         """Dialect 1: send nothing before this time, and take what arrives until then as stale."""
         self._chapter.stay_quiet(until)
@@ -317,31 +292,7 @@ class Connection(FrameMaker):
         """A stop came: what has begun to arrive was asked before it."""
         self._fragments_in.forget()
 
-    def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
-        """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""
-        self._out.append(self.build_dialect1(packet, now, dst))
-
-    def report(self, cmd: int, body: bytes, now: float) -> None:
-        """Send a frame nobody asked for.
-
-        Raises:
-            LocalProtocolError: The body does not fit one frame.
-        """
-        self.seq = (self.seq + 1) & 0xFF
-        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
-
     # -- sending ------------------------------------------------------------------------------------
-
-    def _send_frame(self, cmd: int, body: bytes, now: float, dst: int | None = None) -> None:
-        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, dst=dst))
-
-    def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float, dst: int | None = None) -> int:
-        # The low byte of a message id is the seq of its request, so that a reply in fragments finds it.
-        self._message_count = (self._message_count + 1) & 0xFF
-        message_id = self._message_count << 8 | seq
-        for chunk in self._fragments_out.send(message_id, cmd, ext, body, now):
-            self._send_frame(Command.FRAGMENT, chunk, now, dst)
-        return message_id
 
     def _transmit(self, pending: _Pending, now: float) -> None:
         pending.sent += 1
@@ -513,17 +464,6 @@ class Connection(FrameMaker):
             cmd=message.cmd, cmd_ext=message.cmd_ext, body=message.body, seq=message.message_id & 0xFF
         )
         self._take_frame(whole, now)
-
-    def send_chapter(self, cmd: int, body: bytes, now: float) -> bytes:
-        """Queue a dialect-1 frame, and return it. For the dialect-1 half only."""
-        self.seq = (self.seq + 1) & 0xFF
-        data = self.build(PROTO_CHAPTER, cmd, body, self.seq, now)
-        self._out.append(data)
-        return data
-
-    def withhold(self, data: bytes) -> bool:
-        """Take a frame back; returns whether it was too late. For the dialect-1 half only."""
-        return self._withhold([data])
 
     def _stale(self, frame: Frame, reason: str) -> None:
         self.counters.stale += 1

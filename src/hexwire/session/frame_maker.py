@@ -1,7 +1,7 @@
-"""The sending half of a connection that has no memory of requests: it numbers, stamps and serializes frames.
+"""The sending half of a connection: it numbers, stamps and serializes frames, and holds them until they are taken.
 
-Owns the header of what is sent: who, to whom, when, the frame counter, and over datagrams the conversation.
-Sans I/O; time comes in as `now`.
+Owns the header of what is sent (who, to whom, when, the frame counter, over datagrams the conversation) and the
+queue of what waits. Sans I/O; time comes in as `now`. Must not know which requests are outstanding.
 """
 
 from __future__ import annotations
@@ -10,14 +10,20 @@ from enum import Enum
 
 from hexwire.units import split_time
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, parse_frame, serialize_frame
-from hexwire.wire.tables import PROTO_CHAPTER, PROTO_HEXWIRE
+from hexwire.wire.command_frame import Command, max_body, parse_frame, serialize_frame
+from hexwire.wire.commands import FRAGMENT_HEAD_SIZE
+from hexwire.wire.tables import EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .conversation import Conversation, Conversations, Numbers
 from .dialect1 import clean_frame
 from .events import ConnectionCounters
+from .fragments import FragmentSender
 
 __all__ = ["FrameMaker", "Role"]
+
+
+_SMALLEST_FRAME = 128
+"""No peer is believed that takes less: the answer of a 16-joint board to IDENTIFY needs this much."""
 
 
 class Role(Enum):
@@ -50,8 +56,12 @@ class FrameMaker:
         self.epoch = epoch
         self.cautious = cautious
         self.sn = 0
+        self.seq = 0
         self.conversations = None if numbers is None else Conversations(numbers, host=role is Role.HOST)
         self.counters = ConnectionCounters()
+        self._out: list[bytes] = []
+        self._message_count = 0
+        self._fragments_out = FragmentSender(max_body(max_frame) - FRAGMENT_HEAD_SIZE)
 
     def build(
         self,
@@ -132,3 +142,58 @@ class FrameMaker:
             time_nsec=nsec // 1_000_000 * 1_000_000,
             max_frame=self.max_frame,
         )
+
+    # -- what waits to be written ------------------------------------------------------------------
+
+    def data_to_send(self) -> list[bytes]:
+        """Frames to write now, in order; each is one message where the link keeps boundaries."""
+        out = self._out
+        if out:
+            self._out = []
+        return out
+
+    def report(self, cmd: int, body: bytes, now: float) -> None:
+        """Send a frame nobody asked for.
+
+        Raises:
+            LocalProtocolError: The body does not fit one frame.
+        """
+        self.seq = (self.seq + 1) & 0xFF
+        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
+
+    def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
+        """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""
+        self._out.append(self.build_dialect1(packet, now, dst))
+
+    def send_chapter(self, cmd: int, body: bytes, now: float) -> bytes:
+        """Queue a dialect-1 frame, and return it. For the dialect-1 half only."""
+        self.seq = (self.seq + 1) & 0xFF
+        data = self.build(PROTO_CHAPTER, cmd, body, self.seq, now)
+        self._out.append(data)
+        return data
+
+    def withhold(self, data: bytes) -> bool:
+        """Take a frame back; returns whether it was too late. For the dialect-1 half only."""
+        return self._withhold([data])
+
+    def _withhold(self, frames: list[bytes]) -> bool:
+        """Take frames back that were not taken to be sent; returns whether any was."""
+        waiting = [data for data in self._out if any(data is frame for frame in frames)]
+        self._out = [data for data in self._out if not any(data is frame for frame in frames)]
+        return len(waiting) < len(frames)
+
+    def _send_frame(self, cmd: int, body: bytes, now: float, dst: int | None = None) -> None:
+        self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, dst=dst))
+
+    def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float, dst: int | None = None) -> int:
+        # The low byte of a message id is the seq of its request, so that a reply in fragments finds it.
+        self._message_count = (self._message_count + 1) & 0xFF
+        message_id = self._message_count << 8 | seq
+        for chunk in self._fragments_out.send(message_id, cmd, ext, body, now):
+            self._send_frame(Command.FRAGMENT, chunk, now, dst)
+        return message_id
+
+    def limit_frame(self, max_frame: int) -> None:
+        """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""
+        self.max_frame = min(self.max_frame, max(max_frame, _SMALLEST_FRAME))
+        self._fragments_out = FragmentSender(max_body(self.max_frame) - FRAGMENT_HEAD_SIZE)
