@@ -107,3 +107,11 @@ def test_plain_errors_cross_a_process_border(name: str) -> None:
     copy = pickle.loads(pickle.dumps(error))
     assert type(copy) is type(error)
     assert copy.args == error.args
+
+
+def test_an_error_that_quotes_a_file_is_one_printable_line_of_bounded_length() -> None:
+    error = errors.ConfigError("unknown \x1b[2J key\n" + "y" * 5000 + "; known: a", file="a.toml", line=3)
+    assert str(error).startswith("a.toml:3: unknown \\x1b[2J key\\ny")
+    assert str(error).endswith("y; known: a")
+    assert str(error).isprintable()
+    assert len(str(error)) < 1700

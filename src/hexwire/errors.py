@@ -59,6 +59,10 @@ __all__ = [
 ]
 
 
+_LONGEST = 1600
+"""Characters of an error that quotes a file; what is in the middle of a longer one is left out."""
+
+
 class HexwireError(Exception):
     """Base of everything hexwire raises on purpose."""
 
@@ -82,10 +86,18 @@ class ConfigError(UsageError):
             where += f":{line}"
             if column:
                 where += f":{column}"
-        super().__init__(f"{where}: {message}" if where else message)
+        super().__init__(_one_line(f"{where}: {message}" if where else message))
         self.file = file
         self.line = line
         self.column = column
+
+
+def _one_line(text: str) -> str:
+    """A text that quotes a file, which may hold anything: printable, and not much longer than a screen is wide."""
+    if len(text) > _LONGEST:
+        half = _LONGEST // 2
+        text = f"{text[:half]} ... {text[-half:]}"
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 class LimitError(UsageError):

@@ -106,6 +106,19 @@ def test_play_goes_to_the_start_and_along(bench: Any, tmp_path: Path) -> None:
     assert bench.positions()["J1"] == pytest.approx(expected, abs=0.5)
 
 
+def test_a_recording_that_is_cut_off_is_not_played(bench: Any, tmp_path: Path) -> None:
+    recording(tmp_path / "a.mcap", 0.4)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((tmp_path / "a.mcap").read_bytes()[:-300])
+    before = bench.positions()
+    result = bench.run("play", str(cut))
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert "cut.mcap: the recording is cut off" in result.stderr
+    assert "hexwire record recover" in result.stderr
+    assert bench.positions() == before
+
+
 def test_play_a_part_twice(bench: Any, tmp_path: Path) -> None:
     recording(tmp_path / "a.mcap", 0.4)
     out = bench.ok("play", str(tmp_path / "a.mcap"), "--to", "1.0", "--smooth", "0.1", "--trim", "--repeat", "2")

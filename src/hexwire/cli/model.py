@@ -9,12 +9,13 @@ from __future__ import annotations
 import functools
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hexwire.errors import LimitError, UsageError
+from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream
 from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
@@ -160,8 +161,9 @@ def ik(
         pose_file = _read_pose(place[0])
         robot = pose_file["robot"].text() if "robot" in pose_file else robot
         links = pose_file["links"].text() if "links" in pose_file else links
-    arm = make_kinematics(robot, links)
-    solutions = _solve(arm, place, rotation, rpy, wrist, pose_file)
+    with _named(place[0] if pose_file is not None else ""):
+        arm = make_kinematics(robot, links)
+        solutions = _solve(arm, place, rotation, rpy, wrist, pose_file)
     if as_json:
         rows = [
             {
@@ -224,6 +226,19 @@ def _solve(
     if not solutions:
         raise LimitError(f"out of reach: {arm.reach(pose).cause}")
     return solutions
+
+
+@contextmanager
+def _named(file: str) -> Iterator[None]:
+    """What a file asks for and does not exist is told with the file's name."""
+    try:
+        yield
+    except (ConfigError, LimitError):
+        raise
+    except UsageError as error:
+        if not file:
+            raise
+        raise ConfigError(str(error), file=file) from None
 
 
 def _read_pose(name: str) -> dict[str, Item]:

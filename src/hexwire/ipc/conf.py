@@ -55,10 +55,11 @@ def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
     open_record: list[Cell] | None = None
     after_comment = False
     for number, line in enumerate(text.split("\n"), 1):
-        cells = _cells(line, number)
         if not line.strip():
             open_record, after_comment = None, False
-        elif not cells:
+            continue
+        cells = _cells(line, number)
+        if not cells:
             # A comment of its own ends nothing: it may stand inside a record.
             after_comment = True
         elif not line[0].isspace():
