@@ -4,7 +4,7 @@ import pytest
 from tests.ipc.bus_bench import make_bus
 
 from hexwire.errors import UsageError
-from hexwire.ipc.bus_line import BusCounters
+from hexwire.ipc.bus_counters import BusCounters
 from hexwire.ipc.servo_bus import ServoBus
 from hexwire.wire.servo_packet import make_read
 
@@ -76,7 +76,7 @@ def test_a_doubt_ends_by_itself() -> None:
     bus, device = make_bus((1,), retries=0)
     everyone, device.wire.servos = device.wire.servos, []
     bus.read(1, "present_voltage")
-    assert bus._doubts
+    assert bus._doubtful
     device.wire.servos = everyone
     bus.pause(1.1)
     assert bus.read(1, "present_voltage").ok

@@ -9,8 +9,9 @@ from tests.ipc.bus_bench import make_bus
 
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import LinkClosedError, NotSupportedError, ServoError, UsageError
+from hexwire.ipc.servo_bus import ServoBus
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_status
+from hexwire.wire.servo_packet import ServoPacket, make_ping, make_read, make_status
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
 ALL = (Series.SEVEN_BOT, Series.SCS, Series.STS_SMS, Series.HLS)
@@ -333,3 +334,153 @@ def test_a_rate_can_be_followed() -> None:
     assert bus.ping(1).error
     bus.set_baud(1_000_000)
     assert bus.ping(1).ok
+
+
+def prefixed(bus: ServoBus, before: list[bytes]) -> None:
+    """Let something be heard in front of what the next requests bring."""
+    plain = bus._exchange
+    bus._exchange = lambda data, window, nap=0.0: (before.pop(0) if before else b"") + plain(data, window, nap)
+
+
+@pytest.mark.parametrize("copies", [1, 2, 3])
+def test_several_copies_of_a_request_are_no_value(copies: int) -> None:
+    bus, device = make_bus((5,))
+    request = make_read(5, 56, 2)
+    prefixed(bus, [request * copies] * 20)
+    for _ in range(20):
+        assert bus.read(5, "present_position").raw == device.wire[5].registers.get("present_position")
+
+
+def test_the_echo_of_an_earlier_read_is_no_value() -> None:
+    bus, device = make_bus((5,))
+    bus.read(5, "goal_position")
+    prefixed(bus, [make_read(5, 42, 2)])
+    reading = bus.read(5, "present_position")
+    assert reading.raw == device.wire[5].registers.get("present_position")
+
+
+def test_the_echo_of_an_earlier_ping_is_no_acknowledgement() -> None:
+    bus, device = make_bus((5,), retries=0)
+    assert bus.ping(5).ok
+    assert bus.write_raw(5, "acceleration", 1).confirmed
+    bus._exchange = lambda data, window, nap=0.0: make_ping(5)
+    device.wire.servos = []
+    answer = bus.write_raw(5, "acceleration", 7)
+    assert not answer.confirmed
+    assert answer.error
+
+
+def test_how_long_an_answer_takes_is_never_learned_from_an_echo() -> None:
+    bus, device = make_bus((1,), baud=38400)
+    device.wire.echo = True
+    for _ in range(200):
+        assert bus.read(1, "present_position").ok
+    # Twice eight bytes at 38400 baud, and what the servo waits, less than what is granted.
+    assert bus.timing.answers > 50
+    assert bus.timing.overhead > 0
+    device.wire.echo = False
+    for _ in range(50):
+        assert bus.read(1, "present_position").ok
+    assert bus.counters.lost == 0
+
+
+def test_a_servo_with_a_low_supply_acknowledges_in_the_bytes_of_a_ping() -> None:
+    bus, device = make_bus((1,))
+    device.wire[1].protection.forced |= 1
+    bus.pause(0.1)
+    assert bus.ping(1).faults == ("voltage",)
+    answer = bus.write_raw(1, "acceleration", 9)
+    assert answer.confirmed
+    assert answer.faults == ("voltage",)
+    assert device.wire[1].registers.get("acceleration") == 9
+
+
+def test_a_servo_at_568_with_error_2_can_be_read_behind_an_echo_too() -> None:
+    for echo in (False, True):
+        bus, device = make_bus((1, 2), retries=0)
+        device.wire.echo = echo
+        servo = device.wire[1]
+        plain = servo.receive
+        memory = bytes(56) + b"\x38\x02" + bytes(200)
+
+        def receive(packet: ServoPacket, now: float, memory: bytes = memory, plain: object = plain) -> bytes | None:
+            if packet.instruction == 2 and packet.servo_id == 1:
+                first, count = packet.params
+                return make_status(1, 2, memory[first : first + count])
+            if packet.instruction == 0x82:
+                first, count = packet.params[:2]
+                return make_status(1, 2, memory[first : first + count])
+            return plain(packet, now)  # type: ignore[operator]
+
+        servo.receive = receive
+        for _ in range(10):
+            reading = bus.read(1, "present_position")
+            assert (reading.raw, reading.faults) == (568, ("encoder",))
+            bus.pause(0.3)
+        bus.retries = 2
+        assert bus.sync_read("present_position", (1, 2))[1].raw == 568
+        assert bus.read_block(1, 56, 2).data == b"\x38\x02"
+
+
+def test_an_interrupted_read_leaves_a_doubt() -> None:
+    bus, device = make_bus((1,))
+    bus.read(1, "present_position")
+    plain = bus._exchange
+
+    def interrupted(data: bytes, window: float, nap: float = 0.0) -> bytes:
+        bus.link.write(data)
+        raise KeyboardInterrupt
+
+    for call in (
+        lambda: bus.read(1, "present_position"),
+        lambda: bus.sync_read("present_position", (1,)),
+        lambda: bus.sync_read_blocks(56, 2, (1,)),
+    ):
+        bus._exchange = interrupted
+        with pytest.raises(KeyboardInterrupt):
+            call()
+        bus._exchange = plain
+        device.wire[1].registers.put("goal_position", 1234)
+        for _ in range(3):
+            assert bus.read(1, "goal_position").raw == 1234
+    bus._exchange = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        bus.write_raw(1, "acceleration", 3)
+    bus._exchange = plain
+    device.wire.servos = []
+    assert bus.ping(1).error
+
+
+def test_answers_that_come_later_than_before_are_waited_for_soon() -> None:
+    bus, device = make_bus((1, 2))
+    for _ in range(100):
+        bus.read(1, "present_position")
+    assert bus.timing.allowance < 0.003
+    device.wire.faults = FaultPlan(["late:1:0.016", "late:2:0.016"])
+    came = [bus.read(1, "present_position").raw for _ in range(40)]
+    assert all(raw in (None, device.wire[1].registers.get("present_position")) for raw in came)
+    assert None not in came[10:]
+
+
+def test_what_is_sent_and_not_waited_for_is_no_answer_later() -> None:
+    bus, device = make_bus((1,))
+    bus.read(1, "present_position")
+    bus.raw(make_read(1, 42, 2))
+    assert bus.read(1, "present_position").raw == device.wire[1].registers.get("present_position")
+    assert bus.counters.settled == 1
+
+
+def test_an_adapter_that_adds_a_byte_is_read_by_asking_twice() -> None:
+    bus, device = make_bus((1, 2))
+    plain = bus._exchange
+    bus._exchange = lambda data, window, nap=0.0: plain(data, window, nap) + b"\0"
+    assert bus.read(1, "present_position").raw == device.wire[1].registers.get("present_position")
+    assert bus.counters.repeats == 1
+
+
+def test_a_broadcast_ping_tells_a_low_supply_from_an_echo() -> None:
+    bus, device = make_bus((1,))
+    device.wire[1].protection.forced |= 1
+    bus.pause(0.1)
+    bus.ping(1)
+    assert bus.broadcast_ping(3) == ((1,), 0)

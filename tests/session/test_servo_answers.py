@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.session.servo_answers import AnswerCollector, Outlook
-from hexwire.wire.servo_packet import make_ping, make_read, make_status, make_sync_read
+from hexwire.wire.servo_packet import make_ping, make_read, make_status, make_sync_read, make_write
 
 IDS = (1, 2, 3)
 REQUEST = make_sync_read(56, 2, IDS)
@@ -81,3 +82,112 @@ def test_any_bytes_are_answers_or_nothing_and_memory_is_bounded(pieces: list[byt
     for _ in range(40):
         collector.receive(bytes(4096))
     assert len(collector._data) <= 16 * 1024
+
+
+READ = make_read(1, 56, 2)
+ANSWER = make_status(1, 0, b"\x05\x06")
+
+
+def read(data: bytes, *, sent: tuple[bytes, ...] = (), header: bytes | None = None) -> AnswerCollector:
+    collector = AnswerCollector(READ, (1,), 2, sent=sent, header=header)
+    collector.receive(data)
+    return collector
+
+
+@pytest.mark.parametrize("copies", [1, 2, 3])
+@pytest.mark.parametrize("behind", [b"", READ, make_read(1, 42, 2)])
+def test_no_copy_of_the_request_is_an_answer(copies: int, behind: bytes) -> None:
+    assert read(READ * copies).answers == {}
+    assert read(READ * copies).only_echo
+    assert read(READ * copies + ANSWER + behind).answers[1].params == b"\x05\x06"
+
+
+def test_the_echo_of_any_read_is_no_answer_but_says_that_one_may_have_come() -> None:
+    for address in range(256):
+        for count in (1, 2, 15, 244):
+            assert read(make_read(1, address, count)).answers == {}
+    assert read(READ).copies == {1}
+    assert read(make_read(2, 56, 2)).copies == set()
+    # Error 2 and a value whose second byte is 0 is nobody's read.
+    assert read(make_status(1, 2, b"\x38\x00")).answers[1].error == 2
+
+
+def test_what_was_sent_lately_is_no_answer_whatever_it_was() -> None:
+    ping, write = make_ping(1), make_write(1, 40, b"\x01")
+    pinged = AnswerCollector(make_write(1, 42, b"\0\0"), (1,), 0, sent=(ping,))
+    pinged.receive(ping)
+    assert pinged.answers == {}
+    assert pinged.copies == {1}
+    assert read(write, sent=(write,)).answers == {}
+    assert read(write).answers[1].error == 3
+    # The second byte of the header is not in the checksum: damaged, it makes a legacy answer of an echo.
+    assert read(b"\xff\xf5" + READ[2:]).answers == {}
+
+
+def test_the_header_must_be_that_of_the_servo() -> None:
+    legacy = make_status(1, 0, b"\x05\x06", legacy=True)
+    assert read(legacy, header=b"\xff\xf5").answers
+    assert not read(legacy, header=b"\xff\xff").answers
+    assert not read(ANSWER, header=b"\xff\xf5").answers
+    assert read(READ, header=b"\xff\xf5").copies == set()
+
+
+def spliced(count: int) -> bytes:
+    """Answers of servos 1 and 2, of which the first lacks so many bytes that the second makes up for by chance."""
+    for value in range(1 << 16):
+        first = make_status(1, 0, value.to_bytes(2, "little"))
+        second = make_status(2, 0, b"\x07\x08")
+        stream = first[: 8 - count] + second
+        if sum(stream[2:8]) & 0xFF == 0xFF:
+            return stream
+    raise AssertionError("no such value")
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_packet_that_took_in_the_beginning_of_the_next_is_murky(count: int) -> None:
+    collector = AnswerCollector(make_sync_read(56, 2, (1, 2)), (1, 2), 2)
+    collector.receive(spliced(count))
+    assert 1 not in collector.answers
+    assert 1 in collector.murky
+
+
+def test_an_answer_before_a_damaged_one_is_sound() -> None:
+    damaged = bytearray(b"".join(ANSWERS))
+    damaged[13] ^= 1
+    collector = AnswerCollector(REQUEST, IDS, 2)
+    collector.receive(bytes(damaged))
+    assert set(collector.answers) == {1, 3}
+
+
+def test_two_answers_of_one_servo_that_differ_are_none() -> None:
+    other = make_status(1, 0, b"\x05\x07")
+    assert read(ANSWER + other).answers == {}
+    assert read(ANSWER + ANSWER).answers[1].params == b"\x05\x06"
+
+
+def test_what_is_known_by_another_length_is_kept_apart() -> None:
+    longer = make_status(1, 0, b"\x05\x06\x07")
+    collector = read(longer)
+    assert collector.answers == {}
+    assert collector.others[1, 3].params == b"\x05\x06\x07"
+    assert [status.servo_id for status in collector.strays] == [1]
+
+
+@given(
+    st.lists(st.sampled_from([READ, make_read(1, 42, 2), make_ping(1), make_read(2, 56, 2)]), max_size=4),
+    st.integers(0, 0xFFFF),
+    st.lists(st.integers(1, 9), max_size=30),
+    st.binary(max_size=6).filter(lambda b: 0xFF not in b),
+)
+def test_any_echoes_in_any_pieces_give_the_value_and_nothing_else(
+    echoes: list[bytes], value: int, cuts: list[int], noise: bytes
+) -> None:
+    answer = make_status(1, 0, value.to_bytes(2, "little"))
+    stream = noise + b"".join(echoes) + answer
+    collector = AnswerCollector(READ, (1,), 2, sent=(make_ping(1),))
+    at = 0
+    for cut in [*cuts, len(stream)]:
+        collector.receive(stream[at : at + cut])
+        at += cut
+        assert at >= len(stream) or collector.answers == {}
+    assert collector.answers[1].params == value.to_bytes(2, "little")

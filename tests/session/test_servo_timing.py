@@ -64,3 +64,17 @@ def test_a_nap_that_was_too_long_shortens_itself() -> None:
     for _ in range(200):
         nap.measured(max(real, nap.seconds + 0.00008))
     assert nap.seconds + 0.00008 < real
+
+
+def test_an_answer_that_was_late_is_waited_for_from_then_on() -> None:
+    timing = LineTiming(1_000_000)
+    for _ in range(200):
+        timing.measured(0.0004, 16)
+    assert timing.allowance < 0.002
+    # The adapter's timer is 16 ms now.
+    timing.late(0.0165, 16)
+    for _ in range(300):
+        assert timing.allowance > 0.0163
+        timing.measured(0.0165, 16)
+    timing.late(3.0, 16)
+    assert timing.allowance <= 0.1

@@ -10,14 +10,17 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
-from hexwire.errors import NotSupportedError, UsageError
+from hexwire.errors import NotSupportedError, RemoteProtocolError, UsageError
 from hexwire.session.effects import packet_only_reads
+from hexwire.session.servo_answers import AnswerCollector
+from hexwire.session.servo_bus import expected_answer
 from hexwire.session.servo_plan import WritePlan
 from hexwire.session.servo_timing import LineTiming
 from hexwire.session.servo_values import SILENT, Answer
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import BROADCAST_ID, iter_status
+from hexwire.wire.servo_packet import BROADCAST_ID
+from hexwire.wire.tables import LEGACY_HEADER, MAX_SERVO_ID
 
 from .bus_line import BusLine
 
@@ -90,14 +93,19 @@ class BusOrders(BusLine):
 
     def ping(self, servo_id: int) -> Answer:
         """Ask a servo whether it is there."""
+        legacy = self.series_of(servo_id) is Series.SEVEN_BOT
         with self._lock:
-            request = packets.make_ping(servo_id)
-            base = self._base(12, (servo_id,))
-            status, collector = self._ask_one(servo_id, request, 0, base=base)
-            if status is None and collector.only_echo and self.series_of(servo_id) is not Series.SEVEN_BOT:
-                # The answer of a servo with a low supply equals its ping.
-                request = packets.make_read(servo_id, self.series_of(servo_id).register("id").address, 1)
-                status, collector = self._ask_one(servo_id, request, 1, base=self._base(15, (servo_id,)))
+            if not legacy and self._doubted(servo_id, 0):
+                status, collector = self._is_there(servo_id)
+            else:
+                # Who is not known yet may be of either kind.
+                header = LEGACY_HEADER if legacy else None
+                request = packets.make_ping(servo_id)
+                base = self._base(12, (servo_id,))
+                status, collector = self._ask_one(servo_id, request, 0, base=base, header=header)
+                if status is None and not legacy and servo_id in collector.copies:
+                    # The answer of a servo with a low supply equals its ping.
+                    status, collector = self._is_there(servo_id)
             if status is None:
                 return Answer(servo_id, "ping", 0, why(collector.in_words()), False)
             return Answer(servo_id, "ping", status.error)
@@ -116,12 +124,17 @@ class BusOrders(BusLine):
             base = self._base(6 + _BROADCAST_PING_BYTES * most, range(min(most, 8)))
             self.link.flush_input()
             data = self._exchange(request, base + self.timing.allowance)
-            deadline = self._clock() + base
+            now = self._clock()
+            deadline = now + base
             while more := self.link.read(deadline):
                 data += more
-            data = packets.strip_echo(data, request)
-        found = [status.servo_id for status in iter_status(data) if not status.params]
-        return tuple(dict.fromkeys(found)), max(0, len(data) - _BROADCAST_PING_BYTES * len(found))
+            heard = AnswerCollector(request, range(MAX_SERVO_ID + 1), 0, sent=self._sent.packets(now))
+            heard.receive(data)
+            found = set(heard.answers) | set(heard.murky)
+            # What may be the echo of a ping of before is asked by itself.
+            found |= {servo_id for servo_id in heard.copies - found if not self.ping(servo_id).error}
+        data = packets.strip_echo(data, request)
+        return tuple(sorted(found)), max(0, len(data) - _BROADCAST_PING_BYTES * len(found))
 
     def restore(self, servo_id: int) -> Answer:
         """Factory settings, id kept on Feetech servos.
@@ -167,8 +180,10 @@ class BusOrders(BusLine):
             The status packet or None, and in words what came instead; empty if nothing did.
         """
         with self._calling(request), self._lock:
+            if self._doubted(servo_id, params, request) and not self._settle(servo_id, params):
+                return None, ""
             base = self._base(len(request) + 6 + params, (servo_id,))
-            collector = self._collect(request, (servo_id,), params, base)
+            collector = self._collect(request, (servo_id,), params, base, header=None)
         return collector.answers.get(servo_id), collector.in_words()
 
     def pause(self, seconds: float) -> None:
@@ -180,13 +195,16 @@ class BusOrders(BusLine):
 
     def raw(self, request: bytes, servo_ids: Sequence[int] = (), params: int = 0) -> dict[int, bytes]:
         """Send any packet and return the parameters of the answers by servo id."""
-        if not servo_ids:
-            self._send(request)
-            return {}
         with self._calling(request), self._lock:
+            if not servo_ids:
+                self._post(request)
+                for servo_id, length in _answers_of(request):
+                    self._doubt(servo_id, length, request, self._clock())
+                return {}
+            sure = [i for i in servo_ids if not self._doubted(i, params, request) or self._settle(i, params)]
             total = len(request) + len(servo_ids) * (6 + params)
-            collector = self._collect(request, servo_ids, params, self._base(total, servo_ids))
-        return {servo_id: status.params for servo_id, status in collector.answers.items()}
+            collector = self._collect(request, servo_ids, params, self._base(total, servo_ids), header=None)
+        return {servo_id: status.params for servo_id, status in collector.answers.items() if servo_id in sure}
 
     def set_baud(self, baud: int) -> None:
         """Follow the servos to another rate. The servos are not told.
@@ -250,13 +268,22 @@ class BusOrders(BusLine):
             if not self.acknowledges(servo_id):
                 self._post(plan.request)
                 # If it does answer after all, that must not pass for the answer to the next ping or write.
-                self._doubt(servo_id, 0)
+                self._doubt(servo_id, 0, plan.request, self._clock())
                 return Answer(servo_id, what, confirmed=False)
-            if self._doubts and self._doubted(servo_id, 0) and not self._settle(servo_id):
-                return Answer(servo_id, what, 0, SILENT, False)
+            if self._doubtful and self._doubted(servo_id, 0):
+                block = self._write_and_look(plan) if repeat else None
+                if block is not None:
+                    return Answer(servo_id, what, block.error)
+                if not self._settle(servo_id, 0):
+                    return Answer(servo_id, what, 0, SILENT, False)
             start = self._clock()
             self._check_call()
-            data = self._exchange(plan.request, plan.base + self.timing.allowance)
+            self._sent.add(plan.request, start)
+            try:
+                data = self._exchange(plan.request, plan.base + self.timing.allowance)
+            except BaseException:
+                self._doubt(servo_id, 0, plan.request, start)
+                raise
             self._turns += 1
             if data == plan.acknowledgement:
                 self._known_level.add(servo_id)
@@ -265,15 +292,36 @@ class BusOrders(BusLine):
             retries = self.retries
             try:
                 self.retries = retries if repeat else 0
-                status, collector = self._ask_one(servo_id, plan.request, 0, base=plan.base, data=data)
+                header = plan.series.reply_header
+                status, collector = self._ask_one(
+                    servo_id, plan.request, 0, base=plan.base, data=data, header=header
+                )
             finally:
                 self.retries = retries
+            if status is None and plan.data and servo_id in collector.copies:
+                # Its answer looks like the echo of something sent lately. What it did tells.
+                status = self._look(plan)
             if status is not None:
                 self._known_level.add(servo_id)
                 return Answer(servo_id, what, status.error)
             if servo_id in self._known_level:
                 return Answer(servo_id, what, 0, why(collector.in_words()), False)
             return self._unconfirmed(servo_id, what, collector.in_words())
+
+    def _write_and_look(self, plan: WritePlan) -> packets.StatusPacket | None:
+        """Write where an acknowledgement could be an earlier write's; None if it cannot be seen to be done."""
+        for _ in range(1 + self.retries if plan.data else 0):
+            self._collect(plan.request, (plan.servo_id,), 0, plan.base, header=plan.series.reply_header)
+            found = self._look(plan)
+            if found is not None:
+                self._count.settled += 1
+                return found
+        return None
+
+    def _look(self, plan: WritePlan) -> packets.StatusPacket | None:
+        """Read a write back; None if something else is there, or no answer comes."""
+        block, _ = self._ask_block(plan.servo_id, plan.address, len(plan.data))
+        return block if block is not None and block.params == plan.data else None
 
     def _unconfirmed(self, servo_id: int, what: str, instead: str) -> Answer:
         """A write was not acknowledged: is the servo silent, or set not to acknowledge?"""
@@ -283,6 +331,15 @@ class BusOrders(BusLine):
             self._unacknowledged.add(servo_id)
             return Answer(servo_id, what, level.status, confirmed=False)
         return Answer(servo_id, what, 0, why(instead), False)
+
+
+def _answers_of(request: bytes) -> list[tuple[int, int]]:
+    """Who answers a packet, and with how many parameter bytes; nobody, if it is none."""
+    try:
+        expected = expected_answer(packets.parse_packet(request))
+    except RemoteProtocolError:
+        return []
+    return [(servo_id, expected.params) for servo_id in expected.servo_ids]
 
 
 def as_series(series: Series | str) -> Series:

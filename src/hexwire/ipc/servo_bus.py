@@ -30,6 +30,7 @@ __all__ = ["ServoBus"]
 
 _new = tuple.__new__
 _LEGACY_READ = 2
+_MOST_PLANS = 512
 
 
 class ServoBus(BusOrders):
@@ -129,13 +130,17 @@ class ServoBus(BusOrders):
             entry = self._plan_read(servo_id, name)
         plan, register = entry
         with self._lock:
-            if self._doubts and self._doubted(servo_id, plan.count):
+            if self._doubtful and self._doubted(servo_id, plan.count):
                 return self._read_carefully(plan, register, None)
             turn = self._turns = self._turns + 1
-            if self._learning or self._busy_until or not turn % MEASURED_EVERY:
-                data = self._exchange_measured(plan)
-            else:
-                data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            try:
+                if self._learning or self._busy_until or not turn % MEASURED_EVERY:
+                    data = self._exchange_measured(plan)
+                else:
+                    data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+            except BaseException:
+                self._doubt(servo_id, plan.count, plan.request, self._clock())
+                raise
             raw = plan.value(data)
             if raw is None:
                 return self._read_carefully(plan, register, data)
@@ -147,9 +152,9 @@ class ServoBus(BusOrders):
         """Read neighbouring registers. A legacy servo is asked for them two bytes at a time."""
         if self.series_of(servo_id) is Series.SEVEN_BOT:
             return self._read_by_pairs(servo_id, address, count)
-        plan = self._new_read(servo_id, address, count)
+        packets.make_read(servo_id, address, count)
         with self._lock:
-            status, _ = self._ask_one(servo_id, plan.request, count, base=plan.base)
+            status, _ = self._ask_block(servo_id, address, count)
         if status is None:
             return ServoBlock(servo_id, address, b"", 0, SILENT)
         return ServoBlock(servo_id, address, status.params, status.error)
@@ -177,15 +182,19 @@ class ServoBus(BusOrders):
         register = plan.register
         assert register is not None
         with self._lock:
-            if self._mute or (self._doubts and self._suspect(ids, plan.count)):
+            if self._mute or (self._doubtful and self._suspect(ids, plan.count)):
                 return self._sync_carefully(plan, register, None)
             turn = self._turns = self._turns + 1
-            if self._learning or self._busy_until or not turn % MEASURED_EVERY:
-                data = self._exchange_measured(plan)
-            else:
-                data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
-            if len(data) < plan.length:
-                data = self._rest(plan, data)
+            try:
+                if self._learning or self._busy_until or not turn % MEASURED_EVERY:
+                    data = self._exchange_measured(plan)
+                else:
+                    data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
+                if len(data) < plan.length:
+                    data = self._rest(plan, data)
+            except BaseException:
+                self._give_up(plan)
+                raise
             raw = plan.glance(data)
             if raw is None:
                 return self._sync_carefully(plan, register, data)
@@ -203,9 +212,13 @@ class ServoBus(BusOrders):
             plan = self._block_plan(address, count, able)
             with self._lock:
                 data = None
-                if not (self._mute or (self._doubts and self._suspect(able, count))):
+                if not (self._mute or (self._doubtful and self._suspect(able, count))):
                     self._turns += 1
-                    data = self._exchange_measured(plan)
+                    try:
+                        data = self._exchange_measured(plan)
+                    except BaseException:
+                        self._give_up(plan)
+                        raise
                     rows = plan.blocks(data)
                     if rows is not None:
                         self._extra_answers += len(able) - 1
@@ -290,22 +303,15 @@ class ServoBus(BusOrders):
         return entry
 
     def _read_carefully(self, plan: ReadPlan, register: Register, data: bytes | None) -> Reading:
-        servo_id, count = plan.servo_id, plan.count
-        status, collector = self._ask_one(servo_id, plan.request, count, base=plan.base, data=data)
-        block = None if status is None else status.params
-        if status is None and collector.only_echo and count == 2 and plan.series is not Series.SEVEN_BOT:
-            # An answer may equal its request (error 2, value 0x0238 at register 56): ask for one byte more, and
-            # the lengths tell them apart.
-            longer = self._new_read(servo_id, plan.address, count + 1)
-            status, collector = self._ask_one(servo_id, longer.request, count + 1, base=longer.base)
-            block = None if status is None else status.params[:count]
+        servo_id = plan.servo_id
+        status, collector = self._ask_block(servo_id, plan.address, plan.count, base=plan.base, data=data)
         now = self._clock()
-        if status is None or block is None:
+        if status is None:
             last = self._last(register.name, servo_id)
             age = float("inf") if last is None else now - last[1]
             error = why(collector.in_words())
             return Reading(servo_id, register, None, 0, age, error, None if last is None else last[0])
-        raw = register.decode(block[: register.size])
+        raw = register.decode(status.params[: register.size])
         self._recent[register.name, servo_id] = (raw, now)
         return Reading(servo_id, register, raw, status.error, 0.0, "", raw)
 
@@ -325,9 +331,8 @@ class ServoBus(BusOrders):
     def _read_by_pairs(self, servo_id: int, address: int, count: int) -> ServoBlock:
         data, error = b"", 0
         for at in range(address, address + count, _LEGACY_READ):
-            plan = self._new_read(servo_id, at, _LEGACY_READ)
             with self._lock:
-                status, _ = self._ask_one(servo_id, plan.request, _LEGACY_READ, base=plan.base)
+                status, _ = self._ask_block(servo_id, at, _LEGACY_READ)
             if status is None:
                 return ServoBlock(servo_id, address, b"", 0, SILENT)
             data += status.params
@@ -336,14 +341,21 @@ class ServoBus(BusOrders):
 
     def _exchange_measured(self, plan: ReadPlan | SyncReadPlan) -> bytes:
         """The exchange of a prepared read, and how long it took; behind unanswered packets it may take longer."""
-        start = self._clock()
+        start = self._asked_at = self._clock()
         window = plan.base + self.timing.allowance + self._backlog()
         data = self._exchange(plan.request, window, plan.nap.seconds)
         if len(data) < plan.length and isinstance(plan, SyncReadPlan):
             data = self._rest(plan, data)
-        if len(data) == plan.length:
+        if plan.sound(data):
             self._measure(plan, self._clock() - start)
+            self._asked_at = None
         return data
+
+    def _give_up(self, plan: SyncReadPlan) -> None:
+        """The wait ended with an error or Ctrl-C; the answers may come all the same."""
+        now = self._clock()
+        for servo_id in plan.ids:
+            self._doubt(servo_id, plan.count, plan.request, now)
 
     def _rest(self, plan: SyncReadPlan, data: bytes) -> bytes:
         """Wait for the rest of the answers to a sync read, as long as it looks as if they were coming."""
@@ -373,12 +385,12 @@ class ServoBus(BusOrders):
         self._syncs[key] = plan
         return plan
 
-    def _sync_plan(self, plan: SyncReadPlan, servo_ids: tuple[int, ...]) -> SyncReadPlan:
-        if plan.register is not None:
+    def _sync_plan(self, plan: SyncReadPlan, servo_ids: tuple[int, ...], address: int, count: int) -> SyncReadPlan:
+        if plan.register is not None and (address, count) == (plan.address, plan.count):
             again = self._plan_sync(plan.register.name, servo_ids)
             if again is not None:
                 return again
-        return self._block_plan(plan.address, plan.count, servo_ids)
+        return self._block_plan(address, count, servo_ids)
 
     def _block_plan(self, address: int, count: int, ids: tuple[int, ...]) -> SyncReadPlan:
         key = (address, count, ids)
@@ -386,6 +398,8 @@ class ServoBus(BusOrders):
         if plan is None:
             plan = SyncReadPlan(self.series_of(ids[0]), ids, address, count)
             plan.base = self._base(plan.total, ids)
+            if len(self._blocks) >= _MOST_PLANS:
+                self._blocks.clear()
             self._blocks[key] = plan
         return plan
 

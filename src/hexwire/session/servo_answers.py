@@ -1,22 +1,34 @@
 """Collecting the answers to one request on a servo bus, whatever comes between them.
 
-Owns what counts as an answer (id, length and checksum fit, and it is not the request's own echo) and when
-nothing more can come. Sans I/O; the caller feeds bytes and keeps time. This is the careful path: what a healthy
-bus sends is recognised by `servo_plan` at a glance.
+Owns what counts as an answer, and when nothing more can come. Sans I/O; the caller feeds bytes and keeps time. This
+is the careful path: what a healthy bus sends is recognised by `servo_plan` at a glance.
+
+An answer is a status packet whose header, id, length and checksum fit, and
+
+- that is no copy of a packet sent lately, the request among them, and could not be the echo of any 2-byte read:
+  by its form that is a status packet with error 2;
+- behind which nothing stands that makes no sense: when bytes are lost, a packet takes in the first bytes of what
+  follows, and one time in 256 its checksum fits all the same. What follows then starts in the middle;
+- that is not contradicted by another of the same servo.
+
+One that is sound but for what stands behind it is `murky`: worth believing if it comes twice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from enum import Enum
+from typing import NamedTuple
 
-from hexwire.wire.servo_packet import StatusPacket, find_status, iter_status
-from hexwire.wire.tables import MAX_SERVO_PACKET
+from hexwire.wire.servo_packet import BROADCAST_ID, Instruction, StatusPacket, status_end
+from hexwire.wire.tables import LEGACY_HEADER, MAX_SERVO_ID, SERVO_HEADER
 
-__all__ = ["AnswerCollector", "Outlook"]
+__all__ = ["AnswerCollector", "Outlook", "is_read_echo"]
 
 # What one request can cause at most, echo and a generous amount of noise included; older bytes are dropped.
 _MAX_BUFFER = 16 * 1024
+_READ_PARAMS = 2
+_HEAD = 4
 
 
 class Outlook(Enum):
@@ -30,6 +42,19 @@ class Outlook(Enum):
     """Nothing more will come."""
 
 
+class _Token(NamedTuple):
+    """A sound packet in what was received; `status` is None for an echo."""
+
+    start: int
+    end: int
+    status: StatusPacket | None
+
+
+def is_read_echo(packet: bytes) -> bool:
+    """Whether a sound packet may be the echo of a READ: as a status it has error 2, then address and count."""
+    return packet[4] == Instruction.READ and len(packet) == 6 + _READ_PARAMS and packet[6] > 0
+
+
 class AnswerCollector:
     """The answers to one request.
 
@@ -37,36 +62,63 @@ class AnswerCollector:
         request: The bytes that were sent.
         servo_ids: Who answers, in this order.
         params: Parameter bytes of each answer.
+        header: First two bytes of an answer; None takes either kind.
+        sent: Packets sent lately, whose echo may still come.
+        all_sent: `sent` has every read too, so that what only looks like the echo of one is none.
+        echo: Whether the request's own echo is to be expected.
 
     Attributes:
         answers: Status packets by servo id, as far as they came.
+        murky: Status packets that would be answers but for what stands behind them.
+        others: What would be an answer but for its length, by servo id and parameter bytes: of an earlier attempt,
+            perhaps.
+        strays: Sound status packets that answer something else, or nothing.
+        copies: Ids of which a packet came that is either an answer or a copy of something sent.
         echoed: The request itself came back.
         size: Bytes received.
     """
 
-    def __init__(self, request: bytes, servo_ids: Sequence[int], params: int) -> None:
+    def __init__(
+        self,
+        request: bytes,
+        servo_ids: Sequence[int],
+        params: int,
+        *,
+        header: bytes | None = None,
+        sent: Collection[bytes] = (),
+        all_sent: bool = False,
+        echo: bool = False,
+    ) -> None:
         self.request = request
         self.servo_ids = servo_ids
         self.params = params
         self.answers: dict[int, StatusPacket] = {}
+        self.murky: dict[int, StatusPacket] = {}
+        self.others: dict[tuple[int, int], StatusPacket] = {}
+        self.strays: list[StatusPacket] = []
+        self.copies: set[int] = set()
         self.echoed = False
         self.size = 0
+        self._header = header
+        self._sent = sent
+        self._all_sent = all_sent
+        self._enough = len(servo_ids) * (6 + params)
+        self._and_echo = len(request) if echo else 0
         self._data = b""
+        self._rest = 0
 
     def receive(self, data: bytes) -> Outlook:
         """Take bytes in, in any pieces. Never raises."""
         self.size += len(data)
-        data = (self._data + data)[-_MAX_BUFFER:]
-        if not self.echoed:
-            # Compared as a whole: the echo of a READ is a valid status packet of the same servo, and of the same
-            # length if two bytes are read.
-            at = data.find(self.request)
-            if at >= 0:
-                self.echoed = True
-                self.answers.clear()
-                data = data[at + len(self.request) :]
-        self._data = data
-        return self._look(data)
+        self._data = data = (self._data + data)[-_MAX_BUFFER:]
+        self._look(data)
+        wanted = self.servo_ids
+        if not wanted or wanted[-1] in self.answers:
+            # Servos answer in the order of the request: whoever has not by now will not.
+            return Outlook.DONE
+        # What an echo took is not counted. One that is expected and not there may be damaged.
+        left = self._rest - (0 if self.echoed else self._and_echo)
+        return Outlook.LINGER if left >= self._enough else Outlook.WAIT
 
     @property
     def missing(self) -> tuple[int, ...]:
@@ -83,8 +135,8 @@ class AnswerCollector:
 
     @property
     def only_echo(self) -> bool:
-        """Nothing but the request's own bytes came: its echo, or an answer that looks exactly like it."""
-        return self.echoed and not self._data and not self.answers
+        """Nothing but copies of what was sent came, or answers that look exactly like them."""
+        return self.size > 0 and not self._rest
 
     def in_words(self) -> str:
         """What came instead of an answer, for an error text; empty if nothing did."""
@@ -92,24 +144,79 @@ class AnswerCollector:
             return ""
         if self.only_echo:
             return "only the echo of the request"
-        others = [p.servo_id for p in iter_status(self._data) if p.servo_id not in self.servo_ids]
+        others = [p.servo_id for p in self.strays if p.servo_id not in self.servo_ids]
         if others:
             return f"an answer of servo {', '.join(str(i) for i in dict.fromkeys(others))}"
         return f"{self.size} bytes that are no answer: {self._data[:16].hex(' ')}"
 
-    def _look(self, data: bytes) -> Outlook:
-        wanted = self.servo_ids
-        for packet in iter_status(data):
-            servo_id = packet.servo_id
-            if servo_id in wanted and servo_id not in self.answers and len(packet.params) == self.params:
-                self.answers[servo_id] = packet
-        if len(self.answers) < len(wanted) and len(data) <= 4 * MAX_SERVO_PACKET:
-            # Noise that happens to look like a packet may have swallowed one.
-            for servo_id in self.missing:
-                found = find_status(data, servo_id, self.params)
-                if found is not None:
-                    self.answers[servo_id] = found[0]
-        if not wanted or wanted[-1] in self.answers:
-            # Servos answer in the order of the request: whoever has not by now will not.
-            return Outlook.DONE
-        return Outlook.LINGER if len(data) >= len(wanted) * (6 + self.params) else Outlook.WAIT
+    def _look(self, data: bytes) -> None:
+        tokens = list(self._tokens(data))
+        starts = {token.start for token in tokens}
+        heard: dict[tuple[int, int], StatusPacket] = {}
+        murky: dict[tuple[int, int], StatusPacket] = {}
+        disputed: set[tuple[int, int]] = set()
+        self.strays = []
+        self._rest = len(data)
+        for start, end, status in tokens:
+            if status is None:
+                self._rest -= end - start
+                continue
+            servo_id, params = status.servo_id, len(status.params)
+            fits = servo_id in self.servo_ids and self._header in (None, data[start : start + 2])
+            if not fits or params != self.params:
+                self.strays.append(status)
+            if not fits:
+                continue
+            key = servo_id, params
+            if heard.setdefault(key, status) != status:
+                disputed.add(key)
+            elif end != len(data) and end not in starts and not self._goes_on(data, end, servo_id):
+                murky[key] = status
+        good = {key: status for key, status in heard.items() if key not in disputed and key not in murky}
+        own = self.params
+        self.answers = {i: status for (i, n), status in good.items() if n == own}
+        self.murky = {i: status for (i, n), status in murky.items() if n == own and (i, n) not in disputed}
+        self.others = {key: status for key, status in good.items() if key[1] != own}
+
+    def _goes_on(self, data: bytes, at: int, servo_id: int) -> bool:
+        """Whether the answer of a later servo begins here, damaged perhaps further on."""
+        head = data[at : at + _HEAD]
+        if len(head) < _HEAD or head[:2] not in (SERVO_HEADER, LEGACY_HEADER) or head[3] != self.params + 2:
+            return False
+        later = self.servo_ids[self.servo_ids.index(servo_id) + 1 :]
+        return head[2] in later
+
+    def _tokens(self, data: bytes) -> Iterator[_Token]:
+        """All sound packets, in order, echoes among them. What is none is passed over."""
+        at = data.find(b"\xff")
+        while 0 <= at <= len(data) - 6:
+            end = self._echo_end(data, at)
+            if end:
+                yield _Token(at, end, None)
+            elif end := status_end(data, at, self.params):
+                status = StatusPacket(data[at + 2], data[at + 4], data[at + 5 : end - 1], data[at + 1] == 0xF5)
+                yield _Token(at, end, status)
+            at = data.find(b"\xff", end or at + 1)
+
+    def _echo_end(self, data: bytes, at: int) -> int:
+        """Offset after the echo that starts at `at`; 0 if none does."""
+        if data[at + 1] != 0xFF and data[at + 1] != 0xF5:
+            return 0
+        servo_id, length = data[at + 2], data[at + 3]
+        end = at + 4 + length
+        if length < 2 or end > len(data) or sum(data[at + 2 : end]) & 0xFF != 0xFF:
+            return 0
+        packet = SERVO_HEADER + data[at + 2 : end]
+        copy = packet == self.request or packet in self._sent
+        if packet == self.request and data[at + 1] == 0xFF:
+            self.echoed = True
+        if not copy and data[at + 1] == 0xFF:
+            # No servo has the id of all, and any 2-byte read of lately may come back.
+            like_a_read = not self._all_sent and servo_id <= MAX_SERVO_ID and is_read_echo(packet)
+            copy = servo_id == BROADCAST_ID or like_a_read
+        if not copy:
+            return 0
+        as_answer = self._header in (None, data[at : at + 2])
+        if as_answer and servo_id in self.servo_ids and length - 2 == self.params:
+            self.copies.add(servo_id)
+        return end

@@ -1,8 +1,7 @@
 """Matching on a half-duplex servo bus: what answer a packet calls for, and which bytes are that answer.
 
-Owns echo removal and the rule that an answer is known by id and length, its checksum verified. Sans I/O and
-sans state: the caller keeps the request. Used by the dialect-1 side of a connection, by boards, and by whoever
-drives a bus directly.
+Owns who answers what, and in which length. Sans I/O and sans state: the caller keeps the request. Used by the
+dialect-1 side of a connection, by boards, and by whoever drives a bus directly.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from hexwire.wire.servo_packet import (
     Instruction,
     ServoPacket,
     StatusPacket,
-    find_status,
-    strip_echo,
 )
+
+from .servo_answers import AnswerCollector
 
 __all__ = ["Expected", "expected_answer", "match_answer"]
 
@@ -62,12 +61,15 @@ def expected_answer(packet: ServoPacket, *, acknowledges_writes: bool = True) ->
 def match_answer(data: bytes, request: bytes, expected: Expected) -> StatusPacket | None:
     """Find the one status packet that answers `request` in what was received.
 
-    An echo of the request is removed first, wherever it starts; then id, length and checksum must fit.
+    What is an answer and what is an echo, `servo_answers` decides. A board does not ask in another way where
+    noise follows, so that counts.
 
     Returns:
         The packet, or None if it is not (yet) there. Never raises.
     """
     if not expected.servo_ids:
         return None
-    found = find_status(strip_echo(data, request), expected.servo_ids[0], expected.params)
-    return found[0] if found else None
+    servo_id = expected.servo_ids[0]
+    collector = AnswerCollector(request, (servo_id,), expected.params)
+    collector.receive(data)
+    return collector.answers.get(servo_id) or collector.murky.get(servo_id)

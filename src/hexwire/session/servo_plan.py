@@ -103,6 +103,10 @@ class ReadPlan:
             return data[5 : self._end]
         return None
 
+    def sound(self, data: bytes) -> bool:
+        """Whether `data` is exactly the answer."""
+        return self.glance(data) is not None
+
     def value(self, data: bytes) -> int | None:
         """The register's raw value under the same conditions. Written out again: a call more would be felt."""
         if (
@@ -129,13 +133,27 @@ class WritePlan:
         request: The packet, where it is not a plain WRITE.
     """
 
-    __slots__ = ("acknowledgement", "base", "length", "nap", "request", "series", "servo_id", "total")
+    __slots__ = (
+        "acknowledgement",
+        "address",
+        "base",
+        "data",
+        "length",
+        "nap",
+        "request",
+        "series",
+        "servo_id",
+        "total",
+    )
 
     def __init__(
         self, servo_id: int, series: Series, address: int, data: bytes, request: bytes | None = None
     ) -> None:
         self.servo_id = servo_id
         self.series = series
+        self.address = address
+        # What can be read back; nothing where it is not a plain write.
+        self.data = data if request is None else b""
         self.request = make_write(servo_id, address, data) if request is None else request
         self.acknowledgement = series.reply_header + bytes((servo_id, 2, 0, ~(servo_id + 2) & 0xFF))
         self.length = 6
@@ -251,6 +269,10 @@ class SyncReadPlan:
             rows.append(packet[5:-1])
             at += size
         return rows
+
+    def sound(self, data: bytes) -> bool:
+        """Whether `data` is exactly their answers."""
+        return self.glance(data) is not None or self.blocks(data) is not None
 
     def ended(self, data: bytes) -> bool:
         """Whether the last servo's answer stands at the end of `data`: then nothing more will come."""

@@ -83,6 +83,17 @@ class LineTiming:
             allowance = self._mean + _DEVIATIONS * self._deviation
             self.allowance = min(max(allowance, _LEAST_ALLOWANCE), _MOST_ALLOWANCE)
 
+    def late(self, elapsed: float, size: int) -> None:
+        """Take in an answer that came after its request was given up: from now on it would be waited for.
+
+        Args:
+            elapsed: Seconds from the request to the moment at which the answer was found, at most.
+            size: Bytes of request and answer.
+        """
+        over = min(max(0.0, elapsed - size * self.byte_time), _FIRST_ALLOWANCE)
+        self._deviation = max(self._deviation, over / _DEVIATIONS)
+        self.allowance = max(self.allowance, over)
+
     @property
     def overhead(self) -> float:
         """Mean seconds an answer takes beyond the line's own time; NaN before any came."""

@@ -60,6 +60,7 @@ __all__ = [
     "parse_packet",
     "parse_status",
     "parse_sync_write",
+    "status_end",
     "strip_echo",
     "undo_one_byte_swap",
 ]
@@ -369,12 +370,8 @@ def find_status(
     at = data.find(b"\xff", start)
     while 0 <= at <= len(data) - _MIN_PACKET:
         if data[at + 2] == servo_id:
-            end = _status_end(data, at)
+            end = status_end(data, at, n_params)
             if end and n_params in (None, end - at - _MIN_PACKET):
-                return _status(data, at, end), end
-            # Its first six bytes may pass for a legacy ping's: who asked for four parameters knows better.
-            end = at + 4 + _QUIRK_LENGTH
-            if n_params == _QUIRK_LENGTH - 2 == data[at + 3] - 2 and _is_whole_status(data, at, end):
                 return _status(data, at, end), end
         at = data.find(b"\xff", at + 1)
     return None
@@ -387,7 +384,7 @@ def iter_status(data: bytes) -> Iterator[StatusPacket]:
     find, last = data.find, len(data) - _MIN_PACKET
     at = find(b"\xff")
     while 0 <= at <= last:
-        end = _status_end(data, at)
+        end = status_end(data, at)
         if end:
             yield _status(data, at, end)
             at = find(b"\xff", end)
@@ -395,24 +392,26 @@ def iter_status(data: bytes) -> Iterator[StatusPacket]:
             at = find(b"\xff", at + 1)
 
 
-def _status_end(data: bytes, at: int) -> int:
-    """Offset after the status packet that starts at `at`, 0 if none does. At least 6 bytes must follow."""
+def status_end(data: bytes, at: int, n_params: int | None = None) -> int:
+    """Offset after the sound status packet that starts at `at`, 0 if none does.
+
+    Args:
+        data: What was received; at least 6 bytes from `at` on.
+        at: Where the packet starts.
+        n_params: Parameters that were asked for: those of a legacy answer with four may begin like a ping's.
+    """
     second = data[at + 1]
     if second != 0xFF and second != 0xF5:
         return 0
     servo_id, length, error = data[at + 2 : at + 5]
     if error > _MAX_ERROR or (servo_id > MAX_SERVO_ID and (second == 0xFF or servo_id != BOARD_ID)):
         return 0
-    if second == 0xF5 and length == _QUIRK_LENGTH and sum(data[at + 2 : at + _QUIRK_LENGTH]) & 0xFF == 0xFF:
-        return at + _QUIRK_LENGTH
     end = at + 4 + length
-    return end if length > 1 and end <= len(data) and sum(data[at + 2 : end]) & 0xFF == 0xFF else 0
-
-
-def _is_whole_status(data: bytes, at: int, end: int) -> bool:
-    """Whether a legacy status packet reaches from `at` to `end`, whatever its front looks like."""
-    fits = data[at + 1] == 0xF5 and data[at + 4] <= _MAX_ERROR and end <= len(data)
-    return fits and sum(data[at + 2 : end]) & 0xFF == 0xFF
+    whole = length > 1 and end <= len(data) and sum(data[at + 2 : end]) & 0xFF == 0xFF
+    if second == 0xF5 and length == _QUIRK_LENGTH and not (whole and n_params == _QUIRK_LENGTH - 2):
+        ping = sum(data[at + 2 : at + _QUIRK_LENGTH]) & 0xFF == 0xFF
+        return at + _QUIRK_LENGTH if ping else end if whole else 0
+    return end if whole else 0
 
 
 def _status(data: bytes, at: int, end: int) -> StatusPacket:
