@@ -29,6 +29,7 @@ from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Status, parse_frame, serialize_frame
 from hexwire.wire.modules import IpcType, ModuleType
+from hexwire.wire.servo_packet import make_read, make_status
 
 LONG = 10.0
 
@@ -561,3 +562,17 @@ def test_a_datagram_link_ends_a_frame_with_its_message() -> None:
         far.write(b"\x5a\xfa\xfa\x5a\x01\x02")
         assert session.receive(0.0) is None
         assert session.connection.decoder.counters.bytes_dropped == 6
+
+
+def test_a_reply_that_came_while_nobody_read_answers_no_later_request() -> None:
+    link = board_link(dialect=1)
+    with over(link) as session:
+        assert session.negotiate().dialect == 1
+        request = make_read(4, 0x38, 2)
+        session.send(Command.READ, make_read(4, 0x2A, 2))
+        other = session.request(Command.READ, request).body
+        # A frame that the adapter held back, from the same servo and of the same length.
+        link.clock.advance(1.0)
+        link.device.reply_dialect1(make_status(4, 0, b"\x11\x22"))
+        link.clock.advance(1.0)
+        assert session.request(Command.READ, request).body == other

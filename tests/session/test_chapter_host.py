@@ -182,8 +182,8 @@ def test_an_echoing_adapter_makes_no_difference() -> None:
     # The whole frame comes back: a frame of ours, whose packet reads like a status packet of the same servo.
     h.receive(data, 0.001)
     assert [type(event) for event in events(h)] == [Stale]
-    # And the board passes on the echo of its own bus.
-    receive(h, [read(0) + answer(0)], 0.05)
+    # And the board passes on the echo of its own bus, with bytes 5 and 6 of it all exchanged.
+    receive(h, [bytes.fromhex("FF FF 00 04 02 02 38 BF FF F5 00 04 00 08 05 EE")], 0.05)
     (reply,) = events(h)
     assert isinstance(reply, Reply)
     assert reply.body == answer(0)
@@ -298,3 +298,30 @@ def test_on_a_network_link_the_serial_limit_holds_too() -> None:
     h = host(dialect=1, max_frame=8192)
     with pytest.raises(LocalProtocolError, match="208 is the most"):
         h.request(Command.SYNC_WRITE, sp.make_sync_write(0x2A, {i: bytes(4) for i in range(48)}), 0.0)
+
+
+def test_the_echo_of_an_earlier_request_is_no_answer() -> None:
+    h = one()
+    for address in (0x2A, 0x38):
+        h.request(Command.READ, sp.make_read(4, address, 2), 0.0)
+        h.data_to_send()
+        if address == 0x2A:
+            receive(h, [sp.make_status(4, 0, b"\x05\x08")], 0.01)
+            events(h)
+    # By its form it is servo 4's answer, with error 2.
+    receive(h, [sp.make_read(4, 0x2A, 2)], 0.02)
+    assert [type(event) for event in events(h)] == [Stale]
+    receive(h, [sp.make_read(4, 0x2A, 2) + sp.make_status(4, 0, b"\x06\x08")], 0.03)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert reply.body == sp.make_status(4, 0, b"\x06\x08")
+
+
+def test_what_was_sent_is_remembered_within_bounds() -> None:
+    h = one()
+    for k in range(300):
+        h.request(Command.READ, sp.make_read(k % 200, k % 80, 2), 0.0)
+        h.data_to_send()
+        receive(h, [answer(k % 200)], 0.0)
+        events(h)
+    assert len(h._chapter._sent) == 64

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 
 from hexwire.errors import (
     CommandRefusedError,
@@ -148,6 +149,7 @@ class Board1:
         self._loads: list[float] = [math.nan] * n
         self._flags: list[int] = [int(JointFlag.SILENT)] * n
         self._torque: list[bool | None] = [None] * n
+        self._legacy = {joint.servo_id: joint.series == "seven_bot" for joint in model.joints}
         self._ceilings: dict[int, int] = {}
         self._missed: dict[int, dict[int, float]] = {}
         self._next_load = 0
@@ -198,7 +200,9 @@ class Board1:
         self._sampled[i] = self._session.now()
         self._flags[i] = status.error & int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
 
-    def _read2(self, servo_id: int, address: int, *, urgent: bool = False) -> StatusPacket | None:
+    def _read2(
+        self, servo_id: int, address: int, *, urgent: bool = False, more: bool = True
+    ) -> StatusPacket | None:
         """Read two bytes of a servo; None if it, or the board, does not answer.
 
         The chapter's board keeps an answer that comes too late and gives it to whoever asks next. One of another
@@ -209,33 +213,52 @@ class Board1:
         now = self._session.now()
         missed = self._missed.get(servo_id, {})
         doubtful = any(other != address and now - when < _DOUBT for other, when in missed.items())
-        status = self._read_once(servo_id, address, urgent=urgent)
+        status = self._read_once(servo_id, address, urgent=urgent, more=more)
         agreeing = 1
         for _ in range(_CHECKS if doubtful else 0):
             if status is None or agreeing == _ENOUGH:
                 break
-            again = self._read_once(servo_id, address, urgent=urgent)
+            again = self._read_once(servo_id, address, urgent=urgent, more=more)
             agrees = again is not None and abs(_value(again) - _value(status)) <= _AGREE
             status, agreeing = again, agreeing + 1 if agrees else 1
         return None if doubtful and agreeing < _ENOUGH else status
 
-    def _read_once(self, servo_id: int, address: int, *, urgent: bool) -> StatusPacket | None:
-        status = None
+    def _read_once(
+        self, servo_id: int, address: int, *, urgent: bool, any_kind: bool = False, more: bool = True
+    ) -> StatusPacket | None:
         try:
             reply = self._session.request(
                 Command.READ, make_read(servo_id, address, 2), urgent=urgent, repeatable=True
             )
-        except ReplyTimeoutError:
-            slow = True
-        else:
-            found = find_status(reply.body, servo_id, 2)
-            # The board's own words for "no answer"; a legacy servo with an error bit and value 0 says the same.
-            if found is not None and not (found[0].legacy and found[0].error == 1 and _value(found[0]) == 0):
-                status = found[0]
-            slow = reply.rtt > _ASKED_TWICE
-        if slow or status is None:
+        except ReplyTimeoutError as error:
+            self._missed.setdefault(servo_id, {})[address] = self._session.now()
+            return self._read_beside(servo_id, address, urgent=urgent) if error.instead and more else None
+        status, found = None, find_status(reply.body, servo_id, 2)
+        # The board's own words for "no answer"; a legacy servo with an error bit and value 0 says the same.
+        if found is not None and not (found[0].legacy and found[0].error == 1 and _value(found[0]) == 0):
+            status = found[0] if any_kind or self._is_its_own(found[0]) else None
+        if status is None or reply.rtt > _ASKED_TWICE:
             self._missed.setdefault(servo_id, {})[address] = self._session.now()
         return status
+
+    def _read_beside(self, servo_id: int, address: int, *, urgent: bool) -> StatusPacket | None:
+        """Two bytes by the pairs before and behind them, where the answer looks like the echo of its request.
+
+        An HLS servo with error 2 at count 568 does so. The high byte is read twice, so that both belong together.
+        """
+        if self._legacy.get(servo_id, True):
+            return None
+        read = partial(self._read2, servo_id, urgent=urgent, more=False)
+        high = read(address + 1)
+        low = high and read(address - 1)
+        again = low and read(address + 1)
+        if high is None or low is None or again is None or high.params[0] != again.params[0]:
+            return None
+        return low._replace(params=low.params[1:] + high.params[:1])
+
+    def _is_its_own(self, status: StatusPacket) -> bool:
+        """Whether an answer begins as those of this servo do; a damaged echo begins as another kind's."""
+        return self._legacy.get(status.servo_id, status.legacy) == status.legacy
 
     # -- motion -------------------------------------------------------------------------------------
 
@@ -379,7 +402,8 @@ class Board1:
             reply = self._act(Command.READ, packet, urgent=urgent, guard=guard)
         except ReplyTimeoutError:
             return False
-        return find_status(reply.body, packet[2], 0) is not None
+        found = find_status(reply.body, packet[2], 0)
+        return found is not None and self._is_its_own(found[0])
 
     def _read_torque(self, joint: JointModel, *, urgent: bool = False) -> bool | None:
         status = self._read2(joint.servo_id, _TORQUE, urgent=urgent)
@@ -427,7 +451,9 @@ class Board1:
         probes = []
         for i, joint in enumerate(self._model.joints):
             error = self.ping(joint.servo_id)
-            status = None if error is None else self._read2(joint.servo_id, _PRESENT)
+            status = None
+            if error is not None:
+                status = self._read_once(joint.servo_id, _PRESENT, urgent=False, any_kind=True)
             if status is None:
                 probes.append(JointProbe(joint.name, joint.servo_id, "unknown", False))
                 continue

@@ -334,6 +334,8 @@ class Session:
                     if self._datagrams and cmd != Command.IDENTIFY and not self.connection.in_conversation:
                         asked = self.connection.request(Command.IDENTIFY, b"", self.now(), urgent=urgent)
                         self._await(asked, Command.IDENTIFY, Effect.NONE, urgent, token)
+                    if self.connection.dialect == tables.PROTO_CHAPTER:  # what came unread answers nothing to come
+                        self.connection.receive(self.ipc.link.read(self._now()), self._now())
                     ticket = self.connection.request(
                         cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
                     )

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ChapterHost"]
 
+_MOST_SENT = 64
+"""Packets whose echo the board may still hand up: it keeps what comes late for whoever asks next."""
+
 
 class ChapterHost:
     """Dialect-1 requests of one host connection."""
@@ -28,6 +31,8 @@ class ChapterHost:
         self._queue: deque[Pending1] = deque()
         self._current: Pending1 | None = None
         self._quiet_until = 0.0
+        self._posted: Pending1 | None = None
+        self._sent: dict[bytes, None] = {}
 
     def request(
         self,
@@ -51,7 +56,7 @@ class ChapterHost:
     def receive(self, frame: Frame, now: float) -> bool:
         """Take a dialect-1 frame; False if it answers nothing that is outstanding."""
         pending = self._current
-        packet = match_reply(frame.body, pending) if pending is not None else None
+        packet = match_reply(frame.body, pending, self._sent) if pending is not None else None
         if pending is None or packet is None:
             return False
         connection = self._connection
@@ -80,6 +85,9 @@ class ChapterHost:
         self._queue = deque(p for p in self._queue if p.ticket != ticket)
         if self._current is not None and self._current.ticket == ticket:
             left = self._give_up()
+        elif self._posted is not None and self._posted.ticket == ticket:
+            # A stop may have come from a signal handler just before its frame was put with those to be sent.
+            left = self._connection.withhold(self._posted.frame)
         return left
 
     def void(self) -> list[bytes]:
@@ -132,12 +140,16 @@ class ChapterHost:
         self._pump(now)
 
     def _pump(self, now: float) -> None:
-        while self._current is None and self._queue and now >= self._quiet_until:
-            pending = self._queue.popleft()
+        while self._current is None and now >= self._quiet_until:
+            try:
+                pending = self._queue.popleft()
+            except IndexError:
+                break  # looking first would not do: a stop in a signal handler empties it at any moment
             self._transmit(pending, now)
             if pending.answered:
                 self._current = pending
             else:
+                self._posted = pending
                 self._quiet_until = now + self._connection.policy.dialect1_holdoff
                 self._connection.add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
 
@@ -146,3 +158,7 @@ class ChapterHost:
         pending.sent += 1
         pending.sent_at = now
         pending.deadline = now + pending.window
+        self._sent.pop(pending.body, None)
+        self._sent[pending.body] = None
+        if len(self._sent) > _MOST_SENT:
+            del self._sent[next(iter(self._sent))]

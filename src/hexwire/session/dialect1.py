@@ -5,6 +5,7 @@ Owns the rules of PROTOCOL.md section 5 that make an old board safe to talk to. 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
@@ -15,13 +16,23 @@ from hexwire.wire.servo_packet import (
     Instruction,
     ServoPacket,
     StatusPacket,
-    find_status,
+    make_board_error,
+    make_legacy_ping_status,
+    make_status,
     parse_packet,
     parse_sync_write,
-    strip_echo,
 )
-from hexwire.wire.tables import HEADER_FIELDS, MAX_SERIAL_FRAME, PROTO_CHAPTER, TAIL
+from hexwire.wire.tables import (
+    BOARD_ERRORS,
+    HEADER_FIELDS,
+    LEGACY_HEADER,
+    MAX_SERIAL_FRAME,
+    PROTO_CHAPTER,
+    SERVO_HEADER,
+    TAIL,
+)
 
+from .servo_answers import AnswerCollector
 from .servo_bus import Expected, expected_answer
 
 __all__ = [
@@ -41,7 +52,7 @@ UNKNOWN_COMMAND_PACKET = bytes.fromhex("FFF5FF0607F3")
 _TARGET = Series.SEVEN_BOT.register("target_position").address
 _SYNC_WRITE_DATA = 4
 _READ_ANSWER = 8
-_SWAPPED_END = 7
+_EXCHANGED = 6
 _OFFSETS = {name: offset for name, _, offset in HEADER_FIELDS}
 _SEC, _NSEC, _SN, _SRC = (_OFFSETS[name] for name in ("time_sec", "time_nsec", "sn", "src"))
 _ATTEMPTS = 256
@@ -67,6 +78,7 @@ class Pending1:
     instead: str = ""
     urgent: bool = False
     frame: bytes = b""
+    murky: dict[tuple[bytes, int], StatusPacket | None] = field(default_factory=dict)
     packet: ServoPacket = field(init=False)
     expected: Expected = field(init=False)
 
@@ -122,52 +134,60 @@ def _problem(cmd: int, packet: ServoPacket, size: int) -> str:
     return ""
 
 
-def match_reply(body: bytes, pending: Pending1) -> bytes | None:
+def match_reply(body: bytes, pending: Pending1, sent: Collection[bytes] = ()) -> bytes | None:
     """Find the status packet in a dialect-1 reply that answers `pending`.
 
+    The payload is what the board heard on its bus: noise, an echo, late answers and all. With command 02 and a
+    legacy servo, the chapter's board has exchanged bytes 5 and 6 of it, whatever those are. So it is looked at
+    twice: with that undone for a legacy servo's answer (FF F5), as it is for any other's (FF FF). What counts as an
+    answer then is `servo_answers`' to say.
+
+    Args:
+        body: The payload.
+        pending: What was asked. It remembers what came and was doubtful.
+        sent: Packets sent before: the board keeps an echo that comes late, and hands it to whoever asks next.
+
     Returns:
-        Its bytes, echo and noise removed; a board's error packet if that is the answer; None if this frame
-        answers something else.
+        Its bytes, echo and noise removed, a legacy servo's two data bytes little-endian; a board's error packet if
+        that is the answer; None if this frame answers something else, or nobody can tell.
     """
     if body in (UNKNOWN_COMMAND_PACKET, SHORT_FRAME_PACKET):
         return body
-    data = strip_echo(body, pending.body)
-    read = pending.packet.instruction == Instruction.READ
-    echo_is_whole = data != body
-    if read and not echo_is_whole:
-        # The echo that an adapter makes comes with two bytes exchanged, as the answer should: see `_as_if_first`.
-        request = pending.body
-        data = strip_echo(body, request[:5] + request[6:7] + request[5:6] + request[7:])
+    exchanged = _exchange(body) if pending.cmd == Command.READ else body
     params = pending.expected.params
-    found = find_status(data, pending.servo_id, params)
-    if found is None and params != 2 and pending.packet.instruction != Instruction.PING:
+    found = _answer(exchanged, pending, LEGACY_HEADER, params, sent)
+    if found is not None:
+        read = pending.packet.instruction == Instruction.READ
+        return _exchange(found) if read and len(found) == _READ_ANSWER else found
+    if params != 2 and pending.packet.instruction != Instruction.PING:
         # A board says "no answer" to anything sent with command 02 as to a 2-byte read.
-        found = find_status(data, pending.servo_id, 2)
-        if found is not None and not _is_no_answer(found[0]):
-            return None
+        found = _answer(exchanged, pending, LEGACY_HEADER, 2, sent)
+        if found == make_board_error(BOARD_ERRORS["read_silent"], pending.servo_id):
+            return found
+    if exchanged.count(pending.body) > body.count(pending.body):
+        # The board did exchange them, so this is a legacy servo, and what else is there is none of its answers.
+        return None
+    return _answer(body, pending, SERVO_HEADER, params, sent)
+
+
+def _exchange(payload: bytes) -> bytes:
+    """A payload with bytes 5 and 6 exchanged; as it is where it has fewer."""
+    return payload[:5] + payload[6:7] + payload[5:6] + payload[7:] if len(payload) > _EXCHANGED else payload
+
+
+def _answer(data: bytes, pending: Pending1, header: bytes, params: int, sent: Collection[bytes]) -> bytes | None:
+    """The bytes of the one answer in what the board heard; None if there is none or several that differ."""
+    collector = AnswerCollector(pending.body, (pending.servo_id,), params, header=header, sent=sent, all_sent=True)
+    collector.receive(data)
+    found = collector.answers.get(pending.servo_id)
     if found is None:
-        return None
-    packet, end = found
-    raw = data[end - (6 + len(packet.params)) : end]
-    if not read or not packet.legacy or len(raw) != _READ_ANSWER or echo_is_whole:
-        return raw
-    return _as_if_first(raw, body.find(raw))
-
-
-def _as_if_first(raw: bytes, at: int) -> bytes | None:
-    """The answer of a legacy servo as it would be had nothing come before it in the payload.
-
-    The chapter's board exchanges bytes 5 and 6 of the whole payload, which makes the value of a packet at its
-    front little-endian. One behind them is still big-endian. One that they are part of is no packet any more, but
-    for one byte in front: then the error and half the value have changed places, and the checksum does not mind.
-    """
-    if at == 1:
-        return None
-    return raw if at < _SWAPPED_END else raw[:5] + raw[6:7] + raw[5:6] + raw[7:]
-
-
-def _is_no_answer(packet: StatusPacket) -> bool:
-    return packet.legacy and packet.error == 1 and packet.params == b"\0\0"
+        # What has something odd behind it is believed if it comes twice.
+        found = collector.murky.get(pending.servo_id)
+        before, pending.murky[header, params] = pending.murky.get((header, params)), found
+        if found is None or found != before:
+            return None
+    packet = make_status(found.servo_id, found.error, found.params, legacy=found.legacy)
+    return packet if packet in data else make_legacy_ping_status(found.servo_id, found.error)
 
 
 def clean_frame(
