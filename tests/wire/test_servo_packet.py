@@ -227,16 +227,29 @@ def test_undo_leaves_everything_else_alone(data: bytes) -> None:
     assert sp.undo_one_byte_swap(feetech) == feetech
 
 
+def begins_like_a_ping(data: bytes) -> bool:
+    """Whether a legacy answer with four parameters begins with what is a whole ping answer too."""
+    return data[1] == 0xF5 and data[3] == 6 and sum(data[2:6]) & 0xFF == 0xFF
+
+
 # --- streams -----------------------------------------------------------------------------------------------
 
 
-@given(st.lists(statuses(), max_size=8))
+@given(st.lists(statuses().filter(lambda case: not begins_like_a_ping(case[1])), max_size=8))
 def test_packets_in_a_row_are_all_found(cases: list[tuple[StatusPacket, bytes]]) -> None:
     stream = b"".join(data for _, data in cases)
     assert list(sp.iter_status(stream)) == [packet for packet, _ in cases]
 
 
-@given(st.lists(st.tuples(st.binary(max_size=12).filter(lambda b: 0xFF not in b), statuses()), max_size=6))
+@given(
+    st.lists(
+        st.tuples(
+            st.binary(max_size=12).filter(lambda b: 0xFF not in b),
+            statuses().filter(lambda case: not begins_like_a_ping(case[1])),
+        ),
+        max_size=6,
+    )
+)
 def test_packets_among_noise_are_found(cases: list[tuple[bytes, tuple[StatusPacket, bytes]]]) -> None:
     stream = b"".join(noise + data for noise, (_, data) in cases)
     assert list(sp.iter_status(stream)) == [packet for _, (packet, _) in cases]
