@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import tempfile
 import threading
 from collections.abc import Iterator
 
@@ -15,6 +18,10 @@ collect_ignore = ["bench/ros1_client.py", "ros1/ros_client.py"]
 # The user's own settings (HEXWIRE_PORT and the like) must not steer a test.
 for _name in [name for name in os.environ if name.startswith("HEXWIRE_")]:
     del os.environ[_name]
+
+# Nor may stops that this user's programs have made, nor tests leave any behind.
+os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="hexwire-tests-")
+atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
 # No deadlines: a loaded machine is not a fault of the code. In continuous integration the same examples every
 # time, so that a failure belongs to the change that it meets; elsewhere new ones.

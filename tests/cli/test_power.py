@@ -55,6 +55,23 @@ def test_a_stop_holds_until_resume(bench: Any) -> None:
     bench.ok("move", "J1=0")
 
 
+def test_where_nobody_keeps_a_stop_it_is_said(make_bench: Any) -> None:
+    bench = make_bench(dialect=1)
+    bench.ok("torque", "on")
+    result = bench.run("stop")
+    assert (result.exit_code, result.stdout) == (0, "stopped, holding: J1 J2 J3 J4 J5 J6 J7\n")
+    assert result.stderr.startswith("note: nobody keeps this stop")
+
+
+def test_torque_that_nobody_read_is_not_said_to_be_off(make_bench: Any) -> None:
+    bench = make_bench(dialect=1)
+    bench.ok("torque", "on")
+    assert bench.ok("resume") == "resumed; torque on: none; not known: J1 J2 J3 J4 J5 J6 J7\n"
+    assert [joint["torque_on"] for joint in bench.json("state")["joints"]] == [None] * 7
+    rows = [line.split() for line in bench.ok("state").splitlines()[1:8]]
+    assert all(row[8] == "-" for row in rows), rows
+
+
 def test_a_second_stop_after_a_resume_stops_again(bench: Any) -> None:
     # Each run begins its count of requests anew, and a board answers repeats without acting on them.
     for _ in range(3):

@@ -10,6 +10,7 @@ from tests.drivers.arms import Arm
 
 from hexwire.drivers.base import Signal, StopMode
 from hexwire.drivers.board1 import Board1
+from hexwire.drivers.board2 import Board2
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
@@ -356,6 +357,48 @@ def test_listening_does_not_hide_that_the_watchdog_tripped() -> None:
     assert all(state.watchdog_tripped for state in states)
     assert states[-1].stamp - states[0].stamp > 4.0
     assert arm.board.state.watchdog_trips == 1, "it was fed, and did not trip again"
+
+
+def older(arm: Arm) -> None:
+    """As firmware 2.0 has it: the command WATCHDOG makes the board forget that the watchdog has tripped."""
+    assert isinstance(arm.driver._board, Board2)
+    arm.driver._board.identity = arm.driver._board.identity._replace(capabilities=0)
+    receive = arm.board.dialect2._watchdog
+
+    def forgets(request: object) -> object:
+        arm.board.state.watchdog_tripped = False
+        return receive(request)  # type: ignore[arg-type]  # as it came
+
+    arm.board.dialect2._handlers[Command.WATCHDOG] = forgets  # type: ignore[assignment]  # another firmware
+
+
+def test_the_cause_of_a_stop_outlives_what_makes_an_older_board_forget_it() -> None:
+    arm = Arm(2)
+    older(arm)
+    arm.driver.watchdog(0.3)
+    arm.wait(1.0)
+    arm.driver.watchdog(0.5)  # armed once more before anybody has looked
+    assert arm.driver.read().watchdog_tripped
+    assert all(state.watchdog_tripped for state in itertools.islice(arm.driver.stream(0.05), 50))
+    arm.driver.watchdog(0.0)
+    assert arm.board.state.stopped
+    assert arm.driver.read().watchdog_tripped
+    arm.driver.resume()
+    assert not arm.driver.read().watchdog_tripped
+
+
+def test_the_watchdog_of_a_program_is_armed_while_it_moves_and_no_longer() -> None:
+    arm = Arm(2)
+    with arm.driver.watched(0.4) as covered:
+        assert covered
+        assert arm.board.state.watchdog_timeout == pytest.approx(0.4)
+        with arm.driver.watched(2.0) as inner:
+            assert inner
+            assert arm.board.state.watchdog_timeout == pytest.approx(0.4), "who armed it keeps it"
+        assert arm.board.state.watchdog_timeout == pytest.approx(0.4)
+    assert arm.board.state.watchdog_timeout == 0
+    with Arm(1).driver.watched() as covered:
+        assert not covered
 
 
 def test_a_report_that_waited_keeps_the_time_of_its_arrival() -> None:

@@ -5,6 +5,7 @@ import threading
 from itertools import pairwise
 
 import pytest
+from tests.drivers.arms import Arm
 from tests.motion import arms
 from tests.motion.arms import HOME, FakeRobot
 
@@ -232,3 +233,22 @@ def test_a_robot_that_fails_is_stopped_and_the_error_comes_out(monkeypatch: pyte
     assert robot.stops == 1
     assert loop.follower.reason is not None
     assert loop.follower.reason.kind == "lost"
+
+
+def test_a_stop_voids_what_is_followed_though_it_is_resumed_at_once() -> None:
+    arm = Arm(2)
+    arm.driver.torque(True)
+    loop = MotionLoop(arm.driver, Follower(arm.driver.model), clock=arm.clock, sleep=arm.wait)
+    loop.cycle()
+    positions = arm.driver.read().positions
+    loop.set_point({"J4": positions["J4"] + 0.5})
+    loop.cycle()
+    # Another thread stops and resumes between two cycles, which no state shows.
+    arm.driver.stop()
+    arm.driver.resume()
+    held = arm.board.wire[3].registers.get("target_position")
+    reason = loop.run(1.0)
+    assert reason is not None
+    assert "stop" in str(reason)
+    assert arm.board.wire[3].registers.get("target_position") == held
+    assert arm.board.state.watchdog_timeout == 0

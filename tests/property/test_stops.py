@@ -34,8 +34,8 @@ from hexwire.wire.commands import MoveRequest, MoveRow, TransactRequest
 from hexwire.wire.registers import Series
 
 PATIENCE = 20.0
-RUNS = int(os.environ.get("HEXWIRE_STOP_RUNS", "6"))
-POINTS = int(os.environ.get("HEXWIRE_STOP_POINTS", "25"))
+RUNS = int(os.environ.get("STOP_RUNS", "6"))
+POINTS = int(os.environ.get("STOP_POINTS", "25"))
 SILENT = 9
 """An id that no servo has: who asks it keeps the line busy for as long as the board waits."""
 SLOW = 0.15

@@ -62,7 +62,7 @@ def test_a_watchdog_that_tripped_is_seen_and_reset() -> None:
     bench, told = moving()
     bench.arm.wait(1.5)
     bench.until(lambda: told.ends)
-    assert told.words.startswith("aborted: stopped: the board has stopped the arm")
+    assert told.words.startswith("aborted: stopped: the board has stopped the arm: its watchdog tripped")
     assert bench.board.state.watchdog_trips == 1
     assert bench.hardware.connected
     bench.turn(0.5)
@@ -87,7 +87,9 @@ def test_after_a_node_that_died_the_next_one_says_why_the_arm_is_stopped() -> No
     again = Bench(robot, bench.clock)
     again.hardware.connect()
     again.turn(1.0)
-    assert str(again.controller.follower.reason) == "the board has stopped the arm: the host fell silent"
+    assert str(again.controller.follower.reason) == (
+        "the board has stopped the arm: its watchdog tripped, because the host fell silent"
+    )
 
 
 def test_a_fault_of_a_joint_at_rest_is_no_stop() -> None:

@@ -23,7 +23,7 @@ from .exits import note
 from .output import format_table, print_json
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver
+    from hexwire.drivers.base import RobotDriver, StopMode
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointReading, JointState
 
@@ -54,6 +54,7 @@ __all__ = [
     "resolve_url",
     "robot_options",
     "table_options",
+    "watched",
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -64,6 +65,8 @@ _TYPED = click.core.ParameterSource.COMMANDLINE
 _StateObserver = Callable[["JointState"], None]
 _state_observer: ContextVar[_StateObserver | None] = ContextVar("hexwire_state_observer", default=None)
 
+_WATCHDOG, _PERIODS = 1.0, 4.0
+"""Seconds, and cycles, of silence after which the board stops the arm by itself."""
 _PATIENCE = 1.0
 """Seconds without an answer after which a person is told what is being waited for."""
 
@@ -318,6 +321,31 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 
 
 @contextmanager
+def watched(robot: RobotDriver, left: float, period: float = 0.0, mode: StopMode | None = None) -> Iterator[bool]:
+    """While this lasts, the board stops the arm if this program dies or stalls; told if nobody can.
+
+    Args:
+        robot: Attached.
+        left: Seconds of motion that the arm may have been sent ahead, to be told of.
+        period: Seconds between two cycles of the caller; a slow one gets a more patient watchdog.
+        mode: What the board does; holds if None.
+
+    Yields:
+        Whether somebody stands by.
+    """
+    from hexwire.drivers.base import StopMode
+
+    timeout = max(_WATCHDOG, _PERIODS * period)
+    with robot.watched(timeout, StopMode.HOLD if mode is None else mode) as covered:
+        if not covered:
+            note(
+                f"note: {robot.model.name} has no watchdog behind this port: "
+                f"if this program dies, the arm goes on with what it was sent, for up to {left:.2g} s"
+            )
+        yield covered
+
+
+@contextmanager
 def observing_states(observer: _StateObserver) -> Iterator[None]:
     """While this lasts, every state that an attached robot reads goes to `observer` too, in the reader's thread.
 
@@ -425,7 +453,7 @@ def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
         "voltage_v": joint.voltage,
         "temperature_degc": joint.temperature,
         "age_s": joint.age,
-        "torque_on": bool(joint.flags & JointFlag.TORQUE_ON),
+        "torque_on": None if joint.flags & JointFlag.TORQUE_UNKNOWN else bool(joint.flags & JointFlag.TORQUE_ON),
         "silent": bool(joint.flags & JointFlag.SILENT),
         "clamped": bool(joint.flags & JointFlag.CLAMPED),
         "faults": fault_names(joint.flags),

@@ -35,7 +35,7 @@ _SWING = math.radians(30.0)
 _RATES = {1: 1.5, 2: 20.0}
 """Cycles a second by dialect: at 115200 baud a cycle takes 0.03 s in dialect 2, and 0.6 s in dialect 1."""
 _WATCHDOG = 1.0
-"""Seconds after which the board takes the torque away by itself if we should be killed."""
+"""Seconds of silence after which the board takes the torque away by itself."""
 _SETTLE = 1.0
 _BACK_WITHIN = math.radians(3.0)
 
@@ -178,6 +178,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
 
 
 def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
+    from hexwire.drivers.base import StopMode
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
     robot = Hex7BotDriver.from_url(url, dialect=dialect)
@@ -193,8 +194,10 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
         view.say("read", f"{_pose(state)} deg")
         goal = turning_pose(robot.model, state.position)
         # The arm is made safe before the drawing ends: a terminal that takes nothing must not delay it.
-        with view.moving(), _torque_safe(robot):
-            summary = _move(robot, state.position, goal, duration, rate or _RATES[report.dialect], view)
+        pace = rate or _RATES[report.dialect]
+        silence = max(_WATCHDOG, 4 / pace)
+        with view.moving(), robot.watched(silence, StopMode.TORQUE_OFF) as covered, _torque_safe(robot):
+            summary = _move(robot, state.position, goal, duration, pace, covered, view)
         view.say("torque off", "all joints")
     view.say("summary", summary)
 
@@ -205,19 +208,18 @@ def _move(
     goal: tuple[float, ...],
     duration: float,
     rate: float,
+    covered: bool,
     view: View,
 ) -> str:
     """Torque on, there and back; returns the summary."""
-    from hexwire.drivers.base import StopMode
     from hexwire.model.state import JointTarget
     from hexwire.motion.loop import RateLoop
     from hexwire.motion.trajectory import Quintic
 
     model = robot.model
-    safety = ""
-    if robot.dialect == 2:
-        robot.watchdog(_WATCHDOG, StopMode.TORQUE_OFF)
-        safety = f", and off by itself if we fall silent for {_WATCHDOG:g} s"
+    safety = ", and off by itself if we fall silent"
+    if not covered:
+        safety = ", and nothing takes it off if this program is killed: dialect 1 has no watchdog"
     view.say("torque on", " ".join(robot.torque(True)) + safety)
     leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in model.joints]))
     there, back = Quintic(start, goal, leg), Quintic(goal, start, leg)
@@ -304,8 +306,6 @@ def _torque_safe(robot: Hex7BotDriver) -> Iterator[None]:
 
 def _torque_off(robot: Hex7BotDriver) -> None:
     off = robot.torque(False)
-    if robot.dialect == 2:
-        robot.watchdog(0.0)
     left = [name for name in robot.model.names if name not in off]
     if left:
         raise ServoError(f"{', '.join(left)} did not confirm that the torque is off")

@@ -24,6 +24,7 @@ from .common import (
     refuse_table,
     robot_options,
     table_options,
+    watched,
 )
 from .exits import note, shielded
 from .model import links_option
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.state import JointState, SentTarget
+    from hexwire.model.state import JointState, JointTarget, SentTarget
 
 __all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets"]
 
@@ -42,6 +43,8 @@ _LOOK = 0.1
 """Seconds between two looks that tell whether a joint stands."""
 _FLICKER = math.radians(0.2)
 """Two counts: less is no motion."""
+_AHEAD = 1.5
+"""Steps that a target is sent ahead where the way is sent in steps, so that a late one is no pause."""
 _GRACE = 2.0
 """Seconds that the joints get beyond the duration of the move: servos settle, and lag under load."""
 
@@ -83,6 +86,11 @@ def move(
 
     Joints without torque get it first, which moves nothing by itself. A way through the arm's gates or the table is
     refused, where the arm's geometry is known.
+
+    With --wait the board stops the arm if this program dies or hangs for a second. Without it this program ends at
+    once: the board takes the arm to the target on its own, and only 'hexwire stop' ends that earlier. A board of
+    dialect 1 and a servo bus have no watchdog: there --wait sends the way in short steps, so that little of it is
+    left to do if this program dies.
     """
     from hexwire.errors import ServoError
     from hexwire.model.geometry import kinematics_or_none
@@ -97,18 +105,29 @@ def move(
         refuse_table(robot.model)
     tell: Callable[[str], object] = (lambda _: None) if as_json else say
     shortfall = ""
-    with attached(robot), hold_on_ctrl_c(robot):
-        switched_on = _torque_on(robot, list(goal), _check_way(robot, goal, kinematics, table))
-        if switched_on:
-            tell(f"torque on: {' '.join(switched_on)}")
-        sent = robot.write(JointTarget.of(goal, duration))
+
+    def tell_sent(sent: SentTarget) -> None:
         words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
         tell(f"moving to: {words} deg in {sent.duration:.2f} s")
         if sent.clamped:
             note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
+
+    with attached(robot), hold_on_ctrl_c(robot):
+        switched_on = _torque_on(robot, list(goal), _check_way(robot, goal, kinematics, table))
+        if switched_on:
+            tell(f"torque on: {' '.join(switched_on)}")
+        target = JointTarget.of(goal, duration)
         if wait:
-            ticks = RateLoop(_RATE).ticks(sent.duration + _GRACE)
-            shortfall = _wait(robot, sent, math.radians(tolerance), ticks, draw=on_terminal() and not as_json)
+            step = 1.0 / robot.command_rate
+            with watched(robot, _AHEAD * step) as covered:
+                sent = robot.write(target) if covered else _in_steps(robot, target, step, tell_sent)
+                if covered:
+                    tell_sent(sent)
+                ticks = RateLoop(_RATE).ticks((sent.duration if covered else 0.0) + _GRACE)
+                shortfall = _wait(robot, sent, math.radians(tolerance), ticks, draw=on_terminal() and not as_json)
+        else:
+            sent = robot.write(target)
+            tell_sent(sent)
         if as_json:
             print_json(_as_json(robot, sent, switched_on, not shortfall if wait else None))
     raise_if_silent([(robot.model.joint(name).servo_id, name) for name in sent.silent])
@@ -185,8 +204,8 @@ def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
             except HexwireError as error:
                 note(f"warning: the arm could not be stopped: {error}")
             else:
-                latched = getattr(robot, "dialect", 2) != 1
-                note("stopped: the arm holds" + ("; 'hexwire resume' ends that" if latched else ""))
+                kept = robot.stop_kept_by
+                note("stopped: the arm holds" + ("; 'hexwire resume' ends that" if kept else ""))
         raise
 
 
@@ -238,8 +257,41 @@ def _torque_on(robot: RobotDriver, names: Sequence[str], state: JointState) -> t
     return confirmed
 
 
+def _in_steps(
+    robot: RobotDriver, target: JointTarget, step: float, tell: Callable[[SentTarget], object]
+) -> SentTarget:
+    """Lead joints to a target by short ways on the straight line; returns when the last is sent.
+
+    Args:
+        robot: Attached.
+        target: Where to.
+        step: Seconds between two ways.
+        tell: Told what will be sent before the first is.
+    """
+    from hexwire.model.state import JointTarget, SentTarget
+    from hexwire.motion.limits import check_target
+    from hexwire.motion.loop import RateLoop
+
+    start = robot.read().positions
+    checked = check_target(robot.model, target, start)
+    goal, duration = dict(checked.positions), checked.duration
+    tell(SentTarget(checked.positions, duration))
+    # Nobody can lead a joint from where it is not known to be: it is sent to its end.
+    start = {name: start[name] if math.isfinite(start[name]) else goal[name] for name in goal}
+    silent: dict[str, None] = {}
+    for t in RateLoop(1.0 / step).ticks(duration):
+        share = min(1.0, (t + step) / duration) if duration > 0 else 1.0
+        place = {name: start[name] + share * (goal[name] - start[name]) for name in goal}
+        sent = robot.write(JointTarget.of(place, _AHEAD * step))
+        silent |= dict.fromkeys(sent.silent)
+    sent = robot.write(JointTarget.of(goal, step))
+    return SentTarget(sent.positions, duration, sent.clamped, tuple(silent | dict.fromkeys(sent.silent)))
+
+
 def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, ticks: Iterable[float], *, draw: bool) -> str:
     """Wait until the joints are there; returns why they are not, or nothing."""
+    from hexwire.motion.safety import board_stop
+
     goal = dict(sent.positions)
     way = 0.0
     state: JointState | None = None
@@ -255,8 +307,9 @@ def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, ticks: Iterabl
             )
             if left[farthest] <= tolerance:
                 return ""
-            if state.stopped:
-                return "the arm was stopped before it arrived; 'hexwire resume' ends that"
+            found = board_stop(state)
+            if found is not None:
+                return f"the arm was stopped before it arrived: {found}; 'hexwire resume' ends that"
             limp = [name for name in goal if name not in state.torque_on]
             if limp:
                 return f"{', '.join(limp)} lost the torque before it arrived"

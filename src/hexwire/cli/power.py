@@ -11,12 +11,19 @@ from typing import TYPE_CHECKING
 import click
 
 from .common import RobotOptions, open_robot, robot_options
+from .exits import note
 from .output import say
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
 
 __all__ = ["resume", "stop", "torque"]
+
+_KEPT_HERE = (
+    "note: no board keeps this stop: hexwire keeps it for this user on this computer until 'hexwire resume'; "
+    "other users and programs can move the arm"
+)
+_KEPT_NOT = "note: nobody keeps this stop: it ended with this command, and the next one may move the arm"
 
 
 @click.command()
@@ -38,12 +45,20 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions) -> None:
 @click.option("--torque-off", is_flag=True, help="Take the torque away as well: the arm may fall.")
 @robot_options
 def stop(torque_off: bool, options: RobotOptions) -> None:
-    """Stop the arm where it is and keep it stopped: nothing moves until `hexwire resume`."""
+    """Stop the arm where it is and keep it stopped: nothing moves until `hexwire resume`.
+
+    A board with hexwire's firmware keeps the stop, whoever asks. A board of dialect 1 and a servo bus keep none:
+    there hexwire keeps it for you in a file, one a device. Other users, other computers and programs without
+    hexwire do not know of it and can move the arm.
+    """
     from hexwire.drivers.base import StopMode
 
     with open_robot(options) as robot:
         confirmed = robot.stop(StopMode.TORQUE_OFF if torque_off else StopMode.HOLD)
         words = "stopped, torque off" if torque_off else "stopped, holding"
+        kept = robot.stop_kept_by
+        if kept != "board":
+            note(_KEPT_HERE if kept else _KEPT_NOT)
         _report(robot.model, robot.model.names, confirmed, words)
 
 
@@ -54,16 +69,19 @@ def resume(options: RobotOptions) -> None:
 
     Where a watchdog stopped the arm, because the program that had set it died, it is switched off as well.
     """
+    from hexwire.model.state import JointFlag
+
     with open_robot(options) as robot:
         tripped = robot.read().watchdog_tripped
         robot.resume()
-        watchdog = getattr(robot, "watchdog", None)
-        if tripped and watchdog is not None:
+        if tripped:
             # Or it would stop the arm again as soon as this program has ended.
-            watchdog(0.0)
+            robot.watchdog(0.0)
             say("the watchdog of the program that fell silent is off")
-        on = robot.read().torque_on
-        say(f"resumed; torque on: {' '.join(on) or 'none'}")
+        state = robot.read()
+        unknown = [joint.name for joint in state if joint.flags & JointFlag.TORQUE_UNKNOWN]
+        words = f"resumed; torque on: {' '.join(state.torque_on) or 'none'}"
+        say(words + (f"; not known: {' '.join(unknown)}" if unknown else ""))
 
 
 def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], words: str) -> None:

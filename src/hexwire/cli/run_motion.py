@@ -6,15 +6,15 @@ Owns the order: check, torque, watchdog, motion, watchdog off. Must not know whe
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hexwire.errors import HexwireError, NotSupportedError, ServoError, UsageError
+from hexwire.errors import ServoError, UsageError
 from hexwire.ipc.tap import Missed
 
-from .exits import note, shielded, tell_missed
+from .common import watched
+from .exits import note, tell_missed
 from .move import hold_on_ctrl_c
 from .output import say
 from .plot import MotionPlot
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["MotionOptions", "run_motion", "torque_up"]
 
-_WATCHDOG = 1.0
-"""Seconds of silence after which the board stops the arm by itself."""
 _SETTLE = 3.0
 _ARRIVED = math.radians(1.5)
 
@@ -66,27 +64,6 @@ def torque_up(robot: RobotDriver, names: Sequence[str]) -> None:
         limp = [name for name in missing if name not in confirmed]
         if limp:
             raise ServoError(f"no torque on {', '.join(limp)}: check cable, power and id")
-
-
-@contextmanager
-def _watched(robot: RobotDriver) -> Iterator[None]:
-    """The board stops the arm by itself if this program dies."""
-    watchdog = getattr(robot, "watchdog", None)
-    if watchdog is not None:
-        try:
-            watchdog(_WATCHDOG)
-        except NotSupportedError:
-            watchdog = None
-    try:
-        yield
-    except BaseException:
-        # What went wrong is what a person must hear of, not that this fails as well.
-        if watchdog is not None:
-            with shielded(), suppress(HexwireError):
-                watchdog(0.0)
-        raise
-    if watchdog is not None:
-        watchdog(0.0)
 
 
 def run_motion(
@@ -186,7 +163,7 @@ def _drive(
             plot.way.append(model.forward(model.from_joints(positions)).position)
 
     # On Ctrl-C the stop comes first, and the watchdog goes off after it.
-    with _watched(robot), hold_on_ctrl_c(robot):
+    with watched(robot, loop.lead, loop.timing.period), hold_on_ctrl_c(robot):
         torque_up(robot, names)
         loop.cycle()
         began = loop.state.stamp if loop.state else 0.0

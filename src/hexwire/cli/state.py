@@ -116,7 +116,7 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
 
 def _remarks(state: JointState) -> list[str]:
     if state.watchdog_tripped:
-        return ["stopped by the board, because the host fell silent; 'hexwire resume' ends that"]
+        return ["stopped by the board's watchdog, because the host fell silent; 'hexwire resume' ends that"]
     if state.maintenance:
         return ["in maintenance: settings of servos may be written, and nothing moves"]
     return ["stopped; 'hexwire resume' ends that"] if state.stopped else []
@@ -134,6 +134,6 @@ def _cells(joint: JointReading) -> tuple[str, ...]:
         plain(joint.voltage, 1),
         plain(joint.temperature, 0),
         plain(1000 * joint.age, 0),
-        "on" if joint.flags & JointFlag.TORQUE_ON else "off",
+        "-" if joint.flags & JointFlag.TORQUE_UNKNOWN else "on" if joint.flags & JointFlag.TORQUE_ON else "off",
         condition(joint),
     )

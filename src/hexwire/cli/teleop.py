@@ -16,7 +16,16 @@ import click
 
 from hexwire.errors import DeviceError, HexwireError, StoppedError, UsageError
 
-from .common import FiniteFloat, RobotOptions, make_robot, open_robot, refuse_table, robot_options, table_options
+from .common import (
+    FiniteFloat,
+    RobotOptions,
+    make_robot,
+    open_robot,
+    refuse_table,
+    robot_options,
+    table_options,
+    watched,
+)
 from .exits import note, shielded
 from .model import links_option
 from .output import say
@@ -138,7 +147,7 @@ def teleop(
     Letting go of it, or losing the joystick's channel, makes the arm hold at once; and it stays where the next step
     would lead through a gate of the arm or into the table. Button 7 changes between joints and the tool's
     directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is the only
-    joystick of this machine.
+    joystick of this machine. The board stops the arm if this program dies, where it has a watchdog.
     """
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.fence import Fence
@@ -160,7 +169,7 @@ def teleop(
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
-        with _hold_at_the_end(robot):
+        with watched(robot, _OVERLAP / rate, 1.0 / rate), _hold_at_the_end(robot):
             drive(robot, rules, stick, RateLoop(rate).ticks(), 1.0 / rate)
 
 
@@ -171,6 +180,7 @@ def drive(robot: RobotDriver, rules: Teleop, stick: Stick, ticks: Iterator[float
         HexwireError: The arm is out of reach; it was told to stop first.
     """
     from hexwire.model.state import JointTarget
+    from hexwire.motion.safety import board_stop
     from hexwire.motion.teleop import Action
 
     said = ""
@@ -199,7 +209,8 @@ def drive(robot: RobotDriver, rules: Teleop, stick: Stick, ticks: Iterator[float
         except DeviceError:
             robot.stop()
             raise
-        words = "stopped; 'hexwire resume' ends that" if joints.stopped else jog.note
+        found = board_stop(joints)
+        words = f"stopped: {found}; 'hexwire resume' ends that" if found is not None else jog.note
         if words and words != said:
             note(words)
         said = words

@@ -12,7 +12,7 @@ import click
 
 from hexwire.errors import ServoError
 
-from .common import FiniteFloat, RobotOptions, open_robot, robot_options
+from .common import FiniteFloat, RobotOptions, open_robot, robot_options, watched
 from .output import say
 
 __all__ = ["grip", "pump"]
@@ -37,7 +37,8 @@ _PRESSED = 3
 def grip(how: str, duration: float, options: RobotOptions) -> None:
     """Open or close the gripper, or open it by so many percent.
 
-    Closing ends where something is between the jaws, and keeps a little pressure on it.
+    Closing ends where something is between the jaws, and keeps a little pressure on it. The board stops the gripper
+    if this program dies, where it has a watchdog.
     """
     from hexwire.drivers.tools import Gripper
     from hexwire.motion.loop import RateLoop
@@ -45,7 +46,7 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
     share = {"open": 1.0, "close": 0.0}.get(how)
     if share is None:
         share = FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
-    with open_robot(options) as robot:
+    with open_robot(options) as robot, watched(robot, duration, 1 / _RATE):
         gripper = Gripper(robot)
         angle = gripper.angle(share)
         if gripper.joint.name not in robot.read().torque_on:

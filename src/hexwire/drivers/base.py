@@ -7,23 +7,26 @@ robot, nor whether a person or a program is asking.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Self
 
-from hexwire.errors import CommandRefusedError, StoppedError, UsageError
+from hexwire.errors import CommandRefusedError, HexwireError, NotSupportedError, StoppedError, UsageError
+from hexwire.model.state import JointFlag
 from hexwire.wire.command_frame import Command, Status, command_name, status_name
 
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from hexwire.ipc.epochs import Epochs
     from hexwire.ipc.session import Session
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
     from hexwire.session.events import Reply
 
-__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopMode", "check_reply"]
+__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopMode", "check_reply", "torque_flag"]
 
 
 class Signal(IntEnum):
@@ -136,6 +139,67 @@ class RobotDriver(ABC):
     def command_rate(self) -> float:
         """Targets a second that the line takes, besides being read."""
         return _COMMAND_RATE
+
+    @property
+    def epochs(self) -> Epochs:
+        """The stops of this robot, and what they void."""
+        return self.session.epochs
+
+    @property
+    def stop_kept_by(self) -> str:
+        """Who keeps a stop beyond this program: ``board``, ``user`` (a file of this user's), or nobody if empty."""
+        return "board"
+
+    # -- when this program falls silent ---------------------------------------------------------------
+
+    @property
+    def has_watchdog(self) -> bool:
+        """Whether the board can stop by itself when this program falls silent."""
+        return False
+
+    @property
+    def stands_by(self) -> bool:
+        """Whether a watchdog is armed from here: the board stops by itself when this program falls silent."""
+        return False
+
+    def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
+        """Have the board stop by itself when nothing comes from this program for `timeout` seconds; 0 = never.
+
+        Raises:
+            NotSupportedError: Nothing behind this robot can do that.
+        """
+        raise NotSupportedError(f"nothing behind {self.model.name} stops it when this program falls silent")
+
+    @contextmanager
+    def watched(self, timeout: float = 1.0, mode: StopMode = StopMode.HOLD) -> Iterator[bool]:
+        """While this lasts, the board stops the arm if this program dies or stalls; around everything that moves.
+
+        Whatever is sent feeds the watchdog, so that who sends nothing for `timeout` seconds is stopped. At the end
+        it is off again; one that was armed before stays. Where the arm is stopped, nothing is armed.
+
+        Args:
+            timeout: Seconds of silence.
+            mode: What the board does then.
+
+        Yields:
+            Whether somebody stands by; False where the robot has nobody who could.
+        """
+        if not self.has_watchdog:
+            yield False
+            return
+        armed = not self.stands_by and not self.read().stopped
+        if armed:
+            self.watchdog(timeout, mode)
+        try:
+            yield True
+        except BaseException:
+            if armed:
+                # What went wrong is what is to be heard of, not that this fails as well.
+                with suppress(HexwireError):
+                    self.watchdog(0.0)
+            raise
+        if armed:
+            self.watchdog(0.0)
 
     @classmethod
     @abstractmethod
@@ -260,6 +324,13 @@ _ADVICE: dict[int, str] = {
 }
 _FORBIDDEN_MAINTENANCE = "a joint has torque; `hexwire torque off` first"
 _FORBIDDEN_MOTION = "the board is in maintenance; `maintenance(False)` ends that"
+
+
+def torque_flag(torque: bool | None) -> int:
+    """The flag of a joint whose torque is on, off, or not known."""
+    if torque is None:
+        return int(JointFlag.TORQUE_UNKNOWN)
+    return int(JointFlag.TORQUE_ON) if torque else 0
 
 
 def check_reply(reply: Reply, *accepted: Status) -> Reply:

@@ -36,7 +36,7 @@ from hexwire.wire.servo_packet import (
 )
 from hexwire.wire.tables import DEFAULT_CEILING, TAIL
 
-from .base import JointProbe, StopMode
+from .base import JointProbe, StopMode, torque_flag
 
 __all__ = ["Board1", "make_hls_block", "make_legacy_move"]
 
@@ -180,7 +180,7 @@ class Board1:
             nan,
             nan,
             nan,
-            tuple(f | (JointFlag.TORQUE_ON if t else 0) for f, t in zip(self._flags, self._torque, strict=True)),
+            tuple(f | torque_flag(t) for f, t in zip(self._flags, self._torque, strict=True)),
             tuple(now - t for t in self._sampled),
             now,
             math.nan,

@@ -350,6 +350,11 @@ class Board2:
         return None if found is None else found[0].error
 
     @property
+    def keeps_trip(self) -> bool:
+        """Whether nothing but RESUME makes the board forget that its watchdog has tripped."""
+        return bool(self.identity.capabilities & CAPABILITY_MAINTENANCE)
+
+    @property
     def capabilities(self) -> tuple[str, ...]:
         """Words for what the board can do."""
         return tuple(name for name, bit in CAPABILITIES.items() if self.identity.capabilities & bit)

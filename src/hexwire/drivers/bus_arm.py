@@ -40,7 +40,8 @@ from hexwire.wire.registers import Series
 from hexwire.wire.tables import DEFAULT_CEILING
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
-from .base import JointProbe, ProbeReport, RobotDriver, StopMode
+from .base import JointProbe, ProbeReport, RobotDriver, StopMode, torque_flag
+from .stop_memory import StopMemory
 
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
 
@@ -81,7 +82,8 @@ class BusArm(RobotDriver):
         self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
         self.bus = ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
         # One arm, one set of stops: what waits at the bus is void after one too.
-        self.epochs = self.bus.epochs = session.epochs
+        self.bus.epochs = session.epochs
+        self._memory = StopMemory(link.url)
         self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
         self._speed_units: dict[int, float] = {}
@@ -128,6 +130,8 @@ class BusArm(RobotDriver):
             raise
         self._attached = True
         self.epochs.forget()
+        if self._memory.stopped:
+            self.epochs.assume_stopped()
 
     def detach(self, *, torque_off: bool = False) -> None:
         was, self._attached = self._attached, False
@@ -258,7 +262,7 @@ class BusArm(RobotDriver):
             position, flags = self._positions.get(joint.name, math.nan), int(JointFlag.SILENT)
         else:
             position, flags = joint.counts_to_angle(counts), status & _RESERVED_FAULTS
-        return position, *values, flags | (int(JointFlag.TORQUE_ON) if self._torque[i] else 0)
+        return position, *values, flags | torque_flag(self._torque[i])
 
     # -- moving -------------------------------------------------------------------------------------
 
@@ -350,7 +354,10 @@ class BusArm(RobotDriver):
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         self._check_attached()
         with self.epochs.stopping():
-            return self._stop(mode)
+            try:
+                return self._stop(mode)
+            finally:
+                self._memory.remember()
 
     def _stop(self, mode: StopMode) -> tuple[str, ...]:
         self._mode = mode
@@ -360,6 +367,11 @@ class BusArm(RobotDriver):
         token = self.epochs.token("resume", freeing=True)
         self.epochs.check(token, "resume")
         self.epochs.resumed(token)
+        self._memory.forget()
+
+    @property
+    def stop_kept_by(self) -> str:
+        return self._memory.kept_by
 
     def _hold_all(self) -> tuple[str, ...]:
         held = []

@@ -97,6 +97,9 @@ def judge_state(state: JointState, joints: Sequence[JointProbe]) -> list[Finding
     """
     known = {joint.name: joint for joint in joints}
     findings: list[Finding] = []
+    if state.watchdog_tripped:
+        text = "the board's watchdog stopped the arm, because the host fell silent"
+        findings.append(Finding(Level.HINT, "stop", text, "hexwire resume"))
     here = [joint for joint in state if not joint.flags & JointFlag.SILENT]
     for joint in here:
         findings += _judge_supply(joint, known.get(joint.name))

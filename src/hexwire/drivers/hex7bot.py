@@ -28,6 +28,7 @@ from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
 from .base import ProbeReport, RobotDriver, StopMode
 from .board1 import Board1
 from .board2 import Board2
+from .stop_memory import StopMemory
 
 __all__ = ["Hex7BotDriver"]
 
@@ -40,6 +41,7 @@ _MAX_PERIOD = 10.0
 _DIALECT1_RATE = 1.5
 """Targets a second in dialect 1, where a state of seven joints is seven questions."""
 _QUICK_FIELDS = tables.STATE_FIELD_LOAD | tables.STATE_FIELD_AGE
+_FLAGS_ONLY = 0
 _FEEDS = 3.0
 """How often a board hears of us in the time of its watchdog while we only listen to its reports."""
 
@@ -78,6 +80,8 @@ class Hex7BotDriver(RobotDriver):
         self._restarts = 0
         self._armings = 0
         self._arming_due = False
+        self._tripped = False
+        self._memory = StopMemory("")
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -110,11 +114,15 @@ class Hex7BotDriver(RobotDriver):
         except BaseException:
             session.close()
             raise
+        self._memory = StopMemory(session.ipc.link.url if isinstance(self._board, Board1) else "")
+        if self._memory.stopped:
+            session.epochs.assume_stopped()
         self._generation = session.generation
         self._last = None
         self._restarts = session.board_restarts
         self._aimed.clear()
         self._watchdog, self._report, self._arming_due = None, None, False
+        self._tripped = False
 
     def detach(self, *, torque_off: bool = False) -> None:
         board, self._board = self._board, None
@@ -165,8 +173,7 @@ class Hex7BotDriver(RobotDriver):
     # -- reading and writing ------------------------------------------------------------------------
 
     def read(self) -> JointState:
-        board = self._attached()
-        state = board.read()
+        state = self._told(self._attached().read())
         self._remember(state)
         return state
 
@@ -216,12 +223,13 @@ class Hex7BotDriver(RobotDriver):
                     if self.session.generation != self._generation:
                         board = self._dialect2("REPORT")
                     if self._watchdog is not None and self.session.now() - fed >= self._watchdog[0] / _FEEDS:
-                        self._feed(board, self._watchdog)
+                        # Any frame does; and the state tells whether it has tripped already.
+                        self._told(board.read(_FLAGS_ONLY))
                         fed = self.session.now()
                     if slow is not None and self.session.now() - asked >= slow:
                         whole, asked = board.read(), self.session.now()
                     if frame.cmd == Command.JOINT_STATE:
-                        state = board.decode_state(frame.body, frame, arrived)
+                        state = self._told(board.decode_state(frame.body, frame, arrived))
                         self._remember(state)
                         if whole is not None:
                             state = replace(
@@ -241,13 +249,6 @@ class Hex7BotDriver(RobotDriver):
             if self.session.is_open and isinstance(self._board, Board2):
                 self._board.report(0.0)
 
-    def _feed(self, board: Board2, watchdog: tuple[float, StopMode]) -> None:
-        """Any frame does; the shortest is the watchdog's own, but it makes the board forget that it tripped."""
-        if self._last is not None and self._last.watchdog_tripped:
-            board.stats()
-        else:
-            board.watchdog(*watchdog)
-
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         with self._calling("torque on" if on else "torque off", freeing=not on):
             confirmed = self._attached().torque(on, joints)
@@ -261,11 +262,28 @@ class Hex7BotDriver(RobotDriver):
         with self.session.epochs.stopping():
             if self.session.generation != self._generation:
                 self._after_reconnect()
-            return self._board.stop(mode)
+            try:
+                return self._board.stop(mode)
+            finally:
+                self._memory.remember()
 
     def resume(self) -> None:
         with self._calling("resume", freeing=True):
             self._attached().resume()
+            self._memory.forget()
+            self._tripped = False
+
+    @property
+    def stop_kept_by(self) -> str:
+        return self._memory.kept_by if isinstance(self._board, Board1) else super().stop_kept_by
+
+    @property
+    def has_watchdog(self) -> bool:
+        return isinstance(self._board, Board2)
+
+    @property
+    def stands_by(self) -> bool:
+        return self._watchdog is not None
 
     def ping(self, servo_id: int) -> int | None:
         """Error byte of a servo, or None if it does not answer."""
@@ -282,7 +300,7 @@ class Hex7BotDriver(RobotDriver):
         """
         if timeout and not _MIN_WATCHDOG <= timeout <= _MAX_WATCHDOG:
             raise UsageError(f"a watchdog of {timeout:g} s is outside {_MIN_WATCHDOG:g}..{_MAX_WATCHDOG:g} s")
-        self._dialect2("WATCHDOG").watchdog(timeout, mode)
+        self._arm(self._dialect2("WATCHDOG"), timeout, mode)
         self._watchdog = (timeout, mode) if timeout else None
 
     def maintenance(self, on: bool) -> None:
@@ -390,6 +408,20 @@ class Hex7BotDriver(RobotDriver):
             self._board = Board1(self.session, self.model)
         self._arming_due = True
 
+    def _arm(self, board: Board2, timeout: float, mode: StopMode) -> None:
+        """WATCHDOG; on older firmware it clears the flag that the watchdog has tripped, so that is read first."""
+        if not board.keeps_trip:
+            self._told(board.read(_FLAGS_ONLY))
+            if self._tripped and not timeout:
+                # The arm is stopped: let the flag tell others why. `resume` ends both.
+                return
+        board.watchdog(timeout, mode)
+
+    def _told(self, state: JointState) -> JointState:
+        """The state with the cause of a stop, also where the board has been made to forget it."""
+        self._tripped = state.stopped and (self._tripped or state.watchdog_tripped)
+        return replace(state, watchdog_tripped=True) if self._tripped != state.watchdog_tripped else state
+
     def _remember(self, state: JointState) -> None:
         self._last = state
         if self._aimed:
@@ -412,7 +444,7 @@ class Hex7BotDriver(RobotDriver):
         board = self._board
         if isinstance(board, Board2):
             if self._watchdog is not None:
-                board.watchdog(*self._watchdog)
+                self._arm(board, *self._watchdog)
             if self._report is not None:
                 board.report(*self._report)
         elif self._watchdog is not None or self._report is not None:

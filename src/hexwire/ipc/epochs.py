@@ -111,6 +111,10 @@ class Epochs:
             raise StoppedError.unsent(what, _STOPPED, _UNCONFIRMED)
         return Token(current, stopped)
 
+    def mark(self) -> Token:
+        """The present: what is planned now is void after the next stop, whether the arm is stopped now or not."""
+        return Token(self._current, False)
+
     @property
     def of_this_call(self) -> Token | None:
         """The token of the call that this thread is in, if it is in one."""

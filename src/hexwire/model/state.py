@@ -56,6 +56,8 @@ class JointFlag(IntFlag):
     OVERLOAD = 0x20
     TORQUE_ON = 0x40
     SILENT = 0x80
+    TORQUE_UNKNOWN = 0x100
+    """Nobody has asked, and no board tells: it may have torque. Of this side only, not of the wire."""
 
     @property
     def faults(self) -> JointFlag:

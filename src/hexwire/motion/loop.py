@@ -10,15 +10,17 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hexwire.errors import HexwireError, StoppedError, UsageError
 from hexwire.model.state import LONGEST
 
-from .safety import StopReason
+from .safety import StopReason, board_stop
 
+_SILENCE, _SILENT_PERIODS = 1.0, 4.0
+"""Seconds, and periods, without a word after which the board stops the arm by itself."""
 _FASTEST = 10_000.0
 """Cycles a second that no machine does."""
 
@@ -131,7 +133,10 @@ class RateLoop:
 
 
 class Robot(Protocol):
-    """What a motion loop needs of a robot; every driver has it."""
+    """What a motion loop needs of a robot; every driver has it.
+
+    Drivers also have `watched` and `epochs`, which a loop uses where they are there.
+    """
 
     def read(self) -> JointState:
         """Read all joints."""
@@ -146,7 +151,9 @@ class Robot(Protocol):
 class MotionLoop:
     """Read, update, write at a fixed rate: the one owner of a robot in motion.
 
-    One thread calls `run`. Any thread may call the others.
+    One thread calls `run`. Any thread may call the others. While it runs, the board's watchdog stands by where
+    there is one: if the program dies, or stalls for a second or four periods, the board stops the arm. What was
+    asked for before a stop of the robot is not sent after it, even if it was resumed between two cycles.
 
     Args:
         robot: An attached robot.
@@ -178,16 +185,25 @@ class MotionLoop:
         self.state: JointState | None = None
         self._clock = clock
         self._lock = threading.Lock()
+        self._epochs = getattr(robot, "epochs", None)
+        self._asked = self._mark()
+
+    def _mark(self) -> Any:
+        return None if self._epochs is None else self._epochs.mark()
 
     def follow(self, trajectory: Trajectory) -> None:
         """Follow a trajectory; see `Follower.follow`."""
+        asked = self._mark()
         with self._lock:
             self.follower.follow(trajectory, self._clock())
+            self._asked = asked
 
     def set_point(self, positions: Mapping[str, float]) -> None:
         """Pursue a set-point; see `Follower.set_point`."""
+        asked = self._mark()
         with self._lock:
             self.follower.set_point(positions, self._clock())
+            self._asked = asked
 
     def hold(self) -> None:
         """Stay where the last command was."""
@@ -224,11 +240,13 @@ class MotionLoop:
 
     def _write(self, order: JointTarget) -> None:
         try:
-            self.robot.write(order)
-        except StoppedError:
-            # Stopped from elsewhere between read and write: that is no failure.
+            with nullcontext() if self._epochs is None else self._epochs.using(self._asked):
+                self.robot.write(order)
+        except StoppedError as error:
+            # Stopped from elsewhere since it was asked for: that is no failure.
+            found = board_stop(self.robot.read()) or StopReason("board", str(error))
             with self._lock:
-                self.follower.stop(StopReason("board", "the board has stopped the arm"))
+                self.follower.stop(found)
 
     def run(
         self,
@@ -250,10 +268,13 @@ class MotionLoop:
         Raises:
             HexwireError: As `cycle`.
         """
-        for _ in self.timing.ticks(duration):
-            self.cycle()
-            if each is not None and self.state is not None:
-                each(self.state)
-            if self.follower.reason is not None or (until_done and self.follower.done):
-                break
+        watched = getattr(self.robot, "watched", None)
+        silence = max(_SILENCE, _SILENT_PERIODS * self.timing.period)
+        with nullcontext() if watched is None else watched(silence):
+            for _ in self.timing.ticks(duration):
+                self.cycle()
+                if each is not None and self.state is not None:
+                    each(self.state)
+                if self.follower.reason is not None or (until_done and self.follower.done):
+                    break
         return self.follower.reason

@@ -96,7 +96,7 @@ def board_stop(state: JointState) -> StopReason | None:
     """Why the board has stopped the arm, as far as it tells; None if it has not."""
     if not state.stopped:
         return None
-    why = "the host fell silent" if state.watchdog_tripped else "it was told to"
+    why = "its watchdog tripped, because the host fell silent" if state.watchdog_tripped else "it was told to"
     return StopReason("board", f"the board has stopped the arm: {why}")
 
 

@@ -262,10 +262,16 @@ def _figures(joint: JointReading) -> list[tuple[str, str]]:
         *_number("current (A)", joint.current, 3),
         *_number("voltage (V)", joint.voltage, 1),
         *_number("temperature (C)", joint.temperature, 0),
-        ("torque", "on" if flags & JointFlag.TORQUE_ON else "off"),
+        ("torque", _torque(flags)),
         ("flags", str(flags)),
         *_number("age (s)", joint.age, 3),
     ]
+
+
+def _torque(flags: JointFlag) -> str:
+    if flags & JointFlag.TORQUE_UNKNOWN:
+        return "unknown"
+    return "on" if flags & JointFlag.TORQUE_ON else "off"
 
 
 def _hot(series: str) -> float:

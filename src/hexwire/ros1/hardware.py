@@ -456,8 +456,9 @@ class Hardware:
     def _write(self, target: JointTarget) -> None:
         try:
             clamped = frozenset(self.robot.write(target).clamped)
-        except StoppedError:
-            self.group.stop(StopReason("board", "the board has stopped the arm"))
+        except StoppedError as error:
+            # States that wait to be read may be of a time before, as after a stall in which the watchdog tripped.
+            self.group.stop(board_stop(self.robot.read()) or StopReason("board", str(error)))
         except (CommandRefusedError, UsageError) as error:
             # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
             _log.error("%s", error)

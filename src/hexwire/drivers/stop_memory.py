@@ -1,0 +1,127 @@
+"""That an arm was stopped, kept from one program to the next where no board keeps it.
+
+Owns a file a device, in a folder of this user: it is there as long as the stop holds. Must not know robots.
+
+What it cannot know: a stop by another user or from another computer, and whether somebody moved the arm without
+hexwire. A port without a serial number is known by its name; what is plugged in there later counts as the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from hexwire.errors import HexwireError, UsageError
+from hexwire.ipc.url import parse_url
+from hexwire.new_file import make_folder, open_folder
+
+__all__ = ["StopMemory"]
+
+_log = logging.getLogger(__name__)
+
+_PSEUDO_TERMINALS = range(136, 144)
+"""Major device numbers; their names are given again to whoever comes next."""
+_NETWORK = frozenset(("tcp", "udp", "tls"))
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+class StopMemory:
+    """The memory of one device.
+
+    Args:
+        url: Of the link; links inside a program have no memory.
+    """
+
+    def __init__(self, url: str) -> None:
+        identity = _identity(url)
+        self._name = "" if not identity else f"stop-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
+        self._url = url
+
+    @property
+    def kept_by(self) -> str:
+        """As `RobotDriver.stop_kept_by`."""
+        return "user" if self._name else ""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether this user has stopped the device, and not resumed it."""
+        if not self._name:
+            return False
+        try:
+            with _opened(_place()) as folder:
+                found = os.stat(self._name, dir_fd=folder, follow_symlinks=False)
+        except (OSError, UsageError):
+            return False
+        return stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid()
+
+    def remember(self) -> None:
+        """It is stopped. A warning tells where that cannot be kept for other programs."""
+        if not self._name or self.stopped:
+            return
+        try:
+            make_folder(_place())
+            with _opened(_place()) as folder:
+                os.close(os.open(self._name, _NEW, 0o600, dir_fd=folder))
+        except (OSError, UsageError) as error:
+            _log.warning("the stop of %s cannot be kept for other programs: %s", self._url, error)
+
+    def forget(self) -> None:
+        """The stop is ended.
+
+        Raises:
+            OSError: The file cannot be taken away.
+        """
+        if self.stopped:
+            with contextlib.suppress(FileNotFoundError), _opened(_place()) as folder:
+                os.unlink(self._name, dir_fd=folder)
+
+
+def _place() -> Path:
+    """A folder that nobody else writes to; the first ends with the last log-out of this user."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    if runtime and Path(runtime).is_absolute():
+        return Path(runtime) / "hexwire"
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state and Path(state).is_absolute() else Path.home() / ".local" / "state") / "hexwire"
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    folder = open_folder(path)
+    try:
+        yield folder
+    finally:
+        os.close(folder)
+
+
+def _identity(url: str) -> str:
+    """What stays the same as long as it is the same device; empty for a link that ends with its program."""
+    try:
+        parts = parse_url(url)
+    except HexwireError:
+        return ""
+    if parts.scheme in _NETWORK:
+        return url
+    if parts.scheme != "serial":
+        return ""
+    path = os.path.realpath(parts.path)
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return ""
+    if not stat.S_ISCHR(found.st_mode):
+        return ""
+    if os.major(found.st_rdev) in _PSEUDO_TERMINALS:
+        return f"{path} {found.st_ctime_ns}"
+    from hexwire.ipc.ports import find_port
+
+    with contextlib.suppress(HexwireError):
+        port = find_port(path)
+        if port.serial_number:
+            return f"usb {port.usb_id} {port.serial_number}"
+    return path
