@@ -172,6 +172,20 @@ def test_another_port_gets_no_answers_and_no_reports_of_the_first(served: Served
         states.close()
 
 
+def test_many_ports_do_not_push_out_the_one_who_commands(served: Served) -> None:
+    with Puma260Driver.from_url(served.udp) as driver:
+        driver.torque(True)
+        for seq in range(300):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.connect(("127.0.0.1", served.udp_link.port))
+                stranger.send(request(Command.IDENTIFY, seq) if seq % 2 else bytes(seq + 1))
+            if seq % 20 == 0:
+                driver.read()
+        driver.torque(False)
+        assert driver.session.connection.counters.timeouts == 0
+        assert not served.robot.power
+
+
 def test_recorded_datagrams_switch_nothing_on(served: Served) -> None:
     sent: list[bytes] = []
 
