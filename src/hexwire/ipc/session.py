@@ -14,31 +14,30 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import (
     LinkClosedError,
     LinkError,
     LinkLostError,
     PreemptedError,
-    ReplyTimeoutError,
 )
 from hexwire.session.connection import Connection
 from hexwire.session.effects import Effect, effect_of
-from hexwire.session.events import Event, Reply, Report, TimedOut
+from hexwire.session.events import Reply, TimedOut
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status, command_name
+from hexwire.wire.command_frame import Command, Status, command_name
 from hexwire.wire.modules import IpcType, ModuleType
 
 from .connections import Introduction, host_connection
-from .epochs import Epochs, Token
+from .epochs import Token
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
-from .turn import Turn
+from .session_line import SessionLine
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -47,23 +46,16 @@ __all__ = ["Session"]
 
 _log = logging.getLogger(__name__)
 
-_T = TypeVar("_T")
-
-_WRITE_TIMEOUT = 2.0
 _LOOK = 1.0
 """Seconds after which a wait looks up: a signal handler may have voided what it waits for."""
-_KEPT = 256
 _KEPT_RTTS = 8192
-_NO_ANSWER = "has the board lost its power, is a plug loose?"
-_NO_CONVERSATION = "is the other end there? If it was started anew, or this machine slept, open the line again"
-_ORPHANS = 32
 _VOIDED = 3
 """How often a question is put again that a stop or the watchdog of the board has made void there."""
 _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
 _PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
 
-class Session:
+class Session(SessionLine):
     """An active conversation with a board over one channel.
 
     Args:
@@ -97,7 +89,7 @@ class Session:
         clock: Callable[[], float] | None = None,
         wall: Callable[[], float] = time.time,
     ) -> None:
-        self.ipc = ipc
+        super().__init__(ipc, clock or time.monotonic)
         self.policy = policy or RetryPolicy()
         self.reconnect = reconnect or ReconnectPolicy()
         self.negotiated: Negotiated | None = None
@@ -111,19 +103,11 @@ class Session:
         self._type = type
         self._clock = clock
         self._wall = wall
-        self._now = clock or time.monotonic
         self._sn = 0
-        self._datagrams = False
         self._introduction = Introduction()
         self.connection = self._make_connection(time.monotonic)
         self._sleep: Callable[[float], None] = time.sleep
         self._closed = False
-        self._turn = Turn()
-        self.epochs = Epochs()
-        self.epochs.on_stop(self._look_up)
-        self._stash: dict[int, Event] = {}
-        self._reports: deque[tuple[Frame, float]] = deque(maxlen=_KEPT)
-        self._frames: deque[Frame] = deque(maxlen=_KEPT)
         self._stop = (int(Command.STOP), b"\0")
         self._negotiation: tuple[float, Sequence[int], int | None] | None = None
 
@@ -169,15 +153,6 @@ class Session:
         self._closed = True
         self.ipc.close()
 
-    def share_stops(self, other: Session) -> None:
-        """Both lead to the same arm: a stop that goes over one of them voids what waits at the other."""
-        self.epochs = other.epochs
-        self.epochs.on_stop(self._look_up)
-
-    def _look_up(self) -> None:
-        if self._turn.owner:
-            self.ipc.link.wake()
-
     @property
     def is_open(self) -> bool:
         """Whether the channel is open."""
@@ -187,10 +162,6 @@ class Session:
     def dialect(self) -> int:
         """Dialect that requests are sent in."""
         return self.connection.dialect
-
-    def now(self) -> float:
-        """This session's clock, seconds."""
-        return self._now()
 
     def negotiate(
         self,
@@ -394,30 +365,7 @@ class Session:
         finally:
             self._turn.end()
 
-    def receive(self, timeout: float | None = None) -> Frame | None:
-        """Wait for the next frame that answers nothing we asked; None if none came within `timeout` seconds."""
-        return self._receive(self._frames, timeout)
-
-    def stream(self, timeout: float | None = None) -> Iterator[Frame]:
-        """Yield unsolicited frames as they come; ends when none came for `timeout` seconds."""
-        for frame, _ in self.reports(timeout):
-            yield frame
-
-    def reports(self, timeout: float | None = None) -> Iterator[tuple[Frame, float]]:
-        """As `stream`, each frame with the time of its arrival: it may have waited while something was asked."""
-        while (row := self._receive(self._reports, timeout)) is not None:
-            yield row
-
-    def poll_reports(self) -> Frame | None:
-        """Take what has arrived without waiting; the newest unsolicited frame, or None."""
-        with self._turn.taken():
-            self._step(self.now())
-            self._sort_events()
-            newest = self._reports[-1][0] if self._reports else None
-            self._reports.clear()
-            return newest
-
-    # -- the loop -----------------------------------------------------------------------------------
+    # -- waiting -------------------------------------------------------------------------------------
 
     def _await(self, ticket: int, cmd: int, effect: Effect, urgent: bool, token: Token | None) -> Reply:
         connection, epochs = self.connection, self.epochs
@@ -470,77 +418,6 @@ class Session:
             self.board_restarts += frame.sn < self._board_sn
             self._board_sn = frame.sn
 
-    def _step(self, deadline: float | None, token: Token | None = None) -> None:
-        """Write what is due, read once, until `deadline` or the connection's own next one.
-
-        Args:
-            deadline: As said.
-            token: The call that waits here: once a stop has come, nothing of it is written.
-        """
-        connection = self.connection
-        out = connection.data_to_send()
-        due = connection.next_timeout()
-        if due is None or (deadline is not None and deadline < due):
-            due = deadline
-        link = self.ipc.link
-        if token is not None and not self.epochs.holds(token):
-            return
-        if len(out) == 1 and due is not None:
-            # The hot path, one request and its answer: the link does both in one go.
-            data = link.exchange(out[0], max(0.0, due - self._now()))
-        else:
-            for frame in out:
-                if token is not None and not self.epochs.holds(token):
-                    break
-                link.write(frame, self._now() + _WRITE_TIMEOUT)
-            data = link.read(due)
-        now = self._now()
-        if data:
-            connection.receive(data, now, end_of_message=self._datagrams)
-            if connection.conversations is not None and connection.conversations.has_news():
-                link.confirm()
-        if due is not None and now >= due:
-            connection.handle_timeout(now)
-
-    def _write(self) -> None:
-        for data in self.connection.data_to_send():
-            self.ipc.link.write(data, self.now() + _WRITE_TIMEOUT)
-
-    def _receive(self, queue: deque[_T], timeout: float | None) -> _T | None:
-        deadline = None if timeout is None else self.now() + timeout
-        looked = False
-        while True:
-            with self._turn.taken():
-                # A stop goes first; nothing is lost by listening again after it.
-                while not self._turn.urgent_waiting:
-                    self._sort_events()
-                    if queue:
-                        return queue.popleft()
-                    if looked and deadline is not None and self.now() >= deadline:
-                        return None
-                    looked = True
-                    try:
-                        self._step(deadline)
-                    except LinkLostError as lost:
-                        self._reopen(lost)
-
-    def _sort_events(self) -> None:
-        while (event := self.connection.next_event()) is not None:
-            self._sort(event)
-
-    def _sort(self, event: Event) -> None:
-        if isinstance(event, Report):
-            self._reports.append((event.frame, self.now()))
-        elif isinstance(event, Reply | TimedOut):
-            if len(self._stash) >= _ORPHANS:
-                del self._stash[next(iter(self._stash))]
-            self._stash[event.ticket] = event
-        else:
-            frame = getattr(event, "frame", None)
-            if frame is not None:
-                self._frames.append(frame)
-            _log.debug("%s: %s", self.ipc.link.url, event)
-
     # -- when it does not work ----------------------------------------------------------------------
 
     def _reopen(self, lost: LinkLostError) -> None:
@@ -586,20 +463,6 @@ class Session:
             link.url,
             self.now() - started,
             "; the board was reset" if reset else "",
-        )
-
-    def _timed_out(self, event: TimedOut) -> ReplyTimeoutError:
-        if self.connection.dialect == tables.PROTO_CHAPTER:
-            # What is still on its way belongs to the request that was given up.
-            try:
-                self.ipc.link.flush_input()
-            except (LinkLostError, LinkClosedError):
-                _log.debug("%s: nothing to flush, the link is gone", self.ipc.link.url)
-        return ReplyTimeoutError(
-            command_name(event.cmd),
-            attempts=event.attempts,
-            instead=event.instead,
-            advice="" if event.instead else _NO_CONVERSATION if self._datagrams else _NO_ANSWER,
         )
 
     def _make_connection(self, clock: Callable[[], float]) -> Connection:

@@ -1,0 +1,186 @@
+"""The line of a session: bytes between link and connection, and what came of them in order.
+
+Owns the step that writes and reads once, the queues of what was not asked for, and whose turn it is. Must not know
+what is asked, nor what to do when the port goes away: that is `Session`'s.
+"""
+
+from __future__ import annotations
+
+import logging
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import TypeVar
+
+from hexwire.errors import LinkClosedError, LinkLostError, ReplyTimeoutError
+from hexwire.session.connection import Connection
+from hexwire.session.events import Event, Reply, Report, TimedOut
+from hexwire.wire import tables
+from hexwire.wire.command_frame import Frame, command_name
+
+from .epochs import Epochs, Token
+from .handle import IpcHandle
+from .turn import Turn
+
+__all__ = ["SessionLine"]
+
+_log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
+
+_WRITE_TIMEOUT = 2.0
+_KEPT = 256
+_ORPHANS = 32
+_NO_ANSWER = "has the board lost its power, is a plug loose?"
+_NO_CONVERSATION = "is the other end there? If it was started anew, or this machine slept, open the line again"
+
+
+class SessionLine(ABC):
+    """What `Session` is made on; see there.
+
+    Args:
+        ipc: The channel.
+        clock: Monotonic seconds, until the link is open and may bring a clock of its own.
+    """
+
+    connection: Connection
+
+    def __init__(self, ipc: IpcHandle, clock: Callable[[], float]) -> None:
+        self.ipc = ipc
+        self.epochs = Epochs()
+        self.epochs.on_stop(self._look_up)
+        self._now = clock
+        self._turn = Turn()
+        self._datagrams = False
+        self._stash: dict[int, Event] = {}
+        self._reports: deque[tuple[Frame, float]] = deque(maxlen=_KEPT)
+        self._frames: deque[Frame] = deque(maxlen=_KEPT)
+
+    @abstractmethod
+    def _reopen(self, lost: LinkLostError) -> None:
+        """Open the lost port again, or raise."""
+
+    def now(self) -> float:
+        """This session's clock, seconds."""
+        return self._now()
+
+    def share_stops(self, other: SessionLine) -> None:
+        """Both lead to the same arm: a stop that goes over one of them voids what waits at the other."""
+        self.epochs = other.epochs
+        self.epochs.on_stop(self._look_up)
+
+    def _look_up(self) -> None:
+        if self._turn.owner:
+            self.ipc.link.wake()
+
+    # -- what nobody asked for ------------------------------------------------------------------------
+
+    def receive(self, timeout: float | None = None) -> Frame | None:
+        """Wait for the next frame that answers nothing we asked; None if none came within `timeout` seconds."""
+        return self._receive(self._frames, timeout)
+
+    def stream(self, timeout: float | None = None) -> Iterator[Frame]:
+        """Yield unsolicited frames as they come; ends when none came for `timeout` seconds."""
+        for frame, _ in self.reports(timeout):
+            yield frame
+
+    def reports(self, timeout: float | None = None) -> Iterator[tuple[Frame, float]]:
+        """As `stream`, each frame with the time of its arrival: it may have waited while something was asked."""
+        while (row := self._receive(self._reports, timeout)) is not None:
+            yield row
+
+    def poll_reports(self) -> Frame | None:
+        """Take what has arrived without waiting; the newest unsolicited frame, or None."""
+        with self._turn.taken():
+            self._step(self.now())
+            self._sort_events()
+            newest = self._reports[-1][0] if self._reports else None
+            self._reports.clear()
+            return newest
+
+    def _receive(self, queue: deque[_T], timeout: float | None) -> _T | None:
+        deadline = None if timeout is None else self.now() + timeout
+        looked = False
+        while True:
+            with self._turn.taken():
+                # A stop goes first; nothing is lost by listening again after it.
+                while not self._turn.urgent_waiting:
+                    self._sort_events()
+                    if queue:
+                        return queue.popleft()
+                    if looked and deadline is not None and self.now() >= deadline:
+                        return None
+                    looked = True
+                    try:
+                        self._step(deadline)
+                    except LinkLostError as lost:
+                        self._reopen(lost)
+
+    # -- the loop -----------------------------------------------------------------------------------
+
+    def _step(self, deadline: float | None, token: Token | None = None) -> None:
+        """Write what is due, read once, until `deadline` or the connection's own next one.
+
+        Args:
+            deadline: As said.
+            token: The call that waits here: once a stop has come, nothing of it is written.
+        """
+        connection = self.connection
+        out = connection.data_to_send()
+        due = connection.next_timeout()
+        if due is None or (deadline is not None and deadline < due):
+            due = deadline
+        link = self.ipc.link
+        if token is not None and not self.epochs.holds(token):
+            return
+        if len(out) == 1 and due is not None:
+            # The hot path, one request and its answer: the link does both in one go.
+            data = link.exchange(out[0], max(0.0, due - self._now()))
+        else:
+            for frame in out:
+                if token is not None and not self.epochs.holds(token):
+                    break
+                link.write(frame, self._now() + _WRITE_TIMEOUT)
+            data = link.read(due)
+        now = self._now()
+        if data:
+            connection.receive(data, now, end_of_message=self._datagrams)
+            if connection.conversations is not None and connection.conversations.has_news():
+                link.confirm()
+        if due is not None and now >= due:
+            connection.handle_timeout(now)
+
+    def _write(self) -> None:
+        for data in self.connection.data_to_send():
+            self.ipc.link.write(data, self.now() + _WRITE_TIMEOUT)
+
+    def _sort_events(self) -> None:
+        while (event := self.connection.next_event()) is not None:
+            self._sort(event)
+
+    def _sort(self, event: Event) -> None:
+        if isinstance(event, Report):
+            self._reports.append((event.frame, self.now()))
+        elif isinstance(event, Reply | TimedOut):
+            if len(self._stash) >= _ORPHANS:
+                del self._stash[next(iter(self._stash))]
+            self._stash[event.ticket] = event
+        else:
+            frame = getattr(event, "frame", None)
+            if frame is not None:
+                self._frames.append(frame)
+            _log.debug("%s: %s", self.ipc.link.url, event)
+
+    def _timed_out(self, event: TimedOut) -> ReplyTimeoutError:
+        if self.connection.dialect == tables.PROTO_CHAPTER:
+            # What is still on its way belongs to the request that was given up.
+            try:
+                self.ipc.link.flush_input()
+            except (LinkLostError, LinkClosedError):
+                _log.debug("%s: nothing to flush, the link is gone", self.ipc.link.url)
+        return ReplyTimeoutError(
+            command_name(event.cmd),
+            attempts=event.attempts,
+            instead=event.instead,
+            advice="" if event.instead else _NO_CONVERSATION if self._datagrams else _NO_ANSWER,
+        )

@@ -1,0 +1,100 @@
+"""The line of a session by itself; with requests it is tested in test_session.py."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from conformance import PATIENCE, soon
+
+from hexwire.errors import LinkLostError
+from hexwire.ipc.connections import host_connection
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.link import Link
+from hexwire.ipc.memory import memory_pair
+from hexwire.ipc.session_line import SessionLine
+from hexwire.session.policy import RetryPolicy
+from hexwire.wire.command_frame import Command, serialize_frame
+
+
+class Line(SessionLine):
+    def __init__(self, link: Link) -> None:
+        super().__init__(IpcHandle.from_link(link), time.monotonic)
+        self.connection = host_connection(self.ipc, None, None, None, policy=RetryPolicy(), epoch=0.0)
+        self.opened = 0
+
+    def _reopen(self, lost: LinkLostError) -> None:
+        self.opened += 1
+        self.ipc.link.open()
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Line, Link]]:
+    near, far = memory_pair()
+    line = Line(near)
+    with far, near:
+        yield line, far
+
+
+def frame(number: int, ext: int) -> bytes:
+    return serialize_frame(
+        proto=2, cmd=Command.JOINT_STATE, body=bytes([number]), seq=number, sn=number, src=8, dst=7, type=8,
+        time_sec=0, time_nsec=0, cmd_ext=ext,
+    )  # fmt: skip
+
+
+def test_reports_come_in_order_with_the_time_of_their_arrival(ends: tuple[Line, Link]) -> None:
+    line, far = ends
+    before = time.monotonic()
+    for number in range(3):
+        far.write(frame(number, 0x40), soon())
+    came = [row for row, _ in zip(line.reports(PATIENCE), range(3), strict=False)]
+    assert [report.body for report, _ in came] == [b"\0", b"\1", b"\2"]
+    assert all(before <= arrived <= time.monotonic() for _, arrived in came)
+    assert list(line.stream(0.0)) == []
+
+
+def test_the_newest_report_is_taken_without_waiting(ends: tuple[Line, Link]) -> None:
+    line, far = ends
+    assert line.poll_reports() is None
+    for number in range(3):
+        far.write(frame(number, 0x40), soon())
+    newest = line.poll_reports()
+    assert newest is not None
+    assert newest.body == b"\2"
+    assert line.poll_reports() is None
+
+
+def test_what_answers_nothing_is_kept_apart_and_not_without_end(ends: tuple[Line, Link]) -> None:
+    line, far = ends
+    for number in range(300):
+        far.write(frame(number & 0xFF, 0x80), soon())
+        found = line.poll_reports()
+        assert found is None
+    kept = []
+    while (stale := line.receive(0.0)) is not None:
+        kept.append(stale.seq)
+    assert kept == [number & 0xFF for number in range(44, 300)]
+
+
+def test_a_port_that_is_lost_is_opened_again_while_somebody_listens(ends: tuple[Line, Link]) -> None:
+    line, far = ends
+    far.close()
+    assert line.receive(0.05) is None
+    assert line.opened == 1
+    far.open()
+    far.write(frame(5, 0x40), soon())
+    report, _ = next(line.reports(PATIENCE))
+    assert report.body == b"\5"
+
+
+def test_a_stop_over_one_line_is_known_at_the_other(ends: tuple[Line, Link]) -> None:
+    line, _ = ends
+    other = Line(memory_pair()[0])
+    token = other.epochs.token("JOINT_MOVE")
+    assert other.epochs.holds(token)
+    line.share_stops(other)
+    with line.epochs.stopping():
+        pass
+    assert not other.epochs.holds(token)
