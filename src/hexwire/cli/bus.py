@@ -301,7 +301,7 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
         if as_json:
             print_json(data)
         else:
-            say_table(("id", "register", "raw", "value", "condition"), rows)
+            say_table(("id", "register", "raw", "value", "condition"), rows, keys=2)
         if errors:
             errors[0].check()
 
@@ -377,7 +377,7 @@ def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
     if as_json:
         print_json(data)
     else:
-        say_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows)
+        say_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows, keys=3)
 
 
 # The other commands join the group on import.

@@ -158,7 +158,7 @@ def diff(file: str, options: BusOptions) -> None:
     if not rows:
         say("no differences")
         return
-    say_table(("id", "register", "servo", "file"), rows)
+    say_table(("id", "register", "servo", "file"), rows, keys=2)
     several = len(rows) > 1
     raise ServoError(f"{f'{len(rows)} settings differ' if several else 'one setting differs'} from {file}")
 

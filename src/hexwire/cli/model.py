@@ -21,7 +21,7 @@ from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
 
 from .common import DEFAULT_ROBOT, FiniteFloat, force_option, json_option, numbers_argument, refuse_idle_force
-from .output import plain, print_json, say, say_document, say_table
+from .output import line_width, plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.model.kinematics import KinematicModel, Solution
@@ -178,8 +178,14 @@ def ik(
         print_json({"robot": arm.name, "solutions": rows})
         return
     names = [r.name for r in arm.ranges][: len(solutions[0].angles)]
-    cells = [(*(plain(math.degrees(a), 4) for a in s.angles), s.branch, _short(s.violations)) for s in solutions]
-    say_table((*names, "branch", ""), cells)
+    cells: list[tuple[str, ...]] = [
+        (*(plain(math.degrees(a), 4) for a in s.angles), s.branch, _short(s.violations)) for s in solutions
+    ]
+    head: tuple[str, ...] = (*names, "branch", "")
+    if line_width() is not None:
+        # A number keeps the parts of a row together where the terminal is too narrow for all.
+        head, cells = ("no", *head), [(str(i), *row) for i, row in enumerate(cells, start=1)]
+    say_table(head, cells)
 
 
 def _solve(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import sys
 import textwrap
@@ -16,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import IO
 
 __all__ = [
+    "folded",
     "format_table",
     "line_width",
     "plain",
@@ -32,6 +34,9 @@ _GAP = "  "
 _DIGITS = 12
 """Decimals of a number in JSON. What is smaller comes of rounding, and 1e-17 for a zero serves nobody."""
 _NARROWEST = 10
+_PAIR = re.compile(r"(?<! )\S+ -?[0-9.]+(?= |$)")
+_TIE = "\0"
+"""Stands for a space at which a line is not folded; no text that is shown has one."""
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 
 
@@ -82,7 +87,7 @@ def say(*lines: object, flush: bool = False) -> None:
         flush: Somebody waits for it.
     """
     width = line_width()
-    out = [folded for line in lines or ("",) for folded in _folded(shown(str(line)), width)]
+    out = [part for line in lines or ("",) for part in folded(shown(str(line)), width)]
     write(sys.stdout, "\n".join(out) + "\n", flush=flush)
 
 
@@ -124,13 +129,15 @@ def line_width() -> int | None:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
-def _folded(line: str, width: int | None) -> list[str]:
+def folded(line: str, width: int | None) -> list[str]:
+    """A line as one or more, folded between words where it is longer than `width`."""
     if width is None or len(line) <= width:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)
-    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) or [
-        line
-    ]
+    # A name and its number belong together where a line has several of them.
+    bound = _PAIR.sub(lambda pair: pair[0].replace(" ", _TIE), line) if _GAP in line.strip() else line
+    parts = textwrap.wrap(bound, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return [part.replace(_TIE, " ") for part in parts] or [""]
 
 
 def format_table(
