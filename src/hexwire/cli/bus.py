@@ -19,7 +19,7 @@ from hexwire.units import decimal
 
 from .common import confirm, group_port_option, json_option, on_terminal, port_option, resolve_url
 from .exits import note
-from .output import plain, print_json, say, say_table
+from .output import answer, plain, print_json, say, say_table
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
@@ -244,22 +244,32 @@ def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> 
 @bus.command()
 @click.argument("ids")
 @bus_options
-def ping(ids: str, options: BusOptions) -> None:
+@json_option
+def ping(ids: str, options: BusOptions, as_json: bool) -> None:
     """Ask servos whether they are there, as in `ping 1-6`."""
     from hexwire.ipc.servo_setup import identify
 
     silent = []
+    data: list[dict[str, object]] = []
     with open_bus(options) as opened:
         for servo_id in parse_ids(ids):
-            answer = opened.ping(servo_id)
-            if answer.error:
+            heard = opened.ping(servo_id)
+            row = {"id": servo_id, "present": not heard.error, "faults": heard.faults, "error": heard.error or None}
+            data.append(row)
+            if heard.error:
                 silent.append(servo_id)
-                say(f"{servo_id}: {answer.error}")
+                if not as_json:
+                    say(f"{servo_id}: {heard.error}")
                 continue
             info = identify(opened, servo_id)
+            row.update(_info_json(info))
+            if as_json:
+                continue
             words = "" if info is None else f" {info.series.value if info.series else '?'} {info.model_name}"
             firmware = f" firmware {info.firmware}" if info and info.firmware else ""
-            say(f"{servo_id}: {', '.join(answer.faults) or 'ok'}{words}{firmware}")
+            say(f"{servo_id}: {', '.join(heard.faults) or 'ok'}{words}{firmware}")
+        if as_json:
+            print_json(data)
         if silent:
             raise ServoError(f"no answer from {', '.join(map(str, silent))}: check cable, power, id and --baud")
 
@@ -313,7 +323,8 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
 @click.option("--si", is_flag=True, help="VALUE is in the SI unit (radians, seconds ...), not in counts.")
 @click.option("--yes", is_flag=True, help="Do not ask before what moves the servo.")
 @bus_options
-def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions) -> None:
+@json_option
+def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Write a register by name and read it back; stored settings are unlocked, written and locked again.
 
     A goal position switches the torque on and moves the servo: it is asked for first.
@@ -334,12 +345,21 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
         if register.area == "eeprom":
             write_setting(opened, servo_id, name, raw)
         else:
-            answer = opened.write_raw(servo_id, name, raw)
-            if answer.error:
-                answer.check()
+            heard = opened.write_raw(servo_id, name, raw)
+            if heard.error:
+                heard.check()
         now = opened.read(servo_id, name)
         shown = "-" if now.raw is None else f"{now.raw} ({with_unit(now.value, register.si_unit)})"
-        say(f"servo {servo_id} {name}: {shown}")
+        data: dict[str, object] = {
+            "id": servo_id,
+            "register": name,
+            "raw": now.raw,
+            "value": now.value,
+            "unit": register.si_unit,
+        }
+        answer(
+            as_json, data | {"faults": now.faults, "error": now.error or None}, f"servo {servo_id} {name}: {shown}"
+        )
         if now.faults:
             note(f"warning: servo {servo_id} reports {', '.join(now.faults)}")
 

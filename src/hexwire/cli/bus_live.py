@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -19,9 +19,9 @@ from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 
 from .bus import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
-from .common import FiniteFloat, confirm, on_terminal
+from .common import FiniteFloat, confirm, json_option, on_terminal
 from .exits import note, shielded
-from .output import format_table, line_width, plain, say, say_table
+from .output import answer, format_table, line_width, plain, print_json, say, say_table
 from .samples import Row, SampleFiles, file_options, saving
 from .sim_bus import parse_ids
 
@@ -52,8 +52,14 @@ _MOST_ROWS = 1_000_000
 )
 @file_options
 @bus_options
-def monitor(ids: str, rate: float, seconds: float | None, files: SampleFiles, options: BusOptions) -> None:
-    """Watch servos live: position, speed, load, voltage, temperature, current. Ctrl-C ends it."""
+@json_option
+def monitor(
+    ids: str, rate: float, seconds: float | None, files: SampleFiles, options: BusOptions, as_json: bool
+) -> None:
+    """Watch servos live: position, speed, load, voltage, temperature, current. Ctrl-C ends it.
+
+    With --json a line a sample, in SI units.
+    """
     wanted = tuple(parse_ids(ids))
     head = ("time_s", "id", *_SHOWN, "present_current")
     with saving(files, head, "present_position") as samples, open_bus(options) as opened:
@@ -61,14 +67,17 @@ def monitor(ids: str, rate: float, seconds: float | None, files: SampleFiles, op
             known_servo(opened, servo_id, options)
         start = time.monotonic()
         try:
-            with _screen() as show:
+            with _screen(as_json) as show:
                 while seconds is None or time.monotonic() - start < seconds:
                     begin = time.monotonic()
                     rows = _sample(opened, wanted)
                     for row in rows:
                         if len(samples) < _MOST_ROWS:
                             samples.append((begin - start, *row[1]))
-                    show([row[0] for row in rows])
+                    show(rows)
+                    if as_json:
+                        for _, values in rows:
+                            print_json(dict(zip(head, (begin - start, *values), strict=True)), one_line=True)
                     time.sleep(max(0.0, begin + 1 / rate - time.monotonic()))
         except KeyboardInterrupt:
             note("ended")
@@ -101,17 +110,24 @@ def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...
 
 
 @contextmanager
-def _screen() -> Iterator[Callable[[list[tuple[str, ...]]], None]]:
-    """A table that is drawn in place on a terminal, and printed each time elsewhere."""
+def _screen(as_json: bool) -> Iterator[Callable[[list[tuple[tuple[str, ...], Row]]], None]]:
+    """A table that is drawn in place on a terminal, and printed each time elsewhere; none beside JSON."""
+    if as_json:
+        yield lambda rows: None
+        return
     if not on_terminal():
-        yield lambda rows: say_table(_HEAD, rows, flush=True)
+        yield lambda rows: say_table(_HEAD, [cells for cells, _ in rows], flush=True)
         return
     from rich.text import Text
 
     from .draw import live
 
+    def show(rows: list[tuple[tuple[str, ...], Row]]) -> None:
+        table = format_table(_HEAD, [cells for cells, _ in rows], width=line_width())
+        screen.update(Text(table), refresh=True)
+
     with live() as screen:
-        yield lambda rows: screen.update(Text(format_table(_HEAD, rows, width=line_width())), refresh=True)
+        yield show
 
 
 # --- wave ------------------------------------------------------------------------------------------------------
@@ -143,6 +159,7 @@ def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @file_options
 @bus_options
+@json_option
 def wave(
     servo_id: int,
     shape: str,
@@ -152,6 +169,7 @@ def wave(
     yes: bool,
     files: SampleFiles,
     options: BusOptions,
+    as_json: bool,
 ) -> None:
     """Move one servo to and fro about where it stands, and back. Any key stops it.
 
@@ -173,7 +191,8 @@ def wave(
                     note("stopped")
     if samples:
         off = max(abs(row[2] - row[3]) for row in samples)
-        say(f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}")
+        words = f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}"
+        answer(as_json, {"id": servo_id, "samples": len(samples), "farthest_off_rad": off}, words)
 
 
 @contextmanager
@@ -320,7 +339,8 @@ def _any_key() -> Iterator[Callable[[], bool]]:
 @click.option("-n", "--count", type=click.IntRange(min=1), default=1000, show_default=True, metavar="N")
 @click.option("--register", "name", default="present_position", show_default=True, metavar="REGISTER")
 @bus_options
-def stress(ids: str, count: int, name: str, options: BusOptions) -> None:
+@json_option
+def stress(ids: str, count: int, name: str, options: BusOptions, as_json: bool) -> None:
     """Read N times as fast as it goes; errors and a histogram of how long it took. Nothing moves."""
     wanted = tuple(parse_ids(ids))
     took: list[float] = []
@@ -343,16 +363,42 @@ def stress(ids: str, count: int, name: str, options: BusOptions) -> None:
         overhead = opened.timing.overhead
     if not took:
         return
-    say(*histogram(took).splitlines())
     failed = sum(missing.values())
     values = len(took) * len(wanted)
+    if as_json:
+        print_json(
+            {
+                "reads": len(took),
+                "seconds": total,
+                "round_trips_s": sorted(took),
+                "values": values,
+                "missing": missing,
+                "overhead_s": overhead,
+                "counters": counters,
+            }
+        )
+    else:
+        _say_stress(took, wanted, total, missing, overhead, counters)
+    if failed:
+        worst = max(missing, key=lambda servo_id: missing[servo_id])
+        raise ServoError(f"{failed} values are missing, most of them of servo {worst}: check its cable and power")
+
+
+def _say_stress(
+    took: Sequence[float],
+    wanted: Sequence[int],
+    total: float,
+    missing: Mapping[int, int],
+    overhead: float,
+    counters: Mapping[str, int],
+) -> None:
+    failed = sum(missing.values())
+    values = len(took) * len(wanted)
+    say(*histogram(took).splitlines())
     say(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} a second")
     say(f"values missing: {failed} of {values} ({failed / values:.3%})")
     say(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
     say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
-    if failed:
-        worst = max(missing, key=lambda servo_id: missing[servo_id])
-        raise ServoError(f"{failed} values are missing, most of them of servo {worst}: check its cable and power")
 
 
 def histogram(seconds: Sequence[float], width: int = 40) -> str:

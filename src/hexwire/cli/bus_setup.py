@@ -16,9 +16,9 @@ from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
 from .bus import BusOptions, bus, bus_options, known_servo, open_bus
-from .common import confirm, force_option, resolve_url
+from .common import confirm, force_option, json_option, resolve_url
 from .exits import note
-from .output import format_table, say, say_table
+from .output import answer, format_table, print_json, say, say_table
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ def _now() -> str:
 @click.argument("new", type=_ID)
 @_YES
 @bus_options
-def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
+@json_option
+def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Give a servo another id. Refused if the new id is taken or two servos share the old one."""
     from hexwire.ipc import servo_setup
 
@@ -48,7 +49,7 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
         known_servo(opened, old, options)
         confirm(f"Servo {old} becomes servo {new}. Go on?", yes)
         info = servo_setup.set_id(opened, old, new)
-    say(f"servo {old} is servo {info.servo_id} now, and answers")
+    answer(as_json, {"old_id": old, "id": info.servo_id}, f"servo {old} is servo {info.servo_id} now, and answers")
 
 
 @bus.command("set-baud")
@@ -56,7 +57,8 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions) -> None:
 @click.argument("rate", type=click.IntRange(min=1))
 @_YES
 @bus_options
-def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions) -> None:
+@json_option
+def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Set a servo to another line rate; set back if it does not answer there."""
     from hexwire.ipc import servo_setup
 
@@ -64,14 +66,16 @@ def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions) -> None:
         known_servo(opened, servo_id, options)
         confirm(f"Servo {servo_id} will be heard at {rate} baud only. Go on?", yes)
         servo_setup.set_baud(opened, servo_id, rate)
-    say(f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on")
+    words = f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on"
+    answer(as_json, {"id": servo_id, "baud": rate}, words)
 
 
 @bus.command()
 @click.argument("servo_id", type=_ID, metavar="ID")
 @_YES
 @bus_options
-def center(servo_id: int, yes: bool, options: BusOptions) -> None:
+@json_option
+def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Make the present position of a servo its middle. Nothing moves; its torque must be off."""
     from hexwire.ipc import servo_setup
 
@@ -79,24 +83,30 @@ def center(servo_id: int, yes: bool, options: BusOptions) -> None:
         known_servo(opened, servo_id, options)
         confirm(f"The present position of servo {servo_id} becomes its middle. Go on?", yes)
         position = servo_setup.center(opened, servo_id)
-    say(f"servo {servo_id} reports {position} here now")
+    answer(as_json, {"id": servo_id, "raw": position}, f"servo {servo_id} reports {position} here now")
 
 
 @bus.command()
 @click.argument("ids")
 @bus_options
-def recover(ids: str, options: BusOptions) -> None:
+@json_option
+def recover(ids: str, options: BusOptions, as_json: bool) -> None:
     """Bring servos out of overload protection: torque off, wait until the fault is gone. Hold the arm!"""
     from hexwire.ipc import servo_setup
 
     left = []
+    data: list[dict[str, object]] = []
     with open_bus(options) as opened:
         for servo_id in parse_ids(ids):
             known_servo(opened, servo_id, options)
             faults = servo_setup.recover(opened, servo_id)
-            say(f"servo {servo_id}: {', '.join(faults) or 'ok'}, torque off")
+            data.append({"id": servo_id, "faults": faults, "torque_on": False})
+            if not as_json:
+                say(f"servo {servo_id}: {', '.join(faults) or 'ok'}, torque off")
             if faults:
                 left.append(servo_id)
+        if as_json:
+            print_json(data)
     if left:
         raise ServoError(f"faults remain on {', '.join(map(str, left))}: remove their cause and try again")
 
@@ -106,7 +116,8 @@ def recover(ids: str, options: BusOptions) -> None:
 @click.argument("file", type=click.Path(dir_okay=False))
 @force_option
 @bus_options
-def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
+@json_option
+def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool) -> None:
     """Save the stored settings of servos to a file."""
     from hexwire.ipc.servo_backup import serialize_backups, take_backup
 
@@ -115,7 +126,8 @@ def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
         with open_bus(options) as opened:
             rows = [take_backup(opened, servo_id, taken=_now()) for servo_id in wanted]
         out.file.write(serialize_backups(rows).encode())
-    say(f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}")
+    words = f"{len(rows)} servo{'s' if len(rows) != 1 else ''} saved to {file}"
+    answer(as_json, {"file": file, "ids": [row.servo_id for row in rows]}, words)
 
 
 @bus.command()
@@ -123,7 +135,8 @@ def backup(ids: str, file: str, force: bool, options: BusOptions) -> None:
 @click.option("--ids", metavar="IDS", help="Only these servos of the file.")
 @_YES
 @bus_options
-def restore(file: str, ids: str | None, yes: bool, options: BusOptions) -> None:
+@json_option
+def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Put saved settings back, all but id and line rate, and verify them."""
     from hexwire.ipc.servo_backup import load_backup, restore_backup
 
@@ -137,15 +150,21 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions) -> None:
     with open_bus(options) as opened:
         names = ", ".join(str(row.servo_id) for row in chosen)
         confirm(f"Settings of servo {names} will be overwritten. Go on?", yes)
+        data: list[dict[str, object]] = []
         for row in chosen:
             changed = restore_backup(opened, row.servo_id, row)
-            say(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
+            data.append({"id": row.servo_id, "changed": changed})
+            if not as_json:
+                say(f"servo {row.servo_id}: {', '.join(changed) or 'nothing to change'}")
+    if as_json:
+        print_json(data)
 
 
 @bus.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
 @bus_options
-def diff(file: str, options: BusOptions) -> None:
+@json_option
+def diff(file: str, options: BusOptions, as_json: bool) -> None:
     """Compare servos with their saved settings. Exit status 1 if they differ."""
     from hexwire.ipc.servo_backup import compare, load_backup, take_backup
 
@@ -154,11 +173,16 @@ def diff(file: str, options: BusOptions) -> None:
         for saved in load_backup(file):
             now = take_backup(opened, saved.servo_id)
             for name, here, there in compare(now, saved):
-                rows.append((str(saved.servo_id), name, _cell(here), _cell(there)))
-    if not rows:
+                rows.append((saved.servo_id, name, here, there))
+    if as_json:
+        print_json([dict(zip(("id", "register", "servo", "file"), row, strict=True)) for row in rows])
+    elif rows:
+        cells = [(str(servo_id), name, _cell(here), _cell(there)) for servo_id, name, here, there in rows]
+        say_table(("id", "register", "servo", "file"), cells, keys=2)
+    else:
         say("no differences")
+    if not rows:
         return
-    say_table(("id", "register", "servo", "file"), rows, keys=2)
     several = len(rows) > 1
     raise ServoError(f"{f'{len(rows)} settings differ' if several else 'one setting differs'} from {file}")
 
@@ -176,8 +200,15 @@ def _cell(value: int | None) -> str:
 @click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="End the sweep by itself after so long.")
 @force_option
 @bus_options
+@json_option
 def calibrate(
-    robot: str, file: str, lerobot: str | None, seconds: int | None, force: bool, options: BusOptions
+    robot: str,
+    file: str,
+    lerobot: str | None,
+    seconds: int | None,
+    force: bool,
+    options: BusOptions,
+    as_json: bool,
 ) -> None:
     """Find middle and range of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
 
@@ -193,7 +224,8 @@ def calibrate(
     with OutputFile(file, force=force) as out:
         found = _calibration(driver, robot, lerobot, seconds, options)
         out.file.write(found.serialize().encode())
-    say(f"{len(found.joints)} joints saved to {file}")
+    joints = [joint.name for joint in found.joints]
+    answer(as_json, {"file": file, "joints": joints}, f"{len(joints)} joints saved to {file}")
 
 
 def _calibration(

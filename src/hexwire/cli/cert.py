@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
-from .common import FiniteFloat
-from .output import say
+from .common import FiniteFloat, json_option
+from .output import answer
 
 __all__ = ["cert"]
 
@@ -33,6 +33,7 @@ def cert() -> None:
 )
 @click.option("--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name of a new authority.")
 @click.option("--days", type=FiniteFloat("days", above=0), metavar="DAYS", help="How long they are good for (825).")
+@json_option
 def new(
     folder: str,
     servers: tuple[str, ...],
@@ -40,6 +41,7 @@ def new(
     hosts: tuple[str, ...],
     lab: str,
     days: float | None,
+    as_json: bool,
 ) -> None:
     """Make certificates in DIR: an authority (ca.pem, ca.key) if there is none, and what it signs.
 
@@ -57,17 +59,25 @@ def new(
         raise UsageError("--host makes no sense without --server")
     wanted = [(name, "server") for name in servers] + [(name, "client") for name in clients]
     _check_names([name for name, _ in wanted], Path(folder))
+    made = []
+    lines = []
     if not any((Path(folder) / f"{AUTHORITY}{end}").exists() for end in (".pem", ".key")):
-        made = make_authority(folder, name=lab)
-        say(f"{made.cert}  the authority; every machine needs it")
-        say(f"{made.key}  its key; keep it to yourself")
-    for name in servers:
-        files = issue_certificate(folder, name, "server", hosts=hosts, days=days or CERTIFICATE_DAYS)
-        say(f"{files.cert}, {files.key}  server")
-    for name in clients:
-        files = issue_certificate(folder, name, "client", days=days or CERTIFICATE_DAYS)
-        say(f"{files.cert}, {files.key}  client")
-        say(f"    calls tcps://HOST:PORT?ca={folder}/ca.pem&cert={files.cert}&key={files.key}")
+        files = make_authority(folder, name=lab)
+        made.append({"kind": "authority", "cert": str(files.cert), "key": str(files.key)})
+        lines += [
+            f"{files.cert}  the authority; every machine needs it",
+            f"{files.key}  its key; keep it to yourself",
+        ]
+    for name, kind in wanted:
+        if kind == "server":
+            files = issue_certificate(folder, name, "server", hosts=hosts, days=days or CERTIFICATE_DAYS)
+        else:
+            files = issue_certificate(folder, name, "client", days=days or CERTIFICATE_DAYS)
+        made.append({"kind": kind, "cert": str(files.cert), "key": str(files.key)})
+        lines.append(f"{files.cert}, {files.key}  {kind}")
+        if kind == "client":
+            lines.append(f"    calls tcps://HOST:PORT?ca={folder}/ca.pem&cert={files.cert}&key={files.key}")
+    answer(as_json, made, *lines)
 
 
 def _check_names(names: list[str], folder: Path) -> None:

@@ -25,6 +25,7 @@ from .common import (
     attached,
     confirm,
     force_option,
+    json_option,
     make_robot,
     numbers_argument,
     open_robot,
@@ -34,7 +35,7 @@ from .common import (
 )
 from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
-from .output import say
+from .output import answer
 from .plot import open_picture
 from .run_motion import MotionOptions, run_motion, torque_up
 
@@ -61,15 +62,21 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def given(
-        *args: Any, table: float | None, plot: str | None, dry_run: bool, rate: float | None, **rest: Any
+        *args: Any,
+        table: float | None,
+        plot: str | None,
+        dry_run: bool,
+        rate: float | None,
+        as_json: bool,
+        **rest: Any,
     ) -> Any:
         # Before the robot is looked for: a picture that cannot be drawn must not cost a motion.
         with _picture(plot, rest["force"], rest.get("save")) as picture:
             if "save" not in rest:
                 del rest["force"]
-            return command(*args, run=MotionOptions(table, picture, dry_run, rate), **rest)
+            return command(*args, run=MotionOptions(table, picture, dry_run, rate, as_json), **rest)
 
-    packed = force_option(given)
+    packed = json_option(force_option(given))
     for option in (
         click.option(
             "--rate",
@@ -266,7 +273,7 @@ def play(
             taught = taught.without_stillness()
         taught = taught.smoothed(smooth).faster(speed)
         if save is not None:
-            _save(taught, file, save, force)
+            _save(taught, file, save, force, run.as_json)
             return
         way = taught.trajectory()
     model = kinematics_or_none(options.robot, links, for_motion=True)
@@ -301,6 +308,7 @@ def play(
 @click.option("--yes", is_flag=True, help="Do not ask whether somebody holds the arm.")
 @force_option
 @robot_options
+@json_option
 def teach(
     file: str,
     rate: float | None,
@@ -309,6 +317,7 @@ def teach(
     yes: bool,
     force: bool,
     options: RobotOptions,
+    as_json: bool,
 ) -> None:
     """Record what a hand does with the arm, for `hexwire play`.
 
@@ -330,7 +339,8 @@ def teach(
             if recording.count:
                 note(f"{recording.count} states are kept in {file}")
             raise
-    say(f"{recording.count} states in {file}" + ("" if limp else "; the arm holds"))
+    words = f"{recording.count} states in {file}" + ("" if limp else "; the arm holds")
+    answer(as_json, {"states": recording.count, "file": file, "holds": not limp}, words)
 
 
 def _record_by_hand(
@@ -418,7 +428,7 @@ def _read_taught(file: str) -> Taught:
         raise UsageError(f"{file}: {error}") from None
 
 
-def _save(taught: Taught, file: str, save: str, force: bool) -> None:
+def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> None:
     from hexwire.trace.recording import RecordingWriter, make_positions
 
     _want_mcap(save)
@@ -428,7 +438,8 @@ def _save(taught: Taught, file: str, save: str, force: bool) -> None:
     with RecordingWriter(save, force=force) as recording:
         for t, row in zip(taught.times, taught.rows, strict=True):
             recording.joint_state(make_positions(taught.names, row), begin + t)
-    say(f"{recording.count} states, {taught.duration:.2f} s in {save}")
+    data = {"states": recording.count, "duration_s": taught.duration, "file": save}
+    answer(as_json, data, f"{recording.count} states, {taught.duration:.2f} s in {save}")
 
 
 def _want_mcap(file: str) -> None:

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import IO
 
 __all__ = [
+    "answer",
     "folded",
     "format_table",
     "line_width",
@@ -107,6 +108,14 @@ def print_json(value: object, *, one_line: bool = False) -> None:
     if not text.replace("\n", "").isprintable():
         text = "".join(map(_json_code, text))
     write(sys.stdout, text + "\n", flush=one_line)
+
+
+def answer(as_json: bool, value: object, *lines: str) -> None:
+    """Print what a command has to say: one JSON document for a program, or lines for a person."""
+    if as_json:
+        print_json(value)
+    else:
+        say(*lines)
 
 
 def _json_code(c: str) -> str:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import RobotOptions, open_robot, robot_options
+from .common import RobotOptions, json_option, open_robot, robot_options
 from .exits import note
-from .output import say
+from .output import answer, say
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -30,7 +30,8 @@ _KEPT_NOT = "note: nobody keeps this stop: it ended with this command, and the n
 @click.argument("switch", metavar="on|off", type=click.Choice(["on", "off"]))
 @click.argument("joints", metavar="[JOINT]...", nargs=-1)
 @robot_options
-def torque(switch: str, joints: tuple[str, ...], options: RobotOptions) -> None:
+@json_option
+def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json: bool) -> None:
     """Switch the torque of all joints, or of those named, on or off.
 
     On moves nothing: the joints hold where they are. Off lets the arm sink or fall: hold it.
@@ -38,13 +39,14 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions) -> None:
     with open_robot(options) as robot:
         wanted = [robot.model.joint(name).name for name in joints] or list(robot.model.names)
         confirmed = robot.torque(switch == "on", wanted)
-        _report(robot.model, wanted, confirmed, f"torque {switch}")
+        _report(robot.model, wanted, confirmed, f"torque {switch}", as_json)
 
 
 @click.command()
 @click.option("--torque-off", is_flag=True, help="Take the torque away as well: the arm may fall.")
 @robot_options
-def stop(torque_off: bool, options: RobotOptions) -> None:
+@json_option
+def stop(torque_off: bool, options: RobotOptions, as_json: bool) -> None:
     """Stop the arm where it is and keep it stopped: nothing moves until `hexwire resume`.
 
     A board with hexwire's firmware keeps the stop, whoever asks. A board of dialect 1 and a servo bus keep none:
@@ -59,12 +61,13 @@ def stop(torque_off: bool, options: RobotOptions) -> None:
         kept = robot.stop_kept_by
         if kept != "board":
             note(_KEPT_HERE if kept else _KEPT_NOT)
-        _report(robot.model, robot.model.names, confirmed, words)
+        _report(robot.model, robot.model.names, confirmed, words, as_json)
 
 
 @click.command()
 @robot_options
-def resume(options: RobotOptions) -> None:
+@json_option
+def resume(options: RobotOptions, as_json: bool) -> None:
     """End a stop. Nothing moves by it, and torque that the stop took away stays off.
 
     Where a watchdog stopped the arm, because the program that had set it died, it is switched off as well.
@@ -77,14 +80,21 @@ def resume(options: RobotOptions) -> None:
         if tripped:
             # Or it would stop the arm again as soon as this program has ended.
             robot.watchdog(0.0)
-            say("the watchdog of the program that fell silent is off")
+            if not as_json:
+                say("the watchdog of the program that fell silent is off")
         state = robot.read()
         unknown = [joint.name for joint in state if joint.flags & JointFlag.TORQUE_UNKNOWN]
         words = f"resumed; torque on: {' '.join(state.torque_on) or 'none'}"
-        say(words + (f"; not known: {' '.join(unknown)}" if unknown else ""))
+        data = {
+            "resumed": True,
+            "watchdog_tripped": tripped,
+            "torque_on": state.torque_on,
+            "torque_unknown": unknown,
+        }
+        answer(as_json, data, words + (f"; not known: {' '.join(unknown)}" if unknown else ""))
 
 
-def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], words: str) -> None:
+def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], words: str, as_json: bool) -> None:
     """Print which joints confirmed.
 
     Raises:
@@ -92,8 +102,9 @@ def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], wo
     """
     from hexwire.errors import ServoError
 
-    say(f"{words}: {' '.join(confirmed) or 'none'}")
     missing = [model.joint(name) for name in wanted if name not in confirmed]
+    data = {"did": words, "confirmed": list(confirmed), "missing": [joint.name for joint in missing]}
+    answer(as_json, data, f"{words}: {' '.join(confirmed) or 'none'}")
     if missing:
         names = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in missing)
         raise ServoError(f"not confirmed by {names}", servo_id=missing[0].servo_id)

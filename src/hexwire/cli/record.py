@@ -25,9 +25,9 @@ from hexwire.ipc.link import Link
 from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
 from hexwire.new_file import OutputFile
 
-from .common import force_option, name_of, observing_states
+from .common import force_option, json_option, name_of, observing_states
 from .exits import note, tell_missed
-from .output import say, say_document, say_table
+from .output import answer, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
@@ -98,7 +98,8 @@ def record() -> None:
 
 @record.command()
 @click.argument("file", type=click.File("rb"))
-def info(file: BinaryIO) -> None:
+@json_option
+def info(file: BinaryIO, as_json: bool) -> None:
     """Say what FILE holds: topics, messages, times, and whether it is whole."""
     counts: dict[tuple[str, str], int] = {}
     first, last = float("inf"), float("-inf")
@@ -110,6 +111,10 @@ def info(file: BinaryIO) -> None:
         key = (message.topic, message.schema or message.encoding)
         counts[key] = counts.get(key, 0) + 1
         first, last = min(first, message.time), max(last, message.time)
+    if as_json:
+        topics = [{"topic": t, "schema": schema, "messages": n} for (t, schema), n in sorted(counts.items())]
+        print_json({"topics": topics, "first": first, "last": last, "remarks": remarks})
+        return
     rows = [(topic, schema, str(count)) for (topic, schema), count in sorted(counts.items())]
     say_table(("topic", "schema", "messages"), rows)
     if rows:
@@ -122,7 +127,8 @@ def info(file: BinaryIO) -> None:
 @click.argument("file", type=click.File("rb"))
 @click.argument("target")
 @force_option
-def export(file: BinaryIO, target: str, force: bool) -> None:
+@json_option
+def export(file: BinaryIO, target: str, force: bool, as_json: bool) -> None:
     """Write FILE as TARGET, whose name says the form: .csv, .jsonl or .pcapng.
 
     CSV has the joint states, a row a state; JSON lines have every message; pcapng has the traffic, for Wireshark.
@@ -137,14 +143,16 @@ def export(file: BinaryIO, target: str, force: bool) -> None:
             text = io.TextIOWrapper(out.file, encoding="utf-8", newline="")
             count = (_csv if form == ".csv" else _jsonl)(file, name_of(file), text)
             text.detach()
-    say(f"{count} {'states' if form == '.csv' else 'messages'} written to {target}")
+    words = f"{count} {'states' if form == '.csv' else 'messages'} written to {target}"
+    answer(as_json, {"count": count, "file": target}, words)
 
 
 @record.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
 @click.argument("target")
 @force_option
-def recover(file: str, target: str, force: bool) -> None:
+@json_option
+def recover(file: str, target: str, force: bool, as_json: bool) -> None:
     """Save what is whole of FILE, which a crash has cut off, as TARGET."""
     from hexwire.trace.capture import recover as save
 
@@ -152,7 +160,8 @@ def recover(file: str, target: str, force: bool) -> None:
         raise UsageError("give the recovered recording another name; the damaged one stays as it is")
     with Path(file).open("rb") as source, OutputFile(target, force=force) as out:
         saved = save(source, file, out.file)
-    say(f"{saved.messages} messages saved to {target}")
+    data = {"count": saved.messages, "file": target, "problem": saved.problem or None}
+    answer(as_json, data, f"{saved.messages} messages saved to {target}")
     if saved.problem:
         note(saved.problem)
 
@@ -161,7 +170,8 @@ def recover(file: str, target: str, force: bool) -> None:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
 @click.argument("picture")
 @force_option
-def plot(file: str, picture: str, force: bool) -> None:
+@json_option
+def plot(file: str, picture: str, force: bool, as_json: bool) -> None:
     """Draw the joint states of FILE as PICTURE (.png, .svg or .pdf): angle over time."""
     from hexwire.trace.recording import read_joint_states
 
@@ -179,7 +189,8 @@ def plot(file: str, picture: str, force: bool) -> None:
         if not drawn.planned:
             raise UsageError(f"{file} has no joint states")
         drawn.draw(out)
-    say(f"{len(drawn.planned)} states drawn to {picture}")
+    words = f"{len(drawn.planned)} states drawn to {picture}"
+    answer(as_json, {"count": len(drawn.planned), "file": picture}, words)
 
 
 @record.command()

@@ -16,7 +16,7 @@ from hexwire.ipc.tap import Missed
 from .common import watched
 from .exits import note, tell_missed
 from .move import hold_on_ctrl_c
-from .output import say
+from .output import print_json, say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
@@ -43,12 +43,14 @@ class MotionOptions:
         plot: File for a picture, made already; or None.
         dry_run: Check and draw only.
         rate: Cycles a second; by dialect if None.
+        as_json: Print one JSON document at the end, and no lines.
     """
 
     table: float | None
     plot: OutputFile | None
     dry_run: bool
     rate: float | None
+    as_json: bool
 
 
 def torque_up(robot: RobotDriver, names: Sequence[str]) -> None:
@@ -91,25 +93,43 @@ def run_motion(
     from hexwire.motion.checks import check_trajectory
 
     where = dict(start)
+    told: list[dict[str, object]] = []
     for name, leg in legs:
         report = check_trajectory(leg, robot.model, model, others=where, table=options.table).require()
-        say(f"{name}: {_in_words(report)}")
+        told.append(_as_json(name, report))
+        if not options.as_json:
+            say(f"{name}: {_in_words(report)}")
         where.update(zip(leg.names, leg.goal, strict=True))
     plot = _planned(legs, model, start, title)
     missed = Missed()
+    outcome: dict[str, object] = {"legs": told, "arrived": None if options.dry_run else False, "plot": None}
     try:
         if not options.dry_run:
             _drive(robot, legs, model, options, plot, missed)
+            outcome["arrived"] = True
     finally:
         if options.plot is not None:
             # The arm has moved as it has: a picture that fails changes nothing of that.
             draw = plot.draw if options.dry_run else missed.guard(plot.draw)
             draw(options.plot)
             if missed.first is None:
-                say(f"drawn: {options.plot.path}")
+                outcome["plot"] = str(options.plot.path)
+                if not options.as_json:
+                    say(f"drawn: {options.plot.path}")
             # Harmless for one that was drawn.
             options.plot.discard()
         tell_missed(f"the picture {options.plot.path if options.plot else ''}", missed)
+        if options.as_json:
+            print_json(outcome)
+
+
+def _as_json(name: str, report: MotionReport) -> dict[str, object]:
+    return {
+        "name": name,
+        "duration_s": report.duration,
+        "peak_speed_deg_per_s": {joint: math.degrees(speed) for joint, speed in report.peak_speed.items()},
+        "lowest_point_m": report.lowest,
+    }
 
 
 def _in_words(report: MotionReport) -> str:
@@ -185,7 +205,8 @@ def _drive(
         note(f"warning: line or machine are too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
     if off:
         raise ServoError(f"did not arrive: {off}")
-    say("arrived")
+    if not options.as_json:
+        say("arrived")
 
 
 def _settle(loop: MotionLoop, names: Sequence[str], goal: Sequence[float]) -> str:

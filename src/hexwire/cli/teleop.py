@@ -19,6 +19,7 @@ from hexwire.errors import DeviceError, HexwireError, StoppedError, UsageError
 from .common import (
     FiniteFloat,
     RobotOptions,
+    json_option,
     make_robot,
     open_robot,
     refuse_table,
@@ -28,7 +29,7 @@ from .common import (
 )
 from .exits import note, shielded
 from .model import links_option
-from .output import say
+from .output import print_json, say
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -51,11 +52,15 @@ def joystick() -> None:
 
 
 @joystick.command("list")
-def list_() -> None:
+@json_option
+def list_(as_json: bool) -> None:
     """List the joysticks of this machine."""
     from hexwire.ipc.joystick_device import find_joysticks
 
     found = find_joysticks()
+    if as_json:
+        print_json([str(path) for path in found])
+        return
     if not found:
         note("no joystick is plugged in, or this user may not read /dev/input")
     for path in found:

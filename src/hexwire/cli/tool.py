@@ -12,8 +12,8 @@ import click
 
 from hexwire.errors import ServoError
 
-from .common import FiniteFloat, RobotOptions, open_robot, robot_options, watched
-from .output import say
+from .common import FiniteFloat, RobotOptions, json_option, open_robot, robot_options, watched
+from .output import answer, plain
 
 __all__ = ["grip", "pump"]
 
@@ -34,7 +34,8 @@ _PRESSED = 3
     help="Time from shut to open.",
 )
 @robot_options
-def grip(how: str, duration: float, options: RobotOptions) -> None:
+@json_option
+def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> None:
     """Open or close the gripper, or open it by so many percent.
 
     Closing ends where something is between the jaws, and keeps a little pressure on it. The board stops the gripper
@@ -61,7 +62,9 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
             pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
             if pressed >= _PRESSED:
                 gripper.keep(state)
-                say(f"holds something at {100 * gripper.share(state):.0f} % open")
+                opened = gripper.share(state)
+                words = f"holds something at {plain(100 * opened, 0)} % open"
+                answer(as_json, {"open_fraction": opened, "holds": True}, words)
                 return
             if abs(state[gripper.joint.name].position - angle) < gripper.joint.scale * 5:
                 break
@@ -70,7 +73,8 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
                 f"it is not known where {gripper.joint.name} is: no answer; check cable, power and id",
                 servo_id=gripper.joint.servo_id,
             )
-        say(f"{round(100 * gripper.share(state)) + 0} % open")
+        opened = gripper.share(state)
+        answer(as_json, {"open_fraction": opened, "holds": False}, f"{plain(100 * opened, 0)} % open")
         if not abs(gripper.share(state) - share) <= 0.1:
             raise ServoError(f"{gripper.joint.name} did not get there", servo_id=gripper.joint.servo_id)
 
@@ -87,7 +91,8 @@ def grip(how: str, duration: float, options: RobotOptions) -> None:
     help="With release, how long the valve stays open.",
 )
 @robot_options
-def pump(how: str, seconds: float, options: RobotOptions) -> None:
+@json_option
+def pump(how: str, seconds: float, options: RobotOptions, as_json: bool) -> None:
     """Suction cup: hold (suck), let go (release), all off, or say what is on."""
     from hexwire.drivers.tools import Suction
 
@@ -104,4 +109,5 @@ def pump(how: str, seconds: float, options: RobotOptions) -> None:
         elif how == "off":
             suction.off()
         running, open_valve = suction.read()
-        say(f"pump {'on' if running else 'off'}, valve {'open' if open_valve else 'shut'}")
+        words = f"pump {'on' if running else 'off'}, valve {'open' if open_valve else 'shut'}"
+        answer(as_json, {"pump_on": running, "valve_open": open_valve}, words)
