@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from tests.analyzers.lines import readings_table
 
-from hexwire.errors import UsageError
+from hexwire.errors import HexwireError, UsageError
 from hexwire.ipc.tap import Direction, Passed
 from hexwire.trace.capture import BYTES, FRAMES, Capture, Message, read_messages, recover, traffic_of
 from hexwire.trace.mcap_file import MAGIC
@@ -133,3 +133,25 @@ def test_damage_anywhere_gives_messages_or_one_error(
     ):
         with contextlib.suppress(UsageError):
             read(io.BytesIO(bytes(spoilt)))
+
+
+def test_what_a_signal_handler_tells_in_the_middle_is_refused_and_does_not_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = Capture(tmp_path / "a.mcap", offset=0.0)
+    refused: list[str] = []
+    usual = capture._writer.raw
+
+    def raw(topic: str, stamp: float, data: bytes) -> None:
+        try:
+            capture.passed(TRAFFIC[1])
+        except HexwireError as error:
+            refused.append(str(error))
+        usual(topic, stamp, data)
+
+    monkeypatch.setattr(capture._writer, "raw", raw)
+    capture.passed(TRAFFIC[0])
+    capture.close()
+    assert refused == ["a signal came while the recording was written"]
+    found, _ = messages((tmp_path / "a.mcap").read_bytes())
+    assert [m.data for m in found if m.topic in BYTES.values()] == [TRAFFIC[0].data]

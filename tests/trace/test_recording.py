@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from tests.motion.arms import HOME, NAMES, state
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
 from hexwire.model.state import JointFlag
 from hexwire.trace.recording import JOINT_STATES, RecordingWriter, make_positions, read_joint_states
 
@@ -111,3 +112,44 @@ def test_without_the_package_it_says_what_to_install(tmp_path: Path, monkeypatch
     with pytest.raises(UsageError, match=r"pip install 'hexwire\[record\]'"):
         RecordingWriter(tmp_path / "a.mcap")
     assert not (tmp_path / "a.mcap").exists()
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, -1.0, 1e300])
+def test_a_clock_that_makes_no_sense_is_refused(stamp: float, tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "a.mcap") as recording:
+        with pytest.raises(UsageError, match="a recording has no time"):
+            recording.joint_state(state(), stamp)
+        recording.joint_state(state(), 1.0)
+    assert len(list(read_joint_states(tmp_path / "a.mcap"))) == 1
+
+
+def test_a_disk_that_is_full_ends_the_recording_and_fills_no_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[int] = []
+
+    def add_message(**fields: Any) -> None:
+        written.append(len(fields["data"]))
+        if len(written) > 3:
+            raise OSError(28, "No space left on device")
+
+    recording = RecordingWriter(tmp_path / "a.mcap")
+    monkeypatch.setattr(recording._writer, "add_message", add_message)
+    for i in range(10):
+        if i < 3:
+            recording.joint_state(state(), 1.0 + i)
+        else:
+            with pytest.raises(OSError, match="No space left"):
+                recording.joint_state(state(), 1.0 + i)
+    recording.close()
+    recording.close()
+    assert len(written) == 4
+
+
+def test_a_whole_recording_can_be_asked_for(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap", 4000)
+    assert len(list(read_joint_states(tmp_path / "a.mcap", whole=True))) == 4000
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "b.mcap").write_bytes(data[: len(data) // 2])
+    with pytest.raises(ConfigError, match=r"b\.mcap: the recording is cut off"):
+        list(read_joint_states(tmp_path / "b.mcap", whole=True))
