@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import subprocess
 import sys
@@ -133,3 +134,19 @@ def test_a_stop_goes_through_although_nobody_can_hear_of_it(watching: list[str],
         state = CliRunner().invoke(cli, ["state", "--json", "--port", port])
     assert (done.returncode, done.stdout) == (0, told.stdout)
     assert '"stopped": true' in state.stdout
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("watching", ["--trace", "--explain"])
+def test_a_pager_that_is_not_scrolled_holds_nothing_up(watching: str) -> None:
+    """Nobody reads standard error, whose pipe is full; the command ends all the same."""
+    with board_process(baud=0) as port:
+        reading, writing = os.pipe()
+        os.write(writing, b"-" * fcntl.fcntl(writing, fcntl.F_GETPIPE_SZ))
+        program = [sys.executable, "-m", "hexwire.cli", watching, "state", "--json", "--port", port]
+        done = subprocess.run(program, stdout=subprocess.PIPE, stderr=writing, timeout=60, check=False)
+        os.close(writing)
+        with os.fdopen(reading, "rb") as pipe:
+            assert set(pipe.read()) == {ord("-")}
+    assert done.returncode == 0
+    assert b'"joints"' in done.stdout

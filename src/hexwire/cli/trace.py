@@ -5,6 +5,9 @@ Owns arguments and printing. What the bytes mean is `hexwire.trace`'s.
 
 from __future__ import annotations
 
+import errno
+import select
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import BinaryIO
@@ -25,6 +28,10 @@ from .output import print_json, say
 __all__ = ["trace", "tracing"]
 
 _INDENT = "    "
+_PATIENCE = 100
+"""Milliseconds to wait for a reader of the trace that lags behind."""
+_LONGEST = select.PIPE_BUF // 4
+"""Characters of a line; four bytes each at most."""
 
 
 @contextmanager
@@ -34,40 +41,76 @@ def tracing(*, explain: bool) -> Iterator[None]:
     What cannot be shown is counted and told at the end, in one line; the command goes on.
     """
     missed = Missed()
+    listener = _Listener()
 
     def wrap(link: Link) -> Link:
-        return TapLink(link, missed.guard(_printer(explain)))
+        return TapLink(link, missed.guard(_printer(explain, listener)))
 
     try:
         with wrap_new_links(wrap):
             yield
     finally:
-        tell_missed("the trace", missed)
+        if listener.takes_more():
+            tell_missed("the trace", missed)
 
 
-def _printer(explain: bool) -> Callable[[Passed], None]:
+def _printer(explain: bool, listener: _Listener) -> Callable[[Passed], None]:
     explainer = Explainer()
     start: list[float] = []
-    deaf: list[OSError] = []
 
     def show(passed: Passed) -> None:
-        if deaf:
-            raise deaf[0]
         if not start:
             start.append(passed.time)
         name = "SerialPort" if passed.url.startswith("serial") else passed.url.partition(":")[0].capitalize()
-        try:
-            for line in format_passed(passed, name=name, start=start[0]):
-                speak(line)
-            if explain:
-                for explained in explainer.feed(passed):
-                    for line in _lines(explained):
-                        speak(_INDENT + line)
-        except OSError as error:
-            deaf.append(error)
-            raise
+        lines = list(format_passed(passed, name=name, start=start[0]))
+        if explain:
+            # All of it, whether or not it can be shown: what follows is understood by what came before.
+            for explained in list(explainer.feed(passed)):
+                lines += [_INDENT + line for line in _lines(explained)]
+        for line in lines:
+            listener.tell(line)
 
     return show
+
+
+class _Listener:
+    """Standard error as something that may be closed, or that nobody reads: writing to it waits a moment at most.
+
+    A pager that is not scrolled leaves its pipe full. Waiting for it would keep an arm from its next set-point.
+    """
+
+    def __init__(self) -> None:
+        self._gone: OSError | None = None
+        self._patience = _PATIENCE
+
+    def takes_more(self) -> bool:
+        """Whether a line can be written at once; waits a moment for it, but only the first time in a row."""
+        try:
+            number = sys.stderr.fileno()
+        except (OSError, ValueError):  # not a file: a test's or another program's own stream
+            return True
+        look = select.poll()
+        look.register(number, select.POLLOUT)
+        ready = bool(look.poll(self._patience))
+        self._patience = _PATIENCE if ready else 0
+        return ready
+
+    def tell(self, line: str) -> None:
+        """Write a line.
+
+        Raises:
+            OSError: It cannot be written, or nobody reads.
+        """
+        if self._gone is not None:
+            raise self._gone
+        if not self.takes_more():
+            raise BlockingIOError(errno.EAGAIN, "nobody reads standard error")
+        try:
+            # A pipe that is ready takes so much at once.
+            speak(line[:_LONGEST])
+        except OSError as error:
+            self._gone = error
+            raise
 
 
 def _lines(explained: Explained) -> Iterator[str]:
