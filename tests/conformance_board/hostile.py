@@ -252,9 +252,10 @@ class Watch:
         registers = servo.registers
         return _Seen(servo.torque_on, registers.get(name), registers.read(5, 0x23), servo.motion.position)
 
-    def sent(self, step: Step, arrives: float) -> None:
-        """A frame goes out and will have arrived at a time."""
-        if step.proto != 2:
+    def sent(self, step: Step, arrives: float, *, again: bool = False) -> None:
+        """A frame goes out, or an old one again, and will have arrived at a time."""
+        if step.proto != 2 or (again and step.cmd == Command.STOP):
+            # A repeat is not done again.
             return
         if step.cmd == Command.RESUME:
             self.stopped_at = None
@@ -352,15 +353,16 @@ def play(board: BoardUnderTest, steps: Iterable[Step], kind: Kind, speed: int) -
         if step.pause:
             watch.run(step.pause)
             continue
-        if step.again:
-            if len(frames) < step.again:
-                continue
-            step, data = frames[-step.again]
+        again = step.again
+        if again > len(frames):
+            continue
+        if again:
+            step, data = frames[-again]
         else:
             data = client.frame(step.cmd, step.body, proto=step.proto)
             frames.append((step, data))
         free = max(free, client.machine.now) + len(data) * _BYTE
-        watch.sent(step, free)
+        watch.sent(step, free, again=bool(again))
         client.machine.send(data)
         watch.run(0.003)
     watch.run(max(0.0, free - client.machine.now) + 1.5)
