@@ -357,6 +357,52 @@ def test_a_stop_passes_a_trajectory_that_is_being_sent(served: Served) -> None:
 
 
 @pytest.mark.system
+def test_a_stop_voids_what_waits_for_another_channel(served: Served) -> None:
+    with Puma260Driver.from_url(served.tcp) as driver:
+        driver.torque(True)
+        taken, done = threading.Event(), threading.Event()
+        turn = driver.trajectories._turn
+        outcome: list[object] = []
+
+        def hold() -> None:
+            with turn.taken():
+                taken.set()
+                done.wait(10)
+
+        def write() -> None:
+            try:
+                outcome.append(driver.write(JointTarget.of({"J1": 0.1}, 1.0)))
+            except StoppedError as error:
+                outcome.append(error)
+
+        holder, writer = threading.Thread(target=hold), threading.Thread(target=write)
+        holder.start()
+        assert taken.wait(10)
+        writer.start()
+        time.sleep(0.2)
+        before = list(served.robot.executed)
+        driver.stop()
+        done.set()
+        for thread in (holder, writer):
+            thread.join(10)
+        driver.resume()
+        assert isinstance(outcome[0], StoppedError)
+        assert list(served.robot.executed) == before
+        assert driver.read().velocity == pytest.approx((0.0,) * 6)
+
+
+def test_a_raw_stop_and_a_raw_resume_are_recognised(bench: Bench) -> None:
+    session = bench.driver.session
+    with session.epochs.calling("a move"):
+        session.request(Command.ROBOT_SIGNAL, b"\1")
+        with pytest.raises(StoppedError, match="was not sent"):
+            session.request(Command.ROBOT_SIGNAL, b"\4")
+    session.request(Command.ROBOT_SIGNAL, b"\3")
+    assert not session.epochs.stopped
+    bench.driver.torque(True)
+
+
+@pytest.mark.system
 def test_a_line_that_breaks_is_made_again_and_nothing_moves_twice(served: Served) -> None:
     with connect(served.tcp, robot="puma260") as driver:
         assert isinstance(driver, Puma260Driver)

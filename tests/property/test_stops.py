@@ -200,6 +200,51 @@ def test_what_waits_for_the_line_is_void_after_a_stop(dialect: int, what: str) -
         assert b.judge.wrong() == []
 
 
+@pytest.mark.parametrize("deed", ["write", "torque", "resume", "raw"])
+def test_what_waits_for_a_servo_bus_is_void_after_a_stop(deed: str) -> None:
+    robot, judge, _, _ = fresh("bus")
+    assert isinstance(robot, SevenBotArm)
+    robot.torque(deed != "torque")
+    if deed == "resume":
+        robot.stop()
+    held, called = threading.Event(), threading.Event()
+    outcome: list[BaseException | None] = []
+    deeds: dict[str, Callable[[], object]] = {
+        "write": lambda: move(robot, 1500),
+        "torque": lambda: robot.torque(True),
+        "raw": lambda: robot.bus.sync_write_bytes(0x2A, {0: b"\x05\xdc\x03\xe8"}),
+        "resume": robot.resume,
+    }
+    token = robot.epochs.token
+
+    def waits(what: str, *, freeing: bool = False) -> Any:
+        made = token(what, freeing=freeing)
+        if threading.current_thread() is worker and not called.is_set():
+            called.set()
+            assert held.wait(PATIENCE)
+        return made
+
+    def work() -> None:
+        try:
+            deeds[deed]()
+            outcome.append(None)
+        except HexwireError as error:
+            outcome.append(error)
+
+    worker = threading.Thread(target=work)
+    robot.epochs.token = waits  # type: ignore[method-assign]  # tells when it is called, and keeps it there
+    worker.start()
+    assert called.wait(PATIENCE)
+    before = len(judge.effects)
+    with judge.stop():
+        robot.stop()
+    held.set()
+    worker.join(PATIENCE)
+    assert isinstance(outcome[0], StoppedError), outcome
+    assert robot.read().stopped
+    assert all(effect.count != 1500 and effect.what != "torque" for effect in judge.effects[before:])
+
+
 @pytest.mark.system
 @pytest.mark.parametrize("dialect", [1, 2])
 def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int) -> None:

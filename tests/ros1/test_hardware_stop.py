@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 from tests.ros1.hardware_bench import (
     Bench,
@@ -13,6 +15,7 @@ from tests.ros1.hardware_bench import (
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import (
     GoalError,
+    StoppedError,
     UsageError,
 )
 from hexwire.ros1.outcomes import Outcome
@@ -36,6 +39,32 @@ def test_a_stop_and_its_reset(dialect: int, baud: int) -> None:
     again = bench.go("J1", 0.1, 3.0)
     bench.until(lambda: again.ends)
     assert again.words == "succeeded: "
+
+
+def test_what_waits_for_the_owner_is_void_after_a_stop() -> None:
+    bench, _ = moving()
+    hardware = bench.hardware
+    bench.robot.torque(False)
+    outcome: list[object] = []
+
+    def enable() -> None:
+        try:
+            outcome.append(hardware.call(lambda: bench.robot.torque(True)))
+        except StoppedError as error:
+            outcome.append(error)
+
+    thread = threading.Thread(target=enable)
+    thread.start()
+    while not hardware._jobs._waiting:
+        thread.join(0.001)
+    # The robot is stopped and resumed past the owner, who then comes to what had been asked for before.
+    bench.robot.stop()
+    bench.robot.resume()
+    while thread.is_alive():
+        hardware._jobs.run()
+        thread.join(0.001)
+    assert isinstance(outcome[0], StoppedError)
+    assert not bench.robot.read().torque_on
 
 
 def test_a_fault_that_is_still_there_is_not_reset_away() -> None:

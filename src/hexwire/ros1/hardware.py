@@ -251,7 +251,17 @@ class Hardware:
         if threading.current_thread() is self._thread:
             return job()
         self._check_reachable()
-        return self._jobs.call(job)
+        # It waits here, and is of now all the same: a stop that comes first voids it.
+        epochs = getattr(self.robot, "epochs", None)
+        if epochs is None:
+            return self._jobs.call(job)
+        asked = epochs.mark()
+
+        def of_now() -> _T:
+            with epochs.using(asked):
+                return job()
+
+        return self._jobs.call(of_now)
 
     def stop(self, why: str) -> tuple[str, ...]:
         """Latched stop, ahead of everything else; the joints hold.
@@ -475,7 +485,10 @@ class Hardware:
             # A servo keeps an overload until its next command. This one holds; the next try shows what is true.
             self.robot.stop()
             raise UsageError(f"{', '.join(blamed)}; see to it, and reset again")
-        self.robot.resume()
+        try:
+            self.robot.resume()
+        except StoppedError as error:
+            raise UsageError("the arm was stopped again meanwhile; reset it again") from error
         if not self.group.reset(stops):
             # Whoever stopped it last must not find it ready to move.
             self.robot.stop()
