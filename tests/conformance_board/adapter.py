@@ -12,7 +12,7 @@ from hexwire.emulator.board import EmulatedBoard
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame
 
-_FIRMWARE_AND_BOOT = slice(1, 8)
+_BOOT = slice(4, 8)
 _CAPABILITIES = slice(8, 10)
 _IDENTIFY_FLAGS = 12
 _STATE_CLOCK = slice(0, 4)
@@ -108,12 +108,12 @@ def comparable(frame: Frame) -> bytes:
     """A frame's bytes without what may differ between boards.
 
     That is: the clock (and with it the frame's check, which `FrameDecoder` has verified), in IDENTIFY the
-    firmware's version, the boot id and whether it does fragments, in JOINT_STATE the sample's clock, its age,
+    boot id and whether it does fragments, in JOINT_STATE the sample's clock, its age,
     and the speed of legacy servos, which is worked out from two samples; in both, whether settings are stored.
     """
     body = bytearray(frame.body)
     if frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.IDENTIFY and len(body) > _IDENTIFY_FLAGS:
-        body[_FIRMWARE_AND_BOOT] = bytes(7)
+        body[_BOOT] = bytes(4)
         known = int.from_bytes(body[_CAPABILITIES], "little") & ~tables.CAPABILITIES["fragments"]
         body[_CAPABILITIES] = known.to_bytes(2, "little")
         body[_IDENTIFY_FLAGS] &= ~tables.BOARD_FLAGS_SETTINGS_DEFAULT

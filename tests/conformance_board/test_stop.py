@@ -11,7 +11,7 @@ from hexwire.emulator.servo import EmulatedServo
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import JointReport
-from hexwire.wire.servo_packet import make_ping
+from hexwire.wire.servo_packet import ServoPacket, make_ping
 
 # The first one builds.
 pytestmark = pytest.mark.timeout(600)
@@ -230,6 +230,49 @@ def test_a_servo_that_turns_is_no_servo_that_holds(make: Make) -> None:
     board.client.run(2.0)
     assert shafts(board) == pytest.approx(at, abs=30)
     assert flags(board) & STOPPED
+
+
+@pytest.mark.parametrize("servo_id", [1, 5])
+def test_a_servo_that_does_not_take_the_target_loses_its_torque(make: Make, servo_id: int) -> None:
+    board = make()
+    torque(board)
+    board.client.ask(Command.JOINT_MOVE, move(3500, 8000))
+    board.client.run(0.3)
+    servo = board.machine.wire[servo_id]
+    receive = servo.receive
+
+    def deaf_to_targets(packet: ServoPacket, now: float) -> bytes | None:
+        return None if packet.instruction == 0x83 and packet.params[0] in (0x29, 0x2A) else receive(packet, now)
+
+    servo.receive = deaf_to_targets  # type: ignore[method-assign]  # a servo with a fault of its own
+    reply = stop(board)
+    assert (reply.status, reply.body) == (Status.SERVO_FAULT, b"\0\x7f\0")
+    assert [board.machine.wire[i].torque_on for i in range(7)] == [i != servo_id for i in range(7)]
+    at = shafts(board)
+    board.client.run(1.0)
+    assert shafts(board) == pytest.approx(at, abs=60)
+
+
+@pytest.mark.parametrize("servo_id", [2, 6])
+def test_a_servo_that_will_not_stand_still_loses_its_torque(make: Make, servo_id: int) -> None:
+    board = make()
+    torque(board)
+    servo = board.machine.wire[servo_id]
+    refresh = servo.refresh
+    looks = 0
+
+    def drift() -> None:
+        nonlocal looks
+        refresh()
+        looks += 1
+        servo.registers.put("present_position", 1000 + 10 * looks)
+
+    servo.refresh = drift  # type: ignore[method-assign]  # as if something turned it
+    begin = board.machine.now
+    reply = stop(board)
+    assert (reply.status, reply.body) == (Status.SERVO_FAULT, b"\0\x7f\0")
+    assert 0.4 < board.machine.now - begin < 0.8
+    assert [board.machine.wire[i].torque_on for i in range(7)] == [i != servo_id for i in range(7)]
 
 
 def test_a_servo_that_turns_at_start_loses_its_torque(make: Make) -> None:
