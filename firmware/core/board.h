@@ -31,6 +31,8 @@ class Board {
   bool poll();
 
  private:
+  friend struct BoardProbe;  // of the fuzz target
+
   // What a job is made of. Sweeps and packets take the bus, the rest happens at once.
   enum class Step : uint8_t {
     kReadPosition,

@@ -1,51 +1,451 @@
-// Fuzz target: whatever arrives on either line, in whatever pieces, the board reads and writes only its own
-// memory, never hangs, never moves a joint while it is stopped, and still answers IDENTIFY afterwards.
+// Fuzz target: somebody hostile sends sound frames, sound packets and noise to a board with seven servos that answer.
+// However they are mixed: the board reads and writes only its own memory, never hangs, and answers IDENTIFY afterwards;
+// nothing moves or gains torque while it is stopped; nothing sent before a stop is done after it; no target is beyond
+// its limits or faster than its speed limit; no setting of a servo changes outside maintenance; and in dialect 2 no
+// joint gains torque but by TORQUE. make_corpus.py writes seeds in the form that `Attack` reads.
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "../boards/host/host_board.h"
 #include "bytes.h"
+#include "servo_model.h"
+
+namespace hexwire {
+
+struct BoardProbe {
+  explicit BoardProbe(const Board& b) : board(b) {}
+  uint8_t flags() const { return board.board_flags_; }
+  int16_t minimum(uint8_t i) const { return board.settings_.minimum(i); }
+  int16_t maximum(uint8_t i) const { return board.settings_.maximum(i); }
+  uint32_t trips() const { return board.stats_.watchdog_trips; }
+  uint16_t limit(uint8_t i) const { return board.settings_.speed(i); }
+  const Board& board;
+};
+
+}  // namespace hexwire
 
 namespace {
 
 using namespace hexwire;
 
-void run(HostBoard& b, uint32_t us) {
-  for (const uint64_t end = b.now_us + us; b.now_us < end; b.now_us += 200) b.board.poll();
+constexpr uint32_t kStepUs = 200;
+constexpr uint32_t kIdleUs = 1000;
+constexpr uint32_t kAnswerDelayUs = 250;
+constexpr uint32_t kByteUs = 87;
+constexpr uint8_t kMover = gen::BOARD_FLAG_STOPPED | gen::BOARD_FLAG_MAINTENANCE;
+
+const uint8_t kCommands[] = {gen::CMD_IDENTIFY, gen::CMD_JOINT_STATE, gen::CMD_REPORT,   gen::CMD_JOINT_MOVE,
+                             gen::CMD_TORQUE,   gen::CMD_WATCHDOG,    gen::CMD_LIMITS,   gen::CMD_OFFSETS,
+                             gen::CMD_STATS,    gen::CMD_FRAGMENT,    gen::CMD_IO,       gen::CMD_MAINTENANCE,
+                             gen::CMD_TRANSACT, gen::CMD_READ,        gen::CMD_SYNC_WRITE, gen::CMD_PING};
+const uint8_t kInstructions[] = {gen::INST_PING,    gen::INST_READ,   gen::INST_WRITE,       gen::INST_REG_WRITE,
+                                 gen::INST_ACTION,  gen::INST_RESTORE, gen::INST_REBOOT,     gen::INST_BACKUP,
+                                 gen::INST_RESET_STATE, gen::INST_CALIBRATE, gen::INST_SYNC_READ, gen::INST_SYNC_WRITE,
+                                 gen::INST_WRITE,   gen::INST_SYNC_WRITE, gen::INST_WRITE,   0x77};
+
+void broken(const char* what, long a = 0, long b = 0, long c = 0) {
+  fprintf(stderr, "broken: %s (%ld, %ld, %ld)\n", what, a, b, c);
+  abort();
 }
 
-// Gets past the check that a fuzzer cannot guess: the piece becomes command and body of a sound frame.
-void put_framed(std::vector<uint8_t>& line, const uint8_t* data, size_t size, uint8_t proto, uint8_t seq) {
-  if (size == 0 || size > kMaxBody) return;
-  uint8_t frame[gen::MAX_SERIAL_FRAME + 4];
-  memcpy(frame + kBodyAt, data + 1, size - 1);
-  const FrameHead head = {0, 0, 0, 7, gen::MODULE_ARM_7BOT_ARDUINO_TRX, proto, seq, data[0], 0};
-  const uint8_t whole = finish_frame(frame, head, static_cast<uint8_t>(size - 1));
-  line.insert(line.end(), frame, frame + whole);
+// The rest of the input, as numbers; zeros when it is used up.
+struct Input {
+  const uint8_t* data;
+  size_t size;
+  uint8_t byte() {
+    if (size == 0) return 0;
+    --size;
+    return *data++;
+  }
+  uint16_t word() {
+    const uint8_t low = byte();
+    return static_cast<uint16_t>(low | byte() << 8);
+  }
+  std::vector<uint8_t> bytes(size_t count) {
+    count = std::min(count, size);
+    std::vector<uint8_t> taken(data, data + count);
+    data += count;
+    size -= count;
+    return taken;
+  }
+};
+
+// A board, its servos, and a watcher that knows what must never be.
+class World final : public ServoWatcher {
+ public:
+  World(uint8_t how, uint8_t servos)
+      : dialect_1_(how & 1), probe_(b.board), line_(*this, make_servos(how, servos)), before_(0), clean_(true), seq_(0) {
+    b.board.begin(1, 0);
+    for (uint8_t i = 0; i < gen::JOINTS; ++i) remember_limits(i);
+  }
+
+  HostBoard b;
+
+  ServoLine& line() { return line_; }
+  // Something happens that no board can make up for: what it knows of its servos may be wrong from here on.
+  void spoil() { clean_ = false; }
+  bool clean() const { return clean_; }
+  bool dialect_1() const { return dialect_1_; }
+  uint8_t flags() const { return probe_.flags(); }
+  uint8_t next_seq() { return ++seq_; }
+
+  void run(uint32_t us) {
+    for (const uint64_t end = b.now_us + us; b.now_us < end;) b.now_us += step();
+  }
+
+  // A frame that is sound; what it asks for is noted.
+  void put_frame(uint8_t proto, uint8_t cmd, const std::vector<uint8_t>& body, uint8_t seq) {
+    if (body.size() > kMaxBody) return;
+    uint8_t frame[gen::MAX_SERIAL_FRAME + 4];
+    std::copy(body.begin(), body.end(), frame + kBodyAt);
+    const FrameHead head = {0, 0, 0, 7, gen::MODULE_ARM_7BOT_ARDUINO_TRX, proto, seq, cmd, 0};
+    const uint8_t whole = finish_frame(frame, head, static_cast<uint8_t>(body.size()));
+    last_.assign(frame, frame + whole);
+    note(proto, cmd, body);
+    put_raw(last_);
+  }
+  void put_raw(const std::vector<uint8_t>& bytes) { b.from_host.insert(b.from_host.end(), bytes.begin(), bytes.end()); }
+  void repeat() { put_raw(last_); }
+
+  void written(const ServoModel& before, const ServoModel& after, bool goal) override {
+    const uint8_t i = index(after);
+    // A packet counts as of when it began: what is on the line is let through.
+    const bool stopped = began_ & gen::BOARD_FLAG_STOPPED;
+    const bool maintenance = began_ & gen::BOARD_FLAG_MAINTENANCE;
+    if (!maintenance && memcmp(before.registers, after.registers, gen::HLS_REG_TORQUE_ENABLE) != 0) {
+      broken("a setting changed outside maintenance", i);
+    }
+    if (!maintenance && before.registers[gen::HLS_REG_LOCK] != after.registers[gen::HLS_REG_LOCK]) broken("lock", i);
+    const bool gains = !before.torque_on() && after.torque_on();
+    if (gains && (stopped || maintenance)) broken("torque while stopped or in maintenance", i, began_);
+    if (gains && after.mode() != 0 && clean_) broken("torque in another mode", i, after.mode());
+    if (gains && !dialect_1_ && !(granted_ & (1u << i))) broken("torque without TORQUE", i);
+    if (goal && clean_) judge_goal(i, before, after, stopped);
+  }
+
+ private:
+  static std::vector<ServoModel> make_servos(uint8_t how, uint8_t servos) {
+    std::vector<ServoModel> made;
+    for (uint8_t i = 0; i < gen::JOINTS; ++i) {
+      made.push_back(ServoModel(i, i < 4, static_cast<int16_t>(1500 + 150 * i)));
+      // As an earlier program left them.
+      if (how & 2 && servos & (1u << i)) made.back().registers[gen::HLS_REG_TORQUE_ENABLE] = 1;
+      if (how & 4 && i >= 4) {
+        made.back().registers[gen::HLS_REG_MODE] = servos & 3;
+        made.back().put_word(gen::HLS_REG_GOAL_SPEED, 20);
+      }
+    }
+    return made;
+  }
+
+  uint8_t index(const ServoModel& servo) const { return static_cast<uint8_t>(&servo - line_.servos.data()); }
+
+  // What must have been asked for before it may be.
+  void note(uint8_t proto, uint8_t cmd, const std::vector<uint8_t>& body) {
+    if (proto != gen::PROTO_HEXWIRE) return;
+    if (cmd == gen::CMD_STOP && body.size() == 1 && body[0] <= 1) {
+      granted_next_ = 0;
+      resumed_ = false;
+    }
+    if (cmd == gen::CMD_RESUME && body.empty()) resumed_ = true;
+    if (cmd == gen::CMD_TORQUE && body.size() == 3 && body[0] == 1) {
+      granted_ |= body[1];
+      granted_next_ |= body[1];
+    }
+  }
+
+  // One pass of the board; how long nothing will happen then.
+  uint32_t step() {
+    hear_board();
+    hear_servos();
+    before_ = flags();
+    const uint8_t outputs = b.outputs;
+    const bool rests = b.board.poll();
+    const uint8_t now = flags();
+    if (now & before_ & gen::BOARD_FLAG_STOPPED && outputs != b.outputs) broken("an output while stopped", b.outputs);
+    if (probe_.trips() != trips_) resumed_ = false;
+    trips_ = probe_.trips();
+    if (before_ & ~now & gen::BOARD_FLAG_STOPPED && !resumed_) broken("a stop ended by what was sent before it");
+    if (now & gen::BOARD_FLAG_STOPPED) granted_ = granted_next_;
+    if ((now & kMover) == kMover) broken("maintenance while stopped");
+    for (uint8_t i = 0; i < gen::JOINTS && b.storage_free_us + 2 * kIdleUs > b.now_us; ++i) {
+      if (probe_.limit(i) != limits_[i][2] || probe_.minimum(i) != limits_[i][0] || probe_.maximum(i) != limits_[i][1]) {
+        remember_limits(i);
+      }
+    }
+    watch_still(now);
+    take_from_board();
+    uint64_t next = b.now_us + (rests && b.from_host.empty() ? kIdleUs : kStepUs);
+    if (!packet_.empty()) next = std::min(next, packet_over_);
+    if (!answer_.empty()) next = std::min(next, answer_at_);
+    const uint32_t us = static_cast<uint32_t>(next > b.now_us ? next - b.now_us : 1);
+    line_.step(us);
+    // The host line drains, faster than a real one.
+    const size_t drained = std::min<size_t>(b.to_host.size(), us / 40 + 1);
+    seen_.insert(seen_.end(), b.to_host.begin(), b.to_host.begin() + static_cast<long>(drained));
+    if (seen_.size() > 4096) seen_.erase(seen_.begin(), seen_.begin() + 2048);
+    b.to_host.erase(b.to_host.begin(), b.to_host.begin() + static_cast<long>(drained));
+    return us;
+  }
+
+  // Once a stop has had its time, nothing moves any more.
+  void watch_still(uint8_t now) {
+    if (!(now & gen::BOARD_FLAG_STOPPED) || !clean_) {
+      still_from_ = b.now_us + kStopTakesUs;
+      still_ = false;
+      return;
+    }
+    if (b.now_us < still_from_) return;
+    for (uint8_t i = 0; i < gen::JOINTS; ++i) {
+      const double at = line_.servos[i].position;
+      if (!still_) still_at_[i] = at;
+      if (std::fabs(at - still_at_[i]) > 20) broken("moves while stopped", i, std::lround(at), std::lround(still_at_[i]));
+    }
+    still_ = true;
+  }
+
+  // What the board has sent reaches the servos with its last stop bit.
+  void hear_board() {
+    if (packet_.empty() || b.now_us < packet_over_) return;
+    const std::vector<uint8_t> heard = line_.exchange(packet_);
+    packet_.clear();
+    if (heard.empty()) return;
+    answer_ = heard;
+    answer_at_ = b.now_us + kAnswerDelayUs + kByteUs * heard.size();
+  }
+
+  void hear_servos() {
+    if (answer_.empty() || b.now_us < answer_at_) return;
+    b.from_bus.insert(b.from_bus.end(), answer_.begin(), answer_.end());
+    answer_.clear();
+  }
+
+  void take_from_board() {
+    if (b.to_bus.empty()) return;
+    // A pass may end a stop, or begin maintenance, and then send.
+    const uint8_t now = flags();
+    began_ = static_cast<uint8_t>(before_ & now & gen::BOARD_FLAG_STOPPED) |
+             static_cast<uint8_t>((before_ | now) & gen::BOARD_FLAG_MAINTENANCE);
+    packet_over_ = b.bus_free_us;
+    packet_.swap(b.to_bus);
+    b.to_bus.clear();
+  }
+
+  void remember_limits(uint8_t i) {
+    for (uint8_t k = 0; k < 3; ++k) old_limits_[i][k] = limits_[i][k];
+    limits_[i][0] = probe_.minimum(i);
+    limits_[i][1] = probe_.maximum(i);
+    limits_[i][2] = probe_.limit(i);
+    limits_since_[i] = b.now_us;
+  }
+
+  void judge_goal(uint8_t i, const ServoModel& before, const ServoModel& after, bool stopped) {
+    int32_t low = limits_[i][0], high = limits_[i][1], speed = limits_[i][2];
+    if (b.now_us - limits_since_[i] < 100000) {
+      low = std::min(low, old_limits_[i][0]);
+      high = std::max(high, old_limits_[i][1]);
+      speed = std::max(speed, old_limits_[i][2]);
+    }
+    const int16_t goal = after.goal();
+    const double way = std::fabs(goal - before.position);
+    // What a joint covers between its last sample and the end of this packet.
+    const double age = before.torque_on() ? std::max(before.speed, 1.0 * speed) * 0.06 + 4 : 2;
+    if (way > age) {
+      if (stopped) broken("a target elsewhere while stopped", i, goal, std::lround(before.position));
+      if (goal < low || goal > high) broken("a target beyond its limits", i, goal);
+    }
+    if (after.legacy) {
+      const uint16_t run_time = after.word(gen::SEVEN_BOT_REG_RUN_TIME);
+      // No longer time fits.
+      if (run_time == 0xFFFF || way <= age) return;
+      if ((way - 4) * 1000 > speed * (run_time + 12.0)) broken("a move too fast", i, std::lround(way), run_time);
+    } else {
+      const uint16_t units = after.word(gen::HLS_REG_GOAL_SPEED) & (gen::HLS_REG_GOAL_SPEED_SIGN - 1);
+      if (units == 0 || units > std::max(1, speed / 50)) broken("a speed beyond its limit", i, units, speed);
+    }
+  }
+
+  static constexpr uint32_t kStopTakesUs = 1200000;
+
+  const bool dialect_1_;
+  BoardProbe probe_;
+  ServoLine line_;
+  uint8_t before_;
+  bool clean_;
+  uint8_t seq_;
+  uint8_t began_ = 0;
+  bool resumed_ = false;
+  uint32_t trips_ = 0;
+  uint16_t granted_ = 0;
+  uint16_t granted_next_ = 0;
+  int32_t limits_[gen::JOINTS][3] = {};
+  int32_t old_limits_[gen::JOINTS][3] = {};
+  uint64_t limits_since_[gen::JOINTS] = {};
+  uint64_t still_from_ = kStopTakesUs;
+  bool still_ = false;
+  double still_at_[gen::JOINTS] = {};
+  std::vector<uint8_t> last_;
+  std::vector<uint8_t> packet_;
+  uint64_t packet_over_ = 0;
+  std::vector<uint8_t> answer_;
+  uint64_t answer_at_ = 0;
+
+ public:
+  std::vector<uint8_t> seen_;
+};
+
+// Makes a whole servo packet with a sound checksum, whatever is in its fields.
+std::vector<uint8_t> servo_packet(uint8_t id, uint8_t instruction, const std::vector<uint8_t>& parameters) {
+  std::vector<uint8_t> p = {0xFF, 0xFF, id, static_cast<uint8_t>(parameters.size() + 2), instruction};
+  p.insert(p.end(), parameters.begin(), parameters.end());
+  p.push_back(servo_checksum(&p[2], static_cast<uint8_t>(p.size() - 2)));
+  return p;
 }
 
-// The same for a status packet: id, error, parameters.
-void put_status(std::vector<uint8_t>& line, const uint8_t* data, size_t size) {
-  if (size < 2 || size > 40) return;
-  std::vector<uint8_t> packet = {0xFF, static_cast<uint8_t>(data[0] < 4 ? 0xF5 : 0xFF), data[0], static_cast<uint8_t>(size)};
-  packet.insert(packet.end(), data + 1, data + size);
-  packet.push_back(servo_checksum(&packet[2], static_cast<uint8_t>(packet.size() - 2)));
-  line.insert(line.end(), packet.begin(), packet.end());
-}
+// Reads an input as a list of things to do: what, how long to let time pass afterwards, and what it needs.
+class Attack {
+ public:
+  Attack(World& world, Input& input) : w_(world), in_(input) {}
 
-void identify(HostBoard& b) {
-  uint8_t frame[gen::MAX_SERIAL_FRAME];
-  const FrameHead head = {0, 0, 0, 0, gen::MODULE_ARM_7BOT_ARDUINO_TRX, gen::PROTO_HEXWIRE, 0x5C, gen::CMD_IDENTIFY, 0};
-  const uint8_t size = finish_frame(frame, head, 0);
-  b.from_host.insert(b.from_host.end(), frame, frame + size);
-}
+  void run() {
+    for (int actions = 0; in_.size > 0 && actions < 120; ++actions) {
+      const uint8_t what = in_.byte();
+      act(what & 0x0F);
+      w_.run(kStepUs * ((what >> 4) * (what >> 4) * (what >> 4) + 1u));
+    }
+  }
 
-// A write to the torque switch or the target while stopped must take torque away or hold, nothing else.
-bool raises_torque(const std::vector<uint8_t>& bus) {
-  for (size_t i = 0; i + 8 < bus.size(); ++i) {
-    const uint8_t* p = &bus[i];
-    if (p[0] != 0xFF || p[1] != 0xFF || p[2] != gen::BROADCAST_ID || p[4] != gen::INST_SYNC_WRITE) continue;
-    if (p[5] == gen::HLS_REG_TORQUE_ENABLE && p[6] == 1 && p[8] == 1) return true;
+ private:
+  void ask(uint8_t cmd, const std::vector<uint8_t>& body) {
+    w_.put_frame(gen::PROTO_HEXWIRE, cmd, body, w_.next_seq());
+  }
+
+  // A packet by one of the ways in.
+  void pass(const std::vector<uint8_t>& packet, uint8_t way) {
+    const uint8_t proto = w_.dialect_1() && way & 4 ? gen::PROTO_CHAPTER : gen::PROTO_HEXWIRE;
+    const uint8_t cmds[] = {gen::CMD_TRANSACT, gen::CMD_READ, gen::CMD_SYNC_WRITE, gen::CMD_PING};
+    const uint8_t cmd = cmds[way & 3];
+    std::vector<uint8_t> body;
+    if (cmd == gen::CMD_TRANSACT && proto == gen::PROTO_HEXWIRE) body = {static_cast<uint8_t>(way & 8 ? 6 : 0), 0};
+    body.insert(body.end(), packet.begin(), packet.end());
+    w_.put_frame(proto, proto == gen::PROTO_CHAPTER && cmd == gen::CMD_TRANSACT ? gen::CMD_READ : cmd, body, w_.next_seq());
+  }
+
+  void act(uint8_t what) {
+    switch (what) {
+      case 0: {  // any command, any body
+        const uint8_t cmd = kCommands[in_.byte() & 15];
+        ask(cmd, in_.bytes(in_.byte()));
+        break;
+      }
+      case 1: {  // any packet to any servo
+        const uint8_t way = in_.byte();
+        const uint8_t id = in_.byte();
+        const uint8_t instruction = kInstructions[in_.byte() & 15];
+        pass(servo_packet(id, instruction, in_.bytes(in_.byte() % 200)), way);
+        break;
+      }
+      case 2: {  // a write that looks as it should
+        const uint8_t way = in_.byte();
+        const uint8_t id = in_.byte() % 9;
+        const uint8_t address = in_.byte() % 64;
+        std::vector<uint8_t> parameters = in_.bytes(in_.byte() % 12);
+        parameters.insert(parameters.begin(), address);
+        pass(servo_packet(id == 8 ? gen::BROADCAST_ID : id, gen::INST_WRITE, parameters), way);
+        break;
+      }
+      case 3: {  // a sync write that looks as it should
+        const uint8_t way = in_.byte();
+        const uint8_t address = in_.byte() % 64;
+        const uint8_t each = in_.byte() % 10;
+        std::vector<uint8_t> parameters = {address, each};
+        for (uint8_t rows = in_.byte() % 12; rows; --rows) {
+          parameters.push_back(in_.byte() % 9);
+          for (uint8_t i = 0; i < each; ++i) parameters.push_back(in_.byte());
+        }
+        pass(servo_packet(gen::BROADCAST_ID, gen::INST_SYNC_WRITE, parameters), way);
+        break;
+      }
+      case 4: {  // a move
+        const uint16_t duration = in_.word();
+        const uint8_t mask = in_.byte();
+        std::vector<uint8_t> body = {static_cast<uint8_t>(duration), static_cast<uint8_t>(duration >> 8), 0};
+        for (uint8_t i = 0; i < gen::JOINTS; ++i) {
+          if (!(mask & (1u << i))) continue;
+          const uint16_t target = in_.word();
+          body.insert(body.end(), {i, static_cast<uint8_t>(target), static_cast<uint8_t>(target >> 8 & 0x1F)});
+          ++body[2];
+        }
+        ask(gen::CMD_JOINT_MOVE, body);
+        break;
+      }
+      case 5: {
+        const uint8_t mask = in_.byte();
+        ask(gen::CMD_TORQUE, {static_cast<uint8_t>(mask >> 7 ? 0 : 1), static_cast<uint8_t>(mask & 0x7F), 0});
+        break;
+      }
+      case 6:
+        ask(gen::CMD_STOP, {static_cast<uint8_t>(in_.byte() & 1)});
+        break;
+      case 7:
+        ask(gen::CMD_RESUME, {});
+        break;
+      case 8: {
+        const uint8_t timeout = in_.byte();
+        ask(gen::CMD_WATCHDOG, {timeout, 0, static_cast<uint8_t>(timeout & 1)});
+        break;
+      }
+      case 9:
+        ask(gen::CMD_MAINTENANCE, {static_cast<uint8_t>(in_.byte() & 1)});
+        break;
+      case 10: {  // limits that make sense
+        const uint8_t low = in_.byte(), speed = in_.byte();
+        std::vector<uint8_t> body = {gen::JOINTS};
+        for (uint8_t i = 0; i < gen::JOINTS; ++i) {
+          const uint16_t minimum = static_cast<uint16_t>(low * 8), maximum = static_cast<uint16_t>(minimum + 1500);
+          const uint16_t counts = static_cast<uint16_t>(100 + speed * 16);
+          body.insert(body.end(), {static_cast<uint8_t>(minimum), static_cast<uint8_t>(minimum >> 8),
+                                   static_cast<uint8_t>(maximum), static_cast<uint8_t>(maximum >> 8),
+                                   static_cast<uint8_t>(counts), static_cast<uint8_t>(counts >> 8)});
+        }
+        ask(gen::CMD_LIMITS, body);
+        break;
+      }
+      case 11:  // noise from the host
+        w_.put_raw(in_.bytes(in_.byte()));
+        break;
+      case 12: {  // noise from the servos
+        w_.spoil();
+        const std::vector<uint8_t> noise = in_.bytes(in_.byte());
+        w_.b.from_bus.insert(w_.b.from_bus.end(), noise.begin(), noise.end());
+        break;
+      }
+      case 13:  // what was asked last comes again
+        w_.repeat();
+        break;
+      case 14: {  // a servo falls silent or comes back
+        w_.spoil();
+        ServoModel& servo = w_.line().servos[in_.byte() % gen::JOINTS];
+        servo.silent = !servo.silent;
+        break;
+      }
+      default:
+        w_.run(in_.byte() * 1000u);
+        break;
+    }
+  }
+
+  World& w_;
+  Input& in_;
+};
+
+bool answered(const std::vector<uint8_t>& out, uint8_t cmd, uint8_t seq) {
+  for (size_t i = 0; i + kBodyAt <= out.size(); ++i) {
+    if (get32(&out[i]) == gen::SYNC && out[i + 38] == cmd && out[i + 34] == seq) return true;
   }
   return false;
 }
@@ -53,51 +453,26 @@ bool raises_torque(const std::vector<uint8_t>& bus) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  HostBoard b;
-  uint8_t seq = 0;
-  b.board.begin(1, 0);
-  // Each piece: a byte that says which line, whether sound or raw, and how long to run; a length; the bytes.
-  while (size >= 2) {
-    const uint8_t control = data[0];
-    const size_t count = data[1] < size - 2 ? data[1] : size - 2;
-    std::vector<uint8_t>& line = control & 1 ? b.from_bus : b.from_host;
-    if (!(control & 2)) {
-      line.insert(line.end(), data + 2, data + 2 + count);
-    } else if (control & 1) {
-      put_status(line, data + 2, count);
-    } else {
-      put_framed(line, data + 2, count, control & 4 ? gen::PROTO_CHAPTER : gen::PROTO_HEXWIRE, ++seq);
+  Input input = {data, size};
+  const uint8_t how = input.byte();
+  World world(how, input.byte());
+  if (how & 8) world.run(300000);
+  Attack(world, input).run();
+  // Let everything end: requests that wait, time-outs, an unfinished frame, a half-written setting.
+  world.run(600000);
+  for (ServoModel& servo : world.line().servos) servo.silent = false;
+  world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_STOP, {static_cast<uint8_t>(how >> 4 & 1)}, 0x5B);
+  world.run(1500000);
+  if (!(world.flags() & gen::BOARD_FLAG_STOPPED)) broken("not stopped");
+  if (world.clean()) {
+    for (const ServoModel& servo : world.line().servos) {
+      if (servo.torque_on() && servo.mode() != 0) broken("torque in another mode after a stop", servo.id());
+      if (servo.torque_on() && how >> 4 & 1) broken("torque after a stop that takes it", servo.id());
     }
-    data += 2 + count;
-    size -= 2 + count;
-    run(b, 200u << (control >> 4));
-    b.to_host.clear();
-    b.to_bus.clear();
   }
-  // Let everything end: pending requests, time-outs, an unfinished frame, a half-written setting.
-  for (int i = 0; i < 20; ++i) {
-    run(b, 50000);
-    b.to_host.clear();
-    b.to_bus.clear();
-  }
-  uint8_t stop[gen::MAX_SERIAL_FRAME];
-  stop[kBodyAt] = 1;
-  const FrameHead head = {0, 0, 0, 77, gen::MODULE_ARM_7BOT_ARDUINO_TRX, gen::PROTO_HEXWIRE, 1, gen::CMD_STOP, 0};
-  const uint8_t stop_size = finish_frame(stop, head, 1);
-  b.from_host.insert(b.from_host.end(), stop, stop + stop_size);
-  run(b, 300000);
-  b.to_host.clear();
-  if (raises_torque(b.to_bus)) abort();
-  b.to_bus.clear();
-  identify(b);
-  // A host waits that long. The board's own watchdog may just be stopping an arm whose servos are all silent.
-  run(b, gen::DIALECT2_REPLY_WINDOW_MS * 1000u);
-  if (b.to_host.size() < gen::FRAME_OVERHEAD) abort();
-  const std::vector<uint8_t>& out = b.to_host;
-  bool answered = false;
-  for (size_t i = 0; i + kBodyAt <= out.size(); ++i) {
-    if (get32(&out[i]) == gen::SYNC && out[i + 38] == gen::CMD_IDENTIFY && out[i + 34] == 0x5C) answered = true;
-  }
-  if (!answered) abort();
+  world.seen_.clear();
+  world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_IDENTIFY, {}, 0x5C);
+  world.run(gen::DIALECT2_REPLY_WINDOW_MS * 1000u);
+  if (!answered(world.seen_, gen::CMD_IDENTIFY, 0x5C)) broken("IDENTIFY is not answered");
   return 0;
 }
