@@ -123,7 +123,7 @@ class World final : public ServoWatcher {
     const bool gains = !before.torque_on() && after.torque_on();
     if (gains && (stopped || maintenance)) broken("torque while stopped or in maintenance", i, began_);
     if (gains && after.mode() != 0 && clean_) broken("torque in another mode", i, after.mode());
-    if (gains && !dialect_1_ && !(granted_ & (1u << i))) broken("torque without TORQUE", i);
+    if (gains && !dialect_1_ && !(began_granted_ & (1u << i))) broken("torque without TORQUE", i);
     if (goal && clean_) judge_goal(i, before, after, stopped);
   }
 
@@ -163,6 +163,7 @@ class World final : public ServoWatcher {
     hear_board();
     hear_servos();
     before_ = flags();
+    granted_before_ = granted_;
     const uint8_t outputs = b.outputs;
     const bool rests = b.board.poll();
     const uint8_t now = flags();
@@ -230,6 +231,7 @@ class World final : public ServoWatcher {
     const uint8_t now = flags();
     began_ = static_cast<uint8_t>(before_ & now & gen::BOARD_FLAG_STOPPED) |
              static_cast<uint8_t>((before_ | now) & gen::BOARD_FLAG_MAINTENANCE);
+    began_granted_ = granted_before_;
     packet_over_ = b.bus_free_us;
     packet_.swap(b.to_bus);
     b.to_bus.clear();
@@ -282,6 +284,8 @@ class World final : public ServoWatcher {
   uint32_t trips_ = 0;
   uint16_t granted_ = 0;
   uint16_t granted_next_ = 0;
+  uint16_t granted_before_ = 0;
+  uint16_t began_granted_ = 0;
   int32_t limits_[gen::JOINTS][3] = {};
   int32_t old_limits_[gen::JOINTS][3] = {};
   uint64_t limits_since_[gen::JOINTS] = {};
