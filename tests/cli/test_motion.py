@@ -217,3 +217,18 @@ def test_dialect_1_moves_slowly_but_arrives(make_bench: Any) -> None:
     out = bench.run("goto", "0", "220", "200", "--speed", "20")
     assert out.exit_code == 0, out.stderr
     assert tip(bench) == pytest.approx([0, 220, 200], abs=1.5)
+
+
+def test_a_rate_that_makes_no_sense_leaves_the_torque_on(bench: Any, tmp_path: Path) -> None:
+    bench.ok("torque", "on")
+    result = bench.run("teach", str(tmp_path / "a.mcap"), "--rate", "1e300", "--yes", "--duration", "1")
+    assert result.exit_code == 2
+    assert "a rate of 1e+300 Hz makes no sense" in result.stderr
+    assert all(joint["torque_on"] for joint in bench.json("state")["joints"])
+
+
+def test_a_speed_that_leaves_no_time_is_refused(bench: Any, tmp_path: Path) -> None:
+    for speed, words in (("1e300", "would turn at"), ("1e-300", "too long for a motion")):
+        result = bench.run("play", str(waypoints(tmp_path / "w.json")), "--speed", speed)
+        assert result.exit_code == 2
+        assert words in result.stderr

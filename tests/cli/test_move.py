@@ -316,3 +316,11 @@ def test_a_silent_gripper_is_told_and_not_what_it_does_to_the_way(make_bench: An
     result = bench.run("move", "J1=5", "J7=5")
     assert result.exit_code == 1
     assert result.stderr.startswith("error: servo 6 (J7) does not answer")
+
+
+def test_a_duration_that_makes_no_sense_is_refused_before_the_torque(bench: Any) -> None:
+    bench.ok("torque", "off")
+    result = bench.run("move", "J1=5", "--duration", "1e308")
+    assert result.exit_code == 2
+    assert "a motion takes 0 to 3600 s" in result.stderr
+    assert not any(joint["torque_on"] for joint in bench.json("state")["joints"])

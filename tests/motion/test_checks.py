@@ -168,3 +168,12 @@ def test_out_of_a_fold_there_is_a_way_and_further_in_there_is_none(beyond: float
     for further in (0.4, 2.0):
         with pytest.raises(LimitError, match="elbow folded"):
             check_move(folded, {"J3": folded["J3"] + math.radians(further)}, A, None)
+
+
+@pytest.mark.parametrize("duration", [1e-300, 1e-9, 1e-3])
+@pytest.mark.parametrize("rest", [None, (0.0,)])
+def test_a_way_that_takes_no_time_is_too_fast(duration: float, rest: tuple[float, ...] | None) -> None:
+    points = [Waypoint(0.0, (0.0,), rest), Waypoint(duration, (0.2,), rest)]
+    report = check_trajectory(Spline(("J1",), points), HEX7BOT)
+    with pytest.raises(LimitError, match="J1 would turn at"):
+        report.require()

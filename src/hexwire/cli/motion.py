@@ -349,9 +349,10 @@ def _record_by_hand(
     """Torque off, record until it ends, torque on."""
     from hexwire.motion.loop import RateLoop
 
+    # A rate that makes no sense is refused while the arm still has its torque.
+    loop = RateLoop(rate or robot.command_rate)
     robot.torque(False)
     note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
-    loop = RateLoop(rate or robot.command_rate)
     try:
         for _ in loop.ticks(math.inf if duration is None else duration):
             state = robot.read()

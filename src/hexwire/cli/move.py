@@ -100,6 +100,7 @@ def move(
     angles = parse_targets(targets)
     robot = make_robot(options)
     goal = check_targets(robot.model, angles)
+    target = JointTarget.of(goal, duration)
     kinematics = kinematics_or_none(robot.model.name, links, for_motion=True)
     if kinematics is None:
         refuse_table(robot.model)
@@ -116,7 +117,6 @@ def move(
         switched_on = _torque_on(robot, list(goal), _check_way(robot, goal, kinematics, table))
         if switched_on:
             tell(f"torque on: {' '.join(switched_on)}")
-        target = JointTarget.of(goal, duration)
         if wait:
             step = 1.0 / robot.command_rate
             with watched(robot, _AHEAD * step) as covered:

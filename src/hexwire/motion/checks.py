@@ -141,8 +141,9 @@ def check_trajectory(
                 advice = "" if last else f"; bring it back first: hexwire move {joint.name}=..."
                 note(joint.name, t, str(error).partition(";")[0] + advice)
             speed = abs(sample.velocity[i])
-            if last and since > 1e-6:
-                speed = max(speed, abs(angle - last[1][i]) / since)
+            if last:
+                # Two looks may lie a rounding apart; a way that takes no time at all is a jump all the same.
+                speed = max(speed, abs(angle - last[1][i]) / max(since, 1e-6))
             peak[i] = max(peak[i], speed)
             # A thousandth of grace: an optimal motion runs at its limit.
             if not speed <= joint.max_speed * 1.001:

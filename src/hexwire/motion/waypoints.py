@@ -23,6 +23,8 @@ __all__ = ["Blend", "PointToPoint", "Sample", "Scaled", "Spline", "Tail", "Traje
 Values = tuple[float, ...]
 
 _MOST_SAMPLES = 10_000_000
+_SHORTEST = 1e-9
+"""Seconds between two points below which there is no curve between them."""
 
 
 class Sample(NamedTuple):
@@ -71,8 +73,8 @@ class Trajectory(ABC):
             raise UsageError(f"a period of {period:g} s makes no sense")
         if not self.duration / period <= _MOST_SAMPLES:
             raise UsageError(f"{decimal(self.duration)} s in steps of {decimal(period)} s are too many samples")
-        # A hair less, so that rounding makes no sample just before the end.
-        count = math.ceil(self.duration / period - 1e-9)
+        # A hair less, so that rounding makes no sample just before the end; but the start is always one.
+        count = max(math.ceil(self.duration / period - 1e-9), int(self.duration > 0))
         for i in range(count):
             yield i * period, self.sample(i * period)
         yield self.duration, self.sample(self.duration)
@@ -166,6 +168,12 @@ def _between(a: Waypoint, b: Waypoint, t: float) -> Sample:
         # At the end exactly the waypoint, whatever rounding says.
         position = b.position if share == 1.0 else tuple(q + k * u for q, k in rows)
         return Sample(position, tuple(k for _, k in rows), (0.0,) * len(rows))
+    if long < _SHORTEST:
+        # The factors of a polynomial over no time at all are beyond what numbers can be: a step is what is left.
+        steps = [
+            (q + (r - q) * min(1.0, u / long), (r - q) / long) for q, r in zip(a.position, b.position, strict=True)
+        ]
+        return Sample(tuple(q for q, _ in steps), tuple(k for _, k in steps), (0.0,) * len(steps))
     columns = []
     for i, (q, r) in enumerate(zip(a.position, b.position, strict=True)):
         v, w = (a.velocity or ())[i], (b.velocity or ())[i]
