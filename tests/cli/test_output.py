@@ -164,7 +164,7 @@ def test_names_in_recordings(tmp_path: Path) -> None:
         writer.joint_state(make_positions((EVIL,), (0.1,)), 1.7e9)
         writer.raw(f"/{EVIL}", 1.7e9, b"x")
     assert SHOWN in run("record", "info", str(file))
-    assert r"moves J\x1b]0;owned\x07\x1b[2J" in run("play", str(file), "--port", "/dev/ttyTEST")
+    assert run("play", str(file), "--port", "/dev/ttyTEST").startswith("error: ")
     run("record", "export", str(file), str(table))
     run("trace", "decode", str(file))
 
@@ -173,7 +173,7 @@ def test_names_of_files(tmp_path: Path) -> None:
     for name in ("a\x1b[31m\nerror: forged", "b\u202e.conf", os.fsdecode(b"c\xff.conf")):
         file = tmp_path / name
         text = run("conf", "check", str(file))
-        assert "cannot read the configuration" in text
+        assert "cannot be read" in text
         file.write_text("")
         text = run("conf", "check", str(file))
         assert shown(name) in text

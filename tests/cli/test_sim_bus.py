@@ -23,7 +23,7 @@ def test_ids() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [("--ids", "x"), ("--series", "sts"), ("--series", "scs,hls"), ("--baud", "9600"), ("--fault", "x")]
+    "words", [("--ids", "x"), ("--series", "stx"), ("--series", "scs,hls"), ("--baud", "9600"), ("--fault", "x")]
 )
 def test_what_makes_no_sense(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(cli, ["sim", "bus", *words])

@@ -187,7 +187,7 @@ def run(*words: str) -> Result:
         (("teleop", "--device", "a", "--from", "b"), 2, "one of --device, --from and --conf is enough"),
         (("teleop", "--speed", "2", "--port", "/dev/x"), 2, "--speed 2 is over the joints' own limits"),
         (("teleop", "--device", "/none/js0", "--port", "/dev/x"), 1, "there is no such device"),
-        (("teleop", "--conf", "/none/x.conf", "--port", "/dev/x"), 2, "cannot read the configuration"),
+        (("teleop", "--conf", "/none/x.conf", "--port", "/dev/x"), 2, "cannot be read"),
     ],
 )
 def test_mistakes(words: tuple[str, ...], status: int, text: str) -> None:
