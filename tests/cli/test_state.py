@@ -119,3 +119,13 @@ def test_a_rate_that_is_none(bench: Any, rate: str) -> None:
 
 def test_help_names_the_environment_variable(bench: Any) -> None:
     assert "HEXWIRE_PORT" in bench.run("state", "--help", port=None).stdout
+
+
+def test_state_and_probe_show_maintenance(bench: Any) -> None:
+    assert bench.json("state")["maintenance"] is False
+    assert "maintenance:" not in bench.ok("probe")
+    bench.board.state.maintenance = True
+    assert bench.json("state")["maintenance"] is True
+    assert bench.json("probe")["maintenance"] is True
+    assert "in maintenance: settings of servos may be written, and nothing moves" in bench.ok("state")
+    assert "in maintenance: settings of servos may be written, nothing moves" in bench.ok("probe")
