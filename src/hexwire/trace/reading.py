@@ -7,7 +7,6 @@ too. Knows nothing of streams and pairing; `explain` does those.
 from __future__ import annotations
 
 import re
-from array import array
 from collections.abc import Iterator, Mapping
 from itertools import accumulate
 
@@ -68,7 +67,8 @@ def cut_packets(data: bytes, *, final: bool = False) -> Iterator[tuple[str, int,
     """
     done = at = 0
     # Sums up to each byte: adding up anew for each of many overlapping packets would take long.
-    sums = array("Q", accumulate(data, initial=0))
+    totals: Iterator[int] = accumulate(data, _add, initial=0)
+    sums = bytes(totals)
     while True:
         start = _header(data, at)
         if start < 0:
@@ -99,6 +99,10 @@ def cut_packets(data: bytes, *, final: bool = False) -> Iterator[tuple[str, int,
             end = following if 0 < following < end else end
         yield kind, start, end, reason
         done = at = end
+
+
+def _add(total: int, byte: int) -> int:
+    return (total + byte) & 0xFF
 
 
 def _header(data: bytes, at: int) -> int:
