@@ -2,6 +2,7 @@
 
 Owns the thread, the order read-update-write, and what happens when the robot fails: everything stops, goals end,
 and the robot is looked for until it is back. Must not know ROS, nor what is done with what it reports.
+Over 500 lines because every way in which a robot fails ends in this one thread.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from hexwire.motion.safety import StopReason, board_stop
 from hexwire.session.policy import ReconnectPolicy
 
 from .group import ControllerGroup
-from .jobs import Jobs
+from .jobs import Jobs, of_now
 from .latest import LatestState
 from .pace import Raster
 from .reader import StateReader
@@ -165,9 +166,9 @@ class Hardware:
                 self.robot.stop()
         self._end_thread()
         self._jobs.fail(LinkLostError("the node ends"))
-        if not self.alive:
-            self._close_reader()
         with suppress(HexwireError):
+            if not self.alive:
+                self._close_reader()
             if self.connected and self.watchdog:
                 self._arm_watchdog(0.0)
         with suppress(HexwireError):
@@ -251,17 +252,7 @@ class Hardware:
         if threading.current_thread() is self._thread:
             return job()
         self._check_reachable()
-        # It waits here, and is of now all the same: a stop that comes first voids it.
-        epochs = getattr(self.robot, "epochs", None)
-        if epochs is None:
-            return self._jobs.call(job)
-        asked = epochs.mark()
-
-        def of_now() -> _T:
-            with epochs.using(asked):
-                return job()
-
-        return self._jobs.call(of_now)
+        return self._jobs.call(of_now(job, getattr(self.robot, "epochs", None)))
 
     def stop(self, why: str) -> tuple[str, ...]:
         """Latched stop, ahead of everything else; the joints hold.
@@ -309,9 +300,8 @@ class Hardware:
         why = "a joint of it had no torque" if on else "the torque was taken away"
         if not on:
             self.group.release(why, wanted)
-        confirmed: tuple[str, ...] = ()
-        if wanted:
-            confirmed = self.robot.torque(on, None if len(wanted) == len(self.robot.model.names) else wanted)
+        whom = None if len(wanted) == len(self.robot.model.names) else wanted
+        confirmed = self.robot.torque(on, whom) if wanted else ()
         # What was commanded means nothing where a hand moves the joint; nor does what was accepted in between.
         self.group.release(why, wanted)
         # The next goal must see it.
@@ -466,9 +456,9 @@ class Hardware:
     def _write(self, target: JointTarget) -> None:
         try:
             clamped = frozenset(self.robot.write(target).clamped)
-        except StoppedError as error:
+        except StoppedError:
             # States that wait to be read may be of a time before, as after a stall in which the watchdog tripped.
-            self.group.stop(board_stop(self.robot.read()) or StopReason("board", str(error)))
+            self.group.stop(board_stop(self.robot.read()) or StopReason("board", "the board has stopped the arm"))
         except (CommandRefusedError, UsageError) as error:
             # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
             _log.error("%s", error)

@@ -8,13 +8,34 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.errors import DeviceError, LinkError, PreemptedError
 
-__all__ = ["Jobs"]
+if TYPE_CHECKING:
+    from hexwire.ipc.epochs import Epochs
+
+__all__ = ["Jobs", "of_now"]
 
 _T = TypeVar("_T")
+
+
+def of_now(job: Callable[[], _T], epochs: Epochs | None) -> Callable[[], _T]:
+    """A job that is of this moment however long it waits: a stop that comes before it is done voids it.
+
+    Args:
+        job: What is to be done.
+        epochs: The stops of the robot, if it has any.
+    """
+    if epochs is None:
+        return job
+    asked = epochs.mark()
+
+    def dated() -> _T:
+        with epochs.using(asked):
+            return job()
+
+    return dated
 
 
 class Jobs:
