@@ -44,6 +44,8 @@ bool Board::start_stop() {
 // Answers one request that a stop made void, if there is room beside the stop's own answer, and forgets it.
 void Board::void_next() {
   if (void_left_ == 0) return;
+  // The servos first: no answer is made while the stop waits for their line.
+  if (job_.active && job_.owner == For::kStop && owner_ != Owner::kJob && needs_bus()) return;
   --void_left_;
   Request request;
   queue_.front(&request);
