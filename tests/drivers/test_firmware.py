@@ -35,7 +35,7 @@ def test_sources_elsewhere(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="not the folder of the firmware"):
         firmware.find_sources(tmp_path)
     (tmp_path / "core").mkdir()
-    (tmp_path / "core/board.h").write_text("// nothing\n")
+    (tmp_path / "core/generated.h").write_text("// nothing\n")
     (tmp_path / "Makefile").write_text("")
     assert firmware.find_sources(tmp_path) == tmp_path
     with pytest.raises(UsageError, match="does not say which version"):

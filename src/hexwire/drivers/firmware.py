@@ -67,7 +67,7 @@ def find_sources(folder: str | os.PathLike[str] | None = None) -> Path:
     if folder is not None:
         path = Path(folder)
         if not (path / "Makefile").is_file() or not (path / "core/generated.h").is_file():
-            raise UsageError(f"{path} is not the folder of the firmware; it has a Makefile and core/board.h")
+            raise UsageError(f"{path} is not the folder of the firmware; it has a Makefile and core/generated.h")
         return path
     path = Path(__file__).resolve().parents[3] / "firmware"
     if not (path / "Makefile").is_file():
