@@ -219,7 +219,9 @@ void Gate::add_block(ServoBus& bus, const Row& row, uint32_t now_ms) const {
   if (row.covers(gen::HLS_REG_GOAL_SPEED)) {
     speed = static_cast<uint16_t>(get16(row.at(gen::HLS_REG_GOAL_SPEED)) & (gen::HLS_REG_GOAL_SPEED_SIGN - 1));
   }
-  bus.add(row.covers(gen::HLS_REG_ACCELERATION) ? *row.at(gen::HLS_REG_ACCELERATION) : 0);
+  // A gentle ramp is a gentle brake as well: one that moves would go on past its limit by it.
+  const bool ramp = row.covers(gen::HLS_REG_ACCELERATION) && !joints_[row.joint].moves;
+  bus.add(ramp ? *row.at(gen::HLS_REG_ACCELERATION) : 0);
   bus.add(position[0]);
   bus.add(position[1]);
   const bool ceiling = row.covers(gen::HLS_REG_GOAL_TORQUE);

@@ -290,7 +290,7 @@ class Watch:
                     self._say(i, "has torque that it was never given")
                 if abs(now.position - self._start[i]) > 3:
                     self._say(i, "moves and was never given torque")
-            if not LOW - 60 <= now.position <= HIGH + 60:
+            if not LOW - 60 <= now.position <= HIGH + 60 and _can_brake(servo):
                 self._say(i, f"is outside its limits at {now.position:.0f}")
             if now.settings != was.settings:
                 if not self.kind.maintenance:
@@ -341,6 +341,14 @@ class Watch:
                 self._say(i, f"is given a speed of {speed * 50} counts/s")
 
 
+def _can_brake(servo: EmulatedServo) -> bool:
+    """Whether it has the force; a host may take it away by torque or by a ceiling, and then it coasts."""
+    if servo.series is Series.SEVEN_BOT:
+        return servo.torque_on
+    strong = servo.registers.get("goal_torque") >= 100 and servo.registers.get("torque_limit") >= 500
+    return servo.torque_on and strong
+
+
 def play(board: BoardUnderTest, steps: Iterable[Step], kind: Kind, speed: int) -> list[str]:
     """Play a sequence on a board that has just started; what broke a rule, one line each."""
     client = board.client
@@ -382,10 +390,10 @@ def _end(board: BoardUnderTest, watch: Watch) -> list[str]:
     report = JointReport.parse(client.ask(Command.JOINT_STATE, b"\0", within=1.0).body)
     if not report.board_flags & tables.BOARD_FLAGS_STOPPED:
         found.append("the last stop is not latched")
-    watch.run(0.5)
     on = [bool(s & tables.SERVO_FLAGS_TORQUE_ON) for s in report.status]
     if on != [servo.torque_on for servo in board.machine.wire.servos]:
         found.append(f"the board says {on} of the torque, and it is not so")
+    watch.run(0.5)
     return found
 
 

@@ -140,6 +140,24 @@ def test_whatever_way_a_target_goes_it_keeps_the_speed_limit(
     assert shafts(board)[servo_id] == pytest.approx(2900, abs=4)
 
 
+def test_a_joint_that_moves_brakes_as_hard_as_it_can_whatever_ramp_it_is_given(board: BoardUnderTest) -> None:
+    limits(board)
+    torque(board)
+    block = b"\0" + u16(1000) + u16(154) + u16(0)
+    assert ask(board, Command.TRANSACT, make_write(4, 0x29, block)) == Status.OK
+    while shafts(board)[4] > 1200:
+        board.client.run(0.005)
+    # 2000 counts/s^2: 250 counts from this speed, and there are 200.
+    gentle = b"\x14" + u16(1150) + u16(154) + u16(0)
+    assert ask(board, Command.TRANSACT, make_write(4, 0x29, gentle)) == Status.OK
+    lowest = min(shafts(board)[4] for _ in range(100) if board.client.run(0.01) is not None)
+    assert lowest >= 1000
+    assert shafts(board)[4] == pytest.approx(1150, abs=4)
+    # One that stands has the ramp it was given.
+    assert ask(board, Command.TRANSACT, make_write(4, 0x29, b"\x14" + u16(2000) + u16(154) + u16(0))) == Status.OK
+    assert make_write(4, 0x29, b"\x14" + u16(2000) + u16(154) + u16(20)) in board.bus_writes(0x29)
+
+
 @pytest.mark.parametrize("servo_id", [0, 4])
 def test_in_dialect_1_a_target_is_the_way_to_move_within_the_limits(board: BoardUnderTest, servo_id: int) -> None:
     limits(board)

@@ -318,6 +318,9 @@ class Gate:
             asked = run_time.decode(given) if given else 0
             return _TARGET, position + run_time.encode(max(asked, needed))
         head = data[:at] if at else b"\0"
+        if joint.late_ms:
+            # A gentle ramp is a gentle brake as well: one that moves would go on past its limit by it.
+            head = head[:-1] + b"\0"
         ceiling, speed = _HLS.register("goal_torque"), _HLS.register("goal_speed")
         own_ceiling = data[at + 2 : at + 4] or ceiling.encode(joint.ceiling or tables.DEFAULT_CEILING)
         asked_speed = abs(speed.decode(data[at + 4 : at + 6])) if len(data) > at + 4 else 0
