@@ -105,11 +105,19 @@ class World final : public ServoWatcher {
     const FrameHead head = {0, 0, 0, 7, gen::MODULE_ARM_7BOT_ARDUINO_TRX, proto, seq, cmd, 0};
     const uint8_t whole = finish_frame(frame, head, static_cast<uint8_t>(body.size()));
     last_.assign(frame, frame + whole);
+    last_proto_ = proto;
+    last_cmd_ = cmd;
+    last_body_ = body;
+    last_us_ = b.now_us;
     note(proto, cmd, body);
     put_raw(last_);
   }
   void put_raw(const std::vector<uint8_t>& bytes) { b.from_host.insert(b.from_host.end(), bytes.begin(), bytes.end()); }
-  void repeat() { put_raw(last_); }
+  void repeat() {
+    // After so long it means what it says once more.
+    if (b.now_us - last_us_ > gen::REPEAT_WINDOW_MS * 1000u) note(last_proto_, last_cmd_, last_body_);
+    put_raw(last_);
+  }
 
   void written(const ServoModel& before, const ServoModel& after, bool goal) override {
     const uint8_t i = index(after);
@@ -293,6 +301,10 @@ class World final : public ServoWatcher {
   bool still_ = false;
   double still_at_[gen::JOINTS] = {};
   std::vector<uint8_t> last_;
+  uint8_t last_proto_ = 0;
+  uint8_t last_cmd_ = 0;
+  std::vector<uint8_t> last_body_;
+  uint64_t last_us_ = 0;
   std::vector<uint8_t> packet_;
   uint64_t packet_over_ = 0;
   std::vector<uint8_t> answer_;
