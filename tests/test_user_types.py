@@ -37,6 +37,8 @@ def angles(arm: RobotDriver) -> dict[str, float]:
 
 
 def main() -> int:
+    version: str = hexwire.__version__
+    print(version)
     try:
         with hexwire.connect("/dev/ttyUSB0", robot="hex7bot") as arm:
             names: tuple[str, ...] = nod(arm, 0.1)
@@ -88,22 +90,35 @@ def test_the_package_says_that_it_has_types() -> None:
     assert (ROOT / "src" / "hexwire" / "py.typed").is_file()
 
 
-def test_programs_of_users_pass_mypy_strict(installed: Path, tmp_path: Path) -> None:
-    programs = {**_programs(), "own": OWN}
-    assert {"README_0", "adding_a_robot_0"} <= programs.keys()
-    for name, text in programs.items():
-        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir", str(tmp_path / "cache")]
-    ended = subprocess.run(
-        [*command, "--python-executable", str(installed), *sorted(f"{name}.py" for name in programs)],
-        cwd=tmp_path,
+def mypy(installed: Path, folder: Path, *names: str) -> subprocess.CompletedProcess[str]:
+    """What `mypy --strict` says of programs in a folder."""
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir", str(folder / "cache")]
+    return subprocess.run(
+        [*command, "--python-executable", str(installed), *sorted(names)],
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
         timeout=110,
     )
+
+
+def test_programs_of_users_pass_mypy_strict(installed: Path, tmp_path: Path) -> None:
+    programs = {**_programs(), "own": OWN}
+    assert {"README_0", "adding_a_robot_0"} <= programs.keys()
+    for name, text in programs.items():
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+    ended = mypy(installed, tmp_path, *(f"{name}.py" for name in programs))
     # ROS comes from the system and brings no types.
     faults = [line for line in ended.stdout.splitlines() if "error:" in line and '"import-untyped"' not in line]
     faults = [line for line in faults if not line.startswith("ros_") or "import-" not in line]
     assert not faults, "\n".join(faults)
     assert "Success" in ended.stdout or "ros_" in ended.stdout, ended.stdout + ended.stderr
+
+
+def test_a_name_that_is_not_there_is_found(installed: Path, tmp_path: Path) -> None:
+    text = "import hexwire\nfrom hexwire import RobotDrivr\n\nprint(hexwire.conect, RobotDrivr)\n"
+    (tmp_path / "misspelt.py").write_text(text, encoding="utf-8")
+    ended = mypy(installed, tmp_path, "misspelt.py")
+    assert 'Module "hexwire" has no attribute "RobotDrivr"' in ended.stdout
+    assert 'Module has no attribute "conect"' in ended.stdout

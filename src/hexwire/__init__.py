@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState, JointTarget, SentTarget
     from hexwire.wire.modules import ModuleType
 
+    __version__: str
+
 __all__ = [
     "BusArm",
     "Hex7BotDriver",
@@ -67,20 +69,22 @@ _LAZY: dict[str, str] = {
 """Public name -> module that defines it."""
 
 
-def __getattr__(name: str) -> object:
-    """Import a public name on its first use (PEP 562)."""
-    if name == "__version__":
-        from importlib.metadata import version
+if not TYPE_CHECKING:  # a type checker would take any name for an object then, a misspelt one too
 
-        value: object = version("hexwire")
-    elif name in _LAZY:
-        from importlib import import_module
+    def __getattr__(name: str) -> object:
+        """Import a public name on its first use (PEP 562)."""
+        if name == "__version__":
+            from importlib.metadata import version
 
-        value = getattr(import_module(_LAZY[name]), name)
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
+            value = version("hexwire")
+        elif name in _LAZY:
+            from importlib import import_module
+
+            value = getattr(import_module(_LAZY[name]), name)
+        else:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
