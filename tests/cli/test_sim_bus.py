@@ -17,13 +17,22 @@ from hexwire.ipc.servo_bus import ServoBus
 def test_ids() -> None:
     assert parse_ids("1-3,9, 12") == [1, 2, 3, 9, 12]
     assert parse_ids("0-253") == list(range(254))
-    for text in ("", "x", "1-", "-3", "5-2", "254", "1,,2"):
+    for text in ("", "x", "1-", "-3", "5-2", "254", "1,,2", "1-2-3", "٣", "9" * 5000):
         with pytest.raises(UsageError, match="servo ids"):
             parse_ids(text)
 
 
 @pytest.mark.parametrize(
-    "words", [("--ids", "x"), ("--series", "stx"), ("--series", "scs,hls"), ("--baud", "9600"), ("--fault", "x")]
+    "words",
+    [
+        ("--ids", "x"),
+        ("--ids", "9" * 5000),
+        ("--series", "stx"),
+        ("--series", "scs,hls"),
+        ("--baud", "9600"),
+        ("--baud", "9" * 5000),
+        ("--fault", "x"),
+    ],
 )
 def test_what_makes_no_sense(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(cli, ["sim", "bus", *words])

@@ -6,6 +6,7 @@ Owns the options. Must not know how a servo works.
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
@@ -19,6 +20,10 @@ from .output import say_document
 
 __all__ = ["bus", "parse_ids"]
 
+_NUMBER = "[0-9]{1,9}"
+_SHOWN = 40
+"""Characters of what somebody typed that an error repeats."""
+
 
 def parse_ids(text: str) -> list[int]:
     """Servo ids from ``1-7``, ``1,2,5`` or both mixed.
@@ -28,10 +33,10 @@ def parse_ids(text: str) -> list[int]:
     """
     ids: list[int] = []
     for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        if not first.isdecimal() or (dash and not last.isdecimal()):
-            raise UsageError(f"{text!r} names no servo ids: write 1-7 or 1,2,5")
-        low, high = int(first), int(last or first)
+        found = re.fullmatch(rf"({_NUMBER})(?:-({_NUMBER}))?", part.strip())
+        if found is None:
+            raise UsageError(f"{text[:_SHOWN]!r} names no servo ids: write 1-7 or 1,2,5")
+        low, high = int(found[1]), int(found[2] or found[1])
         if high > 253 or low > high:
             raise UsageError(f"{part.strip()!r} names no servo ids: they are from 0 to 253")
         ids.extend(range(low, high + 1))
@@ -40,8 +45,8 @@ def parse_ids(text: str) -> list[int]:
 
 def _parse_rates(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",")]
-    if not all(part.isdecimal() for part in parts):
-        raise UsageError(f"{text!r} names no rates: write 1000000, or 1000000,500000 with one for each id")
+    if not all(re.fullmatch(_NUMBER, part) for part in parts):
+        raise UsageError(f"{text[:_SHOWN]!r} names no rates: write 1000000, or 1000000,500000 with one for each id")
     rates = [int(part) for part in parts]
     if 0 in rates and len(rates) > 1:
         raise UsageError("a rate of 0 is heard at any rate: give it alone, for all servos")
