@@ -9,10 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.ros1.ros_world import ROS_PYTHON, Arm
+from tests.ros1.ros_world import ROS_PYTHON, Arm, PtyBoard, World
 from tests.ros1.test_messages import CHECKSUMS
 
 from hexwire.errors import UsageError
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.ros1.message_files import write_messages
 from hexwire.ros1.messages import PACKAGES, SERVICES
 
@@ -40,7 +41,10 @@ def test_another_python_has_the_same_messages(tmp_path: Path) -> None:
     folder = tmp_path / "a folder"
     said = _write(folder)
     assert said.splitlines()[:2] == [str(folder / "control_msgs"), str(folder / "osrf_msgs")]
-    assert said.splitlines()[2] == f"export PYTHONPATH='{folder}':$PYTHONPATH"
+    line = said.splitlines()[2]
+    for before, after in (({}, str(folder)), ({"PYTHONPATH": "/a:/b"}, f"{folder}:/a:/b")):
+        shell = ["sh", "-c", f'{line}; printf %s "$PYTHONPATH"']
+        assert subprocess.run(shell, check=True, capture_output=True, text=True, env=before).stdout == after
     out = subprocess.run(
         [ROS_PYTHON, "-c", _SUMS, str(folder)],
         check=True,
@@ -63,6 +67,19 @@ def test_rostopic_shows_what_the_node_publishes_by_them(arm: Arm, tmp_path: Path
     assert "J7" in shown.out
     asked = arm.world.run("rosservice", "call", f"{arm.namespace}query_state", "0", PYTHONPATH=path)
     assert "velocity" in asked.out
+
+
+def test_a_node_that_finds_them_installed_does_the_same(world: World, tmp_path: Path) -> None:
+    _write(tmp_path / "made")
+    board = PtyBoard(tmp_path / "board")
+    try:
+        node = world.node(f"_port:={board.port}", "__ns:=found", PYTHONPATH=str(tmp_path / "made"))
+        assert world.client.query(service="/found/query_state", delay=0.0).get("name") == list(HEX7BOT.names)
+        action = "/found/follow_joint_trajectory"
+        assert world.client.send_wrong(action=action, times=1) == {"REJECTED": 1}
+        assert node.end() == 0
+    finally:
+        board.close()
 
 
 def test_what_is_there_is_left_alone(tmp_path: Path) -> None:

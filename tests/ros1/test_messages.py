@@ -200,3 +200,15 @@ def test_an_installed_package_of_another_kind_is_not(
     made = control_msgs.__wrapped__()
     assert made.JointTolerance is not classes.get("JointTolerance")
     assert made.JointTolerance._md5sum == CHECKSUMS["JointTolerance"]
+
+
+def test_an_installed_service_has_the_same_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = control_srvs.__wrapped__()
+    module = ModuleType("control_msgs.srv")
+    service = type("QueryTrajectoryState", (made.QueryTrajectoryState,), {})
+    vars(module).update(QueryTrajectoryState=service)
+    monkeypatch.setitem(sys.modules, "control_msgs", ModuleType("control_msgs"))
+    monkeypatch.setitem(sys.modules, "control_msgs.srv", module)
+    installed = control_srvs.__wrapped__()
+    assert installed.QueryTrajectoryState is service
+    assert vars(installed) == {**vars(made), "QueryTrajectoryState": service}

@@ -132,7 +132,8 @@ def _write_messages(args: Sequence[str]) -> None:
     folder = Path(args[1])
     for package in write_messages(folder):
         say(package)
-    say_document(f"export PYTHONPATH={shlex.quote(str(folder.resolve()))}:$PYTHONPATH")
+    # A colon at the end would put the current folder on the path of every Python.
+    say_document(f"export PYTHONPATH={shlex.quote(str(folder.resolve()))}${{PYTHONPATH:+:$PYTHONPATH}}")
 
 
 def _find_ros() -> None:

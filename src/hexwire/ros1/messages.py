@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 from hexwire.errors import HexwireError, UsageError
 
@@ -166,26 +167,36 @@ def osrf_msgs() -> SimpleNamespace:
 
 @cache
 def control_srvs() -> SimpleNamespace:
-    """The service class QueryTrajectoryState of control_msgs; raises as `control_msgs`."""
-    with suppress(ImportError, AttributeError):
-        installed = getattr(importlib.import_module("control_msgs.srv"), _QUERY)
-        if installed._md5sum == _QUERY_CHECKSUM:
-            return SimpleNamespace(**{_QUERY: installed})
-    request, response = f"{_QUERY}Request", f"{_QUERY}Response"
-    fields = {request: ("", _QUERY_REQUEST), response: ("", _QUERY_RESPONSE)}
-    # Two messages of which neither holds the other: each is generated alone.
-    made = {name: getattr(_generate("control_msgs", {name: row}, ()), name) for name, row in fields.items()}
-    service = type(
-        _QUERY,
-        (),
-        {
-            "_type": f"control_msgs/{_QUERY}",
-            "_md5sum": _QUERY_CHECKSUM,
-            "_request_class": made[request],
-            "_response_class": made[response],
-        },
+    """The service class QueryTrajectoryState of control_msgs, its request and its response; see `control_msgs`."""
+    service = _installed_query() or _made_query()
+    return SimpleNamespace(
+        **{
+            _QUERY: service,
+            f"{_QUERY}Request": service._request_class,
+            f"{_QUERY}Response": service._response_class,
+        }
     )
-    return SimpleNamespace(**{_QUERY: service}, **made)
+
+
+def _installed_query() -> Any:
+    with suppress(ImportError, AttributeError):
+        service = getattr(importlib.import_module("control_msgs.srv"), _QUERY)
+        if service._md5sum == _QUERY_CHECKSUM:
+            return service
+    return None
+
+
+def _made_query() -> Any:
+    fields = {f"{_QUERY}Request": ("", _QUERY_REQUEST), f"{_QUERY}Response": ("", _QUERY_RESPONSE)}
+    # Two messages of which neither holds the other: each is generated alone.
+    request, response = (getattr(_generate("control_msgs", {name: row}, ()), name) for name, row in fields.items())
+    attributes = {
+        "_type": f"control_msgs/{_QUERY}",
+        "_md5sum": _QUERY_CHECKSUM,
+        "_request_class": request,
+        "_response_class": response,
+    }
+    return type(_QUERY, (), attributes)
 
 
 def _installed(package: str, messages: Mapping[str, tuple[str, str]]) -> SimpleNamespace | None:
