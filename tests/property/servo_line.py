@@ -145,6 +145,7 @@ class FaultyLine(Link):
         self._last = 0.0
         self._free_at = 0.0
         self._sent: list[tuple[float, bytes]] = []
+        self._bodies: set[bytes] = set()
         # A line that keeps its order, as every real one does, or one on which what is late is overtaken. A legacy
         # servo's answers have nothing but their order to tell them apart.
         self._ordered = dice.random() < 0.5 or any(servo.legacy for servo in servos)
@@ -175,6 +176,7 @@ class FaultyLine(Link):
     def write(self, data: bytes, deadline: float | None = None) -> None:
         self._stall()
         self._sent = [*self._sent[-4:], (self.clock.time, data)]
+        self._bodies.add(data[2:])
         now = self.clock.time
         start = max(now, self._free_at)
         end = start + len(data) * BYTE_TIME
@@ -305,7 +307,7 @@ class FaultyLine(Link):
             packet = data[at:end]
             sound = len(packet) == end - at >= 6 and sum(packet[2:]) & 0xFF == 0xFF
             whole = end == len(data) or data[end : end + 2] in (b"\xff\xff", b"\xff\xf5", b"\xff")
-            copied = any(packet[2:] == sent[2:] for _, sent in self._sent)
+            copied = packet[2:] in self._bodies
             if sound and whole and params in packet[5:-1] and not copied and packet not in self.genuine:
                 return True
         return False

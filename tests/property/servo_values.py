@@ -42,23 +42,23 @@ _KINDS = (
 )
 
 
-def ask(faults: Faults, values: int, seed: int) -> Counter[str]:
+def ask(faults: Faults, values: int, seed: int, calls: int = _CALLS) -> Counter[str]:
     """Ask for so many values and count them: right, missing, wrong, and forged by damage beyond a checksum."""
     count: Counter[str] = Counter()
     dice = random.Random(f"{seed}/{faults}")
     while count["asked"] < values:
-        _one_bus(faults, dice, count)
+        _one_bus(faults, dice, count, calls)
     return count
 
 
-def _one_bus(faults: Faults, dice: random.Random, count: Counter[str]) -> None:
+def _one_bus(faults: Faults, dice: random.Random, count: Counter[str], calls: int) -> None:
     kinds = dice.choice(_KINDS)
     ids = dice.sample(range(254), dice.choice((1, 2, 4)))
     servos = [MemoryServo(i, kinds[k % len(kinds)], dice) for k, i in enumerate(ids)]
     line = FaultyLine(servos, faults, dice)
     bus = ServoBus(line, servos={s.servo_id: s.series for s in servos}, retries=dice.choice((0, 1, 2, 2)))
     bus.open()
-    for _ in range(_CALLS):
+    for _ in range(calls):
         for servo in servos:
             servo.live()
         if dice.random() < 0.1:

@@ -16,7 +16,7 @@ from hexwire.wire.servo_packet import make_read, make_status
 def test_no_value_is_wrong_under_any_combination_of_faults() -> None:
     total: Counter[str] = Counter()
     for faults in all_faults():
-        count = servo_values.ask(faults, 40, seed=5)
+        count = servo_values.ask(faults, 20, seed=5, calls=20)
         assert count["wrong"] == 0, str(faults)
         total += count
     assert total["right"] > 0.6 * total["asked"]

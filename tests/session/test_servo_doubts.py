@@ -69,3 +69,13 @@ def test_what_was_sent_lately_is_known_and_memory_is_bounded() -> None:
         make_write(1, 42, k.to_bytes(2, "little")) for k in range(2000) if 10.0 + 0.01 * k > now - LATEST
     }
     assert len(sent._when) <= 257
+
+
+def test_the_last_packets_are_known_however_long_the_host_stood_still() -> None:
+    sent = SentLately()
+    for k in range(200):
+        sent.add(make_write(1, 42, k.to_bytes(2, "little")), 10.0)
+    sent.add(make_write(1, 42, b"\0\0"), 10.0)
+    late = sent.packets(1000.0)
+    assert len(late) == 64
+    assert {make_write(1, 42, b"\0\0"), make_write(1, 42, bytes((199, 0)))} <= late

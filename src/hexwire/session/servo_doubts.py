@@ -20,6 +20,7 @@ LATEST = 1.0
 AFTERMATH = 0.25
 """Seconds that remain once the servo has answered a later request. A line that keeps its order needs none."""
 _MOST_SENT = 256
+_LAST_SENT = 64
 
 
 @dataclass(slots=True)
@@ -99,7 +100,10 @@ class Doubts:
 
 
 class SentLately:
-    """Packets whose echo may still come. Reads are not kept: `servo_answers` knows the echo of any by its form."""
+    """Packets whose echo may still come. Reads are not kept: `servo_answers` knows the echo of any by its form.
+
+    The last few are kept however old they are: a host that stood still finds their echoes only now.
+    """
 
     def __init__(self) -> None:
         self._when: dict[bytes, float] = {}
@@ -107,10 +111,16 @@ class SentLately:
     def add(self, packet: bytes, now: float) -> None:
         """A packet goes out."""
         when = self._when
+        when.pop(packet, None)
         when[packet] = now
         if len(when) > _MOST_SENT:
-            self._when = {sent: at for sent, at in when.items() if at > now - LATEST}
+            self._when = self._recent(now)
 
     def packets(self, now: float) -> frozenset[bytes]:
-        """What was sent within the last `LATEST` seconds."""
-        return frozenset(sent for sent, at in self._when.items() if at > now - LATEST)
+        """What was sent within the last `LATEST` seconds, and the last few besides."""
+        return frozenset(self._when if len(self._when) <= _LAST_SENT else self._recent(now))
+
+    def _recent(self, now: float) -> dict[bytes, float]:
+        old = len(self._when) - _LAST_SENT
+        rows = enumerate(self._when.items())
+        return {sent: at for place, (sent, at) in rows if place >= old or at > now - LATEST}
