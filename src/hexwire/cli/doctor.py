@@ -189,9 +189,9 @@ def _examine_bus(arm: BusArm) -> list[Finding]:
 def _why_silent(robot: RobotDriver) -> list[Finding]:
     """Look further where nobody answers."""
     from hexwire.drivers.bus_arm import BusArm
-    from hexwire.drivers.bus_checkup import explain_chatter, explain_silence
+    from hexwire.drivers.bus_checkup import SERVO_RATES, explain_chatter, explain_silence
     from hexwire.drivers.hex7bot import Hex7BotDriver
-    from hexwire.ipc.mistaken import find_board
+    from hexwire.ipc.mistaken import find_board, find_servos, is_servo_bus
 
     if isinstance(robot, BusArm):
         with robot.bus as bus:
@@ -211,4 +211,8 @@ def _why_silent(robot: RobotDriver) -> list[Finding]:
             if board is not None:
                 text = f"the board speaks at {baud} baud"
                 return [Finding(Level.BAD, "rate", text, f"name it: --baud {baud}")]
+        for baud in SERVO_RATES:
+            servo_ids = find_servos(link, baud=baud)
+            if servo_ids:
+                return [Finding(Level.BAD, "device", str(is_servo_bus(link.url, servo_ids, baud=baud)))]
     return []

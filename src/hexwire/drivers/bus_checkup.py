@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from hexwire.ipc.servo_bus import ServoBus
     from hexwire.model.arm import ArmModel, JointModel
 
-__all__ = ["explain_chatter", "explain_missing", "explain_silence", "judge_traffic"]
+__all__ = ["SERVO_RATES", "explain_chatter", "explain_missing", "explain_silence", "judge_traffic"]
 
-_RATES = tuple(Series.STS_SMS.baud_codes.values())
+SERVO_RATES = tuple(Series.STS_SMS.baud_codes.values())
+"""Rates that a servo may be set to; those of every series are among them."""
+
 _CHATTER_TIME = 0.4
 _NOISE_TIME = 0.05
 _NOISE_PINGS = 3
@@ -157,7 +159,7 @@ def judge_traffic(bus: ServoBus, model: ArmModel) -> list[Finding]:
 def _at_other_rates(bus: ServoBus, ids: Sequence[int]) -> dict[int, list[int]]:
     """Which of these ids answer at which other rate."""
     found: dict[int, list[int]] = {}
-    rates = [rate for rate in _RATES if rate != bus.timing.baud]
+    rates = [rate for rate in SERVO_RATES if rate != bus.timing.baud]
     try:
         rows = servo_setup.scan(bus, bauds=rates, ids=ids)
     except (UsageError, NotSupportedError):

@@ -39,11 +39,12 @@ _LAST_TIME = 0.035
 _WRITE_TIME = 1.0
 
 
-def find_servos(link: Link) -> tuple[int, ...]:
-    """Look for servos at their factory rate, for a tenth of a second.
+def find_servos(link: Link, *, baud: int = _SERVO_RATE) -> tuple[int, ...]:
+    """Look for servos, by default at their factory rate, for a tenth of a second.
 
     Args:
         link: An open link.
+        baud: At which rate.
 
     Returns:
         Ids of servos that answered; empty if none did, the link has no rate that could be changed, or has this very
@@ -51,10 +52,10 @@ def find_servos(link: Link) -> tuple[int, ...]:
     """
     set_baud = getattr(link, "set_baud", None)
     before = getattr(link, "baud", 0)
-    if set_baud is None or not before or abs(before - _SERVO_RATE) < _NEAR * _SERVO_RATE:
+    if set_baud is None or not before or abs(before - baud) < _NEAR * baud:
         return ()
     try:
-        set_baud(_SERVO_RATE)
+        set_baud(baud)
     except UsageError:
         return ()
     try:
@@ -124,13 +125,20 @@ def find_board(link: Link, *, baud: int = 0, patience: float = BOARD_PATIENCE) -
         link.flush_input()
 
 
-def is_servo_bus(url: str, servo_ids: Iterable[int]) -> WrongDeviceError:
-    """The error of a board that is a servo bus."""
+def is_servo_bus(url: str, servo_ids: Iterable[int], *, baud: int = 0) -> WrongDeviceError:
+    """The error of a board that is a servo bus.
+
+    Args:
+        url: Of the link.
+        servo_ids: Who answered.
+        baud: At which rate, where it has to be named; 0 where it goes without saying.
+    """
     ids = sorted(servo_ids)
     who = f"servo {ids[0]} answers" if len(ids) == 1 else f"servos {', '.join(map(str, ids))} answer"
+    at, robot, rate = (f" at {baud} baud", "robot and rate", f" --baud {baud}") if baud else ("", "robot", "")
     return WrongDeviceError(
-        f"{url} is a servo bus ({who}), not a board: name its robot, as in --robot so101, or look with "
-        "`hexwire bus scan`"
+        f"{url} is a servo bus ({who}{at}), not a board: name its {robot}, as in --robot so101{rate}, or look with "
+        f"`hexwire bus scan{rate}`"
     )
 
 
