@@ -144,9 +144,8 @@ def _version(path: Path) -> str:
     return source_version(path.parent)
 
 
-@pytest.fixture(scope="session")
-def readers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reader]:
-    folder = tmp_path_factory.mktemp("good")
+def make_readers(folder: Path) -> dict[str, Reader]:
+    """Every reader by its name; good files that others need are made in `folder`."""
     ca = make_authority(folder)
     own = issue_certificate(folder, "arm", "client")
     posed = CliRunner().invoke(cli, ["model", "fk", "90", "90", "90", "90", "90", "90", "--json"])
@@ -179,6 +178,11 @@ def readers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reader]:
         ),
         "firmware sources": Reader(_version, ".h", b"VERSION_MAJOR = 1;\nVERSION_MINOR = 0;\nVERSION_PATCH = 0;\n"),
     }
+
+
+@pytest.fixture(scope="session")
+def readers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reader]:
+    return make_readers(tmp_path_factory.mktemp("good"))
 
 
 NAMES = (
