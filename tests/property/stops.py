@@ -34,6 +34,10 @@ class Call:
     count: int = -1
     outcome: str = "under way"
 
+    def may_cause(self, order: int) -> bool:
+        """Whether it was under way then, or had left and was no longer waited for."""
+        return self.began < order and (order < self.ended or "was sent" in self.outcome)
+
 
 @dataclass
 class Stop:
@@ -97,27 +101,42 @@ class Judge:
         self.effects.append(Effect(what, self.order(), count))
 
     def wrong(self) -> list[str]:
-        """Effects of calls that a confirmed stop had made void."""
+        """Effects of calls that a confirmed stop had made void, and effects while it held."""
         found = []
         by_count = {call.count: call for call in self.calls if call.count >= 0}
         for effect in self.effects:
             before = [stop.began for stop in self.stops if stop.confirmed < effect.order]
             if not before:
                 continue
+            if effect.what == "limp target":
+                continue  # counted as a target
             # Whoever may have caused it: one must have been called after the last of these stops.
             if effect.what == "target":
                 causes = [by_count[effect.count]] if effect.count in by_count else []
                 if not causes:
                     continue  # a hold: where the joint is
             else:
-                causes = [
-                    call
-                    for call in self.calls
-                    if call.what == effect.what and call.began < effect.order < call.ended
-                ]
+                causes = [c for c in self.calls if c.what == effect.what and c.may_cause(effect.order)]
             if not any(call.began > max(before) for call in causes):
                 found.append(f"{effect} after {before}, of {causes}")
+            elif effect.what != "resume" and not self._resumed(max(before), effect.order):
+                found.append(f"{effect} after {before}, and nobody resumed")
         return found
+
+    def _resumed(self, stop: int, order: int) -> bool:
+        """Whether somebody asked to end a stop before something happened."""
+        return any(call.what == "resume" and stop < call.began < order for call in self.calls)
+
+    def without_torque(self) -> list[str]:
+        """Targets that servos without torque took, and torque that nobody asked for."""
+        asked = {call.count for call in self.calls}
+        found = [f"{e} without torque" for e in self.effects if e.what == "limp target" and e.count in asked]
+        calls = [call for call in self.calls if call.what == "torque"]
+        return found + [
+            f"{effect} that nobody asked for"
+            for effect in self.effects
+            if effect.what == "torque" and not any(c.may_cause(effect.order) for c in calls)
+        ]
 
     def moved(self) -> int:
         """How many moves took effect at all: a run in which nothing ever moves proves nothing."""
@@ -135,6 +154,8 @@ def watch(judge: Judge, wire: ServoWire, servo: EmulatedServo) -> None:
         here, power = servo.registers.get(goal), servo.torque_on
         if here != last[0]:
             judge.seen("target", here)
+            if not last[1]:
+                judge.seen("limp target", here)
         if power and not last[1]:
             judge.seen("torque")
         last[:] = [here, power]

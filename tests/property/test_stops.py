@@ -16,135 +16,21 @@ from typing import Any
 import pytest
 from tests.drivers.arms import Arm
 from tests.ipc.bus_bench import make_bus
+from tests.property.stop_bench import PATIENCE, bench, move, run
 from tests.property.stops import Judge, watch
 
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.bus_arm import SevenBotArm
-from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.emulator.board import make_hex7bot_board
-from hexwire.errors import HexwireError, LinkClosedError, LinkLostError, PreemptedError, StoppedError
+from hexwire.errors import HexwireError, PreemptedError, StoppedError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.session import Session
-from hexwire.model.state import JointTarget
-from hexwire.session.policy import RetryPolicy
-from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command
-from hexwire.wire.commands import MoveRequest, MoveRow, TransactRequest
 from hexwire.wire.registers import Series
 
-PATIENCE = 20.0
-RUNS = int(os.environ.get("STOP_RUNS", "6"))
+RUNS = int(os.environ.get("STOP_RUNS", "3"))
 POINTS = int(os.environ.get("STOP_POINTS", "25"))
-SILENT = 9
-"""An id that no servo has: who asks it keeps the line busy for as long as the board waits."""
-SLOW = 0.15
-
-
-def move(robot: RobotDriver, count: int, duration: float = 4.0) -> None:
-    joint = robot.model.joint("J1")
-    robot.write(JointTarget.of({"J1": joint.counts_to_angle(count)}, duration))
 
 
 # --- threads ----------------------------------------------------------------------------------------------------
-
-
-class Bench:
-    """A driver in real time, its board in another thread, and a judge who sees the servo of J1."""
-
-    def __init__(self, dialect: int) -> None:
-        self.judge = Judge()
-        near, self._far = memory_pair()
-        self._far.open()
-        self.board = make_hex7bot_board(dialect=dialect, start=time.monotonic())
-        watch(self.judge, self.board.wire, self.board.wire[0])
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
-        session = Session(
-            IpcHandle.from_link(near), policy=RetryPolicy(attempts=3, window=1.0, dialect1_window=1.0)
-        )
-        self.robot = Hex7BotDriver(session)
-        self.robot.attach()
-        self.robot.torque(True)
-        self.robot.read()
-
-    def _serve(self) -> None:
-        stopped = False
-        while not self._ended.is_set():
-            with contextlib.suppress(LinkLostError, LinkClosedError):
-                data = self._far.read(time.monotonic() + 0.002)
-                now = time.monotonic()
-                if data:
-                    self.board.receive(data, now)
-                self.board.step(now)
-                if stopped and not self.board.state.stopped:
-                    self.judge.seen("resume")
-                stopped = self.board.state.stopped
-                if out := self.board.data_to_send():
-                    self._far.write(out)
-
-    def close(self) -> None:
-        self._ended.set()
-        self._thread.join(PATIENCE)
-        self.robot.session.close()
-        self._far.close()
-
-    # What a thread may do. Each is one call of the judge's.
-
-    def move(self) -> None:
-        count = self.judge.target()
-        with self.judge.call("move", count):
-            move(self.robot, count)
-
-    def raw_move(self) -> None:
-        count = self.judge.target()
-        body = MoveRequest(4000, (MoveRow(0, count),)).serialize()
-        with self.judge.call("move", count):
-            self.robot.session.request(Command.JOINT_MOVE, body)
-
-    def sent_move(self) -> None:
-        count = self.judge.target()
-        body = MoveRequest(4000, (MoveRow(0, count),)).serialize()
-        with self.judge.call("move", count):
-            self.robot.session.send(Command.JOINT_MOVE, body)
-
-    def torque(self) -> None:
-        with self.judge.call("torque"):
-            self.robot.torque(True)
-
-    def resume(self) -> None:
-        with self.judge.call("resume"):
-            self.robot.resume()
-
-    def raw_resume(self) -> None:
-        with self.judge.call("resume"):
-            self.robot.session.request(Command.RESUME)
-
-    def read(self) -> None:
-        self.robot.read()
-
-    def slow(self) -> None:
-        """Keep the line."""
-        packet = sp.make_ping(SILENT)
-        if self.robot.dialect == 2:
-            body = TransactRequest(6, int(SLOW * 1000), packet).serialize()
-            self.robot.session.request(Command.TRANSACT, body)
-        else:
-            self.robot.ping(SILENT)
-
-    def stop(self) -> None:
-        with self.judge.stop():
-            self.robot.stop()
-
-
-@contextmanager
-def bench(dialect: int) -> Iterator[Bench]:
-    made = Bench(dialect)
-    try:
-        yield made
-    finally:
-        made.close()
 
 
 BOTH = ("move", "torque", "resume")
@@ -246,58 +132,43 @@ def test_what_waits_for_a_servo_bus_is_void_after_a_stop(deed: str) -> None:
 
 
 @pytest.mark.system
+@pytest.mark.timeout(600)  # the first one builds the firmware
+@pytest.mark.parametrize("kind", ["emulator", "core"])
 @pytest.mark.parametrize("dialect", [1, 2])
-def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int) -> None:
+def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int, kind: str) -> None:
     moved = 0
     for seed in range(RUNS):
-        with bench(dialect) as b:
-            moved += run(b, seed)
+        with bench(dialect, kind) as b:
+            run(b, seed)
             assert b.judge.wrong() == [], f"seed {seed}"
+            assert b.judge.without_torque() == [], f"seed {seed}"
+            moved += b.judge.moved()
     assert moved > 0
 
 
-def run(b: Bench, seed: int, *, seconds: float = 0.6) -> int:
-    """Threads that call at random, and one that stops and resumes; returns how many moves took effect."""
-    deeds = ["move", "move", "torque", "resume", "read", "slow"]
-    deeds += ["raw_move", "sent_move", "raw_resume"] if b.robot.dialect == 2 else []
-    until = time.monotonic() + seconds
-    failures: list[BaseException] = []
-
-    def work(number: int) -> None:
-        dice = random.Random(f"{seed} {number}")
-        while time.monotonic() < until:
-            try:
-                getattr(b, dice.choice(deeds))()
-            except HexwireError:
-                pass
-            except BaseException as error:
-                failures.append(error)
-                raise
-            time.sleep(dice.choice((0.0, 0.001, 0.01)))
-
-    def stop() -> None:
-        dice = random.Random(f"{seed} stop")
-        while time.monotonic() < until:
-            time.sleep(dice.uniform(0.0, 0.08))
-            try:
-                b.stop()
-                if dice.random() < 0.5:
-                    time.sleep(dice.uniform(0.0, 0.03))
-                    b.resume()
-            except HexwireError:
-                pass
-            except BaseException as error:
-                failures.append(error)
-                raise
-
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)] + [threading.Thread(target=stop)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(PATIENCE)
-    assert not any(thread.is_alive() for thread in threads)
-    assert failures == []
-    return b.judge.moved()
+def test_the_judge_sees_what_a_stop_should_have_voided() -> None:
+    judge = Judge()
+    with judge.call("torque"):
+        judge.seen("torque")
+    with judge.call("move", 1500), judge.stop():
+        pass
+    judge.seen("target", 1500)
+    with judge.call("move", 1501):
+        judge.seen("target", 1501)
+    with judge.call("resume"):
+        judge.seen("resume")
+    with judge.call("move", 1502):
+        judge.seen("target", 1502)
+        judge.seen("limp target", 1502)
+    judge.seen("torque")
+    voided, held, torque = judge.wrong()
+    assert "count=1500" in voided
+    assert "count=1501" in held
+    assert "nobody resumed" in held
+    assert "'torque'" in torque
+    limp, unasked = judge.without_torque()
+    assert "count=1502" in limp
+    assert "nobody asked for" in unasked
 
 
 # --- a signal handler, at every line ---------------------------------------------------------------------------
