@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.ipc.far_ends import free_port
 
 from hexwire.cli.board_process import board_process
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.ipc.joystick import JoystickSender
 from hexwire.model.state import JointState
+from hexwire.wire.robot_bodies import JoystickState
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PATIENCE = 60.0
@@ -113,6 +120,61 @@ def test_a_command_that_is_killed_leaves_an_arm_that_is_stopped(port: str, tmp_p
     assert max(abs(a - b) for a, b in zip(there.position, before.position, strict=True)) > 0.005, "it moved"
     if name == "move":
         assert there["J4"].position < 0.6, "far from its target"
+
+
+@contextmanager
+def pushed_stick(port: int) -> Iterator[None]:
+    """A stick at the other end of a channel.
+
+    Again and again it does what begins a motion: the button let go, then held with the stick at rest, then J1 on.
+    """
+    ended = threading.Event()
+
+    def push() -> None:
+        with JoystickSender.from_url(f"udp://127.0.0.1:{port}") as sender:
+            for i in itertools.count():
+                if ended.wait(0.02):
+                    return
+                at = i % 250
+                sender.send(JoystickState((float(at > 30), *[0.0] * 7), (at > 20) << 4))
+
+    thread = threading.Thread(target=push)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(PATIENCE)
+
+
+@pytest.mark.system
+def test_teleop_that_is_killed_with_the_stick_pushed_leaves_an_arm_that_is_stopped(port: str) -> None:
+    before, _ = look(port)
+    channel = free_port(socket.SOCK_DGRAM)
+    with pushed_stick(channel):
+        killed(port, DIES.format(after=80, signal=9) + CLI, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}")
+        assert check_held(port)["J1"].position > before["J1"].position + 0.01, "it moved"
+
+
+@pytest.mark.system
+def test_teleop_that_stalls_stays_stopped_when_it_goes_on_with_the_stick_pushed(port: str) -> None:
+    channel = free_port(socket.SOCK_DGRAM)
+    program = DIES.format(after=80, signal=19) + CLI
+    with pushed_stick(channel):
+        process = start(port, program, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}")
+        try:
+            os.waitpid(process.pid, os.WUNTRACED)
+            time.sleep(2.0)
+            process.send_signal(signal.SIGCONT)
+            time.sleep(2.0)
+            process.send_signal(signal.SIGINT)
+        finally:
+            try:
+                _, errors = process.communicate(timeout=PATIENCE)
+            finally:
+                process.kill()
+        assert "the board has stopped the arm: its watchdog tripped" in errors
+        check_held(port)
 
 
 @pytest.mark.system
