@@ -20,10 +20,12 @@ from .errors import ConfigError
 
 __all__ = [
     "LARGEST_DATA",
+    "LARGEST_MESSAGE",
     "LARGEST_TEXT",
     "Item",
     "decode_text",
     "parse_json",
+    "parse_message",
     "parse_toml",
     "read_bytes",
     "read_stream",
@@ -34,6 +36,8 @@ LARGEST_TEXT = 1024 * 1024
 """Bytes of a file that people write: an arm, a calibration, channels, certificates."""
 LARGEST_DATA = 16 * 1024 * 1024
 """Bytes of a file that programs write and that is read as a whole: waypoints, settings of servos."""
+LARGEST_MESSAGE = 1024 * 1024
+"""Bytes of one message of a recording: read as JSON, brackets take 30 times the room that they have in the file."""
 
 _MOST_DIGITS = 20
 """Digits of a whole number; more take the square of their number to read, and mean nothing here."""
@@ -116,6 +120,17 @@ def decode_text(data: bytes, file: str = "") -> str:
 
 
 # -- JSON and TOML ------------------------------------------------------------------------------------------
+
+
+def parse_message(data: bytes, file: str, where: str) -> Item:
+    """Parse a message of a recording, as `parse_json`.
+
+    Raises:
+        ConfigError: As `parse_json`, or it has more than `LARGEST_MESSAGE` bytes.
+    """
+    if len(data) > LARGEST_MESSAGE:
+        raise ConfigError(f"{where} has {len(data)} bytes; no message has more than 1 MiB", file=file)
+    return parse_json(data, file, where)
 
 
 def parse_json(content: str | bytes, file: str = "", where: str = "") -> Item:

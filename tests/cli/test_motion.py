@@ -10,7 +10,7 @@ from tests.motion.arms import HOME, state
 
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.trace.recording import RecordingWriter, read_joint_states
+from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
 
 A = Hex7BotModel()
 
@@ -116,6 +116,30 @@ def test_a_recording_that_is_cut_off_is_not_played(bench: Any, tmp_path: Path) -
     assert result.stderr.count("\n") == 1
     assert "cut.mcap: the recording is cut off" in result.stderr
     assert "hexwire record recover" in result.stderr
+    assert bench.positions() == before
+
+
+@pytest.mark.parametrize(
+    ("bound", "most", "words"),
+    [
+        ("_MOST_STATES", 9, "more than 9 joint states"),
+        ("_MOST_ANGLES", 27, "more than 27 angles"),
+        ("_MOST_SETS", 4, "joint states of more than 4 different sets of joints"),
+    ],
+)
+def test_a_recording_without_end_is_not_read_to_its_end(
+    bound: str, most: int, words: str, bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"hexwire.cli.motion.{bound}", most)
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        for i in range(10):
+            names = ("J1", "J2", f"J{3 + i // 2}")
+            writer.joint_state(make_positions(names, (0.1, 0.2, 0.3)), 1.7e9 + i / 10)
+    before = bench.positions()
+    result = bench.run("play", str(tmp_path / "a.mcap"))
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: {tmp_path / 'a.mcap'} has {words}")
+    assert result.stderr.count("\n") == 1
     assert bench.positions() == before
 
 

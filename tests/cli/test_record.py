@@ -94,6 +94,16 @@ def test_a_cut_recording_is_mended(recorded: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "whole.mcap"]
 
 
+def test_a_message_of_brackets_only_is_not_exported(tmp_path: Path) -> None:
+    source = tmp_path / "a.mcap"
+    with RecordingWriter(source) as writer:
+        writer.message(FRAMES, "foxglove.Log", 1.0, {"more": [[]] * 400_000})
+    result = run("record", "export", str(source), str(tmp_path / "a.jsonl"))
+    assert result.exit_code == 2
+    assert result.stderr == f"error: {source}: message 1 has 1200010 bytes; no message has more than 1 MiB\n"
+    assert not (tmp_path / "a.jsonl").exists()
+
+
 def test_joint_states_as_a_picture(tmp_path: Path) -> None:
     source, target = tmp_path / "a.mcap", tmp_path / "a.svg"
     with RecordingWriter(source) as writer:

@@ -105,6 +105,15 @@ def test_a_joint_state_that_is_none(tmp_path: Path) -> None:
         list(read_joint_states(tmp_path / "a.mcap"))
 
 
+def test_a_message_of_brackets_only_does_not_fill_the_memory(tmp_path: Path) -> None:
+    # Two thousand bytes of file, thirty million of Python's lists.
+    body = {"joints": [{"name": "a", "position": 0.1}], "more": [[]] * 400_000}
+    with RecordingWriter(tmp_path / "a.mcap") as recording:
+        recording.message(JOINT_STATES, "foxglove.JointStates", 1.0, body)
+    with pytest.raises(ConfigError, match=r"a\.mcap: joint state 1 has [0-9]+ bytes; no message"):
+        list(read_joint_states(tmp_path / "a.mcap"))
+
+
 def test_without_the_package_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 

@@ -55,6 +55,10 @@ _ACCELERATION = 6.0
 _PLACE = FiniteFloat("coordinate")
 _MOST_STATES = 500_000
 """Joint states that are read to be played: hours of them."""
+_MOST_ANGLES = 16 * _MOST_STATES
+"""Angles of all of them together: those of 16 joints."""
+_MOST_SETS = 1000
+"""Sets of joints that answered together; of seven joints there are 127."""
 
 
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -416,10 +420,16 @@ def _read_taught(file: str) -> Taught:
     # A joint that is missing once, as from a silent servo, is missing in that row only. Of each set of names its
     # rows are kept, and nothing else: a state has many times as much.
     by_names: dict[tuple[str, ...], list[tuple[float, tuple[float, ...]]]] = {}
+    angles = 0
     for count, row in enumerate(read_joint_states(file, whole=True)):
         if count == _MOST_STATES:
             raise UsageError(f"{file} has more than {_MOST_STATES} joint states: too many for one motion")
+        angles += len(row.position)
+        if angles > _MOST_ANGLES:
+            raise UsageError(f"{file} has more than {_MOST_ANGLES} angles: too many for one motion")
         by_names.setdefault(row.names, []).append((row.time, row.position))
+        if len(by_names) > _MOST_SETS:
+            raise UsageError(f"{file} has joint states of more than {_MOST_SETS} different sets of joints")
     if not by_names:
         raise UsageError(f"{file} has no joint states")
     names = max(by_names, key=len)

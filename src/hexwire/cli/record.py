@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, BinaryIO, TextIO
 import click
 
 from hexwire.errors import UsageError
-from hexwire.inputs import parse_json
+from hexwire.inputs import parse_message
 from hexwire.ipc.link import Link
 from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
 from hexwire.new_file import OutputFile
@@ -37,7 +37,8 @@ __all__ = ["record", "recording"]
 
 _MOST_REPLAYED = 64 * 1024 * 1024
 """Bytes of traffic that a replayed board keeps."""
-_MOST_DRAWN = 1_000_000
+_MOST_DRAWN = 7_000_000
+"""Angles that a picture is drawn of."""
 _COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature", "flags")
 
 
@@ -184,8 +185,8 @@ def plot(file: str, picture: str, force: bool, as_json: bool) -> None:
                 drawn.names, begin = state.names, state.time
             if state.names == drawn.names:
                 drawn.planned.append((state.time - begin, state.position))
-            if len(drawn.planned) > _MOST_DRAWN:
-                raise UsageError(f"{file} has more than {_MOST_DRAWN} joint states: too many for a picture")
+            if len(drawn.planned) * len(drawn.names) > _MOST_DRAWN:
+                raise UsageError(f"{file} has more than {_MOST_DRAWN} angles: too many for a picture")
         if not drawn.planned:
             raise UsageError(f"{file} has no joint states")
         drawn.draw(out)
@@ -254,7 +255,7 @@ def _jsonl(data: BinaryIO, name: str, out: TextIO) -> int:
             continue
         row = {"time": message.time, "topic": message.topic, "schema": message.schema}
         if message.encoding == "json":
-            item = parse_json(message.data, name, f"message {count + 1}")
+            item = parse_message(message.data, name, f"message {count + 1}")
             try:
                 row["message"] = _finite_or_null(item.value)
             except RecursionError:

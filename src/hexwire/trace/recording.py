@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import Item, parse_json
+from hexwire.inputs import Item, parse_message
 from hexwire.model.state import JointState
 from hexwire.new_file import OutputFile
 
@@ -320,7 +320,7 @@ def parse_joints(data: bytes, file: str, number: int) -> tuple[float | None, lis
     Raises:
         ConfigError: It is none; the text says where.
     """
-    root = parse_json(data, file, f"joint state {number}").table(needed=("joints",))
+    root = parse_message(data, file, f"joint state {number}").table(needed=("joints",))
     stamp = None
     if "timestamp" in root and root["timestamp"].value is not None:
         parts = root["timestamp"].table(needed=("sec", "nsec"))
