@@ -85,8 +85,14 @@ def test_a_folder_that_cannot_be_made_is_told_and_the_stop_goes_on(
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
-    StopMemory(URL).remember()
+    memory = StopMemory(URL)
+    assert memory.kept_by == "user"
+    memory.remember()
     assert "cannot be kept for other programs" in caplog.text
+    assert memory.kept_by == ""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    memory.remember()
+    assert memory.kept_by == "user"
 
 
 def test_a_terminal_that_another_board_gets_later_is_another_device() -> None:
@@ -108,7 +114,8 @@ def test_a_stop_of_dialect_1_holds_for_the_next_program(port: str) -> None:
         robot.stop()
     with Hex7BotDriver.from_url(port) as robot:
         assert robot.read().stopped
-        with pytest.raises(StoppedError):
+        assert robot.probe().stopped
+        with pytest.raises(StoppedError, match="was not sent: the arm is stopped"):
             robot.write(JointTarget.of({"J1": 0.1}))
         with pytest.raises(StoppedError):
             robot.torque(True)

@@ -414,7 +414,9 @@ class Board1:
 
     def _refuse_if_stopped(self) -> None:
         if self.stopped:
-            raise StoppedError("the command", Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
+            raise StoppedError.unsent(
+                "the command", Status.STOPPED, "the arm is stopped; `hexwire resume` ends that"
+            )
 
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
         limp = []

@@ -401,7 +401,7 @@ class BusArm(RobotDriver):
 
     def _refuse_if_stopped(self, what: str) -> None:
         if self.epochs.stopped:
-            raise StoppedError(what, int(Status.STOPPED), "the arm is stopped; `hexwire resume` ends that")
+            raise StoppedError.unsent(what, int(Status.STOPPED), "the arm is stopped; `hexwire resume` ends that")
 
     def _refuse_without_torque(self, joints: Sequence[JointModel]) -> None:
         limp = []

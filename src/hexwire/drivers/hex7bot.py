@@ -140,7 +140,7 @@ class Hex7BotDriver(RobotDriver):
         # An IDENTIFY ends the reports.
         self._arming_due |= self._report is not None
         identity = board.identity if isinstance(board, Board2) else None
-        stopped = bool(identity and identity.board_flags & tables.BOARD_FLAGS_STOPPED)
+        flags = identity.board_flags if identity else 0
         return ProbeReport(
             robot=self.model.name,
             link=self.session.ipc.link.url,
@@ -148,10 +148,10 @@ class Hex7BotDriver(RobotDriver):
             firmware=".".join(map(str, identity.firmware)) if identity else "",
             boot_id=identity.boot_id if identity else None,
             capabilities=board.capabilities,
-            stopped=stopped,
+            stopped=bool(flags & tables.BOARD_FLAGS_STOPPED) if identity else self.epochs.stopped,
             joints=joints,
             counters=counters,
-            maintenance=bool(identity and identity.board_flags & tables.BOARD_FLAGS_MAINTENANCE),
+            maintenance=bool(flags & tables.BOARD_FLAGS_MAINTENANCE),
         )
 
     def host_counters(self) -> dict[str, int]:

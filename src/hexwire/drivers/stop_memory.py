@@ -41,11 +41,12 @@ class StopMemory:
         identity = _identity(url)
         self._name = "" if not identity else f"stop-{hashlib.sha256(identity.encode()).hexdigest()[:24]}"
         self._url = url
+        self._failed = False
 
     @property
     def kept_by(self) -> str:
-        """As `RobotDriver.stop_kept_by`."""
-        return "user" if self._name else ""
+        """As `RobotDriver.stop_kept_by`; nobody where the file could not be made."""
+        return "user" if self._name and not self._failed else ""
 
     @property
     def stopped(self) -> bool:
@@ -61,6 +62,7 @@ class StopMemory:
 
     def remember(self) -> None:
         """It is stopped. A warning tells where that cannot be kept for other programs."""
+        self._failed = False
         if not self._name or self.stopped:
             return
         try:
@@ -68,6 +70,7 @@ class StopMemory:
             with _opened(_place()) as folder:
                 os.close(os.open(self._name, _NEW, 0o600, dir_fd=folder))
         except (OSError, UsageError) as error:
+            self._failed = True
             _log.warning("the stop of %s cannot be kept for other programs: %s", self._url, error)
 
     def forget(self) -> None:
