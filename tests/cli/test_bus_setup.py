@@ -7,6 +7,7 @@ import pytest
 from tests.cli.bus_cli import BusCli
 
 from hexwire.cli import bus_setup
+from hexwire.drivers.stop_memory import StopMemory
 from hexwire.model.calibration import Calibration
 
 
@@ -37,6 +38,30 @@ def test_center_and_recover(monkeypatch: pytest.MonkeyPatch) -> None:
     result = hot.run("recover", "1")
     assert result.exit_code == 1
     assert "temperature" in result.output
+
+
+def test_while_the_arm_is_stopped_only_torque_is_taken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bus = BusCli(monkeypatch, (1,))
+    file = str(tmp_path / "servos.toml")
+    bus.ok("backup", "1", file)
+    monkeypatch.setattr(StopMemory, "stopped", True)
+    servo = bus.device.wire[1]
+    before = bytes(servo.registers.read(0, 0x46))
+    for words in (
+        ("write", "1", "goal_position", "2500", "--yes"),
+        ("write", "1", "torque_enable", "1", "--yes"),
+        ("write", "1", "max_temperature", "65"),
+        ("set-id", "1", "2", "--yes"),
+        ("set-baud", "1", "57600", "--yes"),
+        ("center", "1", "--yes"),
+        ("restore", file, "--yes"),
+    ):
+        result = bus.run(*words)
+        assert result.exit_code == 1, words
+        assert "was not sent: the arm is stopped; `hexwire resume` ends that" in result.stderr
+    assert servo.registers.read(0, 0x31) == before[:0x31]
+    bus.ok("write", "1", "torque_enable", "0", "--yes")
+    bus.ok("recover", "1")
 
 
 def test_backup_diff_restore(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import ServoError, StoppedError, UsageError
 from hexwire.units import decimal
 
 from .common import confirm, group_port_option, json_option, on_terminal, port_option, resolve_url
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hexwire.ipc.servo_bus import ServoBus
     from hexwire.ipc.servo_setup import Found, ServoInfo
 
-__all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "with_unit"]
+__all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "refuse_if_stopped", "with_unit"]
 
 _RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
 
@@ -85,6 +85,19 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
                 _look_for_board(opened)
             raise
         _warn_of_latency(opened)
+
+
+def refuse_if_stopped(opened: ServoBus, what: str) -> None:
+    """A stop of this user's holds here too: no bus keeps one, and a single write can move a servo.
+
+    Raises:
+        StoppedError: The arm on this bus is stopped.
+    """
+    from hexwire.drivers.stop_memory import StopMemory
+    from hexwire.wire.command_frame import Status
+
+    if StopMemory(opened.link.url).stopped:
+        raise StoppedError.unsent(what, Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
 
 
 def _look_for_board(opened: ServoBus) -> None:
@@ -327,7 +340,8 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
 def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Write a register by name and read it back; stored settings are unlocked, written and locked again.
 
-    A goal position switches the torque on and moves the servo: it is asked for first.
+    A goal position switches the torque on and moves the servo: it is asked for first. While the arm is stopped
+    nothing is written but a torque_enable of 0.
     """
     from hexwire.ipc.servo_setup import write_setting
 
@@ -340,6 +354,8 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
             if isinstance(error, UsageError):
                 raise
             raise UsageError(f"{value!r} is no {'number' if si else 'whole number'}") from None
+        if raw or name != "torque_enable":
+            refuse_if_stopped(opened, f"a write of {name}")
         if name in ("goal_position", "target_position", "torque_enable", "mode"):
             confirm(f"Writing {name} may move servo {servo_id}. Go on?", yes)
         if register.area == "eeprom":

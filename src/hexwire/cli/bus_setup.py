@@ -15,7 +15,7 @@ import click
 from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
-from .bus import BusOptions, bus, bus_options, known_servo, open_bus
+from .bus import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped
 from .common import confirm, force_option, json_option, resolve_url
 from .exits import note
 from .output import answer, format_table, print_json, say, say_table
@@ -47,6 +47,7 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) ->
 
     with open_bus(options) as opened:
         known_servo(opened, old, options)
+        refuse_if_stopped(opened, "an id")
         confirm(f"Servo {old} becomes servo {new}. Go on?", yes)
         info = servo_setup.set_id(opened, old, new)
     answer(as_json, {"old_id": old, "id": info.servo_id}, f"servo {old} is servo {info.servo_id} now, and answers")
@@ -64,6 +65,7 @@ def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: 
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
+        refuse_if_stopped(opened, "a line rate")
         confirm(f"Servo {servo_id} will be heard at {rate} baud only. Go on?", yes)
         servo_setup.set_baud(opened, servo_id, rate)
     words = f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on"
@@ -81,6 +83,7 @@ def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
+        refuse_if_stopped(opened, "a middle")
         confirm(f"The present position of servo {servo_id} becomes its middle. Go on?", yes)
         position = servo_setup.center(opened, servo_id)
     answer(as_json, {"id": servo_id, "raw": position}, f"servo {servo_id} reports {position} here now")
@@ -148,6 +151,7 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json:
             f"{file} has no such servo; it has {', '.join(str(row.servo_id) for row in rows) or 'none'}"
         )
     with open_bus(options) as opened:
+        refuse_if_stopped(opened, "a setting")
         names = ", ".join(str(row.servo_id) for row in chosen)
         confirm(f"Settings of servo {names} will be overwritten. Go on?", yes)
         data: list[dict[str, object]] = []
