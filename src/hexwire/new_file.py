@@ -20,7 +20,7 @@ from hexwire.errors import UsageError
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["OutputFile", "make_folder", "open_folder", "owner_name"]
+__all__ = ["OutputFile", "is_planted", "make_folder", "open_folder", "owner_name"]
 
 _PATH = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
 _FOLDER = _PATH | os.O_DIRECTORY
@@ -235,7 +235,15 @@ def _walk(path: Path, *, make: bool) -> int:
     return here
 
 
+def is_planted(link: os.stat_result, folder: os.stat_result) -> bool:
+    """Whether a symbolic link was put into a folder that everybody may write to by somebody else.
+
+    It is the rule of Linux's protected_symlinks, which may be off, and for all such folders. Root's links and those
+    of the folder's owner are trusted.
+    """
+    return bool(folder.st_mode & stat.S_IWOTH) and link.st_uid not in (0, os.geteuid(), folder.st_uid)
+
+
 def _refuse_planted(path: Path, link: os.stat_result, folder: os.stat_result) -> None:
-    """The rule of Linux's protected_symlinks, which may be off, and for all folders that everybody may write to."""
-    if folder.st_mode & stat.S_IWOTH and link.st_uid not in (0, os.geteuid(), folder.st_uid):
+    if is_planted(link, folder):
         raise UsageError(f"{path} leads over a symbolic link of {owner_name(link.st_uid)}; choose another folder")

@@ -7,6 +7,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -53,6 +55,40 @@ def test_a_name_that_leads_elsewhere_meanwhile_is_no_port(pty: tuple[int, int], 
     finally:
         os.close(other)
         os.close(there)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_link_that_another_user_has_put_where_everybody_may_write(
+    shared: bool, pty: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the kernel follows it, as with fs.protected_symlinks=0; his own terminal may stand behind it."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    folder.chmod(0o1777 if shared else 0o755)
+    link, mine = folder / "arm", tmp_path / "mine"
+    link.symlink_to(os.ttyname(pty[1]))
+    mine.symlink_to(link)
+    real = os.stat
+
+    def look(path: Any, **options: Any) -> Any:
+        found = real(path, **options)
+        if str(path) != str(link) or options.get("follow_symlinks", True):
+            return found
+        fields = {name: getattr(found, name) for name in dir(found) if name.startswith("st_")}
+        return SimpleNamespace(**fields | {"st_uid": SOMEBODY})
+
+    monkeypatch.setattr(os, "stat", look)
+    status = os.fstat(pty[1])
+    by_name, by_mine = identify_port(str(link), status), identify_port(str(mine), status)
+    assert by_name.link_owner == SOMEBODY
+    if shared:
+        for port in (by_name, by_mine, replace(by_name, owner=SOMEBODY)):
+            assert why_not(port) == (
+                f"is reached by the link {link}, which user {SOMEBODY} has put into a folder that everybody may "
+                "write to; name the port itself"
+            )
+    else:
+        assert why_not(replace(by_name, owner=SOMEBODY)) == ""
 
 
 def test_links_in_a_circle_end(pty: tuple[int, int], tmp_path: Path) -> None:

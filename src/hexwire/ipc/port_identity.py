@@ -12,6 +12,8 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from hexwire.new_file import is_planted, owner_name
+
 __all__ = ["PortIdentity", "UsbDevice", "identify_port", "why_not", "why_not_again"]
 
 _SYSFS = Path("/sys/dev/char")
@@ -54,6 +56,9 @@ class PortIdentity:
         link: The symbolic link that leads to it; empty if none does.
         link_made: When that link was made, as `made`.
         link_owner: User id of the link's owner.
+        planted: A symbolic link on the way that another user has put where everybody may write; empty if there is
+            none.
+        planter: User id of who did.
     """
 
     device: int
@@ -64,6 +69,8 @@ class PortIdentity:
     link: str = ""
     link_made: int = 0
     link_owner: int = 0
+    planted: str = ""
+    planter: int = 0
 
 
 def identify_port(name: str, status: os.stat_result) -> PortIdentity:
@@ -81,13 +88,16 @@ def identify_port(name: str, status: os.stat_result) -> PortIdentity:
     made = status.st_ctime_ns if terminal else 0
     usb = None if terminal else _usb_device(status.st_rdev)
     link, path = None, Path(name)
+    planted, planter = "", 0
     for _ in range(_MOST_LINKS):
         if not path.is_symlink():
             break
+        if not planted and is_planted(path.lstat(), path.parent.stat()):
+            planted, planter = str(path), path.lstat().st_uid
         link, path = path, path.parent / path.readlink()
     if path.stat().st_rdev != status.st_rdev:
         raise OSError(errno.ENXIO, "it leads elsewhere now")
-    found = PortIdentity(status.st_rdev, usb, terminal, made, status.st_uid)
+    found = PortIdentity(status.st_rdev, usb, terminal, made, status.st_uid, planted=planted, planter=planter)
     if link is None:
         return found
     itself = link.lstat()
@@ -101,6 +111,11 @@ def why_not(port: PortIdentity) -> str:
     """
     if port.device == _OWN_TERMINAL:
         return "is the terminal that this program runs in"
+    if port.planted:
+        return (
+            f"is reached by the link {port.planted}, which {owner_name(port.planter)} has put into a folder that "
+            "everybody may write to; name the port itself"
+        )
     program = _at_work(port.device, itself=port.terminal)
     if program:
         return f"is the terminal that {program} runs in, and no robot"
@@ -108,7 +123,7 @@ def why_not(port: PortIdentity) -> str:
         return ""
     if not port.link:
         if os.geteuid() not in (0, port.owner):
-            return f"is a terminal of {_user_name(port.owner)}"
+            return f"is a terminal of {owner_name(port.owner)}"
         return ""
     # A file system that keeps whole seconds is given two.
     slack = 0 if port.link_made % _SECOND else 2 * _SECOND
@@ -119,7 +134,7 @@ def why_not(port: PortIdentity) -> str:
         )
     if port.owner != port.link_owner:
         return (
-            f"leads to a terminal of {_user_name(port.owner)}, and {_user_name(port.link_owner)} made the link "
+            f"leads to a terminal of {owner_name(port.owner)}, and {owner_name(port.link_owner)} made the link "
             f"{port.link}; make it anew"
         )
     return ""
@@ -132,7 +147,7 @@ def why_not_again(before: PortIdentity, now: PortIdentity) -> str:
     if before.terminal and now.terminal:
         # A name that the emulator gives anew is checked by its own age; a bare terminal is gone for good.
         if before.link and now.link:
-            return "" if before.owner == now.owner else f"belongs to {_user_name(now.owner)} now"
+            return "" if before.owner == now.owner else f"belongs to {owner_name(now.owner)} now"
         same = (before.device, before.made) == (now.device, now.made)
         return (
             "" if same else "is another terminal now: the one that was open is gone; take the emulator's new name"
@@ -172,12 +187,3 @@ def _at_work(number: int, *, itself: bool) -> str:
         if terminal == wanted and (itself or process.name != str(os.getpid())):
             return f"{head.partition('(')[2]} (pid {process.name})"
     return ""
-
-
-def _user_name(uid: int) -> str:
-    import pwd
-
-    try:
-        return pwd.getpwuid(uid).pw_name
-    except KeyError:
-        return f"user {uid}"
