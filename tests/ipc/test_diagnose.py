@@ -90,6 +90,17 @@ def test_rights(ch340: PortInfo, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert any("plugged in" in f.advice for f in diagnose_port(ch340, tmp_path))
 
 
+def test_a_user_without_a_name_as_in_a_container(
+    ch340: PortInfo, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(os, "geteuid", lambda: 4_000_000_007)
+    Path(ch340.device).chmod(0o660)
+    os.chown(ch340.device, -1, os.getgid() or 20)
+    found = [f for f in diagnose_port(ch340, tmp_path) if f.level is Level.BAD]
+    assert "user 4000000007, then log out" in found[0].advice
+
+
 @pytest.mark.parametrize(
     ("baud", "error", "level"),
     [(115200, 0.0212, Level.HINT), (500000, 0.0, Level.OK), (250000, 0.0, Level.OK), (1000000, 0.0, Level.OK)],

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import grp
 import os
-import pwd
 import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from enum import Enum
 from pathlib import Path
 
 from hexwire.errors import LinkPermissionError, UsageError
-from hexwire.new_file import OutputFile, make_folder
+from hexwire.new_file import OutputFile, make_folder, owner_name
 
 from .adapter import inspect_adapter
 from .ports import PortInfo
@@ -170,7 +169,7 @@ def _permission(device: str) -> Finding:
         level = Level.HINT if status.st_mode & stat.S_IWOTH else Level.OK
         advice = "everybody may write to it; a udev rule is better than chmod 777" if level is Level.HINT else ""
         return Finding(level, device, f"this user may open it ({mode}, group {group})", advice)
-    user = pwd.getpwuid(os.geteuid()).pw_name
+    user = owner_name(os.geteuid())
     if status.st_gid == 0 or not status.st_mode & stat.S_IWGRP:
         advice = "no group may use it: a udev rule that gives it to group dialout helps (--fix writes one for USB)"
     else:

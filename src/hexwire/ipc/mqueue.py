@@ -33,6 +33,7 @@ from hexwire.ipc.link import LinkKind
 from hexwire.ipc.owner import lock_owner
 from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
+from hexwire.new_file import owner_name
 
 if TYPE_CHECKING:
     import posix_ipc
@@ -167,7 +168,7 @@ class QueueLink(PollLink):
         """Refuse a queue that somebody else made, or may use."""
         trusted = {self._user_id(user) for user in self._trust}
         if status.st_uid not in (os.geteuid(), *trusted):
-            owner = _user_name(status.st_uid)
+            owner = owner_name(status.st_uid)
             raise LinkPermissionError(
                 f"{self.url}: queue {name} belongs to {owner}, who could read and write what goes over it; take "
                 f"another name, or add trust={owner} to the address",
@@ -308,13 +309,6 @@ def _posix_ipc() -> posix_ipc:
     except ImportError as error:
         raise UsageError("mq:// needs the package posix_ipc: pip install 'hexwire[mq]'") from error
     return posix_ipc
-
-
-def _user_name(uid: int) -> str:
-    try:
-        return pwd.getpwuid(uid).pw_name
-    except KeyError:
-        return f"user {uid}"
 
 
 def _setting(name: str) -> str:

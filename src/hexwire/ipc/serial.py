@@ -32,6 +32,7 @@ from hexwire.ipc import owner, port_identity, ports
 from hexwire.ipc.link import LinkKind
 from hexwire.ipc.poll_link import PollLink
 from hexwire.ipc.url import LinkUrl
+from hexwire.new_file import owner_name
 
 __all__ = ["DEFAULT_BAUD", "SerialLink", "terminal_rate"]
 
@@ -305,15 +306,6 @@ class SerialLink(PollLink):
         except (OSError, KeyError):
             return "ask the owner of this machine for access to it"
         if group == "root" or not status.st_mode & stat.S_IRGRP:
-            user = _user_name(status.st_uid)
+            user = owner_name(status.st_uid)
             return f"it belongs to {user} alone; add a udev rule that gives it to group dialout"
         return f"it belongs to group {group}; run 'sudo usermod -aG {group} $USER', then log out and in again"
-
-
-def _user_name(uid: int) -> str:
-    import pwd
-
-    try:
-        return pwd.getpwuid(uid).pw_name
-    except KeyError:
-        return f"user {uid}"
