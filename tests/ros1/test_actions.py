@@ -213,3 +213,26 @@ def test_answers_keep_their_order_and_are_given_before_the_end(actions: Actions)
     actions.goals.close(10.0)
     assert all(handle.over and handle.said[0][0] == "rejected" for handle in handles)
     assert not actions.goals.open
+
+
+def test_a_machine_that_stood_still_answers_no_sooner(actions: Actions, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = 0
+
+    def jumping() -> float:
+        nonlocal looks
+        looks += 1
+        return 3600.0 * looks  # an hour from one look at the clock to the next
+
+    monkeypatch.setattr("hexwire.ros1.actions.time", SimpleNamespace(monotonic=jumping, sleep=lambda _: None))
+    actions.goals.start()
+    for goal_id in ("one", "two"):
+        looks_before = looks
+        handle = Handle(goal_id, {"elbow": 0.0})
+        answered_after: list[int] = []
+        monkeypatch.setattr(
+            handle, "set_rejected", lambda *_, after=answered_after: after.append(looks), raising=False
+        )
+        actions.send(handle)
+        wait_for(lambda after=answered_after: after)
+        # The client had its turns of the processor, as often as a clock that runs on would have given it.
+        assert answered_after[0] - looks_before >= 10

@@ -31,6 +31,8 @@ _log = logging.getLogger(__name__)
 _CLIENT_READY = 0.02
 """Seconds from a goal to the first answer to it. actionlib's SimpleActionClient for Python publishes a goal before
 it notes which one it waits for, and drops an answer that comes in between: it would wait for ever."""
+_STEP = 0.002
+"""Seconds that are waited at once. What passes beyond does not count: the machine stood still, its clients too."""
 
 
 class ActionGoal:
@@ -44,13 +46,13 @@ class ActionGoal:
     Attributes:
         accepted: Its client knows that it is.
         recalled: Its client wants it no more.
-        answerable: When its client may be answered, monotonic seconds.
+        answerable: When its client may be answered, by the worker's clock; None until there is an answer.
     """
 
     def __init__(self, controller: str, handle: Any, on_end: Callable[[ActionGoal, Ended], object]) -> None:
         self.controller, self.handle = controller, handle
         self.accepted = self.recalled = False
-        self.answerable = time.monotonic() + _CLIENT_READY
+        self.answerable: float | None = None
         self._on_end = on_end
 
     @property
@@ -79,6 +81,8 @@ class ActionGoals:
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         # Answers to clients in their order, each with the time before which it must not be given.
         self._answers: deque[tuple[float, Callable[[], object]]] = deque()
+        # The worker's clock: seconds that it has run or waited, a step at a time.
+        self._ran = self._seen = 0.0
         self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
 
     def start(self) -> None:
@@ -181,25 +185,31 @@ class ActionGoals:
     # -- the worker -----------------------------------------------------------------------------------
 
     def _answer(self, goal: ActionGoal, answer: Callable[[], object]) -> None:
+        if goal.answerable is None:
+            goal.answerable = self._ran + _CLIENT_READY
         self._answers.append((goal.answerable, answer))
 
     def _do_work(self) -> None:
-        while True:
-            wait = self._answers[0][0] - time.monotonic() if self._answers else None
-            if wait is not None and wait <= 0.0:
+        open_ = True
+        while open_ or self._answers:
+            if self._answers and self._time_left() <= 0.0:
                 self._try(self._answers.popleft()[1])
                 continue
             try:
-                job = self._work.get(timeout=wait)
+                job = self._work.get(timeout=_STEP if self._answers else None)
             except queue.Empty:
                 continue
             if job is None:
-                break
-            self._try(job)
-        while self._answers:
-            due, answer = self._answers.popleft()
-            time.sleep(max(0.0, due - time.monotonic()))
-            self._try(answer)
+                open_ = False
+            elif open_:
+                self._try(job)
+
+    def _time_left(self) -> float:
+        """Seconds until the next answer may be given."""
+        now = time.monotonic()
+        self._ran += min(now - self._seen, _STEP)
+        self._seen = now
+        return self._answers[0][0] - self._ran
 
     @staticmethod
     def _try(job: Callable[[], object]) -> None:
