@@ -1,12 +1,12 @@
 from __future__ import annotations
 
 import pytest
-from tests.ipc.bus_bench import make_bus
+from tests.ipc.bus_bench import BusLink, make_bus
 
 from hexwire.errors import UsageError
 from hexwire.ipc.bus_counters import BusCounters
 from hexwire.ipc.servo_bus import ServoBus
-from hexwire.wire.servo_packet import make_read
+from hexwire.wire.servo_packet import make_read, make_status
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
 
@@ -109,3 +109,54 @@ def test_numbers_that_make_no_sense() -> None:
     bus, _ = make_bus((1,))
     with pytest.raises(UsageError, match="retries"):
         ServoBus(bus.link, retries=-1)
+
+
+class LateLink(BusLink):
+    """Bytes of before stay in the adapter until a given time."""
+
+    held = b""
+    until = 0.0
+
+    def read(self, deadline: float | None) -> bytes:
+        if self.held:
+            if deadline is not None and deadline < self.until:
+                return super().read(deadline)
+            held, self.held = self.held, b""
+            return held
+        return super().read(deadline)
+
+
+def _late(bus: ServoBus, held: bytes, seconds: float) -> None:
+    link = bus.link
+    assert isinstance(link, BusLink)
+    link.__class__ = LateLink
+    assert isinstance(link, LateLink)
+    link.held, link.until = held, link.clock() + seconds
+
+
+def test_an_adapter_is_emptied_where_the_host_stood_still_until_a_doubt_was_over() -> None:
+    bus, _ = make_bus((1,))
+    bus._doubt(1, 2, make_read(1, 58, 2), bus.now())
+    bus.pause(1.1)
+    _late(bus, make_status(1, 0, b"\x34\x12"), 0.015)
+    assert bus.read(1, "present_position").raw == 2048
+
+
+def test_an_adapter_is_emptied_when_a_bus_is_opened() -> None:
+    bus, _ = make_bus((1,))
+    bus.close()
+    _late(bus, make_status(1, 0, b"\x34\x12"), 0.015)
+    bus.open()
+    assert bus.read(1, "present_position").raw == 2048
+
+
+def test_an_echo_with_a_wrong_byte_in_its_header_is_no_value_of_a_legacy_servo() -> None:
+    from hexwire.wire.registers import Series
+
+    bus, _ = make_bus((1,), (Series.SEVEN_BOT,))
+    assert bus.read(1, "present_position").ok
+    for _ in range(80):
+        bus.write_raw(1, "target_position", 2048)
+    bus.pause(1.1)
+    bus._exchange = lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:]
+    assert bus.read(1, "present_speed").raw is None

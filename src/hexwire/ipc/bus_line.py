@@ -50,7 +50,10 @@ _ANY_REGISTER = Series.STS_SMS.register("present_temperature").address
 """What is read where only the answer matters: at the same place, one byte wide, in every series."""
 _TO_ALL = bytes((BROADCAST_ID,))
 _LEGACY_READ = 2
-_LEGACY_PAUSE = 0.02
+ADAPTER_TIME = 0.02
+"""Seconds after which an adapter has passed on what it had: FTDI's timer of 16 ms, and a little more."""
+_IDLE = 0.1
+"""Seconds without a transaction after which the host may have stood still, and the adapter may have bytes left."""
 
 
 class BusLine:
@@ -94,6 +97,7 @@ class BusLine:
         self._learning = True
         self._busy_until = 0.0
         self._asked_at: float | None = None
+        self._looked_at = 0.0
         self._ends = {series: max(r.address + r.size for r in series.registers.values()) for series in Series}
 
     @property
@@ -428,11 +432,12 @@ class BusLine:
         """Whether an answer of that length may be a late one, to another request than this."""
         if not self._doubtful:
             return False
-        doubts = self._doubts
-        held = doubts.holds(servo_id, params, self._clock(), request)
+        doubts, now = self._doubts, self._clock()
+        held = doubts.holds(servo_id, params, now, request)
+        idle, self._looked_at = now - self._looked_at, now
         if doubts.ended:
             doubts.ended = False
-            self._drain()
+            self._drain(ADAPTER_TIME if idle > _IDLE else 0.0)
         return held
 
     def _suspect(self, servo_ids: Sequence[int], params: int) -> bool:
@@ -476,7 +481,7 @@ class BusLine:
             header = Series.SEVEN_BOT.reply_header
             if servo_id not in self._collect(request, (servo_id,), params, base, header=header).answers:
                 continue
-            self._drain(_LEGACY_PAUSE)
+            self._drain(ADAPTER_TIME)
             if servo_id in self._collect(request, (servo_id,), params, base, header=header).answers:
                 self._count.settled += 1
                 return True

@@ -18,7 +18,7 @@ from hexwire.session.servo_values import SILENT, Answer, Reading, Readings, Serv
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 
-from .bus_line import MEASURED_EVERY
+from .bus_line import ADAPTER_TIME, MEASURED_EVERY
 from .bus_orders import BusOrders, as_series, why
 
 if TYPE_CHECKING:
@@ -84,10 +84,11 @@ class ServoBus(BusOrders):
     # --- opening -----------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the link and drop what had arrived before."""
+        """Open the link and drop what had arrived before, or is in the adapter: another program's answers, say."""
         self.link.open()
         self._own_baud_again()
         self.link.flush_input()
+        self._drain(ADAPTER_TIME)
 
     def close(self) -> None:
         """Close the link. Harmless if it is closed."""
@@ -292,6 +293,9 @@ class ServoBus(BusOrders):
     def _new_read(self, servo_id: int, address: int, count: int, register: Register | None = None) -> ReadPlan:
         plan = ReadPlan(servo_id, self.series_of(servo_id), address, count, register)
         plan.base = self._base(plan.total, (servo_id,))
+        if plan.series is Series.SEVEN_BOT:
+            # Its echo, one byte of the header wrong, is a sound answer, and the fast path keeps no record.
+            self._sent.prepare(plan.request)
         return plan
 
     def _plan_read(self, servo_id: int, name: str) -> tuple[ReadPlan, Register]:

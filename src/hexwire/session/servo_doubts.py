@@ -100,13 +100,18 @@ class Doubts:
 
 
 class SentLately:
-    """Packets whose echo may still come. Reads are not kept: `servo_answers` knows the echo of any by its form.
+    """Packets whose echo may still come. Most reads are not kept: `servo_answers` knows their echo by its form.
 
     The last few are kept however old they are: a host that stood still finds their echoes only now.
     """
 
     def __init__(self) -> None:
         self._when: dict[bytes, float] = {}
+        self._prepared: set[bytes] = set()
+
+    def prepare(self, packet: bytes) -> None:
+        """A packet may go out at any time from now on without a word."""
+        self._prepared.add(packet)
 
     def add(self, packet: bytes, now: float) -> None:
         """A packet goes out."""
@@ -116,9 +121,10 @@ class SentLately:
         if len(when) > _MOST_SENT:
             self._when = self._recent(now)
 
-    def packets(self, now: float) -> frozenset[bytes]:
-        """What was sent within the last `LATEST` seconds, and the last few besides."""
-        return frozenset(self._when if len(self._when) <= _LAST_SENT else self._recent(now))
+    def packets(self, now: float) -> set[bytes]:
+        """What was sent within the last `LATEST` seconds, the last few besides, and what was prepared."""
+        lately = self._when if len(self._when) <= _LAST_SENT else self._recent(now)
+        return self._prepared.union(lately)
 
     def _recent(self, now: float) -> dict[bytes, float]:
         old = len(self._when) - _LAST_SENT
