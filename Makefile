@@ -19,6 +19,10 @@ PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
 PYTEST_ARGS ?= -n auto
 
 ROOT := $(patsubst %/,%,$(dir $(abspath $(lastword $(MAKEFILE_LIST)))))
+# make cuts names at spaces: an `rm -rf` below would go to another folder.
+ifneq ($(words $(ROOT)) $(words $(CURDIR)) $(wildcard $(ROOT)/uv.lock),1 1 $(ROOT)/uv.lock)
+$(error make cannot work in a folder with a space in its path: move hexwire to another one, or call make in its folder)
+endif
 BIN := $(ROOT)/.venv/bin
 TOOLS := $(ROOT)/.tools/uv-$(UV_VERSION)
 UV := $(TOOLS)/bin/uv
@@ -102,6 +106,6 @@ $(UV):
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || .ci/install-packages \
 	    "$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')"
 	@mkdir -p '$(HOME)'
-	rm -rf $(TOOLS)
+	rm -rf '$(TOOLS)'
 	$(PYTHON) -m venv $(TOOLS)
 	$(TOOLS)/bin/python -m pip install --quiet 'uv==$(UV_VERSION)' </dev/null

@@ -31,6 +31,23 @@ def test_entry_point_leads_to_something_callable(target: str) -> None:
     assert callable(getattr(importlib.import_module(module), name))
 
 
+@pytest.mark.parametrize("where", ["in it", "from outside"])
+def test_make_does_nothing_in_a_folder_with_a_space(tmp_path: Path, where: str) -> None:
+    # make cuts its path in two, and would remove the folder that the first half names.
+    folder = tmp_path / "my robots" / "hexwire"
+    folder.mkdir(parents=True)
+    for name in ("Makefile", "pyproject.toml", "uv.lock"):
+        (folder / name).write_bytes((ROOT / name).read_bytes())
+    words = ["make", "-n", "demo"]  # -n only prints what it would do
+    if where == "from outside":
+        words += ["-f", str(folder / "Makefile")]
+    cwd = folder if where == "in it" else tmp_path
+    done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert "a folder with a space in its path" in done.stderr
+    assert "rm " not in done.stdout
+
+
 def test_lock_names_public_hosts_only() -> None:
     lock = (ROOT / "uv.lock").read_text(encoding="utf-8")
     hosts = set(re.findall(r"\b\w+://([^/\"]*)", lock))
