@@ -6,7 +6,7 @@ import pytest
 from tests.drivers.arms import Arm
 
 from hexwire.drivers.board2 import Board2
-from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError
+from hexwire.errors import CommandRefusedError, NotSupportedError, ServoError, StoppedError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
@@ -203,3 +203,18 @@ def test_a_stop_that_was_lost_is_said_again_soon_and_one_that_takes_long_is_wait
     board.wire[4].noise = 50.0
     assert "J5" in arm.driver.stop()
     assert not arm.torques()[4]
+
+
+def test_after_a_trip_of_the_watchdog_a_refusal_says_that() -> None:
+    arm = Arm()
+    arm.driver.torque(True)
+    arm.driver.watchdog(0.5)
+    arm.wait(1.0)
+    target = JointTarget.of({"J1": 0.2}, 1.0)
+    for act in (lambda: arm.driver.write(target), lambda: arm.driver.torque(True)):
+        with pytest.raises(StoppedError, match="the board's watchdog stopped the arm, because nothing came from"):
+            act()
+    arm.driver.resume()
+    arm.driver.stop()
+    with pytest.raises(StoppedError, match="the arm is stopped; `hexwire resume` ends that"):
+        arm.driver.write(target)

@@ -14,7 +14,7 @@ from math import inf
 from operator import add, mul, sub
 from typing import TypeVar
 
-from hexwire.errors import HexwireError, NotSupportedError, ServoError, UsageError
+from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -63,6 +63,7 @@ _MAX_DURATION_MS = 0xFFFF
 # must be said again much sooner.
 _STOP_WINDOW = 0.1
 _STOP_ATTEMPTS = 20
+_TRIPPED = "the board's watchdog stopped the arm, because nothing came from here; `hexwire resume` ends that"
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
 
@@ -213,7 +214,7 @@ class Board2:
         )
         duration = min(round(target.duration * 1000), _MAX_DURATION_MS)
         reply = self._ask(Command.JOINT_MOVE, MoveRequest(duration, rows).serialize())
-        check_reply(reply, Status.SERVO_SILENT)
+        self._check_done(reply, Status.SERVO_SILENT)
         sent = MoveReply.parse(reply.body)
         named = [(model.by_servo(row.servo_id), row) for row in sent.rows]
         done = {joint.name for joint, _ in named if joint}
@@ -228,7 +229,7 @@ class Board2:
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """TORQUE by mask."""
         body = make_stop_reply(int(on), self._board_mask(joints))
-        reply = check_reply(self._ask(Command.TORQUE, body), Status.SERVO_SILENT, Status.SERVO_FAULT)
+        reply = self._check_done(self._ask(Command.TORQUE, body), Status.SERVO_SILENT, Status.SERVO_FAULT)
         confirmed = self._confirmed(reply)
         if reply.status == Status.SERVO_FAULT:
             wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]
@@ -285,7 +286,7 @@ class Board2:
     def store_limits(self, rows: Sequence[LimitRow]) -> tuple[LimitRow, ...]:
         """Store limits; returns what the board has then."""
         reply = self._ask(Command.LIMITS, _packed(LimitTable.serialize_request, tuple(rows)))
-        return LimitTable.parse(check_reply(reply).body).rows
+        return LimitTable.parse(self._check_done(reply).body).rows
 
     def offsets(self) -> tuple[OffsetRow, ...]:
         """The neutral counts and signs the board has stored, in its joint order."""
@@ -294,7 +295,7 @@ class Board2:
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
         """Store neutral counts and signs; returns what the board has then."""
         reply = self._ask(Command.OFFSETS, _packed(OffsetTable.serialize_request, tuple(rows)))
-        return OffsetTable.parse(check_reply(reply).body).rows
+        return OffsetTable.parse(self._check_done(reply).body).rows
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
         """TRANSACT: one raw servo packet and its answer; empty if none was expected."""
@@ -303,7 +304,7 @@ class Board2:
         ms = max(1, math.ceil(timeout * 1000))
         body = TransactRequest(reply_length, ms, packet).serialize()
         reply = self._ask(Command.TRANSACT, body, window=self._session.policy.window + timeout)
-        return check_reply(reply).body
+        return self._check_done(reply).body
 
     def maintenance(self, on: bool) -> None:
         """MAINTENANCE.
@@ -314,7 +315,7 @@ class Board2:
         if not self.identity.capabilities & CAPABILITY_MAINTENANCE:
             version = ".".join(map(str, self.identity.firmware))
             raise NotSupportedError(f"the board's firmware {version} has no maintenance; put a newer one on it")
-        reply = MaintenanceReply.parse(check_reply(self._ask(Command.MAINTENANCE, bytes((on,)))).body)
+        reply = MaintenanceReply.parse(self._check_done(self._ask(Command.MAINTENANCE, bytes((on,)))).body)
         if reply.on != on:
             raise ServoError(f"the board says that maintenance is {'on' if reply.on else 'off'}")
 
@@ -324,7 +325,7 @@ class Board2:
 
     def command(self, cmd: int, body: bytes) -> bytes:
         """Any command of the schema; its reply's body."""
-        return check_reply(self._ask(cmd, body)).body
+        return self._check_done(self._ask(cmd, body)).body
 
     def probe_joints(self) -> tuple[JointProbe, ...]:
         """Who is there, by a fresh IDENTIFY."""
@@ -376,6 +377,21 @@ class Board2:
         if reply.frame is not None:
             self.clock = reply.frame.time_sec + reply.frame.time_nsec * 1e-9
         return reply
+
+    def _check_done(self, reply: Reply, *accepted: Status) -> Reply:
+        """As `check_reply`; after a trip of the watchdog the error says that, since nobody told the arm to stop."""
+        try:
+            return check_reply(reply, *accepted)
+        except StoppedError as error:
+            if self._tripped():
+                raise StoppedError(error.command, error.status, _TRIPPED) from None
+            raise
+
+    def _tripped(self) -> bool:
+        try:
+            return self.read(0).watchdog_tripped
+        except HexwireError:
+            return False
 
     def _board_mask(self, joints: Sequence[str] | None) -> int:
         wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]
