@@ -63,7 +63,7 @@ _MAX_DURATION_MS = 0xFFFF
 # must be said again much sooner.
 _STOP_WINDOW = 0.1
 _STOP_ATTEMPTS = 20
-_TRIPPED = "the board's watchdog stopped the arm, because nothing came from here; `hexwire resume` ends that"
+_TRIPPED = "its watchdog stopped the arm, because the host fell silent; `hexwire resume` ends that"
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
 
