@@ -49,8 +49,8 @@ _LEGACY, _HLS = 0, 4
 _BOARD, _OTHER = 8, 9
 _REFUSED = 0.01
 """Seconds before who was refused calls again: else the targets of a run reach where the arm stands."""
-_CALLS = ("move", "move", "torque", "resume", "read", "slow")
-_SENT = ("raw_move", "sent_move", "raw_resume", "limp")
+_CALLS = ("move", "move", "torque", "resume", "read", "slow", "limp")
+_SENT = ("raw_move", "sent_move", "raw_resume")
 _FRAMES = (
     *("move", "sync_write", "transact", "read", "resume", "torque", "limp", "slow", "stop", "noise"),
     *("move", "sync_write", "transact"),
@@ -124,8 +124,9 @@ class Bench:
         near, self._far = memory_pair()
         self._far.open()
         self._board: _Board = _Core() if kind == "core" else _Emulator(dialect)
+        self.wire = self._board.wire
         for place in (_LEGACY, _HLS):
-            watch(self.judge, self._board.wire, self._board.wire[place])
+            watch(self.judge, self.wire, self.wire[place])
         self._decoder = FrameDecoder()
         self._resumed: dict[tuple[int, int], float] = {}
         self._frames: list[Callable[[], bytes]] = []

@@ -146,6 +146,32 @@ def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int, kind: st
     assert moved > 0
 
 
+@pytest.mark.system
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_moves_that_wait_give_no_torque_back(dialect: int) -> None:
+    """In dialect 1 a target switches the torque on: one that was judged before must not follow torque off."""
+    with bench(dialect) as b:
+        ended, begun = threading.Event(), threading.Event()
+
+        def push() -> None:
+            while not ended.is_set():
+                with contextlib.suppress(HexwireError):
+                    b.move()
+                    begun.set()
+
+        threads = [threading.Thread(target=push) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        assert begun.wait(PATIENCE)
+        assert len(b.robot.torque(False)) == 7
+        time.sleep(0.3)
+        ended.set()
+        for thread in threads:
+            thread.join(PATIENCE)
+        assert not any(servo.torque_on for servo in b.wire.servos)
+        assert b.judge.moved() > 0
+
+
 def test_the_judge_sees_what_a_stop_should_have_voided() -> None:
     judge = Judge()
     with judge.call("torque"):

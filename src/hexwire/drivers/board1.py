@@ -149,6 +149,7 @@ class Board1:
         self._loads: list[float] = [math.nan] * n
         self._flags: list[int] = [int(JointFlag.SILENT)] * n
         self._torque: list[bool | None] = [None] * n
+        self._freeing: list[list[int]] = []
         self._legacy = {joint.servo_id: joint.series == "seven_bot" for joint in model.joints}
         self._ceilings: dict[int, int] = {}
         self._missed: dict[int, dict[int, float]] = {}
@@ -269,12 +270,13 @@ class Board1:
         joints = [(model.joint(name), angle) for name, angle in target.positions]
         self._refuse_without_torque([joint for joint, _ in joints])
         duration = max(target.duration, 0.001)
+        guard = partial(self._refuse_now, [joint for joint, _ in joints])
         sent: list[tuple[str, float]] = []
         silent: list[str] = []
         legacy = {joint.servo_id: joint.angle_to_counts(angle) for joint, angle in joints if joint.series != "hls"}
         if legacy:
             packet, ms, legacy = make_legacy_move(legacy, round(duration * 1000))
-            self._act(Command.SYNC_WRITE, packet, guard=self._refuse_if_stopped)
+            self._act(Command.SYNC_WRITE, packet, guard=guard)
             duration = ms / 1000
             for joint, _ in joints:
                 if joint.servo_id in legacy:
@@ -289,7 +291,7 @@ class Board1:
             distance = abs(counts - joint.angle_to_counts(start)) if math.isfinite(start) else high - low
             speed = max(1, math.ceil(distance / max(duration, 0.02) / _SPEED_UNIT))
             packet, counts = make_hls_block(joint.servo_id, counts, speed, self._ceiling(joint))
-            if self._write(packet, guard=self._refuse_if_stopped):
+            if self._write(packet, guard=guard):
                 sent.append((joint.name, joint.counts_to_angle(counts)))
             else:
                 silent.append(joint.name)
@@ -369,11 +371,17 @@ class Board1:
         """Take the torque of joints away and read that back; who does not confirm is told once more."""
         wanted = list(wanted)
         free: set[int] = set()
-        for _ in range(2):
-            left = [i for i in wanted if i not in free]
-            for i in left:
-                self._write(make_write(self._model.joints[i].servo_id, _TORQUE, b"\0"), urgent=urgent)
-            free |= {i for i in left if self._check_torque(i, urgent=urgent) is False}
+        # A move that waits for the line in another thread must not give it back.
+        self._freeing.append(wanted)
+        try:
+            for _ in range(2):
+                left = [i for i in wanted if i not in free]
+                for i in left:
+                    self._torque[i] = None
+                    self._write(make_write(self._model.joints[i].servo_id, _TORQUE, b"\0"), urgent=urgent)
+                free |= {i for i in left if self._check_torque(i, urgent=urgent) is False}
+        finally:
+            self._freeing.remove(wanted)
         return self._names(i for i in wanted if i in free)
 
     def _check_torque(self, i: int, *, urgent: bool = False) -> bool | None:
@@ -426,6 +434,17 @@ class Board1:
                 self._torque[i] = self._read_torque(joint)
             if not self._torque[i]:
                 limp.append(joint.name)
+        self._refuse_limp(limp)
+
+    def _refuse_now(self, joints: Sequence[JointModel]) -> None:
+        """With the line in hand: what has come since a move was judged."""
+        self._refuse_if_stopped()
+        places = {joint.name: self._model.index(joint.name) for joint in joints}
+        off = {i for i in places.values() if self._torque[i] is False}.union(*self._freeing)
+        self._refuse_limp([name for name, i in places.items() if i in off])
+
+    @staticmethod
+    def _refuse_limp(limp: Sequence[str]) -> None:
         if limp:
             raise CommandRefusedError(
                 "a move", Status.TORQUE_OFF, f"{', '.join(limp)}: no torque; `hexwire torque on` first"
