@@ -172,6 +172,26 @@ def test_moves_that_wait_give_no_torque_back(dialect: int) -> None:
         assert b.judge.moved() > 0
 
 
+def test_a_move_that_was_judged_gives_no_torque_back_on_a_servo_bus() -> None:
+    robot, _, _, _ = fresh("bus")
+    assert isinstance(robot, SevenBotArm)
+    judged, send = threading.Event(), robot._send
+
+    def later(*args: Any) -> None:
+        judged.set()
+        time.sleep(0.3)
+        send(*args)
+
+    robot._send = later  # type: ignore[method-assign]  # tells when a move has been judged
+    worker = threading.Thread(target=lambda: move(robot, 1500))
+    worker.start()
+    assert judged.wait(PATIENCE)
+    assert len(robot.torque(False)) == 7
+    worker.join(PATIENCE)
+    robot.bus.pause(0.1)
+    assert robot.read().torque_on == ()
+
+
 def test_the_judge_sees_what_a_stop_should_have_voided() -> None:
     judge = Judge()
     with judge.call("torque"):

@@ -10,6 +10,7 @@ refused. There is no board that would stop by itself if this program dies: the s
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,6 +87,9 @@ class BusArm(RobotDriver):
         self._memory = StopMemory(link.url)
         self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
+        # A goal switches torque on: one that was judged before torque off must not follow it. A stop waits for
+        # neither, and a signal handler may call either in the middle of the other.
+        self._powering = threading.RLock()
         self._speed_units: dict[int, float] = {}
         self._ceilings: dict[int, int] = {}
         self._positions: dict[str, float] = {}
@@ -268,7 +272,7 @@ class BusArm(RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         self._check_attached()
-        with self.epochs.calling("a move"), self._stop_again():
+        with self.epochs.calling("a move"), self._stop_again(), self._powering:
             return self._move(target)
 
     @contextmanager
@@ -330,7 +334,8 @@ class BusArm(RobotDriver):
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         self._check_attached()
-        with self.epochs.calling("torque on" if on else "torque off", freeing=not on), self._stop_again():
+        what = "torque on" if on else "torque off"
+        with self.epochs.calling(what, freeing=not on), self._stop_again(), self._powering:
             return self._switch(on, joints)
 
     def _switch(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
