@@ -49,8 +49,8 @@ _LEGACY, _HLS = 0, 4
 _BOARD, _OTHER = 8, 9
 _REFUSED = 0.01
 """Seconds before who was refused calls again: else the targets of a run reach where the arm stands."""
-_CALLS = ("move", "move", "torque", "resume", "read", "slow", "limp")
-_SENT = ("raw_move", "sent_move", "raw_resume")
+_CALLS = ("move", "move", "torque", "resume", "read", "slow")
+_SENT = ("raw_move", "sent_move", "raw_resume", "limp")
 _FRAMES = (
     *("move", "sync_write", "transact", "read", "resume", "torque", "limp", "slow", "stop", "noise"),
     *("move", "sync_write", "transact"),

@@ -136,13 +136,15 @@ def test_what_waits_for_a_servo_bus_is_void_after_a_stop(deed: str) -> None:
 @pytest.mark.parametrize("kind", ["emulator", "core"])
 @pytest.mark.parametrize("dialect", [1, 2])
 def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int, kind: str) -> None:
-    moved = 0
-    for seed in range(RUNS):
+    moved = seed = 0
+    # A busy machine may let no move through for a while, and runs in which nothing moves prove nothing.
+    while seed < RUNS or (not moved and seed < 10 * RUNS):
         with bench(dialect, kind) as b:
             run(b, seed)
             assert b.judge.wrong() == [], f"seed {seed}"
             assert b.judge.without_torque() == [], f"seed {seed}"
             moved += b.judge.moved()
+        seed += 1
     assert moved > 0
 
 
@@ -188,8 +190,7 @@ def test_a_move_that_was_judged_gives_no_torque_back_on_a_servo_bus() -> None:
     assert judged.wait(PATIENCE)
     assert len(robot.torque(False)) == 7
     worker.join(PATIENCE)
-    robot.bus.pause(0.1)
-    assert robot.read().torque_on == ()
+    assert robot.bus.read(0, "torque_enable").raw == 0
 
 
 def test_the_judge_sees_what_a_stop_should_have_voided() -> None:
