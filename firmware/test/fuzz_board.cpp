@@ -12,6 +12,7 @@
 
 #include "../boards/host/host_board.h"
 #include "bytes.h"
+#include "fuzz_input.h"
 #include "servo_model.h"
 
 namespace hexwire {
@@ -38,41 +39,10 @@ constexpr uint32_t kAnswerDelayUs = 250;
 constexpr uint32_t kByteUs = 87;
 constexpr uint8_t kMover = gen::BOARD_FLAG_STOPPED | gen::BOARD_FLAG_MAINTENANCE;
 
-const uint8_t kCommands[] = {gen::CMD_IDENTIFY, gen::CMD_JOINT_STATE, gen::CMD_REPORT,   gen::CMD_JOINT_MOVE,
-                             gen::CMD_TORQUE,   gen::CMD_WATCHDOG,    gen::CMD_LIMITS,   gen::CMD_OFFSETS,
-                             gen::CMD_STATS,    gen::CMD_FRAGMENT,    gen::CMD_IO,       gen::CMD_MAINTENANCE,
-                             gen::CMD_TRANSACT, gen::CMD_READ,        gen::CMD_SYNC_WRITE, gen::CMD_PING};
-const uint8_t kInstructions[] = {gen::INST_PING,    gen::INST_READ,   gen::INST_WRITE,       gen::INST_REG_WRITE,
-                                 gen::INST_ACTION,  gen::INST_RESTORE, gen::INST_REBOOT,     gen::INST_BACKUP,
-                                 gen::INST_RESET_STATE, gen::INST_CALIBRATE, gen::INST_SYNC_READ, gen::INST_SYNC_WRITE,
-                                 gen::INST_WRITE,   gen::INST_SYNC_WRITE, gen::INST_WRITE,   0x77};
-
 void broken(const char* what, long a = 0, long b = 0, long c = 0) {
   fprintf(stderr, "broken: %s (%ld, %ld, %ld)\n", what, a, b, c);
   abort();
 }
-
-// The rest of the input, as numbers; zeros when it is used up.
-struct Input {
-  const uint8_t* data;
-  size_t size;
-  uint8_t byte() {
-    if (size == 0) return 0;
-    --size;
-    return *data++;
-  }
-  uint16_t word() {
-    const uint8_t low = byte();
-    return static_cast<uint16_t>(low | byte() << 8);
-  }
-  std::vector<uint8_t> bytes(size_t count) {
-    count = std::min(count, size);
-    std::vector<uint8_t> taken(data, data + count);
-    data += count;
-    size -= count;
-    return taken;
-  }
-};
 
 // A board, its servos, and a watcher that knows what must never be.
 class World final : public ServoWatcher {
@@ -104,19 +74,20 @@ class World final : public ServoWatcher {
     std::copy(body.begin(), body.end(), frame + kBodyAt);
     const FrameHead head = {0, 0, 0, 7, gen::MODULE_ARM_7BOT_ARDUINO_TRX, proto, seq, cmd, 0};
     const uint8_t whole = finish_frame(frame, head, static_cast<uint8_t>(body.size()));
-    last_.assign(frame, frame + whole);
-    last_proto_ = proto;
-    last_cmd_ = cmd;
-    last_body_ = body;
-    last_us_ = b.now_us;
+    const Sent sent = {std::vector<uint8_t>(frame, frame + whole), proto, cmd, body, b.now_us, identified_};
+    last_[next_last_++ % kLast] = sent;
     note(proto, cmd, body);
-    put_raw(last_);
+    put_raw(sent.frame);
   }
   void put_raw(const std::vector<uint8_t>& bytes) { b.from_host.insert(b.from_host.end(), bytes.begin(), bytes.end()); }
-  void repeat() {
-    // After so long it means what it says once more.
-    if (b.now_us - last_us_ > gen::REPEAT_WINDOW_MS * 1000u) note(last_proto_, last_cmd_, last_body_);
-    put_raw(last_);
+  // A frame of some while ago comes again.
+  void repeat(uint8_t ago) {
+    const Sent& sent = last_[(next_last_ + kLast - 1u - ago % kLast) % kLast];
+    if (sent.frame.empty()) return;
+    // After so long, or to a board that was asked who it is since, it means what it says once more.
+    const bool anew = b.now_us - sent.us > kRepeatUs || sent.identified != identified_;
+    if (anew) note(sent.proto, sent.cmd, sent.body);
+    put_raw(sent.frame);
   }
 
   void written(const ServoModel& before, const ServoModel& after, bool goal) override {
@@ -128,6 +99,7 @@ class World final : public ServoWatcher {
       broken("a setting changed outside maintenance", i);
     }
     if (!maintenance && before.registers[gen::HLS_REG_LOCK] != after.registers[gen::HLS_REG_LOCK]) broken("lock", i);
+    if (!maintenance && !goal && changes_speed(before, after)) broken("a speed without a target", i);
     const bool gains = !before.torque_on() && after.torque_on();
     if (gains && (stopped || maintenance)) broken("torque while stopped or in maintenance", i, began_);
     if (gains && after.mode() != 0 && clean_) broken("torque in another mode", i, after.mode());
@@ -150,14 +122,22 @@ class World final : public ServoWatcher {
     return made;
   }
 
+  static bool changes_speed(const ServoModel& before, const ServoModel& after) {
+    if (after.legacy) return before.word(gen::SEVEN_BOT_REG_RUN_TIME) != after.word(gen::SEVEN_BOT_REG_RUN_TIME);
+    return before.word(gen::HLS_REG_GOAL_SPEED) != after.word(gen::HLS_REG_GOAL_SPEED);
+  }
+
   uint8_t index(const ServoModel& servo) const { return static_cast<uint8_t>(&servo - line_.servos.data()); }
 
   // What must have been asked for before it may be.
   void note(uint8_t proto, uint8_t cmd, const std::vector<uint8_t>& body) {
     if (proto != gen::PROTO_HEXWIRE) return;
+    if (cmd == gen::CMD_IDENTIFY) ++identified_;
     if (cmd == gen::CMD_STOP && body.size() == 1 && body[0] <= 1) {
       granted_next_ = 0;
-      resumed_ = false;
+      aimed_next_ = resumed_ = false;
+    } else if (cmd != gen::CMD_RESUME && cmd != gen::CMD_TORQUE) {
+      aimed_ = aimed_next_ = true;
     }
     if (cmd == gen::CMD_RESUME && body.empty()) resumed_ = true;
     if (cmd == gen::CMD_TORQUE && body.size() == 3 && body[0] == 1) {
@@ -172,6 +152,7 @@ class World final : public ServoWatcher {
     hear_servos();
     before_ = flags();
     granted_before_ = granted_;
+    aimed_before_ = aimed_;
     const uint8_t outputs = b.outputs;
     const bool rests = b.board.poll();
     const uint8_t now = flags();
@@ -179,7 +160,10 @@ class World final : public ServoWatcher {
     if (probe_.trips() != trips_) resumed_ = false;
     trips_ = probe_.trips();
     if (before_ & ~now & gen::BOARD_FLAG_STOPPED && !resumed_) broken("a stop ended by what was sent before it");
-    if (now & gen::BOARD_FLAG_STOPPED) granted_ = granted_next_;
+    if (now & gen::BOARD_FLAG_STOPPED) {
+      granted_ = granted_next_;
+      aimed_ = aimed_next_;
+    }
     if ((now & kMover) == kMover) broken("maintenance while stopped");
     for (uint8_t i = 0; i < gen::JOINTS && b.storage_free_us + 2 * kIdleUs > b.now_us; ++i) {
       if (probe_.limit(i) != limits_[i][2] || probe_.minimum(i) != limits_[i][0] || probe_.maximum(i) != limits_[i][1]) {
@@ -240,6 +224,7 @@ class World final : public ServoWatcher {
     began_ = static_cast<uint8_t>(before_ & now & gen::BOARD_FLAG_STOPPED) |
              static_cast<uint8_t>((before_ | now) & gen::BOARD_FLAG_MAINTENANCE);
     began_granted_ = granted_before_;
+    began_aimed_ = aimed_before_;
     packet_over_ = b.bus_free_us;
     packet_.swap(b.to_bus);
     b.to_bus.clear();
@@ -265,6 +250,7 @@ class World final : public ServoWatcher {
     // What a joint covers between its last sample and the end of this packet.
     const double age = before.torque_on() ? std::max(before.speed, 1.0 * speed) * 0.06 + 4 : 2;
     if (way > age) {
+      if (!dialect_1_ && !began_aimed_) broken("a target that a stop made void", i, goal);
       if (stopped) broken("a target elsewhere while stopped", i, goal, std::lround(before.position));
       if (goal < low || goal > high) broken("a target beyond its limits", i, goal);
     }
@@ -279,7 +265,19 @@ class World final : public ServoWatcher {
     }
   }
 
+  // A frame that was put in.
+  struct Sent {
+    std::vector<uint8_t> frame;
+    uint8_t proto;
+    uint8_t cmd;
+    std::vector<uint8_t> body;
+    uint64_t us;
+    uint32_t identified;
+  };
+
+  static constexpr size_t kLast = 8;
   static constexpr uint32_t kStopTakesUs = 1200000;
+  static constexpr uint32_t kRepeatUs = gen::REPEAT_WINDOW_MS * 1000u;
 
   const bool dialect_1_;
   BoardProbe probe_;
@@ -300,11 +298,13 @@ class World final : public ServoWatcher {
   uint64_t still_from_ = kStopTakesUs;
   bool still_ = false;
   double still_at_[gen::JOINTS] = {};
-  std::vector<uint8_t> last_;
-  uint8_t last_proto_ = 0;
-  uint8_t last_cmd_ = 0;
-  std::vector<uint8_t> last_body_;
-  uint64_t last_us_ = 0;
+  Sent last_[kLast];
+  size_t next_last_ = 0;
+  uint32_t identified_ = 0;
+  bool aimed_ = false;
+  bool aimed_next_ = false;
+  bool aimed_before_ = false;
+  bool began_aimed_ = false;
   std::vector<uint8_t> packet_;
   uint64_t packet_over_ = 0;
   std::vector<uint8_t> answer_;
@@ -313,14 +313,6 @@ class World final : public ServoWatcher {
  public:
   std::vector<uint8_t> seen_;
 };
-
-// Makes a whole servo packet with a sound checksum, whatever is in its fields.
-std::vector<uint8_t> servo_packet(uint8_t id, uint8_t instruction, const std::vector<uint8_t>& parameters) {
-  std::vector<uint8_t> p = {0xFF, 0xFF, id, static_cast<uint8_t>(parameters.size() + 2), instruction};
-  p.insert(p.end(), parameters.begin(), parameters.end());
-  p.push_back(servo_checksum(&p[2], static_cast<uint8_t>(p.size() - 2)));
-  return p;
-}
 
 // Reads an input as a list of things to do: what, how long to let time pass afterwards, and what it needs.
 class Attack {
@@ -440,8 +432,8 @@ class Attack {
         w_.b.from_bus.insert(w_.b.from_bus.end(), noise.begin(), noise.end());
         break;
       }
-      case 13:  // what was asked last comes again
-        w_.repeat();
+      case 13:  // what was asked a while ago comes again
+        w_.repeat(in_.byte());
         break;
       case 14: {  // a servo falls silent or comes back
         w_.spoil();

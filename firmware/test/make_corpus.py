@@ -59,6 +59,11 @@ def resume(then: int = WHILE) -> bytes:
     return do(7, then=then)
 
 
+def again(ago: int, then: int = WHILE) -> bytes:
+    """What was asked so many frames ago comes again."""
+    return do(13, ago, then=then)
+
+
 def watchdog(ms: int, then: int = WHILE) -> bytes:
     return do(8, ms, then=then)
 
@@ -93,9 +98,32 @@ SEEDS = {
     + SLOW
     + move(2500, then=AT_ONCE)
     + stop()
-    + do(13)
     + resume()
-    + do(13),
+    + again(2),
+    "voided-torque-comes-again": bytes((SETTLE, 0)) + SLOW + torque(then=AT_ONCE) + stop() + resume() + again(2),
+    "torque-in-maintenance": bytes((SETTLE | DIALECT_1, 0))
+    + maintenance(1)
+    + write(READ | CHAPTER, 4, 40, b"\1")
+    + write(READ | CHAPTER, 0, 40, b"\1"),
+    "waiting-beyond-limits": bytes((SETTLE | DIALECT_1, 0))
+    + limits(1400, 900)
+    + torque()
+    + packet(TRANSACT, 4, REG_WRITE, b"\x2a" + u16(3900))
+    + packet(TRANSACT, 4, ACTION)
+    + packet(READ | CHAPTER, 5, REG_WRITE, b"\x2a" + u16(3900))
+    + packet(READ | CHAPTER, 0xFE, ACTION),
+    "waiting-over-a-stop": bytes((SETTLE, 0))
+    + torque()
+    + packet(TRANSACT, 4, REG_WRITE, b"\x2a" + u16(2000))
+    + stop(1)
+    + resume()
+    + packet(TRANSACT, 0xFE, ACTION),
+    "rows-of-255-from-0": bytes((SETTLE | DIALECT_1, 0))
+    + b"".join(
+        packet(way, 0xFE, SYNC, b"\0\xff" + bytes(range(n)))
+        for way in (TRANSACT, READ, SYNC_WRITE, READ | CHAPTER, SYNC_WRITE | CHAPTER)
+        for n in (1, 4, 80)
+    ),
     "flood-of-stops": bytes((SETTLE, 0)) + torque() + move(3000, 50) + stop(0, SHORT) * 12 + stop(1, AT_ONCE) * 8,
     "turning-at-start": bytes((TORQUE_AT_START | OTHER_MODE, 0x71)),
     "current-at-start": bytes((TORQUE_AT_START | OTHER_MODE, 0x72)) + stop() + resume() + torque(),
