@@ -4,6 +4,9 @@ from typing import Any
 
 import pytest
 
+from hexwire.drivers.tools import Gripper
+from hexwire.model.state import SentTarget
+
 
 def test_pump(bench: Any) -> None:
     assert bench.ok("pump", "suck") == "pump on, valve shut\n"
@@ -28,6 +31,26 @@ def test_grip_ends_where_something_is_between_the_jaws(bench: Any) -> None:
     assert out == "holds something at 51 % open\n"
     # Three degrees further than it got, and not the whole way: little pressure.
     assert shaft.target - shaft.position == pytest.approx(34, abs=3)
+
+
+@pytest.mark.parametrize("tripped", [True, False])
+def test_grip_says_why_the_arm_was_stopped_on_the_way(
+    bench: Any, tripped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.ok("grip", "open")
+    send = Gripper.move
+
+    def stopped(self: Gripper, share: float, duration: float = 0.8) -> SentTarget:
+        sent = send(self, share, duration)
+        self._robot.stop()
+        bench.board.state.watchdog_tripped = tripped
+        return sent
+
+    monkeypatch.setattr(Gripper, "move", stopped)
+    result = bench.run("grip", "close")
+    assert result.exit_code == 1
+    why = "its watchdog tripped, because the host fell silent" if tripped else "it was told to"
+    assert result.stderr == f"error: stopped: the board has stopped the arm: {why}; 'hexwire resume' ends that\n"
 
 
 def test_grip_wants_a_share(bench: Any) -> None:

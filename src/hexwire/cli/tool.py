@@ -10,7 +10,7 @@ import time
 
 import click
 
-from hexwire.errors import ServoError
+from hexwire.errors import DeviceError, ServoError
 
 from .common import FiniteFloat, RobotOptions, json_option, open_robot, robot_options, watched
 from .output import answer, plain
@@ -43,6 +43,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     """
     from hexwire.drivers.tools import Gripper
     from hexwire.motion.loop import RateLoop
+    from hexwire.motion.safety import board_stop
 
     share = {"open": 1.0, "close": 0.0}.get(how)
     if share is None:
@@ -58,6 +59,9 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
         pressed = 0
         for _ in RateLoop(_RATE).ticks(sent.duration + _SETTLE):
             state = robot.read()
+            found = board_stop(state)
+            if found is not None:
+                raise DeviceError(f"stopped: {found}; 'hexwire resume' ends that")
             # Once may be the start of the motion, which takes effort as well.
             pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
             if pressed >= _PRESSED:
