@@ -484,3 +484,28 @@ def test_a_broadcast_ping_tells_a_low_supply_from_an_echo() -> None:
     bus.pause(0.1)
     bus.ping(1)
     assert bus.broadcast_ping(3) == ((1,), 0)
+
+
+def test_an_answer_is_not_believed_before_what_has_come_behind_it_was_looked_at() -> None:
+    bus, device = make_bus((1,), retries=0)
+    device.wire.servos = []
+    # The error byte 2 is lost and a 2 is added at the end: sound, but for the two bytes that are there already.
+    answer = make_status(1, 2, b"\x38\x02\x29")
+    forged = answer[:4] + answer[5:] + b"\x02"
+    assert sum(forged[2:]) & 0xFF == 0xFF
+    pieces = [b"\x9c\x38"]
+    bus._exchange = lambda data, window, nap=0.0: forged
+    plain = bus.link.read
+    bus.link.read = lambda deadline: pieces.pop() if pieces else plain(deadline)
+    assert bus.read_block(1, 56, 3).data == b""
+
+
+@pytest.mark.parametrize("noise", [make_read(1, 56, 2), b"\0", b"\xff", make_status(2, 0, b"abc")])
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_line_that_never_stops_talking_does_not_hold_a_read_for_ever(noise: bytes, answers: bool) -> None:
+    bus, device = make_bus((1,), retries=0)
+    position = device.wire[1].registers.get("present_position")
+    heard = make_status(1, 0, position.to_bytes(2, "little")) if answers else noise
+    bus._exchange = lambda data, window, nap=0.0: make_read(1, 56, 2) + heard
+    bus.link.read = lambda deadline: noise
+    assert bus.read(1, "present_position").raw in (None, position)

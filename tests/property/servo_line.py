@@ -23,6 +23,7 @@ _TURNAROUND = 100e-6
 _USB_TIMER = 0.016
 _LATE = (0.002, 0.005, 0.012, 0.020, 0.040, 0.080)
 _OLDEST_ECHO = 0.8
+_MOST_READ = 244
 _AWKWARD = b"\xff\xff\xff\xf5\x00\x01\x02\x04\x38"
 _PING, _READ, _WRITE, _SYNC_READ = 1, 2, 3, 0x82
 
@@ -107,7 +108,7 @@ class MemoryServo:
             return make_status(self.servo_id, self.error)
         if instruction in (_READ, _SYNC_READ) and len(params) >= 2:
             address, count = params[0], params[1]
-            if (self.legacy and count != 2) or not count or address + count > 256:
+            if (self.legacy and count != 2) or not 0 < count <= _MOST_READ or address + count > 256:
                 return b""
             data = bytes(self.memory[address : address + count])
             return make_status(self.servo_id, self.error, data, legacy=self.legacy)

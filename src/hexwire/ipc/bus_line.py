@@ -45,6 +45,10 @@ _MUTE_REST = 0.5
 _LEARNING = 64
 """So many transactions are timed at the beginning, and after that one in `MEASURED_EVERY`: it costs 1 us."""
 MEASURED_EVERY = 16
+_MOST_HEARD = 4096
+"""Bytes after which a line that never stops talking is not listened to any longer: no sync read has as many."""
+_LOOKS = 4
+"""So often such a line is looked at again once all answers are there."""
 _MOST_DRAINED = 1 << 16
 _ANY_REGISTER = Series.STS_SMS.register("present_temperature").address
 """What is read where only the answer matters: at the same place, one byte wide, in every series."""
@@ -233,11 +237,16 @@ class BusLine:
     def _gather(self, collector: AnswerCollector, data: bytes, base: float) -> None:
         outlook = collector.receive(data)
         share = base / max(1, len(collector.servo_ids))
-        lingered = False
-        while outlook is not Outlook.DONE and data:
+        lingered, looks = False, _LOOKS
+        while data and collector.size < _MOST_HEARD:
             # Counted from what came last: it shows that the line is alive, and a machine that stalled in between
             # has not lost the rest by it.
-            if outlook is Outlook.WAIT:
+            if outlook is Outlook.DONE:
+                if not looks:
+                    break
+                # What is there already may show that the last answer lacks bytes.
+                wait, looks = 0.0, looks - 1
+            elif outlook is Outlook.WAIT:
                 wait = share * collector.due + self.timing.allowance
             elif lingered:
                 break
