@@ -229,7 +229,7 @@ def test_robots_without_link_sets_or_geometry() -> None:
 
 def test_a_file_of_links(tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
-    assert faults(links=str(file)) == [f"~links: {file} cannot be read: No such file or directory"]
+    assert faults(links=str(file)) == [f"~links: {file}: cannot be read: No such file or directory"]
     file.write_text("a=120\nz=1\n", encoding="utf-8")
     (text,) = faults(links=str(file))
     assert text.startswith(f"~links: {file}:2: z is no key of a link set")

@@ -39,12 +39,19 @@ def test_a_day_with_the_arm(dialect: str) -> None:
         port = ("--port", path)
         assert succeeds("ping", *port).count(": ok, ") == 7
         assert json.loads(succeeds("probe", "--json", *port))["dialect"] == int(dialect)
-        assert "torque on: J1 J5" in succeeds("move", "J1=10", "J5=-5", "--wait", *port)
+        moved = hexwire("move", "J1=10", "J5=-5", "--wait", *port)
+        assert moved.returncode == 0, moved.stderr
+        assert "torque on: J1 J5" in moved.stdout
+        # Only a board of dialect 2 stops by itself when the program dies.
+        assert ("has no watchdog behind this port" in moved.stderr) == (dialect == "1")
         joints = {j["name"]: j for j in json.loads(succeeds("state", "--json", *port))["joints"]}
         assert joints["J1"]["position_deg"] == pytest.approx(10.0, abs=1.0)
         assert joints["J5"]["position_deg"] == pytest.approx(-5.0, abs=1.0)
-        succeeds("stop", *port)
-        succeeds("resume", *port)
+        stopped = hexwire("stop", *port)
+        assert stopped.returncode == 0, stopped.stderr
+        assert ("no board keeps this stop" in stopped.stderr) == (dialect == "1")
+        assert hexwire("move", "J1=0", *port).returncode == 1
+        assert hexwire("resume", *port).returncode == 0
         succeeds("torque", "off", *port)
 
 

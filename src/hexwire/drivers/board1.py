@@ -13,7 +13,6 @@ from functools import partial
 
 from hexwire.errors import (
     CommandRefusedError,
-    LocalProtocolError,
     NotSupportedError,
     PreemptedError,
     ReplyTimeoutError,
@@ -31,21 +30,19 @@ from hexwire.wire.servo_packet import (
     find_status,
     make_ping,
     make_read,
-    make_sync_write,
     make_write,
 )
-from hexwire.wire.tables import DEFAULT_CEILING, TAIL
+from hexwire.wire.tables import DEFAULT_CEILING
 
 from .base import JointProbe, StopMode, torque_flag
+from .dialect1_moves import MIN_RUN_TIME, make_hls_block, make_legacy_move
 
-__all__ = ["Board1", "make_hls_block", "make_legacy_move"]
+__all__ = ["Board1"]
 
-_POSITION = Series.SEVEN_BOT.register("target_position").address
 _TORQUE = Series.HLS.register("torque_enable").address
 _PRESENT = Series.HLS.register("present_position").address
 _LOAD = Series.HLS.register("present_load")
 _CURRENT_CEILING = Series.HLS.register("protection_current")
-_BLOCK = Series.HLS.register("acceleration").address
 _SPEED_UNIT = 50
 """Counts per second of one unit of an HLS goal speed."""
 _DOUBT = 1.0
@@ -56,72 +53,6 @@ _CHECKS = 5
 _ENOUGH = 3
 _AGREE = 100
 """Counts by which two reads of a joint in motion may differ: 36 ms at 2800 counts/s."""
-_MIN_RUN_TIME = 9
-"""The 7Bot library takes no run time of 8 ms or less."""
-
-
-def make_legacy_move(targets: Mapping[int, int], run_time_ms: int) -> tuple[bytes, int, dict[int, int]]:
-    """Build the sync write of dialect 1 for legacy servos, without 0D 0A inside.
-
-    The run time gives way first, by 1 ms steps, then a position by one count (PROTOCOL.md section 5).
-
-    Args:
-        targets: Counts by servo id.
-        run_time_ms: Milliseconds the motion shall take.
-
-    Returns:
-        The packet, and the run time and counts that are in it.
-
-    Raises:
-        LocalProtocolError: None can be built; the ids themselves form the marker.
-    """
-    run_time = min(max(run_time_ms, _MIN_RUN_TIME), 0xFFFF)
-    for nudge in range(3):
-        for extra in range(4):
-            ms = run_time + extra if run_time + extra <= 0xFFFF else run_time - extra
-            rows, counts_sent = {}, {}
-            for servo_id, counts in targets.items():
-                # A count aside only where the marker is in the position's own bytes or beside them.
-                value = min(max(counts, 0), 0xFFFF)
-                if nudge and b"\x0d" in value.to_bytes(2, "little") + bytes((servo_id,)):
-                    value += nudge if value < 0xFFFF - nudge else -nudge
-                counts_sent[servo_id] = value
-                rows[servo_id] = value.to_bytes(2, "little") + ms.to_bytes(2, "little")
-            packet = make_sync_write(_POSITION, rows)
-            if TAIL not in packet:
-                return packet, ms, counts_sent
-    raise LocalProtocolError("no sync write without 0D 0A inside can be built for these servos")
-
-
-def make_hls_block(servo_id: int, counts: int, speed: int, ceiling: int) -> tuple[bytes, int]:
-    """Build the write that moves one HLS servo: acceleration, position, current ceiling, speed at 0x29.
-
-    Args:
-        servo_id: Bus id.
-        counts: Target position.
-        speed: In units of 50 counts/s, at least 1.
-        ceiling: Current ceiling in units of 6.5 mA.
-
-    Returns:
-        The packet, and the position that is in it.
-
-    Raises:
-        LocalProtocolError: No block without 0D 0A inside can be built.
-    """
-    hls = Series.HLS
-    # A unit of current less where it stands beside a position's high byte, which no small step changes.
-    for less, nudge in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        for faster in range(4):
-            block = (
-                b"\0"
-                + hls.register("goal_position").encode(counts + nudge)
-                + hls.register("goal_torque").encode(ceiling - less)
-                + hls.register("goal_speed").encode(speed + faster)
-            )
-            packet = make_write(servo_id, _BLOCK, block)
-            if TAIL not in packet:
-                return packet, counts + nudge
-    raise LocalProtocolError(f"no write without 0D 0A inside can be built for servo {servo_id}")
 
 
 def _value(status: StatusPacket) -> int:
@@ -346,7 +277,7 @@ class Board1:
         if joint.series == "hls":
             packet, _ = make_hls_block(joint.servo_id, counts, 1, self._ceiling(joint, urgent=urgent))
             return self._write(packet, urgent=urgent, guard=guard)
-        packet, _, _ = make_legacy_move({joint.servo_id: counts}, _MIN_RUN_TIME)
+        packet, _, _ = make_legacy_move({joint.servo_id: counts}, MIN_RUN_TIME)
         self._act(Command.SYNC_WRITE, packet, urgent=urgent, guard=guard)
         return True
 
