@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "refuse_if_stopped", "with_unit"]
 
-_RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
-
 
 @dataclass(frozen=True, slots=True)
 class BusOptions:
@@ -175,11 +173,12 @@ def bus(port: str | None) -> None:
 @json_option
 def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
     """Find servos: every id, at every rate with --all-rates. Says which ids two servos share."""
+    from hexwire.drivers.bus_checkup import SERVO_RATES
     from hexwire.ipc.servo_setup import scan as scan_bus
 
     wanted = parse_ids(ids)
     with open_bus(options) as opened:
-        rates = _RATES if all_rates else (opened.timing.baud,)
+        rates = SERVO_RATES if all_rates else (opened.timing.baud,)
         if on_terminal() and not as_json:
             found = _scan_with_bar(opened, rates, wanted)
         else:

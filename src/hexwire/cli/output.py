@@ -68,7 +68,7 @@ def write(stream: IO[str], text: str, *, flush: bool = False) -> None:
     """Write text that is clean; what the stream's encoding has not is shown as its code.
 
     Raises:
-        OSError: The stream is closed, or what is behind it takes no more.
+        OSError: The stream is closed, or the disk or pipe behind it is full.
     """
     encoding = getattr(stream, "encoding", None) or "utf-8"
     try:

@@ -30,8 +30,8 @@ class TcpListenLink(Link):
     """The waiting side of a line between two: whoever calls first is the other end until the line is lost.
 
     `open` binds and returns; the first read or write waits for the caller. While one is connected, others are
-    hung up on; but one without a certificate who has sent nothing at all for `patience` seconds gives way to the
-    next. After a loss, `open` waits for the next one, on the same port.
+    disconnected at once; but a caller without a certificate that has sent nothing for `patience` seconds gives way
+    to the next. After a loss, `open` waits for the next one, on the same port.
 
     Args:
         host: Address to bind; loopback unless told otherwise.

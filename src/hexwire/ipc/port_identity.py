@@ -105,7 +105,7 @@ def identify_port(name: str, status: os.stat_result) -> PortIdentity:
 
 
 def why_not(port: PortIdentity) -> str:
-    """Why nothing may be written to a port; empty if nothing speaks against it.
+    """Why nothing may be written to a port; empty if writing is allowed.
 
     The text goes on after the port's name.
     """

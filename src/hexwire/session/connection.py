@@ -335,7 +335,7 @@ class Connection(FrameMaker):
             self._receive_chapter(frame, now)
 
     def _judge(self, frame: Frame, now: float, conversations: Conversations) -> str:
-        """What speaks against a datagram, or an empty text."""
+        """Why a datagram is refused; empty if it is not."""
         board = self.role is Role.BOARD
         if frame.proto == PROTO_CHAPTER:
             return "dialect 1 has no number to know an old datagram by" if board else ""

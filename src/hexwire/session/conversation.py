@@ -46,7 +46,7 @@ class Window:
         self._seen = _ALL
 
     def take(self, sn: int) -> str:
-        """Note a number; returns what speaks against it, or an empty text."""
+        """Note a number; returns why it is refused, or an empty text."""
         ahead = sn - self._newest & _U32
         if 0 < ahead < _HALF:
             self._newest = sn
@@ -94,7 +94,7 @@ class Conversation:
         return sn
 
     def take(self, frame: Frame, now: float) -> str:
-        """Note a frame of this conversation; returns what speaks against it, or an empty text."""
+        """Note a frame of this conversation; returns why it is refused, or an empty text."""
         behind = now - frame.time
         # The quickest frame so far shows how the clocks stand; what takes longer than that was held up.
         self._least = min(behind, self._least + _DRIFT * (now - self._at))
@@ -211,7 +211,7 @@ class Conversations:
     # -- both ---------------------------------------------------------------------------------------
 
     def take(self, frame: Frame, now: float) -> str:
-        """Judge a frame that is no IDENTIFY nor its answer; returns what speaks against it, or an empty text."""
+        """Judge a frame other than IDENTIFY and its answer; returns why it is refused, or an empty text."""
         number = frame.type & _U32
         current = self.current
         if current is not None and number == current.ours:
