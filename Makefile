@@ -17,6 +17,9 @@ APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr clang g++ gcc gcc-avr
 PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
     $(shell $(p) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $(p))))
 PYTEST_ARGS ?= -n auto
+# The same examples in every run, so that a failure belongs to the change that it meets;
+# `make tests HYPOTHESIS_PROFILE=default` draws new ones, `=thorough` fifty times as many.
+export HYPOTHESIS_PROFILE ?= ci
 
 ROOT := $(patsubst %/,%,$(dir $(abspath $(lastword $(MAKEFILE_LIST)))))
 # make cuts names at spaces: an `rm -rf` below would go to another folder.

@@ -23,9 +23,8 @@ for _name in [name for name in os.environ if name.startswith("HEXWIRE_")]:
 os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="hexwire-tests-")
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
-# No deadlines: a loaded machine is not a fault of the code. In continuous integration the same examples every
-# time, so that a failure belongs to the change that it meets; elsewhere new ones.
-# `HYPOTHESIS_PROFILE=thorough make tests` looks fifty times as hard.
+# No deadlines: a loaded machine is not a fault of the code. `make test` draws the same examples every time ("ci"),
+# so that a failure belongs to the change that it meets; pytest alone draws new ones.
 _quiet = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
 settings.register_profile("default", max_examples=100, **_quiet)
 settings.register_profile("ci", max_examples=100, derandomize=True, database=None, **_quiet)

@@ -74,6 +74,12 @@ def test_every_waypoint_is_met_exactly() -> None:
         assert spline.at(point.time).position[0] == pytest.approx(point.position[0], abs=1e-14)
 
 
+def test_the_end_of_a_segment_of_no_length_is_met_exactly() -> None:
+    rest = (0.0,)
+    points = [Waypoint(0.0, (1.0,), rest), Waypoint(5e-10, (1.4e-55,), rest)]
+    assert Spline(("a",), points).at(5e-10).position == (1.4e-55,)
+
+
 def test_one_point_is_a_pose_to_hold() -> None:
     spline = Spline(("a",), [Waypoint(0.0, (0.7,))])
     assert spline.duration == 0

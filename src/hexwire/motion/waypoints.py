@@ -170,8 +170,10 @@ def _between(a: Waypoint, b: Waypoint, t: float) -> Sample:
         return Sample(position, tuple(k for _, k in rows), (0.0,) * len(rows))
     if long < _SHORTEST:
         # The factors of a polynomial over no time at all are beyond what numbers can be: a step is what is left.
+        share = min(1.0, u / long)
         steps = [
-            (q + (r - q) * min(1.0, u / long), (r - q) / long) for q, r in zip(a.position, b.position, strict=True)
+            (r if share == 1.0 else q + (r - q) * share, (r - q) / long)
+            for q, r in zip(a.position, b.position, strict=True)
         ]
         return Sample(tuple(q for q, _ in steps), tuple(k for _, k in steps), (0.0,) * len(steps))
     columns = []
