@@ -15,12 +15,12 @@ from hexwire.errors import HexwireError
 
 if TYPE_CHECKING:
     # Re-exported for type checkers and editors; at run time `__getattr__` below does it. Keep both alike.
+    from hexwire.bus.servo_bus import ServoBus
     from hexwire.drivers.base import RobotDriver, Signal, StopMode
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.drivers.registry import connect
     from hexwire.ipc.handle import IpcHandle
-    from hexwire.ipc.servo_bus import ServoBus
     from hexwire.ipc.session import Session
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
     from hexwire.model.puma260 import Puma260Model
@@ -60,7 +60,7 @@ _LAZY: dict[str, str] = {
     "Puma260Model": "hexwire.model.puma260",
     "RobotDriver": "hexwire.drivers.base",
     "SentTarget": "hexwire.model.state",
-    "ServoBus": "hexwire.ipc.servo_bus",
+    "ServoBus": "hexwire.bus.servo_bus",
     "Session": "hexwire.ipc.session",
     "Signal": "hexwire.drivers.base",
     "StopMode": "hexwire.drivers.base",

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from .errors import ConfigError
+from hexwire.errors import ConfigError
 
 __all__ = [
     "LARGEST_DATA",

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from tests.analyzers.lines import readings_table
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.pcap import write_pcap, write_pcapng
 from hexwire.wire.command_frame import Command, parse_frame, serialize_frame
 from hexwire.wire.commands import FragmentHead, Stats

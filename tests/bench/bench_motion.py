@@ -9,10 +9,10 @@ from __future__ import annotations
 import statistics
 import time
 
+from hexwire.control.loop import MotionLoop
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.follower import Follower
-from hexwire.motion.loop import MotionLoop
 from hexwire.motion.optimal import Trapezoid
 
 _RATE = 100.0

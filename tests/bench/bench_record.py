@@ -6,7 +6,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.capture import Capture
 from hexwire.trace.recording import RecordingWriter, make_positions
 from hexwire.wire.command_frame import Command, serialize_frame

@@ -69,8 +69,8 @@ class Bare:
 
 class Hexwire:
     def __init__(self, path: str, baud: int) -> None:
-        from hexwire.ipc.serial import SerialLink
-        from hexwire.ipc.servo_bus import ServoBus
+        from hexwire.bus.servo_bus import ServoBus
+        from hexwire.link.serial import SerialLink
 
         self.bus = ServoBus(SerialLink(path, baud or 1_000_000))
         self.bus.open()

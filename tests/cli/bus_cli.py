@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.ipc.bus_bench import make_bus
+from tests.bus.bus_bench import make_bus
 
 from hexwire.cli import bus_live, bus_setup
 from hexwire.cli.main import cli
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.faults import FaultPlan
-from hexwire.ipc import open as ipc_open
+from hexwire.link import open as ipc_open
 from hexwire.wire.registers import Series
 
 

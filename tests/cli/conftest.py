@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
+from hexwire.control import loop as motion_loop
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.ipc import open as ipc_open
-from hexwire.motion import loop as motion_loop
+from hexwire.link import open as ipc_open
 
 START = 1000.0
 

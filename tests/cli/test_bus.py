@@ -90,7 +90,7 @@ def test_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     from click.testing import CliRunner
 
     from hexwire.cli.main import cli
-    from hexwire.ipc import ports
+    from hexwire.link import ports
 
     adapter = ports.PortInfo("/dev/ttyACM7", likely_adapter=True)
     for there, status, text in (([], 1, "plug it in"), ([adapter, adapter], 2, "several likely adapters")):

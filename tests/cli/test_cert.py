@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
-from hexwire.ipc.open import make_link
+from hexwire.link.open import make_link
 
 
 def run(*words: str | Path) -> Result:

@@ -10,7 +10,7 @@ import pytest
 from hexwire.cli import common
 from hexwire.cli.common import FiniteFloat, RobotOptions, make_robot, resolve_url
 from hexwire.errors import LinkNotFoundError, ServoError, UsageError
-from hexwire.ipc import ports
+from hexwire.link import ports
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointReading
 

@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 
 import pytest
 from click.testing import CliRunner
+from tests.bus.bus_bench import make_bus
 from tests.drivers.puma_server import served_puma
-from tests.ipc.bus_bench import make_bus
 from tests.ipc.test_mistaken import board_link
 
 from hexwire.cli.doctor import doctor
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import LinkBusyError
-from hexwire.ipc import open as ipc_open
-from hexwire.ipc.link import Link
-from hexwire.ipc.ports import PortInfo
+from hexwire.link import open as ipc_open
+from hexwire.link.base import Link
+from hexwire.link.ports import PortInfo
 from hexwire.wire.registers import Series
 
 LEGACY = (Series.SEVEN_BOT,) * 4 + (Series.HLS,) * 3
@@ -46,7 +46,7 @@ class Machine:
         self.ports: list[PortInfo] = []
         self.links: dict[str, Link] = {}
         self.opened: list[str] = []
-        monkeypatch.setattr("hexwire.ipc.ports.list_ports", lambda: self.ports)
+        monkeypatch.setattr("hexwire.link.ports.list_ports", lambda: self.ports)
         make = ipc_open.make_link
         monkeypatch.setattr(ipc_open, "make_link", lambda url: self._open(url) or make(url))
         monkeypatch.delenv("HEXWIRE_PORT", raising=False)
@@ -300,7 +300,7 @@ def test_words_name_the_advice_and_fix_writes_the_rule(
     machine.board()
     written: list[list[str]] = []
     monkeypatch.setattr(
-        "hexwire.ipc.diagnose.write_udev_rule", lambda ids: written.append(list(ids)) or tmp_path / "rule"
+        "hexwire.link.diagnose.write_udev_rule", lambda ids: written.append(list(ids)) or tmp_path / "rule"
     )
     shown = CliRunner().invoke(doctor, []).output
     assert 'ATTRS{idVendor}=="fffe"' in shown

@@ -14,7 +14,7 @@ from tests.avr.pty import FlashableBoard, on_pty
 
 from hexwire.cli.main import cli
 from hexwire.drivers import firmware as tools
-from hexwire.ipc.ports import PortInfo
+from hexwire.link.ports import PortInfo
 from hexwire.wire import tables
 
 # The first one builds.

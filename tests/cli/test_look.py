@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.ipc import ports as ipc_ports
-from hexwire.ipc.ports import PortInfo
+from hexwire.link import ports as ipc_ports
+from hexwire.link.ports import PortInfo
 
 
 def test_ping_asks_every_servo_of_the_robot(bench: Any) -> None:

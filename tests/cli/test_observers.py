@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.bus.bus_bench import make_bus
 from tests.cli.conftest import Bench
-from tests.ipc.bus_bench import make_bus
 
 from hexwire.cli.board_process import board_process
 from hexwire.cli.main import cli
-from hexwire.ipc import open as ipc_open
-from hexwire.ipc.link import Link
+from hexwire.link import open as ipc_open
+from hexwire.link.base import Link
 from hexwire.trace.explain import Explainer
 from hexwire.trace.recording import RecordingWriter
 

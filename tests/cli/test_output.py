@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from hexwire.cli import output
 from hexwire.cli.main import cli
 from hexwire.cli.output import format_table, plain, print_json, say, say_document, shown
-from hexwire.ipc import ports
-from hexwire.ipc.ports import PortInfo
+from hexwire.link import ports
+from hexwire.link.ports import PortInfo
 from hexwire.trace.recording import RecordingWriter, make_positions
 
 EVIL = "J\x1b]0;owned\x07\x1b[2J\u202e\x9b31m\x7f\n\rerror: x"

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from tests.cli.bus_cli import BusCli
 
+from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.samples import SampleFiles, saving
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import LinkLostError, UsageError
-from hexwire.ipc.servo_bus import ServoBus
 from hexwire.model.state import JointFlag, JointState
 
 

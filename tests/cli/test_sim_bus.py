@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.main import cli
 from hexwire.cli.sim_bus import parse_ids
 from hexwire.errors import UsageError
-from hexwire.ipc.serial import SerialLink
-from hexwire.ipc.servo_bus import ServoBus
+from hexwire.link.serial import SerialLink
 
 
 def test_ids() -> None:

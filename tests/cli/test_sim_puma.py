@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from hexwire.cli.main import cli
 from hexwire.cli.sim_puma import parse_address
 from hexwire.errors import UsageError
-from hexwire.ipc.certs import issue_certificate, make_authority
+from hexwire.link.certs import issue_certificate, make_authority
 
 
 def run(*words: str) -> Result:

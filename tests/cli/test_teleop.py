@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.ipc.far_ends import free_port
+from tests.link.far_ends import free_port
 
 from hexwire.cli.main import cli
 from hexwire.cli.teleop import drive
@@ -25,8 +25,8 @@ from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.joystick import JoystickReceiver
 from hexwire.ipc.session import Session
+from hexwire.joystick.channel import JoystickReceiver
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.puma260 import Puma260Model
 from hexwire.model.state import JointTarget

@@ -8,7 +8,7 @@ from tests.cli.bus_cli import BusCli
 from tests.ipc.test_mistaken import board_link
 
 from hexwire.cli.main import cli
-from hexwire.ipc import open as ipc_open
+from hexwire.link import open as ipc_open
 
 SOON = 2.0
 COMMANDS = ["state", "state --json", "probe", "ping", "move J1=10", "torque on", "torque off", "stop", "resume"]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve_puma import serve_puma
-from hexwire.ipc.listener import Listener
-from hexwire.ipc.udp_server import UdpServer
+from hexwire.link.listener import Listener
+from hexwire.link.udp_server import UdpServer
 
 
 @dataclass

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.ipc.bus_bench import make_bus
+from tests.bus.bus_bench import make_bus
 
 from hexwire.drivers.base import Signal, StopMode
 from hexwire.drivers.bus_arm import BusArm, ChainArm, SevenBotArm, So100Arm, So101Arm, arm_class
@@ -21,7 +21,7 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
-from hexwire.ipc import open as ipc_open
+from hexwire.link import open as ipc_open
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.wire.command_frame import Command

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
-from tests.ipc.bus_bench import BusLink, make_bus
+from tests.bus.bus_bench import BusLink, make_bus
 
+from hexwire.bus.servo_bus import ServoBus
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.bus_checkup import explain_chatter, explain_missing, explain_silence, judge_traffic
 from hexwire.emulator.bus_device import BusDevice, make_servos
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import FakeClock
-from hexwire.ipc.diagnose import Finding, Level
-from hexwire.ipc.servo_bus import ServoBus
+from hexwire.link.diagnose import Finding, Level
 from hexwire.wire.registers import Series
 
 ARM = load_profile("so101").model

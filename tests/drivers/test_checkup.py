@@ -10,7 +10,7 @@ import pytest
 
 from hexwire.drivers.base import JointProbe, ProbeReport
 from hexwire.drivers.checkup import judge_board, judge_probe, judge_state, together
-from hexwire.ipc.diagnose import Finding, Level
+from hexwire.link.diagnose import Finding, Level
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan

@@ -6,7 +6,7 @@ import pytest
 
 from hexwire.drivers import firmware
 from hexwire.errors import DeviceError, UsageError
-from hexwire.ipc.ports import PortInfo
+from hexwire.link.ports import PortInfo
 
 MEGA = PortInfo("/dev/ttyACM0", 0x2341, 0x0042, guess="Arduino Mega 2560", likely_board=True)
 

@@ -25,8 +25,8 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.session import Session
+from hexwire.link.memory import memory_pair
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointState, JointTarget
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy

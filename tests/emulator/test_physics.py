@@ -15,9 +15,9 @@ from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.physics import PhysicsTwin
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import UsageError
-from hexwire.ipc import open as ipc_open
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
+from hexwire.link import open as ipc_open
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget
 

@@ -11,7 +11,7 @@ from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import CommandRefusedError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
-from hexwire.ipc.tap import Direction, Passed, TapLink
+from hexwire.link.tap import Direction, Passed, TapLink
 from hexwire.model.state import JointTarget
 
 

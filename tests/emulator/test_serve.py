@@ -25,8 +25,8 @@ from hexwire.errors import (
     ReplyTimeoutError,
     UsageError,
 )
-from hexwire.ipc.open import make_link
-from hexwire.ipc.serial import SerialLink
+from hexwire.link.open import make_link
+from hexwire.link.serial import SerialLink
 from hexwire.session.policy import ReconnectPolicy
 from hexwire.wire.command_frame import Command, serialize_frame
 

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 
 import pytest
 
+from hexwire.bus.servo_bus import ServoBus
+from hexwire.bus.setup import scan
 from hexwire.emulator.bus_device import make_servos
 from hexwire.emulator.serve_bus import serve_bus
-from hexwire.ipc.serial import SerialLink
-from hexwire.ipc.servo_bus import ServoBus
-from hexwire.ipc.servo_setup import scan
+from hexwire.link.serial import SerialLink
 from hexwire.wire.registers import Series
 
 pytestmark = pytest.mark.system

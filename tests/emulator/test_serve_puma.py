@@ -13,7 +13,7 @@ from tests.drivers.puma_server import Served, served_puma
 
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.errors import HexwireError
-from hexwire.ipc.tap import Direction, Passed, TapLink, wrap_new_links
+from hexwire.link.tap import Direction, Passed, TapLink, wrap_new_links
 from hexwire.wire.command_frame import Command, serialize_frame
 
 pytestmark = pytest.mark.system

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import ConfigError
-from hexwire.ipc.channel import COLUMNS, Cell, ChannelConf, Direction, Record, is_loopback, link_url, make_channels
-from hexwire.ipc.open import known_schemes
+from hexwire.ipc.channel import COLUMNS, Cell, ChannelConf, Direction, Record, link_url, make_channels
+from hexwire.link.open import known_schemes
 from hexwire.wire.modules import IpcType, ModuleType
 
 HOST, SERVER = ModuleType.PUMA260_HOST_IO_TRX, ModuleType.PUMA260_RBT_IO_SVR
@@ -185,8 +185,3 @@ def test_directions() -> None:
     assert not Direction.SERVER_RX.sends
     assert Direction.CLIENT_TRX.sends
     assert Direction.CLIENT_TRX.receives
-
-
-def test_loopback() -> None:
-    assert [is_loopback(host) for host in ("localhost", "127.0.0.1", "127.9.9.9", "::1")] == [True] * 4
-    assert [is_loopback(host) for host in ("0.0.0.0", "10.0.0.1", "arm", "::")] == [False] * 4

@@ -6,8 +6,8 @@ import pytest
 
 from hexwire.errors import ConfigError, LinkNotFoundError, UsageError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.link import LinkKind
-from hexwire.ipc.memory import memory_pair
+from hexwire.link.base import LinkKind
+from hexwire.link.memory import memory_pair
 from hexwire.wire.modules import IpcType, ModuleType
 
 CONF = """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.ipc.bus_bench import BusLink, make_bus
+from tests.bus.bus_bench import BusLink, make_bus
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan

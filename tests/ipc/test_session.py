@@ -22,9 +22,9 @@ from hexwire.errors import (
     StoppedError,
 )
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.link import LinkKind
-from hexwire.ipc.memory import MemoryLink, memory_pair
 from hexwire.ipc.session import Session
+from hexwire.link.base import LinkKind
+from hexwire.link.memory import MemoryLink, memory_pair
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Status, parse_frame, serialize_frame

@@ -6,14 +6,14 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from conformance import PATIENCE, soon
+from tests.link.conformance import PATIENCE, soon
 
 from hexwire.errors import LinkLostError
 from hexwire.ipc.connections import host_connection
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.link import Link
-from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.session_line import SessionLine
+from hexwire.link.base import Link
+from hexwire.link.memory import memory_pair
 from hexwire.session.policy import RetryPolicy
 from hexwire.wire.command_frame import Command, serialize_frame
 

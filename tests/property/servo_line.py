@@ -11,7 +11,7 @@ import random
 from bisect import insort
 from dataclasses import dataclass, fields
 
-from hexwire.ipc.link import Link, LinkKind
+from hexwire.link.base import Link, LinkKind
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_legacy_ping_status, make_status
 

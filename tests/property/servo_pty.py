@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-from hexwire.ipc.servo_bus import ServoBus
+from hexwire.bus.servo_bus import ServoBus
 
 __all__ = ["main", "read_for"]
 

@@ -17,7 +17,7 @@ from multiprocessing import Pool
 from tests.property.dialect1_values import Noise, all_noise, ask_board
 from tests.property.servo_line import Faults, FaultyLine, MemoryServo, all_faults
 
-from hexwire.ipc.servo_bus import ServoBus
+from hexwire.bus.servo_bus import ServoBus
 from hexwire.wire.registers import Register, Series
 
 __all__ = ["ask", "main", "table"]

@@ -28,8 +28,8 @@ from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.servo_wire import ServoWire
 from hexwire.errors import HexwireError, LinkClosedError, LinkLostError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.memory import memory_pair
 from hexwire.ipc.session import Session
+from hexwire.link.memory import memory_pair
 from hexwire.model.state import JointTarget
 from hexwire.session.decoder import FrameDecoder
 from hexwire.session.policy import RetryPolicy

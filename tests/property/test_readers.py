@@ -17,15 +17,15 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hexwire.bus.backup import ServoBackup, load_backup, serialize_backups
 from hexwire.cli.main import cli
 from hexwire.drivers.arm_file import load_arm_file, load_calibration
 from hexwire.drivers.firmware import source_version
 from hexwire.errors import HexwireError
 from hexwire.inputs import LARGEST_DATA, read_bytes, read_text
-from hexwire.ipc.certs import issue_certificate, make_authority
 from hexwire.ipc.conf import load_conf
-from hexwire.ipc.servo_backup import ServoBackup, load_backup, serialize_backups
-from hexwire.ipc.tls import TlsFiles
+from hexwire.link.certs import issue_certificate, make_authority
+from hexwire.link.tls import TlsFiles
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.geometry import make_kinematics
 from hexwire.motion.waypoint_file import parse_waypoints

@@ -14,8 +14,8 @@ from types import FrameType
 from typing import Any
 
 import pytest
+from tests.bus.bus_bench import make_bus
 from tests.drivers.arms import Arm
-from tests.ipc.bus_bench import make_bus
 from tests.property.stop_bench import PATIENCE, bench, move, run
 from tests.property.stops import Judge, watch
 

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.control.arm_bench import SPLIT, Bench
+from tests.control.owner_bench import wait_for
 from tests.motion.arms import HOME, NAMES
-from tests.ros1.arm_bench import SPLIT, Bench
-from tests.ros1.hardware_bench import wait_for
 
 from hexwire.ros1.actions import ActionGoal, ActionGoals
 

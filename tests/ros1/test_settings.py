@@ -8,17 +8,18 @@ from typing import Any
 
 import pytest
 
+from hexwire.control.goals import Tolerance
+from hexwire.control.settings import Settings
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.ipc import ports
+from hexwire.link import ports
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.motion.safety import SafetyLimits
-from hexwire.ros1.goals import Tolerance
 from hexwire.ros1.parameters import FOREIGN, PARAMETERS
-from hexwire.ros1.settings import Settings, load_settings
+from hexwire.ros1.settings import load_settings
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.link import Link, LinkKind
 from hexwire.ipc.session import Session
+from hexwire.link.base import Link, LinkKind
 from hexwire.model.state import JointTarget
 
 __all__ = ["Arm", "run_fleet"]

@@ -7,7 +7,7 @@ import time
 
 from hexwire.errors import LinkLostError
 from hexwire.ipc.connections import random_number
-from hexwire.ipc.link import Link, LinkKind
+from hexwire.link.base import Link, LinkKind
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire.command_frame import Command

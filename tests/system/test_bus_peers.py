@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from hexwire.ipc.serial import SerialLink
-from hexwire.ipc.servo_bus import ServoBus
+from hexwire.bus.servo_bus import ServoBus
+from hexwire.link.serial import SerialLink
 
 pytestmark = pytest.mark.system
 

@@ -17,11 +17,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.ipc.far_ends import free_port
+from tests.link.far_ends import free_port
 
 from hexwire.cli.board_process import board_process
 from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.ipc.joystick import JoystickSender
+from hexwire.joystick.channel import JoystickSender
 from hexwire.model.state import JointState
 from hexwire.wire.robot_bodies import JoystickState
 

@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.ipc.far_ends import PtyEnd, free_port
+from tests.link.far_ends import PtyEnd, free_port
 from tests.system.mirror import Mirror
 
 from hexwire.errors import ConfigError, LinkNotFoundError
 from hexwire.ipc.conf import link_url, load_conf, parse_conf, to_toml
-from hexwire.ipc.link import Link
-from hexwire.ipc.open import make_link
 from hexwire.ipc.session import Session
+from hexwire.link.base import Link
+from hexwire.link.open import make_link
 from hexwire.wire.modules import IpcType, ModuleType
 
 pytestmark = pytest.mark.system

@@ -10,16 +10,16 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from tests.ipc.far_ends import PtyEnd, free_port
+from tests.link.far_ends import PtyEnd, free_port
 from tests.system.mirror import Mirror
 
 from hexwire.errors import DeviceError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.impair import ImpairedLink, Impairment
-from hexwire.ipc.link import Link, LinkKind
-from hexwire.ipc.memory import memory_pair
-from hexwire.ipc.open import make_link
 from hexwire.ipc.session import Session
+from hexwire.link.base import Link, LinkKind
+from hexwire.link.impair import ImpairedLink, Impairment
+from hexwire.link.memory import memory_pair
+from hexwire.link.open import make_link
 from hexwire.wire import tables
 from hexwire.wire.modules import ModuleType
 

@@ -16,8 +16,8 @@ import pytest
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import RemoteProtocolError, ReplyTimeoutError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.impair import ImpairedLink, Impairment
 from hexwire.ipc.session import Session
+from hexwire.link.impair import ImpairedLink, Impairment
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables

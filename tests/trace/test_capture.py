@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from tests.analyzers.lines import readings_table
 
 from hexwire.errors import HexwireError, UsageError
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.capture import BYTES, FRAMES, Capture, Message, read_messages, recover, traffic_of
 from hexwire.trace.mcap_file import MAGIC
 from hexwire.trace.recording import JOINT_STATES, make_positions, read_joint_states

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.chapter_log import format_passed, hex_rows, parse_log
 
 REQUEST = bytes.fromhex(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.wire.command_frame import Command, serialize_frame
 from hexwire.wire.commands import JointReport

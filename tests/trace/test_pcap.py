@@ -3,7 +3,7 @@ from __future__ import annotations
 import io
 import struct
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.pcap import USER0, write_pcap, write_pcapng
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.analyzers.lines import readings_table
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explainer
 from hexwire.trace.reading import cut_packets, read_request, read_status
 from hexwire.wire.registers import Series

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import UsageError
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.trace.mcap_file import MAGIC
 from hexwire.trace.sources import read_traffic
 

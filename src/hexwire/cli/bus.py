@@ -23,8 +23,8 @@ from .output import answer, plain, print_json, say, say_table
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
-    from hexwire.ipc.servo_bus import ServoBus
-    from hexwire.ipc.servo_setup import Found, ServoInfo
+    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.bus.setup import Found, ServoInfo
 
 __all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "refuse_if_stopped", "with_unit"]
 
@@ -69,8 +69,8 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
         LinkError: The port cannot be opened.
         WrongDeviceError: No servo answered what was asked meanwhile, since this is a controller board.
     """
-    from hexwire.ipc.bus_orders import as_series
-    from hexwire.ipc.servo_bus import ServoBus
+    from hexwire.bus.orders import as_series
+    from hexwire.bus.servo_bus import ServoBus
     from hexwire.wire.registers import Series
 
     series = as_series(options.series) if options.series else Series.STS_SMS
@@ -113,7 +113,7 @@ def _look_for_board(opened: ServoBus) -> None:
 
 def _only_adapter() -> str:
     from hexwire.errors import LinkNotFoundError
-    from hexwire.ipc.ports import list_ports
+    from hexwire.link.ports import list_ports
 
     found = [port for port in list_ports() if port.likely_adapter]
     if len(found) == 1:
@@ -124,7 +124,7 @@ def _only_adapter() -> str:
 
 
 def _warn_of_latency(opened: ServoBus) -> None:
-    from hexwire.ipc.adapter import inspect_adapter
+    from hexwire.link.adapter import inspect_adapter
 
     device = getattr(opened.link, "device", None)
     if isinstance(device, str):
@@ -141,7 +141,7 @@ def known_servo(opened: ServoBus, servo_id: int, options: BusOptions) -> None:
     """
     if options.series:
         return
-    from hexwire.ipc.servo_setup import identify
+    from hexwire.bus.setup import identify
 
     if identify(opened, servo_id) is None:
         raise ServoError(
@@ -173,8 +173,8 @@ def bus(port: str | None) -> None:
 @json_option
 def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
     """Find servos: every id, at every rate with --all-rates. Says which ids two servos share."""
+    from hexwire.bus.setup import scan as scan_bus
     from hexwire.drivers.bus_checkup import SERVO_RATES
-    from hexwire.ipc.servo_setup import scan as scan_bus
 
     wanted = parse_ids(ids)
     with open_bus(options) as opened:
@@ -203,7 +203,7 @@ _FOUND_HEAD = ("id", "baud", "series", "model", "firmware", "delay us", "acks", 
 
 
 def _found_cells(row: Found) -> tuple[str, ...]:
-    from hexwire.session.servo_values import fault_words
+    from hexwire.bus.values import fault_words
 
     info = row.info
     if info is None:
@@ -240,7 +240,7 @@ def _info_json(info: ServoInfo | None) -> dict[str, object]:
 
 
 def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> list[Found]:
-    from hexwire.ipc.servo_setup import scan as scan_bus
+    from hexwire.bus.setup import scan as scan_bus
 
     from .draw import progress
 
@@ -259,7 +259,7 @@ def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> 
 @json_option
 def ping(ids: str, options: BusOptions, as_json: bool) -> None:
     """Ask servos whether they are there, as in `ping 1-6`."""
-    from hexwire.ipc.servo_setup import identify
+    from hexwire.bus.setup import identify
 
     silent = []
     data: list[dict[str, object]] = []
@@ -342,7 +342,7 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
     A goal position switches the torque on and moves the servo: it is asked for first. While the arm is stopped
     nothing is written but a torque_enable of 0.
     """
-    from hexwire.ipc.servo_setup import write_setting
+    from hexwire.bus.setup import write_setting
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)

@@ -26,8 +26,8 @@ from .samples import Row, SampleFiles, file_options, saving
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
+    from hexwire.bus.servo_bus import ServoBus
     from hexwire.drivers.bus_arm import BusArm
-    from hexwire.ipc.servo_bus import ServoBus
     from hexwire.model.state import JointReading
 
 __all__ = ["histogram", "wave_angle"]
@@ -85,7 +85,7 @@ def monitor(
 
 def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], Row]]:
     """Cells and SI values of each servo."""
-    from hexwire.session.servo_values import fault_words
+    from hexwire.bus.values import fault_words
 
     rows: list[tuple[tuple[str, ...], Row]] = []
     for block in opened.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, ids):

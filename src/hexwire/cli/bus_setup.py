@@ -43,7 +43,7 @@ def _now() -> str:
 @json_option
 def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Give a servo another id. Refused if the new id is taken or two servos share the old one."""
-    from hexwire.ipc import servo_setup
+    from hexwire.bus import setup as servo_setup
 
     with open_bus(options) as opened:
         known_servo(opened, old, options)
@@ -61,7 +61,7 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) ->
 @json_option
 def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Set a servo to another line rate; set back if it does not answer there."""
-    from hexwire.ipc import servo_setup
+    from hexwire.bus import setup as servo_setup
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
@@ -79,7 +79,7 @@ def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: 
 @json_option
 def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Make the present position of a servo its middle. Nothing moves; its torque must be off."""
-    from hexwire.ipc import servo_setup
+    from hexwire.bus import setup as servo_setup
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
@@ -95,7 +95,7 @@ def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None
 @json_option
 def recover(ids: str, options: BusOptions, as_json: bool) -> None:
     """Bring servos out of overload protection: torque off, wait until the fault is gone. Hold the arm!"""
-    from hexwire.ipc import servo_setup
+    from hexwire.bus import setup as servo_setup
 
     left = []
     data: list[dict[str, object]] = []
@@ -122,7 +122,7 @@ def recover(ids: str, options: BusOptions, as_json: bool) -> None:
 @json_option
 def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool) -> None:
     """Save the stored settings of servos to a file."""
-    from hexwire.ipc.servo_backup import serialize_backups, take_backup
+    from hexwire.bus.backup import serialize_backups, take_backup
 
     wanted = parse_ids(ids)
     with OutputFile(file, force=force) as out:
@@ -141,7 +141,7 @@ def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool)
 @json_option
 def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Put saved settings back, all but id and line rate, and verify them."""
-    from hexwire.ipc.servo_backup import load_backup, restore_backup
+    from hexwire.bus.backup import load_backup, restore_backup
 
     rows = load_backup(file)
     wanted = None if ids is None else parse_ids(ids)
@@ -170,7 +170,7 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json:
 @json_option
 def diff(file: str, options: BusOptions, as_json: bool) -> None:
     """Compare servos with their saved settings. Exit status 1 if they differ."""
-    from hexwire.ipc.servo_backup import compare, load_backup, take_backup
+    from hexwire.bus.backup import compare, load_backup, take_backup
 
     rows = []
     with open_bus(options) as opened:
@@ -250,7 +250,7 @@ def _calibration(
 def _wizard(arm: BusArm, seconds: int | None) -> Calibration:
     import time
 
-    from hexwire.ipc.servo_setup import identify
+    from hexwire.bus.setup import identify
     from hexwire.model.calibration import RangeSweep
 
     note("the torque goes off: hold the arm")

@@ -49,7 +49,7 @@ def new(
     anybody in: keep it off the robots.
     """
     from hexwire.errors import UsageError
-    from hexwire.ipc.certs import AUTHORITY, CERTIFICATE_DAYS, issue_certificate, make_authority
+    from hexwire.link.certs import AUTHORITY, CERTIFICATE_DAYS, issue_certificate, make_authority
 
     if not servers and not clients:
         if hosts and (Path(folder) / "server.pem").exists():

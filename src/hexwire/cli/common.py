@@ -261,12 +261,12 @@ def resolve_url(port: str | None, baud: int | None = None) -> str:
         UsageError: Several may be meant, or `baud` does not go with the URL.
     """
     if not port:
-        from hexwire.ipc.ports import find_only_board
+        from hexwire.link.ports import find_only_board
 
         port = find_only_board()
     if baud is None:
         return port
-    from hexwire.ipc.url import parse_url
+    from hexwire.link.url import parse_url
 
     url = parse_url(port)
     if url.scheme != "serial":
@@ -349,7 +349,7 @@ def watched(robot: RobotDriver, left: float, period: float = 0.0, mode: StopMode
 def observing_states(observer: _StateObserver) -> Iterator[None]:
     """While this lasts, every state that an attached robot reads goes to `observer` too, in the reader's thread.
 
-    It must not fail: see `hexwire.ipc.tap.Missed.guard`.
+    It must not fail: see `hexwire.link.tap.Missed.guard`.
     """
     token = _state_observer.set(observer)
     try:

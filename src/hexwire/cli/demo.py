@@ -24,10 +24,10 @@ from .output import say
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from hexwire.control.loop import RateLoop
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
-    from hexwire.motion.loop import RateLoop
 
 __all__ = ["PlainView", "Sample", "View", "demo", "turning_pose"]
 
@@ -212,8 +212,8 @@ def _move(
     view: View,
 ) -> str:
     """Torque on, there and back; returns the summary."""
+    from hexwire.control.loop import RateLoop
     from hexwire.model.state import JointTarget
-    from hexwire.motion.loop import RateLoop
     from hexwire.motion.trajectory import Quintic
 
     model = robot.model

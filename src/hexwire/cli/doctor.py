@@ -22,7 +22,7 @@ from hexwire.errors import (
     UsageError,
     WrongDeviceError,
 )
-from hexwire.ipc.diagnose import Finding, Level
+from hexwire.link.diagnose import Finding, Level
 
 from .common import RobotOptions, attached, json_option, make_robot, robot_options
 from .output import print_json, say, say_document
@@ -30,7 +30,7 @@ from .output import print_json, say, say_document
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.drivers.bus_arm import BusArm
-    from hexwire.ipc.ports import PortInfo
+    from hexwire.link.ports import PortInfo
 
 __all__ = ["doctor"]
 
@@ -50,8 +50,8 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
     """
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.registry import load_driver
-    from hexwire.ipc.diagnose import diagnose_system, udev_rule, write_udev_rule
-    from hexwire.ipc.ports import list_ports
+    from hexwire.link.diagnose import diagnose_system, udev_rule, write_udev_rule
+    from hexwire.link.ports import list_ports
 
     on_bus = issubclass(load_driver(options.robot), BusArm)
     if options.port:
@@ -101,7 +101,7 @@ def _show(findings: list[Finding], as_json: bool) -> None:
 
 def _device(port: str) -> str:
     """Path of a serial port; empty for another kind of link."""
-    from hexwire.ipc.url import parse_url
+    from hexwire.link.url import parse_url
 
     url = parse_url(port)
     return url.path if url.scheme == "serial" else ""
@@ -109,14 +109,14 @@ def _device(port: str) -> str:
 
 def _found(devices: list[str]) -> list[PortInfo]:
     """Ports that exist: opening one that does not says that, and which there are."""
-    from hexwire.ipc.ports import find_port
+    from hexwire.link.ports import find_port
 
     return [find_port(device) for device in devices if Path(device).exists()]
 
 
 def _look(options: RobotOptions, port: PortInfo, on_bus: bool, *, ask: bool = True) -> list[Finding]:
     """One port: what it is, who may open it, and who is behind it."""
-    from hexwire.ipc.diagnose import diagnose_baud, diagnose_port
+    from hexwire.link.diagnose import diagnose_baud, diagnose_port
 
     findings = diagnose_port(port)
     if any(row.level is Level.BAD and "may not open" in row.text for row in findings):
@@ -168,7 +168,7 @@ def _examine(robot: RobotDriver) -> list[Finding]:
 def _examine_bus(arm: BusArm) -> list[Finding]:
     from hexwire.drivers.bus_checkup import explain_missing, judge_traffic
     from hexwire.drivers.checkup import judge_probe, judge_state
-    from hexwire.ipc.adapter import inspect_adapter
+    from hexwire.link.adapter import inspect_adapter
 
     report, state, bus = arm.probe(), arm.read(), arm.bus
     silent = {joint.name for joint in report.joints if not joint.present} | set(state.silent)

@@ -23,7 +23,7 @@ from hexwire.errors import HexwireError, UsageError
 from .output import shown, write
 
 if TYPE_CHECKING:
-    from hexwire.ipc.tap import Missed
+    from hexwire.link.tap import Missed
 
 __all__ = [
     "DEVICE",

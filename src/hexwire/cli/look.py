@@ -109,7 +109,7 @@ def _say_report(report: ProbeReport) -> None:
 @json_option
 def ports(as_json: bool) -> None:
     """List serial ports and what is probably behind them."""
-    from hexwire.ipc.ports import list_ports
+    from hexwire.link.ports import list_ports
 
     found = list_ports()
     if as_json:

@@ -1,6 +1,6 @@
 """`hexwire loopback`: is the cable good, at which rates?
 
-Owns arguments and printing; the test itself is `hexwire.ipc.loopback`'s.
+Owns arguments and printing; the test itself is `hexwire.link.loopback`'s.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
 
     Tries the rates that servos and boards use, slowest first. Ends with status 1 if one of them fails.
     """
-    from hexwire.ipc.loopback import try_loopback
-    from hexwire.ipc.open import make_link
-    from hexwire.ipc.url import parse_url
+    from hexwire.link.loopback import try_loopback
+    from hexwire.link.open import make_link
+    from hexwire.link.url import parse_url
 
     url = resolve_url(port)
     if parse_url(url).scheme != "serial":

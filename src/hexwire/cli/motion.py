@@ -351,7 +351,7 @@ def _record_by_hand(
     robot: RobotDriver, recording: RecordingWriter, rate: float | None, duration: float | None, *, limp: bool
 ) -> None:
     """Torque off, record until it ends, torque on."""
-    from hexwire.motion.loop import RateLoop
+    from hexwire.control.loop import RateLoop
 
     # A rate that makes no sense is refused while the arm still has its torque.
     loop = RateLoop(rate or robot.command_rate)

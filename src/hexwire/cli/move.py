@@ -92,10 +92,10 @@ def move(
     dialect 1 and a servo bus have no watchdog: there --wait sends the way in short steps, so that little of it is
     left to do if this program dies.
     """
+    from hexwire.control.loop import RateLoop
     from hexwire.errors import ServoError
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.model.state import JointTarget
-    from hexwire.motion.loop import RateLoop
 
     angles = parse_targets(targets)
     robot = make_robot(options)
@@ -218,9 +218,9 @@ def _check_way(
         LimitError: Nothing was sent.
         UsageError: Other joints are still under way, so that nobody can say where the arm will be.
     """
+    from hexwire.control.loop import RateLoop
     from hexwire.errors import UsageError
     from hexwire.motion.checks import check_move
-    from hexwire.motion.loop import RateLoop
 
     if kinematics is None or goal.keys().isdisjoint(kinematics.joint_names):
         return robot.read()
@@ -268,9 +268,9 @@ def _in_steps(
         step: Seconds between two ways.
         tell: Told what will be sent before the first is.
     """
+    from hexwire.control.loop import RateLoop
     from hexwire.model.state import JointTarget, SentTarget
     from hexwire.motion.limits import check_target
-    from hexwire.motion.loop import RateLoop
 
     start = robot.read().positions
     checked = check_target(robot.model, target, start)

@@ -21,8 +21,8 @@ import click
 
 from hexwire.errors import UsageError
 from hexwire.inputs import parse_message
-from hexwire.ipc.link import Link
-from hexwire.ipc.tap import Missed, Passed, TapLink, wrap_new_links
+from hexwire.link.base import Link
+from hexwire.link.tap import Missed, Passed, TapLink, wrap_new_links
 from hexwire.new_file import OutputFile
 
 from .common import force_option, json_option, name_of, observing_states
@@ -206,7 +206,7 @@ def replay(file: BinaryIO, link: str | None, baud: int) -> None:
     """
     from hexwire.emulator.replay import RecordedTransfer, ReplayedBoard
     from hexwire.emulator.serve import serve_board
-    from hexwire.ipc.tap import Direction
+    from hexwire.link.tap import Direction
     from hexwire.trace.capture import traffic_of
 
     def transfers() -> Iterator[RecordedTransfer]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexwire.errors import ServoError, UsageError
-from hexwire.ipc.tap import Missed
+from hexwire.link.tap import Missed
 
 from .common import watched
 from .exits import note, tell_missed
@@ -20,11 +20,11 @@ from .output import print_json, say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
+    from hexwire.control.loop import MotionLoop
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
     from hexwire.motion.checks import MotionReport
-    from hexwire.motion.loop import MotionLoop
     from hexwire.motion.waypoints import Trajectory
     from hexwire.new_file import OutputFile
 
@@ -166,8 +166,8 @@ def _drive(
     plot: MotionPlot,
     missed: Missed,
 ) -> None:
+    from hexwire.control.loop import MotionLoop
     from hexwire.motion.follower import Follower
-    from hexwire.motion.loop import MotionLoop
     from hexwire.motion.safety import SafetyLimits
 
     names = legs[0][1].names

@@ -41,10 +41,10 @@ def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: st
     from hexwire.emulator.puma import EmulatedPuma
     from hexwire.emulator.serve_puma import serve_puma
     from hexwire.errors import UsageError
-    from hexwire.ipc.channel import is_loopback
-    from hexwire.ipc.listener import Listener
-    from hexwire.ipc.tls import TlsFiles
-    from hexwire.ipc.udp_server import UdpServer
+    from hexwire.link.listener import Listener
+    from hexwire.link.tls import TlsFiles
+    from hexwire.link.udp_server import UdpServer
+    from hexwire.link.url import is_loopback
 
     if peer and not udp:
         raise UsageError("--peer makes no sense without --udp")
@@ -75,8 +75,8 @@ def parse_address(text: str) -> tuple[str, int]:
     Raises:
         UsageError: It is neither.
     """
-    from hexwire.ipc.listener import LOOPBACK
-    from hexwire.ipc.url import split_host_port
+    from hexwire.link.listener import LOOPBACK
+    from hexwire.link.url import split_host_port
 
     host, port = split_host_port(f"{LOOPBACK}{text}" if text.startswith(":") else text, text)
     return host, port

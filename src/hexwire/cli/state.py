@@ -86,7 +86,7 @@ def condition(joint: JointReading) -> str:
 
 
 def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
-    from hexwire.motion.loop import RateLoop
+    from hexwire.control.loop import RateLoop
 
     ticks = RateLoop(rate).ticks()
     if as_json:

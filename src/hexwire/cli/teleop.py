@@ -55,7 +55,7 @@ def joystick() -> None:
 @json_option
 def list_(as_json: bool) -> None:
     """List the joysticks of this machine."""
-    from hexwire.ipc.joystick_device import find_joysticks
+    from hexwire.joystick.device import find_joysticks
 
     found = find_joysticks()
     if as_json:
@@ -71,7 +71,7 @@ def list_(as_json: bool) -> None:
 @click.argument("device", required=False)
 def show(device: str | None) -> None:
     """Print axes and buttons of a joystick as they change, to find out their numbers."""
-    from hexwire.ipc.joystick_device import open_joystick
+    from hexwire.joystick.device import open_joystick
 
     before = None
     with contextlib.closing(open_joystick(device)) as stick:
@@ -93,9 +93,9 @@ def show(device: str | None) -> None:
 )
 def send(device: str | None, url: str | None, conf: str | None, rate: float) -> None:
     """Send a joystick over a channel, again and again, until interrupted."""
-    from hexwire.ipc.joystick import JoystickSender
-    from hexwire.ipc.joystick_device import open_joystick
-    from hexwire.motion.loop import RateLoop
+    from hexwire.control.loop import RateLoop
+    from hexwire.joystick.channel import JoystickSender
+    from hexwire.joystick.device import open_joystick
 
     if (url is None) == (conf is None):
         raise UsageError("say where to: --to URL or --conf FILE")
@@ -154,9 +154,9 @@ def teleop(
     directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is the only
     joystick of this machine. The board stops the arm if this program dies, where it has a watchdog.
     """
+    from hexwire.control.loop import RateLoop
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.fence import Fence
-    from hexwire.motion.loop import RateLoop
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
     if sum(option is not None for option in (device, url, conf)) > 1:
@@ -259,7 +259,7 @@ def _hold_at_the_end(robot: RobotDriver) -> Iterator[None]:
 def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[Stick]:
     """Open the stick that the options name."""
     if url is not None or conf is not None:
-        from hexwire.ipc.joystick import JoystickReceiver
+        from hexwire.joystick.channel import JoystickReceiver
 
         far = JoystickReceiver.from_url(url) if url is not None else JoystickReceiver.from_conf(str(conf))
 
@@ -270,7 +270,7 @@ def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[St
         with far:
             yield newest
         return
-    from hexwire.ipc.joystick_device import open_joystick
+    from hexwire.joystick.device import open_joystick
 
     with contextlib.closing(open_joystick(device)) as near:
         # What is plugged in here is either heard, or gone with an error.

@@ -41,8 +41,8 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     Closing ends where something is between the jaws, and keeps a little pressure on it. The board stops the gripper
     if this program dies, where it has a watchdog.
     """
+    from hexwire.control.loop import RateLoop
     from hexwire.drivers.tools import Gripper
-    from hexwire.motion.loop import RateLoop
     from hexwire.motion.safety import board_stop
 
     share = {"open": 1.0, "close": 0.0}.get(how)

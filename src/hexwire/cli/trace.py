@@ -15,8 +15,8 @@ from typing import BinaryIO
 import click
 
 from hexwire.inputs import read_stream
-from hexwire.ipc.link import Link
-from hexwire.ipc.tap import Direction, Missed, Passed, TapLink, wrap_new_links
+from hexwire.link.base import Link
+from hexwire.link.tap import Direction, Missed, Passed, TapLink, wrap_new_links
 from hexwire.trace.chapter_log import format_passed
 from hexwire.trace.explain import Explained, Explainer
 from hexwire.trace.sources import LARGEST, read_traffic

@@ -20,7 +20,7 @@ from hexwire.wire.command_frame import Command, Status, command_name, status_nam
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from hexwire.ipc.epochs import Epochs
+    from hexwire.epochs import Epochs
     from hexwire.ipc.session import Session
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget

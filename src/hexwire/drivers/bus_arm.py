@@ -16,6 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from hexwire.bus import setup as servo_setup
+from hexwire.bus.servo_bus import ServoBus
+from hexwire.bus.values import ServoBlock
 from hexwire.errors import (
     CommandRefusedError,
     NotSupportedError,
@@ -24,18 +27,15 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
-from hexwire.ipc import servo_setup
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.mistaken import find_board, is_board
-from hexwire.ipc.serial import DEFAULT_BAUD
-from hexwire.ipc.servo_bus import ServoBus
 from hexwire.ipc.session import Session
+from hexwire.link.serial import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
 from hexwire.session.effects import packet_only_reads
-from hexwire.session.servo_values import ServoBlock
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
 from hexwire.wire.tables import DEFAULT_CEILING

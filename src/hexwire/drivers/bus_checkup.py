@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from hexwire.bus import setup as servo_setup
 from hexwire.errors import NotSupportedError, UsageError
-from hexwire.ipc import servo_setup
-from hexwire.ipc.diagnose import Finding, Level
+from hexwire.link.diagnose import Finding, Level
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import iter_status, make_ping, strip_echo
 
 if TYPE_CHECKING:
-    from hexwire.ipc.link import Link
-    from hexwire.ipc.servo_bus import ServoBus
+    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.link.base import Link
     from hexwire.model.arm import ArmModel, JointModel
 
 __all__ = ["SERVO_RATES", "explain_chatter", "explain_missing", "explain_silence", "judge_traffic"]

@@ -1,7 +1,7 @@
 """What is wrong with a robot: its probe and its state, judged, each finding with what to do.
 
 Owns the judgement. Talks to nobody, and says nothing about what was not read. What a servo bus takes to be looked
-into further is `bus_checkup`'s; ports are `hexwire.ipc.diagnose`'s.
+into further is `bus_checkup`'s; ports are `hexwire.link.diagnose`'s.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from hexwire.ipc.diagnose import Finding, Level
+from hexwire.link.diagnose import Finding, Level
 from hexwire.model.state import JointFlag
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from hexwire.errors import DeviceError, UsageError
 from hexwire.inputs import read_text
-from hexwire.ipc.ports import list_ports
-from hexwire.ipc.url import parse_url
+from hexwire.link.ports import list_ports
+from hexwire.link.url import parse_url
 
 __all__ = [
     "BuildReport",

@@ -69,7 +69,7 @@ def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> 
     if port is None:
         port = os.environ.get(PORT_VARIABLE)
     if port is None:
-        from hexwire.ipc.ports import find_only_board
+        from hexwire.link.ports import find_only_board
 
         port = find_only_board()
     driver = load_driver(robot).from_url(port, **options)

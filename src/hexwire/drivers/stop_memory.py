@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from hexwire.errors import HexwireError, UsageError
-from hexwire.ipc.url import parse_url
+from hexwire.link.url import parse_url
 from hexwire.new_file import make_folder, open_folder
 
 __all__ = ["StopMemory"]
@@ -121,7 +121,7 @@ def _identity(url: str) -> str:
         return ""
     if os.major(found.st_rdev) in _PSEUDO_TERMINALS:
         return f"{path} {found.st_ctime_ns}"
-    from hexwire.ipc.ports import find_port
+    from hexwire.link.ports import find_port
 
     with contextlib.suppress(HexwireError):
         port = find_port(path)

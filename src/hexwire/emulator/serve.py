@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Protocol
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageError
-from hexwire.ipc.link import Link, LinkKind
-from hexwire.ipc.serial import terminal_rate
+from hexwire.link.base import Link, LinkKind
+from hexwire.link.serial import terminal_rate
 
 from .serve_link import TerminalName
 from .uart import heard_at

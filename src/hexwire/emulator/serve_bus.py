@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hexwire.ipc.serial import terminal_rate
+from hexwire.link.serial import terminal_rate
 
 from .bus_device import BusDevice
 from .faults import FaultPlan

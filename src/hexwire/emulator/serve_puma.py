@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 from hexwire.errors import LinkError
 from hexwire.ipc.connections import random_number
-from hexwire.ipc.listener import Listener
-from hexwire.ipc.seats import Seats
-from hexwire.ipc.tcp import PeerLink
-from hexwire.ipc.udp_server import Peer, UdpServer
+from hexwire.link.listener import Listener
+from hexwire.link.seats import Seats
+from hexwire.link.tcp import PeerLink
+from hexwire.link.udp_server import Peer, UdpServer
 
 from .puma import EmulatedPuma, PumaPeer
 

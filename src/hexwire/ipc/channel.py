@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 from urllib.parse import quote
 
 from hexwire.errors import ConfigError
+from hexwire.link.url import is_loopback
 from hexwire.wire.modules import IpcType, ModuleType
 
-__all__ = ["Cell", "ChannelConf", "Direction", "Record", "is_loopback", "link_url", "make_channels", "rows_of"]
+__all__ = ["Cell", "ChannelConf", "Direction", "Record", "link_url", "make_channels", "rows_of"]
 
 DEFAULT_BAUD = 115200
 COLUMNS = ("module_name", "direction", "destination_module", "interface", "address", "port", "peer")
@@ -176,11 +177,6 @@ def _is_address(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def is_loopback(host: str) -> bool:
-    """Whether a host is this machine talking to itself."""
-    return host == "localhost" or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def make_channels(records: list[Record]) -> list[ChannelConf]:

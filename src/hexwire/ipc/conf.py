@@ -20,7 +20,9 @@ from pathlib import Path
 
 from hexwire.errors import ConfigError
 from hexwire.inputs import read_text
-from hexwire.ipc.channel import (
+from hexwire.wire.modules import IpcType
+
+from .channel import (
     COLUMNS,
     MODULES,
     NEEDED,
@@ -32,8 +34,7 @@ from hexwire.ipc.channel import (
     make_channels,
     rows_of,
 )
-from hexwire.ipc.conf_toml import parse_toml, to_toml
-from hexwire.wire.modules import IpcType
+from .conf_toml import parse_toml, to_toml
 
 __all__ = ["ChannelConf", "Direction", "link_url", "load_conf", "parse_conf", "parse_toml", "to_conf", "to_toml"]
 

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterable, Mapping
 
 from hexwire.errors import ConfigError
 from hexwire.inputs import parse_toml as parse_tables
-from hexwire.ipc.channel import Cell, ChannelConf, Record, make_channels, rows_of
 from hexwire.wire.modules import IpcType
+
+from .channel import Cell, ChannelConf, Record, make_channels, rows_of
 
 __all__ = ["parse_toml", "to_toml"]
 

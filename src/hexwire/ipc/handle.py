@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.link.base import Link, LinkKind
 from hexwire.wire.modules import IpcType, ModuleType, module_name
-
-from .link import Link, LinkKind
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -63,7 +62,7 @@ class IpcHandle:
         Raises:
             UsageError: The URL makes no sense; the text names the part.
         """
-        from .open import make_link
+        from hexwire.link.open import make_link
 
         return cls.from_link(make_link(url), module, destination)
 
@@ -109,8 +108,9 @@ class IpcHandle:
             self._link.close()
 
     def _from_conf(self) -> Link:
+        from hexwire.link.open import make_link
+
         from .conf import link_url, load_conf
-        from .open import make_link
 
         if self._conf_file is None:
             raise UsageError("this handle has neither a link nor a configuration file")

@@ -20,7 +20,7 @@ from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import BROADCAST_ID, iter_status, make_ping
 
 if TYPE_CHECKING:
-    from .link import Link
+    from hexwire.link.base import Link
 
 __all__ = ["BOARD_PATIENCE", "find_board", "find_servos", "is_board", "is_servo_bus"]
 
@@ -105,8 +105,9 @@ def find_board(link: Link, *, baud: int = 0, patience: float = BOARD_PATIENCE) -
         baud: At which rate, where the link has one; 0 is the usual one of boards.
         patience: Seconds to go on asking.
     """
+    from hexwire.link.serial import DEFAULT_BAUD
+
     from .handle import IpcHandle
-    from .serial import DEFAULT_BAUD
     from .session import Session
 
     set_baud = getattr(link, "set_baud", None)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from hexwire.epochs import Token
 from hexwire.errors import (
     LinkClosedError,
     LinkError,
@@ -34,7 +35,6 @@ from hexwire.wire.command_frame import Command, Status, command_name
 from hexwire.wire.modules import IpcType, ModuleType
 
 from .connections import Introduction, host_connection
-from .epochs import Token
 from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
 from .session_line import SessionLine

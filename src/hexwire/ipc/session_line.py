@@ -12,13 +12,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
+from hexwire.epochs import Epochs, Token
 from hexwire.errors import LinkClosedError, LinkLostError, ReplyTimeoutError
 from hexwire.session.connection import Connection
 from hexwire.session.events import Event, Reply, Report, TimedOut
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Frame, command_name
 
-from .epochs import Epochs, Token
 from .handle import IpcHandle
 from .turn import Turn
 

@@ -15,14 +15,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from hexwire.control.goals import ErrorCode
+from hexwire.control.orders import order_of, tolerances_of
+from hexwire.control.outcomes import Ended, Outcome
 from hexwire.errors import GoalError
 
-from .goals import ErrorCode
-from .orders import order_of, tolerances_of
-from .outcomes import Ended, Outcome
-
 if TYPE_CHECKING:
-    from .arm import Arm
+    from hexwire.control.arm import Arm
 
 __all__ = ["ActionGoal", "ActionGoals"]
 

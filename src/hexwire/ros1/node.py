@@ -34,24 +34,23 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from hexwire.control.arm import Arm
+from hexwire.control.diagnostics import ChangeWatch, diagnose
+from hexwire.control.orders import Sparing, order_of, set_points_of
+from hexwire.control.shutdown import Ending
+from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
 from .actions import ActionGoal, ActionGoals
-from .arm import Arm
-from .diagnostics import ChangeWatch, diagnose
-from .ending import Ending
 from .messages import control_msgs, control_srvs, osrf_msgs
-from .orders import Sparing, order_of, set_points_of
 from .settings import load_settings
 from .stamps import StampClock
-from .teaching import to_points, tolerance_of
 
 if TYPE_CHECKING:
+    from hexwire.control.outcomes import Progress
+    from hexwire.control.published import PublishedState
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
-
-    from .outcomes import Progress
-    from .states import PublishedState
 
 __all__ = ["run"]
 

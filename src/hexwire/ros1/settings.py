@@ -10,15 +10,16 @@ import math
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+from hexwire.control.goals import Tolerance, Tolerances
+from hexwire.control.settings import ControllerSettings, Settings
 from hexwire.drivers.registry import PORT_VARIABLE, load_driver
 from hexwire.errors import HexwireError, LimitError, LinkNotFoundError, UsageError
 from hexwire.model.geometry import ROBOTS, kinematics_or_none
 from hexwire.motion.safety import SafetyLimits
 
-from .goals import Tolerance, Tolerances
 from .parameters import FOREIGN, PARAMETERS, Faults, Parameter
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.kinematics import KinematicModel
 
-__all__ = ["ControllerSettings", "Settings", "load_settings"]
+__all__ = ["load_settings"]
 
 _ROWS = {row.name: row for row in PARAMETERS}
 _POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
@@ -42,76 +43,6 @@ _TOLERANCE = Parameter("tolerance", 0.0, "", "rad", low=0.0)
 _ANGLE = Parameter("angle", 0.0, "", "rad")
 _THRESHOLD = Parameter("threshold", 1.0, "", low=0.0, above=True)
 _THRESHOLDS = tuple(field.name for field in fields(SafetyLimits) if field.name != "faults")
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerSettings:
-    """One trajectory controller.
-
-    Attributes:
-        name: As in ``arm_controller``; empty for the only one there is.
-        joints: Names in the controller's order.
-        allow_partial: A trajectory may leave joints out.
-        tolerances: What holds where a goal asks for none of its own.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    allow_partial: bool
-    tolerances: Tolerances
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """All parameters of the node, checked, and the arm they were checked against.
-
-    Attributes of the same name as a parameter are as in `PARAMETERS`. Times are seconds, rates hertz, angles
-    radians, lengths metres.
-
-    Attributes:
-        port: URL or device of the robot, wherever it came from.
-        poses: Angle by joint, by name of the pose.
-        safety: Thresholds that were given; see `safety_at`.
-        controllers: At least one.
-        model: The arm.
-        kinematics: With limits for motion; None for an arm without geometry.
-        warnings: What was given to no effect, a line each.
-    """
-
-    port: str
-    robot: str
-    connect_timeout: float
-    publish_rate: float
-    command_rate: float
-    state_publish_rate: float
-    action_monitor_rate: float
-    diagnostics_rate: float
-    watchdog: float
-    command_timeout: float
-    links: str
-    table_height: float
-    check_table: bool
-    enable_on_start: bool
-    torque_off_at_exit: bool
-    frame_id: str
-    hardware_id: str
-    poses: Mapping[str, Mapping[str, float]]
-    pose_speed: float
-    teach_directory: str
-    safety: Mapping[str, float]
-    controllers: tuple[ControllerSettings, ...]
-    model: ArmModel
-    kinematics: KinematicModel | None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def table(self) -> float | None:
-        """Height of the table that must not be touched, metres; None if that is not checked."""
-        return self.table_height if self.check_table and self.kinematics is not None else None
-
-    def safety_at(self, rate: float) -> SafetyLimits:
-        """Thresholds at `rate` set-points a second: on a slow line, what was not given is widened."""
-        return SafetyLimits.at_period(1.0 / rate, **self.safety)
 
 
 def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
@@ -189,7 +120,7 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
 
 
 def _find_board(values: dict[str, Any]) -> str:
-    from hexwire.ipc.ports import find_only_board
+    from hexwire.link.ports import find_only_board
 
     # Those texts are for people on a command line.
     try:

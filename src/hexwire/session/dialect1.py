@@ -33,7 +33,7 @@ from hexwire.wire.tables import (
 )
 
 from .servo_answers import AnswerCollector
-from .servo_bus import Expected, expected_answer
+from .servo_matching import Expected, expected_answer
 
 __all__ = [
     "MAX_PACKET",

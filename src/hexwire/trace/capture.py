@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, NamedTuple, Self
 
 from hexwire.errors import HexwireError
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 
 from .explain import Explainer
 from .mcap_file import MAGIC, load_mcap, read_records

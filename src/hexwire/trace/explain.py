@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hexwire.errors import HexwireError
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, command_name, examine, status_name
 from hexwire.wire.describe import describe_body, describe_servo

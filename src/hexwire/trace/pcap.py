@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 
 __all__ = ["USER0", "write_pcap", "write_pcapng"]
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 
 from hexwire.errors import UsageError
-from hexwire.ipc.tap import Direction, Passed
+from hexwire.link.tap import Direction, Passed
 
 from .capture import traffic_of
 from .chapter_log import HEADLINE, parse_log

@@ -1,0 +1,330 @@
+"""Requests to servos prepared once and used often, and their answers checked at a glance.
+
+Owns the fast path of a servo bus: the bytes of a request are built once, and the answers of a healthy bus are
+verified by comparing and adding whole blocks. Anything out of the ordinary, be it a fault bit, an echo or noise,
+gives None, and the caller takes the careful path (`servo_answers`). Sans I/O.
+
+Every byte of every answer is verified all the same: headers, ids and lengths by one masked comparison, each
+packet's own checksum by adding its bytes in 16-bit lanes of one big integer. For seven two-byte answers that is
+1 us instead of 3 us packet by packet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from struct import Struct
+from typing import Literal
+
+from hexwire.errors import UsageError
+from hexwire.wire.registers import Register, Series
+from hexwire.wire.servo_packet import make_read, make_sync_read, make_sync_write, make_write
+
+from .timing import Nap
+
+__all__ = ["ReadPlan", "SyncReadPlan", "SyncWritePlan", "WritePlan"]
+
+
+def _sound_sum(header: bytes) -> int:
+    """Low byte of the sum of all bytes of a sound packet: the header, and FF for the rest."""
+    return (sum(header) + 0xFF) & 0xFF
+
+
+class ReadPlan:
+    """One READ to one servo.
+
+    Args:
+        servo_id: Whom to ask.
+        series: Its series.
+        address: First register address.
+        count: Bytes to read.
+        register: The register that starts there, for `value`; None if it is about the bytes only.
+
+    Attributes:
+        request: Bytes to send.
+        length: Bytes of the answer.
+        total: Bytes of both.
+        base: Seconds the answer takes without the adapter's allowance; its user sets it.
+        latest: Newest raw value, None if there is none; its user sets it.
+        stamp: When that was read.
+        nap: When to look for the answer.
+    """
+
+    __slots__ = (
+        "_end",
+        "_head",
+        "_order",
+        "_positive",
+        "_sum",
+        "address",
+        "base",
+        "count",
+        "latest",
+        "length",
+        "nap",
+        "register",
+        "request",
+        "series",
+        "servo_id",
+        "stamp",
+        "total",
+    )
+
+    def __init__(
+        self, servo_id: int, series: Series, address: int, count: int, register: Register | None = None
+    ) -> None:
+        self.servo_id = servo_id
+        self.series = series
+        self.address = address
+        self.count = count
+        self.register = register
+        self._end = 5 + (count if register is None else register.size)
+        self._order: Literal["big", "little"] = "big" if series.byte_order == "big" else "little"
+        sign = None if register is None else register.sign_bit
+        self._positive = 0xFFFF if sign is None else (1 << sign) - 1
+        self.request = make_read(servo_id, address, count)
+        self.length = 6 + count
+        self.total = len(self.request) + self.length
+        self.nap = Nap()
+        # The error byte belongs to what is compared: a servo in trouble takes the careful path.
+        self._head = series.reply_header + bytes((servo_id, count + 2, 0))
+        self._sum = _sound_sum(series.reply_header)
+        self.base = 0.0
+        self.latest: int | None = None
+        self.stamp = 0.0
+
+    def glance(self, data: bytes) -> bytes | None:
+        """The register bytes if `data` is exactly one sound answer without an error, else None."""
+        if (
+            len(data) == self.length
+            and data[:5] == self._head
+            and sum(data) & 0xFF == self._sum
+            and data != self.request
+        ):
+            return data[5 : self._end]
+        return None
+
+    def sound(self, data: bytes) -> bool:
+        """Whether `data` is exactly the answer."""
+        return self.glance(data) is not None
+
+    def value(self, data: bytes) -> int | None:
+        """The register's raw value under the same conditions. Written out again: a call more would be felt."""
+        if (
+            len(data) == self.length
+            and data[:5] == self._head
+            and sum(data) & 0xFF == self._sum
+            and data != self.request
+        ):
+            raw = int.from_bytes(data[5 : self._end], self._order)
+            if raw <= self._positive:
+                return raw
+            return None if self.register is None else self.register.decode(data[5 : self._end])
+        return None
+
+
+class WritePlan:
+    """One acknowledged write to one servo.
+
+    Args:
+        servo_id: Whom to ask.
+        series: Its series.
+        address: First register address.
+        data: Register bytes.
+        request: The packet, where it is not a plain WRITE.
+    """
+
+    __slots__ = (
+        "acknowledgement",
+        "address",
+        "base",
+        "data",
+        "length",
+        "nap",
+        "request",
+        "series",
+        "servo_id",
+        "total",
+    )
+
+    def __init__(
+        self, servo_id: int, series: Series, address: int, data: bytes, request: bytes | None = None
+    ) -> None:
+        self.servo_id = servo_id
+        self.series = series
+        self.address = address
+        # What can be read back; nothing where it is not a plain write.
+        self.data = data if request is None else b""
+        self.request = make_write(servo_id, address, data) if request is None else request
+        self.acknowledgement = series.reply_header + bytes((servo_id, 2, 0, ~(servo_id + 2) & 0xFF))
+        self.length = 6
+        self.total = len(self.request) + 6
+        self.base = 0.0
+        self.nap = Nap()
+
+
+class SyncReadPlan:
+    """One SYNC_READ of the same registers of several servos.
+
+    Args:
+        series: Series of all of them.
+        ids: Whom to ask, in this order.
+        address: First register address.
+        count: Bytes of each.
+        register: The register, where it is a single one whose values `glance` may take as they are.
+
+    Attributes:
+        request: Bytes to send.
+        length: Bytes of all answers.
+        total: Bytes of both.
+        base: Seconds the answers take without the adapter's allowance; its user sets it.
+        nap: When to look for the answers.
+    """
+
+    __slots__ = (
+        "_heads",
+        "_last",
+        "_masks",
+        "_values",
+        "address",
+        "base",
+        "count",
+        "ids",
+        "length",
+        "nap",
+        "register",
+        "request",
+        "series",
+        "size",
+        "total",
+    )
+
+    def __init__(
+        self, series: Series, ids: Sequence[int], address: int, count: int, register: Register | None = None
+    ) -> None:
+        self.series = series
+        self.ids = tuple(ids)
+        self.address = address
+        self.count = count
+        self.register = register
+        self.request = make_sync_read(address, count, ids)
+        self.size = size = 6 + count
+        n = len(self.ids)
+        self.length = n * size
+        self.total = len(self.request) + self.length
+        self.base = 0.0
+        self.nap = Nap()
+        header = series.reply_header
+        self._heads = tuple(header + bytes((servo_id, count + 2, 0)) for servo_id in self.ids)
+        self._last = self._heads[-1][:4]
+        self._masks: tuple[int, int, int, int, int] | None = None
+        self._values: Struct | None = None
+        if register is not None and register.size == count == 2:
+            # One big integer, little-endian, one packet after the other in it.
+            def lanes(packet: bytes) -> int:
+                return int.from_bytes(packet * n, "little")
+
+            sign = 0 if register.sign_bit is None else 1 << register.sign_bit
+            # Above the sign bit nothing may be set either: those bits have no meaning.
+            above = 0 if register.sign_bit is None else 0xFFFF & ~(sign - 1)
+            odd = above.to_bytes(2, "little" if register.byte_order == "little" else "big")
+            self._masks = (
+                lanes(b"\xff\xff\xff\xff\xff" + odd + b"\0"),
+                int.from_bytes(b"".join(head + b"\0\0\0" for head in self._heads), "little"),
+                lanes(b"\xff\0\xff\0\xff\0\xff\0"),
+                lanes(b"\0\0\0\0\0\0\xff\0"),
+                lanes(bytes((0, 0, 0, 0, 0, 0, _sound_sum(header), 0))),
+            )
+            self._values = Struct((">" if register.byte_order == "big" else "<") + "5xHx" * n)
+
+    def glance(self, data: bytes) -> tuple[int, ...] | None:
+        """Raw values in the order of `ids` if `data` is exactly their sound answers, else None.
+
+        None as well if a servo reports an error, or a value has its sign bit set.
+        """
+        masks = self._masks
+        if masks is None or len(data) != self.length:
+            return None
+        mask, heads, bytes_mask, sum_mask, whole = masks
+        number = int.from_bytes(data, "little")
+        if number & mask != heads:
+            return None
+        # Pairs, then fours, then eights of bytes: the top lane of each packet ends with the sum of all eight,
+        # at most 2040, so no lane runs over into the next.
+        lanes = (number & bytes_mask) + (number >> 8 & bytes_mask)
+        lanes += lanes << 16
+        lanes += lanes << 32
+        if lanes & sum_mask != whole:
+            return None
+        return self._values.unpack(data)  # type: ignore[union-attr]  # made together with the masks
+
+    def blocks(self, data: bytes) -> list[bytes] | None:
+        """Register bytes of each servo, in the order of `ids`, under the same conditions as `glance`."""
+        if len(data) != self.length:
+            return None
+        size, rows, at = self.size, [], 0
+        for head in self._heads:
+            packet = data[at : at + size]
+            if packet[:5] != head or sum(packet[2:]) & 0xFF != 0xFF:
+                return None
+            rows.append(packet[5:-1])
+            at += size
+        return rows
+
+    def sound(self, data: bytes) -> bool:
+        """Whether `data` is exactly their answers."""
+        return self.glance(data) is not None or self.blocks(data) is not None
+
+    def ended(self, data: bytes) -> bool:
+        """Whether the last servo's answer stands at the end of `data`: then nothing more will come."""
+        tail = data[-self.size :]
+        return tail[:4] == self._last and sum(tail[2:]) & 0xFF == 0xFF
+
+
+class SyncWritePlan:
+    """SYNC_WRITE of one two-byte register of several servos, with new values each time.
+
+    Args:
+        register: The register, two bytes wide.
+        ids: Whose.
+
+    Attributes:
+        least: Least raw value taken.
+        most: Greatest raw value taken.
+    """
+
+    __slots__ = ("_count", "_fixed_sum", "_pack", "_template", "ids", "least", "most", "register")
+
+    def __init__(self, register: Register, ids: Sequence[int]) -> None:
+        if register.size != 2:
+            raise UsageError(f"{register.name} has 1 byte; a sync write plan is for 2")
+        self.register = register
+        self.ids = tuple(ids)
+        packet = make_sync_write(register.address, [(servo_id, b"\0\0") for servo_id in ids])
+        self._template = bytearray(packet)
+        self._fixed_sum = sum(packet[2:-1])
+        self._count = len(self.ids)
+        self._pack = Struct((">" if register.byte_order == "big" else "<") + "H" * self._count).pack
+        self.least = register.fits[0] if register.minimum is None else register.minimum
+        self.most = register.fits[-1] if register.maximum is None else register.maximum
+
+    def serialize(self, values: Sequence[int]) -> bytes:
+        """The packet for one raw value a servo, in the order of `ids`.
+
+        Raises:
+            UsageError: A value is outside the register's range; nothing is built.
+        """
+        if min(values) < self.least or max(values) > self.most:
+            low, high = self.least, self.most
+            servo_id, value = next(p for p in zip(self.ids, values, strict=True) if not low <= p[1] <= high)
+            raise UsageError(
+                f"{self.register.name} of servo {servo_id} takes {low}..{high}, not {value}; nothing was sent"
+            )
+        sign = self.register.sign_bit
+        if sign is not None and min(values) < 0:
+            values = [value if value >= 0 else -value | 1 << sign for value in values]
+        data = self._pack(*values)
+        packet = self._template.copy()
+        packet[8:-1:3] = data[0::2]
+        packet[9:-1:3] = data[1::2]
+        packet[-1] = ~(self._fixed_sum + sum(data)) & 0xFF
+        return bytes(packet)

@@ -1,0 +1,413 @@
+"""Setting servos up: who is there, ids, rates, stored settings, the middle, and recovery after an overload.
+
+Owns the safe order of such steps: each is verified, and undone where it fails. Moves nothing. Works on a `ServoBus`
+and talks to nobody; who asks confirms beforehand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from hexwire.errors import NotSupportedError, ServoError, UsageError
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_ping, make_read, make_write
+
+from .servo_bus import ServoBus
+from .values import Answer, fault_words
+
+__all__ = [
+    "Found",
+    "ServoInfo",
+    "center",
+    "identify",
+    "recover",
+    "scan",
+    "set_baud",
+    "set_id",
+    "shares_id",
+    "torque_off",
+    "unlocked",
+    "write_setting",
+]
+
+_EEPROM_TIME = 0.02
+"""Seconds until a stored setting is in force, generously; a servo is deaf while it writes."""
+_LATE = 0.1
+"""Seconds after which a late answer has come, on a machine that stalls too."""
+_COLLISION_READS = 6
+_CALIBRATE_MID = 128
+_LIVE_FIRST, _LIVE_COUNT = 56, 15
+_CALIBRATE_FIRMWARE = (3, 10)
+_SCAN_ALLOWANCE = 0.008
+_MODEL_NAMES = {777: "sts3215", 2825: "sts3250", 2570: "hls3606", 1284: "scs009", 11272: "sm8512bl"}
+"""Registers 3 and 4 as a little-endian word (vendor tool and public tables)."""
+
+
+class ServoInfo(NamedTuple):
+    """Who a servo is.
+
+    Attributes:
+        servo_id: Its id.
+        series: Its series; None if its firmware has no table here.
+        firmware: As in ``3.10``; empty for a legacy servo, which does not tell.
+        model: Registers 3 and 4 as a little-endian word; None if it does not tell.
+        baud: Line rate it is set to; 0 if it does not tell.
+        acknowledges: Whether it answers writes.
+        return_delay: Seconds it waits before an answer.
+        status: Its error byte.
+    """
+
+    servo_id: int
+    series: Series | None
+    firmware: str
+    model: int | None
+    baud: int
+    acknowledges: bool
+    return_delay: float
+    status: int
+
+    @property
+    def model_name(self) -> str:
+        """As in ``sts3215``; the number if it has no name here."""
+        return "" if self.model is None else _MODEL_NAMES.get(self.model, str(self.model))
+
+
+class Found(NamedTuple):
+    """A servo that a scan found.
+
+    Attributes:
+        info: Who it is; None where it answers pings but nothing that can be read.
+        servo_id: Its id.
+        baud: Rate at which it answered.
+        shared: Several servos seem to have this id.
+    """
+
+    info: ServoInfo | None
+    servo_id: int
+    baud: int
+    shared: bool
+
+
+def identify(bus: ServoBus, servo_id: int) -> ServoInfo | None:
+    """Ask a servo who it is, and let the bus use what it says: series, return delay, acknowledging.
+
+    Returns:
+        None if it does not answer.
+    """
+    head = None
+    for _ in range(1 + bus.retries):
+        head, _instead = bus.ask(make_read(servo_id, 0, 9), servo_id, 9)
+        if head is not None:
+            break
+    if head is None:
+        return _identify_legacy(bus, servo_id)
+    data = head.params
+    series = Series.from_firmware(data[0], data[1], "big" if data[2] else "little")
+    codes = (series or Series.STS_SMS).baud_codes
+    # Register return_delay has no effect on STS, and on HLS it is the second id.
+    delay = data[7] * 2e-6 if series is Series.SCS else 500e-6
+    if series is not None:
+        bus.set_series(servo_id, series)
+        bus.set_return_delay(servo_id, delay)
+        bus.set_acknowledges(servo_id, bool(data[8]))
+    model = data[3] | data[4] << 8
+    firmware = f"{data[0]}.{data[1]}"
+    return ServoInfo(servo_id, series, firmware, model, codes.get(data[6], 0), bool(data[8]), delay, head.error)
+
+
+def _identify_legacy(bus: ServoBus, servo_id: int) -> ServoInfo | None:
+    request = make_read(servo_id, Series.SEVEN_BOT.register("present_position").address, 2)
+    status = None
+    for _ in range(1 + bus.retries):
+        status, _instead = bus.ask(request, servo_id, 2)
+        if status is not None:
+            break
+    if status is None:
+        return None
+    series = Series.SEVEN_BOT if status.legacy else None
+    if series is not None:
+        bus.set_series(servo_id, series)
+    return ServoInfo(servo_id, series, "", None, bus.timing.baud if series else 0, False, 500e-6, status.error)
+
+
+def scan(
+    bus: ServoBus,
+    *,
+    bauds: Iterable[int] = (),
+    ids: Iterable[int] = range(254),
+    progress: Callable[[int, int, int], None] | None = None,
+    allowance: float = _SCAN_ALLOWANCE,
+) -> list[Found]:
+    """Ping every id at every rate. The bus is left at the rate it had.
+
+    Args:
+        bus: The bus.
+        bauds: Rates to try; only the present one if empty.
+        ids: Ids to try.
+        progress: Told the rate, the id and how many servos were found, before each ping.
+        allowance: Seconds for the adapter; its measured value replaces this once a servo has answered.
+
+    Returns:
+        One row a servo, in the order found. Several servos with one id give one row, marked.
+    """
+    found: list[Found] = []
+    wanted, first_baud, retries = list(ids), bus.timing.baud, bus.retries
+    rates = list(bauds) or [first_baud]
+    try:
+        for baud in rates:
+            if baud != bus.timing.baud:
+                bus.set_baud(baud)
+            bus.timing.allowance = max(allowance, min(bus.timing.allowance, 0.02) if bus.timing.holds_back else 0.0)
+            for servo_id in wanted:
+                if progress is not None:
+                    progress(baud, servo_id, len(found))
+                bus.retries = 0
+                answered = _hears(bus, servo_id)
+                bus.retries = max(1, retries)
+                if answered:
+                    info = identify(bus, servo_id)
+                    found.append(Found(info, servo_id, baud, shares_id(bus, servo_id)))
+    finally:
+        bus.retries = retries
+        if bus.timing.baud != first_baud:
+            bus.set_baud(first_baud)
+    return found
+
+
+def _hears(bus: ServoBus, servo_id: int) -> bool:
+    """Whether anything comes back for an id, sound or not: two servos with one id spoil each other's answers."""
+    answer = bus.ping(servo_id)
+    if answer.ok or not answer.error:
+        return True
+    if "only the echo" in answer.error or "but" not in answer.error:
+        return False
+    # It may be a late answer to what was asked before: only what comes for this id, and comes again, counts.
+    bus.pause(_LATE)
+    status, again = bus.ask(make_ping(servo_id), servo_id, 0)
+    return status is not None or (bool(again) and "answer of servo" not in again and "echo" not in again)
+
+
+def shares_id(bus: ServoBus, servo_id: int) -> bool:
+    """Whether several servos seem to have this id: their answers collide as soon as their values differ.
+
+    Two that agree in every register that is read (position, voltage, temperature, ...) cannot be told from one.
+    """
+    legacy = bus.series_of(servo_id) is Series.SEVEN_BOT
+    count = 2 if legacy else _LIVE_COUNT
+    spoiled = 0
+    for _ in range(_COLLISION_READS):
+        status, instead = bus.ask(make_read(servo_id, _LIVE_FIRST, count), servo_id, count)
+        if status is None and instead and "echo" not in instead:
+            spoiled += 1
+    return spoiled > _COLLISION_READS // 2
+
+
+@contextmanager
+def unlocked(bus: ServoBus, servo_id: int) -> Iterator[None]:
+    """Let stored settings be written; locked again afterwards, whatever happens. Legacy servos have no lock."""
+    if "lock" not in bus.series_of(servo_id).registers:
+        yield
+        return
+    bus.write_raw(servo_id, "lock", 0).check()
+    try:
+        yield
+    finally:
+        bus.write_raw(servo_id, "lock", 1)
+
+
+def write_setting(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
+    """Store a setting for good and verify it.
+
+    Raises:
+        ServoError: The servo does not answer, or has another value afterwards.
+        UsageError: No such register, or a value it does not take; ids and rates have calls of their own.
+    """
+    if name in ("id", "baud_code"):
+        raise UsageError(f"{name} is not written like this: use set-{'id' if name == 'id' else 'baud'}")
+    with unlocked(bus, servo_id):
+        _faultless(bus.write_raw(servo_id, name, raw))
+        bus.pause(_EEPROM_TIME)
+    now = bus.read(servo_id, name)
+    if now.raw != raw:
+        what = "is silent" if now.raw is None else f"has {now.raw}"
+        raise ServoError(f"servo {servo_id} {what} after {name} was set to {raw}: read it again", servo_id=servo_id)
+
+
+def _faultless(answer: Answer) -> None:
+    """A servo that reports an overload has still taken what was written."""
+    if answer.error:
+        answer.check()
+
+
+def _must_be_there(bus: ServoBus, servo_id: int) -> ServoInfo:
+    info = identify(bus, servo_id)
+    if info is None:
+        raise ServoError(f"servo {servo_id} does not answer: check cable, power, id and rate", servo_id=servo_id)
+    if shares_id(bus, servo_id):
+        raise ServoError(f"several servos seem to have id {servo_id}: connect one of them alone", servo_id=servo_id)
+    return info
+
+
+def set_id(bus: ServoBus, old: int, new: int) -> ServoInfo:
+    """Give a servo another id.
+
+    Nothing is written unless the servo is there, is alone with its id, and the new id is free. Afterwards it must
+    answer to the new id and not to the old one.
+
+    Raises:
+        UsageError: The ids make no sense.
+        ServoError: One of the conditions does not hold; the text says whether anything changed.
+    """
+    series = bus.series_of(old)
+    high = 250 if series is Series.SEVEN_BOT else 253
+    if not 0 <= new <= high:
+        raise UsageError(f"id {new} is outside 0..{high}")
+    if old == new:
+        raise UsageError(f"servo {old} has that id already")
+    info = _must_be_there(bus, old)
+    if bus.ping(new).ok:
+        raise ServoError(f"id {new} is taken: nothing was changed", servo_id=new)
+    register = bus.series_of(old).register("id")
+    has_lock = "lock" in bus.series_of(old).registers
+    if has_lock:
+        bus.write_raw(old, "lock", 0).check()
+    # Which id acknowledges differs between firmwares, so this write is verified by its effect.
+    bus.raw(make_write(old, register.address, bytes((new,))))
+    bus.pause(_EEPROM_TIME)
+    bus.set_series(new, info.series or series)
+    bus.set_acknowledges(new, info.acknowledges)
+    if not bus.ping(new).error:
+        if has_lock:
+            _faultless(bus.write_raw(new, "lock", 1))
+        if bus.ping(old).ok:
+            raise ServoError(f"servo {new} answers, but so does {old}: two servos had id {old}", servo_id=old)
+        return info._replace(servo_id=new)
+    if not bus.ping(old).error:
+        if has_lock:
+            bus.write_raw(old, "lock", 1)
+        raise ServoError(f"servo {old} did not take id {new}; it still has {old}", servo_id=old)
+    raise ServoError(f"servo {old} answers neither to {old} nor to {new}: scan for it", servo_id=old)
+
+
+def set_baud(bus: ServoBus, servo_id: int, baud: int) -> None:
+    """Set a servo to another line rate and follow it there.
+
+    The servo must answer at the new rate; otherwise the old rate is tried and the servo set back.
+
+    Raises:
+        UsageError: The series has no such rate.
+        NotSupportedError: This link has no rate that could follow, or the series cannot be set.
+        ServoError: It did not work; the text says at which rate the servo is now.
+    """
+    info = _must_be_there(bus, servo_id)
+    series = bus.series_of(servo_id)
+    codes = {rate: code for code, rate in series.baud_codes.items()}
+    if not codes:
+        raise NotSupportedError(f"servo {servo_id} is a {series.value} one, whose rate is fixed")
+    if baud not in codes:
+        rates = ", ".join(map(str, sorted(codes)))
+        raise UsageError(f"{series.value} servos do {rates} baud, not {baud}")
+    before = bus.timing.baud
+    if getattr(bus.link, "set_baud", None) is None:
+        raise NotSupportedError(f"{bus.link.url} has no line rate, so a servo cannot be followed to another")
+    register = series.register("baud_code")
+    bus.write_raw(servo_id, "lock", 0).check()
+    # The acknowledgement may come at either rate: what counts is where the servo answers afterwards.
+    bus.raw(make_write(servo_id, register.address, bytes((codes[baud],))))
+    bus.pause(_EEPROM_TIME)
+    bus.set_baud(baud)
+    if not bus.ping(servo_id).error and bus.read(servo_id, "baud_code").raw == codes[baud]:
+        bus.write_raw(servo_id, "lock", 1)
+        return
+    # Perhaps it understood, but we do not hear it: send it back blindly, then look where it is.
+    old_code = codes.get(info.baud, register.default or 0)
+    bus.raw(make_write(servo_id, register.address, bytes((old_code,))))
+    bus.pause(_EEPROM_TIME)
+    bus.set_baud(before)
+    if not bus.ping(servo_id).error:
+        bus.write_raw(servo_id, "baud_code", old_code)
+        bus.write_raw(servo_id, "lock", 1)
+        raise ServoError(f"servo {servo_id} does not work at {baud} baud; it is at {before} as before")
+    raise ServoError(
+        f"servo {servo_id} answers neither at {before} nor at {baud} baud: scan for it", servo_id=servo_id
+    )
+
+
+def center(bus: ServoBus, servo_id: int) -> int:
+    """Make the present position of a servo the middle of its range. Nothing moves; the torque must be off.
+
+    With the torque on, the servo would at once drive to its old goal, which is elsewhere now.
+
+    Returns:
+        The position it reports afterwards.
+
+    Raises:
+        ServoError: It has torque, does not answer, or reports something else than the middle.
+        NotSupportedError: This series has no such function.
+    """
+    info = _must_be_there(bus, servo_id)
+    series = bus.series_of(servo_id)
+    if series not in (Series.STS_SMS, Series.HLS):
+        raise NotSupportedError(f"a {series.value} servo has no middle to set; use the offset of the arm's file")
+    if bus.read(servo_id, "torque_enable").raw != 0:
+        raise ServoError(f"servo {servo_id} has torque: switch it off first, it would jump", servo_id=servo_id)
+    version = tuple(int(part) for part in info.firmware.split("."))
+    if series is Series.HLS or version >= _CALIBRATE_FIRMWARE:
+        _faultless(bus.calibrate(servo_id))
+    else:
+        _faultless(bus.write_raw(servo_id, "torque_enable", _CALIBRATE_MID))
+    bus.pause(_EEPROM_TIME)
+    now = bus.read(servo_id, "present_position").raw
+    if now is None or abs(now - series.neutral) > 8:
+        raise ServoError(f"servo {servo_id} reports position {now} after it was centred", servo_id=servo_id)
+    if bus.read(servo_id, "torque_enable").raw != 0:
+        bus.write_raw(servo_id, "torque_enable", 0)
+    return now
+
+
+def torque_off(bus: ServoBus, servo_ids: Sequence[int]) -> tuple[int, ...]:
+    """Switch the torque of several servos off, each of them whatever becomes of the others.
+
+    Returns:
+        Ids that do not confirm it.
+    """
+    bus.sync_write_raw("torque_enable", dict.fromkeys(servo_ids, 0))
+    unsure = []
+    for servo_id in servo_ids:
+        if bus.read(servo_id, "torque_enable").raw != 0:
+            bus.write_raw(servo_id, "torque_enable", 0)
+            if bus.read(servo_id, "torque_enable").raw != 0:
+                unsure.append(servo_id)
+    return tuple(unsure)
+
+
+def recover(bus: ServoBus, servo_id: int, *, patience: float = 3.0) -> tuple[str, ...]:
+    """Bring a servo out of its protection after an overload: torque off, then wait until the fault is gone.
+
+    The joint goes limp: hold what it carries. The torque stays off; switching it on holds the shaft where it is.
+
+    Args:
+        bus: The bus.
+        servo_id: Which.
+        patience: Seconds to wait for the fault to go.
+
+    Returns:
+        Names of the faults that remain, as a low supply or a hot motor would; empty if all is well.
+
+    Raises:
+        ServoError: It does not answer, or keeps its torque.
+    """
+    if torque_off(bus, (servo_id,)):
+        raise ServoError(f"servo {servo_id} does not confirm that its torque is off", servo_id=servo_id)
+    status = 0
+    for _ in range(max(1, round(patience / 0.1))):
+        answer = bus.ping(servo_id)
+        if answer.error:
+            answer.check()
+        status = answer.status
+        if not status:
+            return ()
+        bus.pause(0.1)
+    return fault_words(status)

@@ -1,0 +1,1 @@
+"""The one owner of a moving robot. Knows neither ROS nor a terminal nor a page."""

@@ -1,0 +1,439 @@
+"""Everything a node can be asked for: orders, set-points, poses, teaching, power, stop; and what it reports.
+
+Owns what is allowed when, across all controllers of an arm. Must not know ROS: requests come as plain values, and
+answers are words.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.errors import GoalError, HexwireError, UsageError
+from hexwire.motion.fence import Fence
+from hexwire.motion.teach import approach
+
+from .controller import TrajectoryController
+from .diagnostics import Facts
+from .goals import ErrorCode
+from .owner import Hardware
+from .teach_mode import Lessons, switch_torque
+from .waiting import Alone, Waiter
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+    from hexwire.motion.teach import Taught
+    from hexwire.motion.waypoints import Sample, Trajectory
+
+    from .goals import Tolerances, TrajectoryOrder
+    from .outcomes import Goal
+    from .published import PublishedState
+    from .settings import Settings
+
+__all__ = ["Arm"]
+
+_log = logging.getLogger(__name__)
+
+_NEVER = 1e9
+_GRACE = 10.0
+"""Seconds beyond a motion's own duration that whoever waits for its end is patient."""
+
+
+class Arm:
+    """A robot as a node offers it. `connect`, then `start`; `shutdown` at the end.
+
+    Args:
+        robot: Not attached.
+        settings: The node's parameters.
+        on_state: As in `Hardware`.
+        on_taught: Called with what was taught, in the thread that ended it.
+        clock: As in `Hardware`.
+        sleep: Likewise.
+
+    Attributes:
+        hardware: The robot and its owner.
+        controllers: By name; the only one has the empty name.
+        lessons: Teaching by hand, and what was taught.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDriver,
+        settings: Settings,
+        *,
+        on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
+        on_taught: Callable[[Taught], object] = lambda taught: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.hardware = Hardware(
+            robot,
+            publish_rate=settings.publish_rate,
+            command_rate=settings.command_rate,
+            watchdog=settings.watchdog,
+            on_state=on_state,
+            clock=clock,
+            sleep=sleep,
+        )
+        self.controllers: dict[str, TrajectoryController] = {}
+        self.lessons = Lessons(self.hardware, settings.teach_directory, on_taught)
+        # One request at a time that takes the arm for longer: a pose, teaching, playing back.
+        self._busy = threading.Lock()
+
+    # -- coming and going ---------------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Find the robot and make its controllers; as `Hardware.connect`."""
+        settings, hardware = self.settings, self.hardware
+        hardware.connect(settings.connect_timeout)
+        if settings.kinematics is not None:
+            hardware.group.fence = Fence(settings.kinematics, settings.table, moving=True)
+        limits = settings.safety_at(1.0 / hardware.command_period)
+        self.controllers = {
+            row.name: TrajectoryController(
+                row,
+                settings.model,
+                limits,
+                kinematics=settings.kinematics,
+                table=settings.table,
+                command_timeout=settings.command_timeout or _NEVER,
+            )
+            for row in settings.controllers
+        }
+
+    def start(self) -> None:
+        """Read and move from now on."""
+        self.hardware.start(tuple(self.controllers.values()))
+        if self.settings.enable_on_start:
+            try:
+                _log.info("%s", self.enable(True))
+            except HexwireError as error:
+                # One servo that is silent must not keep the others from being seen.
+                _log.error("not enabled: %s", error)
+
+    def shutdown(self) -> None:
+        """Stop what moves, and let go of the robot."""
+        self.hardware.shutdown(torque_off=self.settings.torque_off_at_exit)
+
+    # -- trajectories and set-points ------------------------------------------------------------------
+
+    def command(
+        self,
+        name: str,
+        order: TrajectoryOrder,
+        *,
+        goal: Goal | None = None,
+        tolerances: Tolerances | None = None,
+        wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Have a controller follow a trajectory; one without points means hold.
+
+        Args:
+            name: Of the controller.
+            order: What was sent.
+            goal: As in `TrajectoryController.accept`.
+            tolerances: Likewise.
+            wanted: Asked when it was checked, which takes time: whether it is still to be followed.
+
+        Raises:
+            GoalError: With ROS's code; what was followed before goes on.
+        """
+        controller, hardware = self.controllers[name], self.hardware
+        try:
+            received = hardware.now()
+            self.lessons.refuse()
+            state = hardware.newest()
+            if not order.points and goal is None:
+                self.hold(name, "an empty trajectory came")
+                return
+            with hardware.locked():
+                start = controller.start(order.delay, state, received)
+                others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, order.delay)))
+            # Takes long for a long one, so not under the lock.
+            controller.check_way(controller.plan(order, start), state, others)
+            with hardware.locked():
+                self.lessons.refuse()
+                if not wanted():
+                    raise GoalError("cancelled before it began")
+                now = hardware.now()
+                controller.accept(
+                    order,
+                    hardware.newest(),
+                    now,
+                    goal=goal,
+                    tolerances=tolerances,
+                    received=received,
+                    meanwhile=self._meanwhile([name], controller.follower.next_start(now)),
+                )
+        except GoalError:
+            raise
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+        hardware.hurry()
+        hardware.deliver()
+
+    def query(self, name: str, delay: float) -> Sample:
+        """Where a controller's joints are meant to be in `delay` seconds; as `TrajectoryController.query`."""
+        hardware = self.hardware
+        state = hardware.newest()
+        with hardware.locked():
+            now = hardware.now()
+            return self.controllers[name].query(now + delay, now, state)
+
+    def hold(self, name: str, why: str) -> None:
+        """Have a controller's joints stay where they were told to be last."""
+        with self.hardware.locked():
+            self.controllers[name].hold(why)
+        self.hardware.deliver()
+
+    def cancel(self, name: str, goal: Goal) -> None:
+        """Hold, if this goal is the one that is followed."""
+        with self.hardware.locked():
+            self.controllers[name].cancel(goal)
+        self.hardware.deliver()
+
+    def set_points(self, names: Sequence[str], fields: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+        """Pursue the positions of an osrf_msgs/JointCommands: all of them, or none.
+
+        Args:
+            names: Joints.
+            fields: By the message's names. Each holds a value a joint, or none.
+
+        Returns:
+            Fields that ask for something these servos cannot do; only `position` (radians) was taken.
+
+        Raises:
+            UsageError: A name is unknown or doubled, a number is none or outside limits, or a length is wrong.
+            HexwireError: The arm is stopped or cannot be reached.
+        """
+        hardware = self.hardware
+        self.lessons.refuse()
+        if len(set(names)) != len(names):
+            raise UsageError(f"a joint is named twice: {', '.join(names)}")
+        for field, values in fields.items():
+            if len(values) not in {0, len(names)}:
+                raise UsageError(f"{field} has {len(values)} values for {len(names)} names")
+            for joint, value in zip(names, values, strict=False):
+                if not math.isfinite(value):
+                    raise UsageError(f"the {field} of {joint} is {value}, not a number")
+        shares: dict[str, dict[str, float]] = {}
+        for joint, angle in zip(names, fields["position"], strict=False):
+            owner = next((key for key, c in self.controllers.items() if joint in c.joints), None)
+            if owner is None:
+                raise UsageError(f"no joint {joint!r}; there are {', '.join(self._all_joints())}")
+            self.settings.model.joint(joint).check(angle)
+            shares.setdefault(owner, {})[joint] = angle
+        if not shares:
+            raise UsageError("it holds no position, and these servos take nothing else")
+        with hardware.locked():
+            self.lessons.refuse()
+            state, now = hardware.newest(), hardware.now()
+            for key, share in shares.items():
+                self.controllers[key].check_set_points(share, state)
+            self._check_posture(dict(zip(names, fields["position"], strict=True)), state)
+            for key, share in shares.items():
+                self.controllers[key].set_points(share, state, now)
+        hardware.deliver()
+        return tuple(field for field, values in fields.items() if field != "position" and any(values))
+
+    # -- power and stop -------------------------------------------------------------------------------
+
+    def stop(self, why: str) -> str:
+        """Latched stop; the joints hold where they are, and those without torque get none. Teaching ends.
+
+        Returns:
+            What was done, for people.
+
+        Raises:
+            HexwireError: Not every joint confirmed it; the controllers are stopped all the same.
+        """
+        try:
+            confirmed = self.hardware.stop(why)
+        finally:
+            self.lessons.abandon()
+        missing = [name for name in self.settings.model.names if name not in confirmed]
+        if missing:
+            raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
+        return "stopped; all joints confirmed it"
+
+    def reset(self) -> str:
+        """End a stop. Nothing moves by it.
+
+        Raises:
+            HexwireError: Its cause is still there, or the robot refuses.
+        """
+        self.hardware.reset()
+        return "reset; nothing moves until it is told to"
+
+    def enable(self, on: bool) -> str:
+        """Torque of all controlled joints on, where they are, or off.
+
+        Raises:
+            HexwireError: Stopped, being taught, or not every joint confirmed it.
+        """
+        with self.lessons.power:
+            self.lessons.refuse()
+            switch_torque(self.hardware, on, self._all_joints())
+        return f"torque is {'on' if on else 'off'}"
+
+    # -- poses and teaching -----------------------------------------------------------------------------
+
+    def go_to(self, pose: str) -> str:
+        """Go to a named pose, and wait until the arm is there. What was followed before ends.
+
+        Raises:
+            HexwireError: There is no such pose, it cannot be gone to, or the arm did not arrive.
+        """
+        goals = self.settings.poses.get(pose)
+        if goals is None:
+            raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
+        with self._alone():
+            self._travel(goals, f"the arm goes to {pose}")
+        return f"at {pose}"
+
+    def teach_start(self) -> str:
+        """Take the torque away and take down where a hand leads the arm. Somebody must hold it.
+
+        Raises:
+            HexwireError: As `Lessons.start`, or somebody else has the arm.
+        """
+        names = self._all_joints()
+        with self._alone():
+            self.lessons.start(names)
+        return f"teaching {', '.join(names)}; they have no torque"
+
+    def teach_stop(self) -> str:
+        """End teaching; joints that had torque before hold where they are now.
+
+        Raises:
+            HexwireError: As `Lessons.stop`, or somebody else has the arm.
+        """
+        with self._alone():
+            return self.lessons.stop()
+
+    def teach_play(self) -> str:
+        """Go to where what was taught begins, follow it, and wait for its end.
+
+        Raises:
+            HexwireError: Nothing was taught, or it cannot be followed.
+        """
+        taught = self.lessons.taught
+        if taught is None:
+            raise UsageError("nothing was taught since the node started")
+        with self._alone():
+            self._travel(dict(zip(taught.names, taught.rows[0], strict=True)), "the arm plays what was taught")
+            self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()})
+        return f"played {taught.duration:.1f} s"
+
+    # -- what it reports ------------------------------------------------------------------------------
+
+    def facts(self, node: str) -> Facts:
+        """What diagnostics are made of."""
+        hardware = self.hardware
+        reason = hardware.group.reason
+        return Facts(
+            node=node,
+            robot=self.settings.model.name,
+            url=hardware.robot.session.ipc.link.url,
+            hardware_id=self.settings.hardware_id,
+            connected=hardware.connected,
+            error=hardware.error,
+            reconnects=hardware.reconnects,
+            probe=hardware.probe,
+            state=hardware.state,
+            state_age=hardware.state_age,
+            rate=hardware.rate,
+            wanted_rate=self.settings.publish_rate,
+            stopped=str(reason) if reason else "",
+            stop_kind=reason.kind if reason else "",
+            counters=self._counters(),
+            controllers={key: controller.words for key, controller in self.controllers.items()},
+            watchdog=hardware.watchdog,
+        )
+
+    def _counters(self) -> Mapping[str, int]:
+        own = {
+            "stalls_of_the_loop": sum(c.follower.counters.slips for c in self.controllers.values()),
+            "set_points_lost": sum(c.follower.counters.lost for c in self.controllers.values()),
+        }
+        counters = getattr(self.hardware.robot, "host_counters", None)
+        return own | (counters() if counters is not None and self.hardware.connected else {})
+
+    # -- helpers --------------------------------------------------------------------------------------
+
+    def _meanwhile(self, names: Collection[str], when: float) -> list[Trajectory]:
+        """What the other controllers have left to follow at a time."""
+        ways = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
+        return [way for way in ways if way is not None]
+
+    def _check_posture(self, positions: Mapping[str, float], state: JointState) -> None:
+        """Refuse to go where the arm as a whole must not be; on the way there the group watches."""
+        kinematics = self.settings.kinematics
+        if kinematics is None or positions.keys().isdisjoint(kinematics.joint_names):
+            return
+        fence = Fence(kinematics, self.settings.table)
+        if found := fence.check_end(state.positions, {**state.positions, **positions}):
+            raise UsageError(f"{'; '.join(found.values())}; nothing was sent")
+
+    def _alone(self) -> Alone:
+        return Alone(self._busy)
+
+    def _all_joints(self) -> tuple[str, ...]:
+        return tuple(name for controller in self.controllers.values() for name in controller.joints)
+
+    def _travel(self, goals: Mapping[str, float], why: str) -> None:
+        """Go somewhere the careful way, from rest, and wait."""
+        lost = [name for name in goals if name not in self._all_joints()]
+        if lost:
+            raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
+        ways: dict[str, Trajectory] = {}
+        with self.hardware.locked():
+            self.lessons.refuse()
+            state, now = self.hardware.newest(), self.hardware.now()
+            for key, controller in self.controllers.items():
+                joints = controller.joints
+                if not any(name in goals for name in joints):
+                    continue
+                controller.hold(why)
+                here = controller.start(0.0, state, now).position
+                there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
+                ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
+        self.hardware.deliver()
+        self._run(ways)
+
+    def _run(self, ways: Mapping[str, Trajectory]) -> None:
+        """Check trajectories, one a controller, follow them together, and wait for the end of all."""
+        hardware = self.hardware
+        state = hardware.newest()
+        with hardware.locked():
+            others = self._meanwhile(ways, hardware.now())
+        for key, way in ways.items():
+            meanwhile = [*others, *(other for other in ways.values() if other is not way)]
+            self.controllers[key].check_way(way, state, meanwhile)
+        waiter = Waiter(len(ways))
+        try:
+            with hardware.locked():
+                for key, way in ways.items():
+                    self.controllers[key].follow(way, state, hardware.now(), goal=waiter)
+            hardware.hurry()
+            hardware.deliver()
+            waiter.wait(max(way.duration for way in ways.values()) + _GRACE)
+        finally:
+            # If one fails, or nobody waits any more, the others must not go on.
+            with hardware.locked():
+                for key in ways:
+                    self.controllers[key].cancel(waiter)
+            hardware.deliver()
+
+
+def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:
+    """The part of what was taught that is a controller's."""
+    places = [taught.names.index(name) for name in joints]
+    rows = tuple(tuple(row[i] for i in places) for row in taught.rows)
+    return type(taught)(tuple(joints), taught.times, rows).trajectory()

@@ -1,0 +1,447 @@
+"""One trajectory controller: what its joints follow, for whom, and how that ended.
+
+Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, over. Time comes in as an
+argument, and what was sent as plain values. Must not know ROS, robots, threads or clocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hexwire.errors import GoalError, HexwireError
+from hexwire.model.state import JointFlag, JointState, JointTarget
+from hexwire.motion.follower import Follower, Mode
+from hexwire.motion.safety import StopReason
+from hexwire.motion.waypoints import Sample
+
+from .goals import ErrorCode, Point, check_order, make_trajectory
+from .outcomes import Ended, Goal, Outcome, Progress
+from .path_check import Ways
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.motion.safety import SafetyLimits
+    from hexwire.motion.waypoints import Trajectory
+
+    from .goals import Tolerances, TrajectoryOrder
+    from .settings import ControllerSettings
+
+__all__ = ["TrajectoryController"]
+
+_STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
+"""Kinds of a `StopReason` that mean the arm left its way; ROS has a code for that and for no other stop."""
+
+_PAST = 1.0
+"""Seconds back to which a question for the desired state is answered while the joints hold: messages take time."""
+_HAIR = 1e-6
+"""Seconds: as good as now, but not nothing."""
+_TOGETHER = 0.03
+"""Seconds between samples of joints that count as taken at once."""
+
+
+@dataclass(slots=True)
+class _Active:
+    """What is being followed: with a goal somebody waits for its end, without one it is a mere command."""
+
+    goal: Goal | None
+    tolerances: Tolerances
+    begins: float
+    ends: float
+    missed: float = math.inf
+    """When the goal was first found to be missed; time in which nobody looked is not held against it."""
+
+
+@dataclass(slots=True)
+class _Pending:
+    """An order whose time has not come: what was under way goes on until then."""
+
+    order: TrajectoryOrder
+    received: float
+    begins: float
+
+
+class TrajectoryController:
+    """Follows trajectories and set-points with some joints of an arm, as ROS's trajectory controllers do.
+
+    Args:
+        settings: Name, joints and tolerances.
+        arm: Limits and speeds.
+        limits: When to stop by itself.
+        kinematics: For gates and table; None to check neither.
+        table: Height of the table above the base, metres; None for none.
+        command_timeout: Seconds without a set-point after which the joints hold.
+
+    Attributes:
+        settings: As given.
+        follower: What the joints are told.
+    """
+
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        arm: ArmModel,
+        limits: SafetyLimits,
+        *,
+        kinematics: KinematicModel | None = None,
+        table: float | None = None,
+        command_timeout: float = 0.5,
+    ) -> None:
+        self.settings = settings
+        self.follower = Follower(arm, limits, lost_after=command_timeout)
+        self._arm, self._ways = arm, Ways(arm, kinematics, table)
+        self._places = tuple(arm.index(name) for name in settings.joints)
+        self._active: _Active | None = None
+        self._pending: _Pending | None = None
+        self._ended: list[tuple[Goal, Ended]] = []
+        self._progress: Progress | None = None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names, in the order of all values."""
+        return self.settings.joints
+
+    @property
+    def goal(self) -> Goal | None:
+        """Who waits for the end of what is followed."""
+        return self._active.goal if self._active else None
+
+    @property
+    def busy(self) -> bool:
+        """Something is followed, or will be; or the end of a goal is still waited for."""
+        return self._active is not None or self._pending is not None or not self.follower.done
+
+    @property
+    def words(self) -> str:
+        """What it does, for people."""
+        if self.follower.mode is Mode.STOPPED:
+            return f"stopped: {self.follower.reason}"
+        return "waiting for its time" if self._pending is not None else self.follower.mode.value
+
+    @property
+    def progress(self) -> Progress | None:
+        """Of the last cycle; None before there was one with all joints."""
+        return self._progress
+
+    def take_ended(self) -> list[tuple[Goal, Ended]]:
+        """Goals that have ended since the last call. They must be told outside any lock."""
+        ended, self._ended = self._ended, []
+        return ended
+
+    # -- what others ask ----------------------------------------------------------------------------
+
+    def start(self, delay: float, state: JointState, now: float) -> Sample:
+        """Where the joints are meant to be when what is for `delay` seconds from now begins; now at the earliest.
+
+        Raises:
+            GoalError: Stopped, or not all of them have been heard of.
+        """
+        self._refuse_if_stopped()
+        self.follower.observe(state)
+        try:
+            return self.follower.desired(self.joints, self.follower.next_start(now + max(0.0, delay)))
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+
+    def query(self, when: float, now: float, state: JointState) -> Sample:
+        """Where the joints are meant to be at a time, as far as what is followed now says.
+
+        Args:
+            when: Seconds, host clock.
+            now: Likewise.
+            state: The newest.
+
+        Raises:
+            GoalError: Stopped, not all joints have been heard of, or the time is before what is followed began.
+        """
+        self._refuse_if_stopped()
+        follows = self._active is not None and self._pending is None and self.follower.mode is Mode.TRAJECTORY
+        begins = self._active.begins if self._active is not None and follows else now - _PAST
+        if when < begins:
+            text = f"{now - when:.3g} s ago something else was followed, or nothing"
+            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+        self.follower.observe(state)
+        try:
+            return self.follower.desired(self.joints, when)
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+
+    def plan(self, order: TrajectoryOrder, start: Sample) -> Trajectory:
+        """What an order would make the joints do; looks at nothing that changes, so needs no lock.
+
+        Args:
+            order: What was sent.
+            start: As `start` has it.
+
+        Raises:
+            GoalError: It is malformed, late or not for these joints.
+        """
+        check_order(order, self.joints, allow_partial=self.settings.allow_partial)
+        return make_trajectory(order, self.joints, start)[0]
+
+    def check_way(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
+        """Limits, speeds, gates and the table all along a trajectory, and that its joints can move.
+
+        Args:
+            trajectory: What shall be followed.
+            state: The newest.
+            meanwhile: What other controllers do from its beginning on.
+
+        Raises:
+            GoalError: It must not be run.
+        """
+        self._refuse_unready(trajectory.names, state)
+        self._ways.check(trajectory, state.positions, meanwhile)
+
+    def accept(
+        self,
+        order: TrajectoryOrder,
+        state: JointState,
+        now: float,
+        *,
+        goal: Goal | None = None,
+        tolerances: Tolerances | None = None,
+        received: float | None = None,
+        meanwhile: Sequence[Trajectory] = (),
+    ) -> None:
+        """Follow an order that was planned and checked; it replaces what was followed, whose goal is preempted.
+
+        Args:
+            order: What was sent.
+            state: The newest.
+            now: Seconds.
+            goal: Who wants to hear of it.
+            tolerances: In place of the controller's own.
+            received: When `order.delay` was true; now if None.
+            meanwhile: What other controllers do from now on.
+
+        Raises:
+            GoalError: Stopped, without torque, or too late by now; nothing was changed.
+        """
+        self._refuse_if_stopped()
+        self._refuse_unready(self.joints, state)
+        tolerances = tolerances or self.settings.tolerances
+        received = now if received is None else received
+        begins = received + order.delay
+        if order.delay > 0.0 and begins > self.follower.next_start(now):
+            self._preempt("replaced by a new one")
+            self._pending = _Pending(order, received, begins)
+            self._active = _Active(goal, tolerances, begins, math.inf)
+            return
+        trajectory = self._due(order, received, state, now, meanwhile)
+        self.follow(trajectory, state, now, goal=goal, tolerances=tolerances)
+
+    def follow(
+        self,
+        trajectory: Trajectory,
+        state: JointState,
+        now: float,
+        *,
+        goal: Goal | None = None,
+        tolerances: Tolerances | None = None,
+    ) -> None:
+        """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
+        self._refuse_if_stopped()
+        begins = self.follower.next_start(now)
+        try:
+            self._take_over(trajectory, state, now)
+        except GoalError:
+            raise
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+        self._preempt("replaced by a new one")
+        ends = now + self.follower.remaining(now)
+        self._active = _Active(goal, tolerances or self.settings.tolerances, begins, ends)
+
+    def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
+        """Pursue set-points, radians by joint; a goal under way is preempted.
+
+        Raises:
+            LimitError: Outside limits.
+            GoalError: Stopped, or a joint has no torque or was never heard of.
+        """
+        self.check_set_points(positions, state)
+        self.follower.set_point(positions, now)
+        self._preempt("replaced by set-points")
+
+    def check_set_points(self, positions: Mapping[str, float], state: JointState) -> None:
+        """Refuse what `set_points` would; changes nothing."""
+        self._refuse_if_stopped()
+        self._refuse_unready(positions, state)
+        for name, angle in positions.items():
+            self._arm.joint(name).check(angle)
+        self.follower.observe(state)
+        try:
+            self.follower.desired(tuple(positions), 0.0)
+        except HexwireError as error:
+            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+
+    def hold(self, why: str) -> None:
+        """Stay where the last command was; a goal under way is preempted."""
+        self.follower.hold()
+        self._preempt(why)
+
+    def cancel(self, goal: Goal) -> None:
+        """Hold, if this is the goal that is followed."""
+        if self.goal is goal:
+            self.hold("cancelled")
+
+    def stop(self, reason: StopReason) -> None:
+        """Latch a stop; a goal under way is aborted."""
+        self.follower.stop(reason)
+        code = ErrorCode.PATH_TOLERANCE_VIOLATED if reason.kind in _STOPS_BY_PATH else ErrorCode.INVALID_GOAL
+        self._end(Outcome.ABORTED, code, f"stopped: {reason}")
+
+    def reset(self) -> None:
+        """End a stop. Nothing moves by it."""
+        self.follower.reset()
+
+    def release(self, why: str) -> None:
+        """The joints are no longer held: what was commanded is forgotten, a goal under way aborted."""
+        self.follower.forget()
+        self._end(Outcome.ABORTED, ErrorCode.INVALID_GOAL, why)
+
+    # -- the cycle ----------------------------------------------------------------------------------
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
+        """One cycle; as `Follower.cycle`."""
+        self._begin_pending(state, now)
+        slips = self.follower.counters.slips
+        order = self.follower.cycle(state, now, lead)
+        active = self._active
+        if isinstance(order, StopReason):
+            self.stop(order)
+        elif active is not None and self._pending is None:
+            # The follower slips after a stall; so does the end.
+            if self.follower.mode is Mode.TRAJECTORY:
+                active.ends = now + self.follower.remaining(now)
+            elif self.follower.counters.slips > slips:
+                active.ends = now + lead
+        return order
+
+    def _begin_pending(self, state: JointState, now: float) -> None:
+        pending, active = self._pending, self._active
+        if pending is None or active is None or self.follower.next_start(now) < pending.begins:
+            return
+        self._pending = None
+        begins = self.follower.next_start(now)
+        try:
+            self._refuse_unready(self.joints, state)
+            self._take_over(self._due(pending.order, pending.received, state, now), state, now)
+        except HexwireError as error:
+            self.follower.hold()
+            self._end(Outcome.ABORTED, getattr(error, "code", ErrorCode.INVALID_GOAL), str(error))
+        else:
+            active.begins, active.ends = begins, now + self.follower.remaining(now)
+
+    def _take_over(self, trajectory: Trajectory, state: JointState, now: float) -> None:
+        self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
+        self.follower.follow(trajectory, now)
+
+    def _due(
+        self,
+        order: TrajectoryOrder,
+        received: float,
+        state: JointState,
+        now: float,
+        meanwhile: Sequence[Trajectory] = (),
+    ) -> Trajectory:
+        """The trajectory of an order whose time has come; its points keep the times that were asked for.
+
+        Raises:
+            GoalError: So late by now that the way to the next point would be too fast.
+        """
+        start = self.start(0.0, state, now)
+        if order.delay:
+            # Without a stamp it begins whenever it begins.
+            delay = min(0.0, received + order.delay - self.follower.next_start(now))
+            last = order.points[-1]
+            if delay + last.time <= _HAIR:
+                # It is over by now, or ends as it begins: well, if that is where the joints are.
+                there = replace(order, points=(Point(0.0, last.positions),), delay=_HAIR)
+                with suppress(GoalError):
+                    return make_trajectory(there, self.joints, start)[0]
+            order = replace(order, delay=delay)
+        trajectory, _ = make_trajectory(order, self.joints, start)
+        self._ways.check_bridge(trajectory, state.positions, meanwhile, late=order.delay < 0.0)
+        return trajectory
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Compare measured with desired, at every state; ends a goal that is out of tolerance, or done.
+
+        Args:
+            state: Just read; its joints are the arm's.
+            velocity: Of all the arm's joints, radians per second; NaN where it is not known.
+            now: Seconds.
+        """
+        ages = [state.age[i] for i in self._places]
+        sampled, oldest = state.stamp - min(ages), state.stamp - max(ages)
+        try:
+            desired = self._desired(ages, state.stamp, now)
+        except HexwireError:
+            return  # not all joints have been heard of
+        position = tuple(state.position[i] for i in self._places)
+        speed = tuple(velocity[i] for i in self._places)
+        self._progress = Progress(self.joints, desired, position, speed, sampled)
+        active = self._active
+        if active is None or self._pending is not None:
+            return
+        if self.follower.mode is Mode.TRAJECTORY:
+            # What was sampled before the trajectory began says nothing about it.
+            if sampled > active.begins:
+                wrong = active.tolerances.path_violation(self.joints, desired, position, speed)
+                if wrong:
+                    self.follower.hold()
+                    self._end(Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, wrong)
+        elif active.goal is None:
+            self._active = None
+        elif now >= active.ends:
+            wrong = active.tolerances.goal_violation(self.joints, desired, position, speed)
+            if not wrong and oldest < active.ends:
+                wrong = "not every joint has been heard of since the end"
+            patience = active.tolerances.goal_time
+            active.missed = min(active.missed, now)
+            if not wrong:
+                self._end(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
+            elif patience and now > active.missed + patience:
+                self._end(Outcome.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, wrong)
+
+    def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
+        """Where each joint was meant to be when it was sampled; never further than it was told."""
+        told = min(now, self.follower.next_start(-math.inf))
+        youngest = min(ages)
+        if not max(ages) - youngest > _TOGETHER:
+            return self.follower.desired(self.joints, min(stamp - youngest, told))
+        rows = [self.follower.desired(self.joints, min(stamp - age, told)) for age in ages]
+        return Sample(*(tuple(row[k][i] for i, row in enumerate(rows)) for k in range(3)))
+
+    # -- helpers --------------------------------------------------------------------------------------
+
+    def _refuse_if_stopped(self) -> None:
+        if self.follower.mode is Mode.STOPPED:
+            raise GoalError(
+                f"the arm is stopped ({self.follower.reason}); reset first", code=ErrorCode.INVALID_GOAL
+            )
+
+    def _refuse_unready(self, names: Collection[str], state: JointState) -> None:
+        """A servo without torque or without a word would only have the guard stop the whole arm a moment later."""
+        most = self.follower.guard.limits.max_age
+        deaf = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > most]
+        if deaf:
+            text = f"{', '.join(deaf)} has not been heard of for more than {most:g} s; see to the servo"
+            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+        limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
+        if limp:
+            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", code=ErrorCode.INVALID_GOAL)
+
+    def _preempt(self, why: str) -> None:
+        self._end(Outcome.PREEMPTED, ErrorCode.SUCCESSFUL, why)
+
+    def _end(self, outcome: Outcome, code: ErrorCode, text: str = "") -> None:
+        active, self._active, self._pending = self._active, None, None
+        if active is not None and active.goal is not None:
+            self._ended.append((active.goal, Ended(outcome, code, text)))

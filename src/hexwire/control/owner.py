@@ -1,0 +1,504 @@
+"""The one owner of a robot while a node runs: it reads, lets the controllers decide, writes, and reconnects.
+
+Owns the thread, the order read-update-write, and what happens when the robot fails: everything stops, goals end,
+and the robot is looked for until it is back. Must not know ROS, nor what is done with what it reports.
+Over 500 lines because every way in which a robot fails ends in this one thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, TypeVar
+
+from hexwire.errors import (
+    CommandRefusedError,
+    DeviceError,
+    HexwireError,
+    LinkError,
+    LinkLostError,
+    LinkPermissionError,
+    NotSupportedError,
+    PreemptedError,
+    ReplyTimeoutError,
+    StoppedError,
+    UsageError,
+)
+from hexwire.model.state import JointFlag, JointTarget
+from hexwire.motion.safety import StopReason, board_stop
+from hexwire.session.policy import ReconnectPolicy
+
+from .calls import Jobs, of_now
+from .group import ControllerGroup
+from .newest import LatestState
+from .rate import Raster
+from .reader import StateReader
+from .waiting import join_or_hang_up
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import ProbeReport, RobotDriver
+    from hexwire.model.state import JointState
+
+    from .controller import TrajectoryController
+    from .published import PublishedState
+
+__all__ = ["Hardware"]
+
+_log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
+
+_RETRY = 0.5
+"""Seconds between two tries to get a lost robot back."""
+_FEEDS = 4.0
+"""States in the time of the watchdog: between them a driver tells the board that somebody is there."""
+_FRESH = 1.0
+"""Seconds that a state is good for as the start of a motion; on a slow line three targets' time."""
+_SILENT = 0.5
+"""Seconds that a silent joint is published for; on a slow line likewise."""
+_PATIENCE, _PATIENCE_LOST = 5.0, 2.0
+"""Seconds until the owner is hung up on at the end: with a robot, and while it looks for one."""
+
+
+class Hardware:
+    """A robot, and the thread that alone reads and moves it.
+
+    `connect` once, then `start` or call `turn` oneself; `shutdown` at the end. Any thread may call the others.
+
+    Args:
+        robot: Not attached.
+        publish_rate: States a second; less where the line gives less.
+        command_rate: Targets a second; what the robot's line takes if 0.
+        watchdog: Seconds of silence after which the board stops by itself; 0 for never.
+        on_state: Called with every new state and what is to be published of it, in the owner's thread.
+        clock: Monotonic seconds; the clock of the robot's link.
+        sleep: Waits for so many seconds; until `shutdown` at the latest if None.
+
+    Attributes:
+        robot: As given.
+        group: The controllers, which decide; `start` fills it.
+        connected: The robot answers.
+        error: Why not; empty if it does.
+        reconnects: How often it was back.
+        probe: What the robot said of itself when it was found last.
+        watchdog: In force, seconds; 0 where there is none.
+        crash: What ended the thread, if that was a fault of the program.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDriver,
+        *,
+        publish_rate: float = 100.0,
+        command_rate: float = 0.0,
+        watchdog: float = 1.0,
+        on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+    ) -> None:
+        self.robot = robot
+        self.group = ControllerGroup()
+        self.connected = False
+        self.error = "not connected yet"
+        self.reconnects = 0
+        self.probe: ProbeReport | None = None
+        self.watchdog = 0.0
+        self.crash: BaseException | None = None
+        self.observers: list[Callable[[JointState], object]] = []
+        self._publish_rate, self._command_rate, self._wanted_watchdog = publish_rate, command_rate, watchdog
+        self._ending = threading.Event()
+        self._on_state, self._clock, self._sleep = on_state, clock, sleep or self._ending.wait
+        self._reader: StateReader | None = None
+        self._restarts, self._clamped = 0, frozenset[str]()
+        self._latest = LatestState(publish_rate)
+        self._raster = Raster()
+        self._jobs = Jobs()
+        self._thread: threading.Thread | None = None
+        # Whoever owns a robot decides what a lost link means; a session that reconnects by itself would hide it.
+        for session in robot.sessions:
+            session.reconnect = ReconnectPolicy(enabled=False)
+
+    # -- coming and going ---------------------------------------------------------------------------
+
+    def connect(self, timeout: float = 0.0) -> None:
+        """Find the robot. Nothing moves.
+
+        Args:
+            timeout: Seconds to go on trying for, while there is no port or nobody answers.
+
+        Raises:
+            LinkError: The port cannot be opened.
+            DeviceError: Nobody answers, or not what was expected.
+        """
+        deadline, said = self._clock() + timeout, ""
+        while not self.connected:
+            try:
+                self._attach()
+            except LinkPermissionError:
+                raise
+            except (LinkError, ReplyTimeoutError) as error:
+                if self._clock() >= deadline or self._ending.is_set():
+                    raise
+                if said != (said := str(error)):
+                    _log.info("%s; waiting for it", said)
+                self._sleep(_RETRY)
+
+    def start(self, controllers: Sequence[TrajectoryController]) -> None:
+        """Run `turn` in a thread of its own until `shutdown`."""
+        self.group.members = controllers
+        self._thread = threading.Thread(target=self._run, name="hardware", daemon=True)
+        self._thread.start()
+
+    def shutdown(self, *, torque_off: bool = False) -> None:
+        """End the thread and let go of the robot: a motion under way is stopped, and stays stopped.
+
+        Args:
+            torque_off: Take the torque away; the arm may fall.
+        """
+        self._ending.set()
+        moving = self.group.moving
+        self.group.stop(StopReason("asked", "the node ends"))
+        with suppress(HexwireError):
+            if self.connected and moving:
+                self.robot.stop()
+        self._end_thread()
+        self._jobs.fail(LinkLostError("the node ends"))
+        with suppress(HexwireError):
+            if not self.alive:
+                self._close_reader()
+            if self.connected and self.watchdog:
+                self._arm_watchdog(0.0)
+        with suppress(HexwireError):
+            self.robot.detach(torque_off=torque_off and self.connected)
+        self.connected, self.error = False, "the node has ended"
+
+    def _end_thread(self) -> None:
+        def hang_up() -> None:
+            for session in self.robot.sessions:
+                session.close()
+
+        patience = _PATIENCE if self.connected else _PATIENCE_LOST
+        if self._thread is not None and not join_or_hang_up(self._thread, patience, hang_up, _PATIENCE):
+            _log.error("the hardware thread does not end")
+
+    @property
+    def alive(self) -> bool:
+        """The thread runs."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
+    def command_period(self) -> float:
+        """Seconds between two targets; known once the robot is connected."""
+        return 1.0 / (self._command_rate or self.robot.command_rate)
+
+    @property
+    def lead(self) -> float:
+        """Seconds ahead for which a target is sent: a period and a half, so that a late cycle is no pause."""
+        return 1.5 * self.command_period
+
+    @property
+    def rate(self) -> float:
+        """States a second that were published over the last while."""
+        return self._latest.rate(self._clock())
+
+    @property
+    def state(self) -> JointState | None:
+        """The newest state, or None."""
+        return self._latest.state
+
+    @property
+    def state_age(self) -> float:
+        """Seconds since a state came that could be published; infinite before the first."""
+        return self._latest.age(self._clock())
+
+    # -- what any thread may ask ----------------------------------------------------------------------
+
+    def locked(self) -> threading.RLock:
+        """The lock that guards the controllers. Never wait for anything under it."""
+        return self.group.lock
+
+    def now(self) -> float:
+        """This clock, seconds."""
+        return self._clock()
+
+    def newest(self) -> JointState:
+        """The newest state; what is to move may begin there.
+
+        Raises:
+            LinkLostError: The robot is not there.
+            DeviceError: None came for too long.
+        """
+        self._check_reachable()
+        state, age = self._latest.state, self._clock() - self._latest.heard
+        if state is None or age > max(_FRESH, 3.0 * self.command_period):
+            raise DeviceError(f"the robot has told nothing for {age:.1f} s; wait until it does")
+        return state
+
+    def hurry(self) -> None:
+        """Let the next state lead to a target, if there was none for a period: something has begun."""
+        self._raster.hurry()
+
+    def call(self, job: Callable[[], _T]) -> _T:
+        """Have something done by the owner between two states, and wait for it.
+
+        Raises:
+            LinkLostError: The robot is not there.
+            DeviceError: It was not done in time, or the owner is gone.
+            HexwireError: What the job raised.
+        """
+        if threading.current_thread() is self._thread:
+            return job()
+        self._check_reachable()
+        return self._jobs.call(of_now(job, getattr(self.robot, "epochs", None)))
+
+    def stop(self, why: str) -> tuple[str, ...]:
+        """Latched stop, ahead of everything else; the joints hold.
+
+        Returns:
+            Names of the joints that confirmed it.
+
+        Raises:
+            HexwireError: The robot could not be told; the controllers are stopped all the same.
+        """
+        self.group.stop(StopReason("asked", why))
+        if not self.connected:
+            raise LinkLostError(f"the robot cannot be told: {self.error}")
+        return self.robot.stop()
+
+    def reset(self) -> None:
+        """End a stop. Nothing moves by it.
+
+        Raises:
+            UsageError: What caused it is still there, or somebody stopped the arm meanwhile.
+            HexwireError: The robot refuses.
+        """
+        stops = self.group.stops
+        self.call(lambda: self._reset(stops))
+
+    def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
+        """Torque on, where the joints are, or off; a motion of joints that had none ends, or that lose it.
+
+        Returns:
+            Names of the joints that confirmed it.
+
+        Raises:
+            HexwireError: Stopped, or the robot refuses.
+        """
+        return self.call(lambda: self._torque(on, names))
+
+    def _torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
+        if on and self.group.reason is not None:
+            raise UsageError(f"the arm is stopped ({self.group.reason}); reset it first")
+        wanted = list(names)
+        if on and self.group.busy:
+            # Torque on is "hold where you are": what has it already and is on its way must not be braked.
+            have = set(self.robot.read().torque_on)
+            wanted = [name for name in names if name not in have]
+        why = "a joint of it had no torque" if on else "the torque was taken away"
+        if not on:
+            self.group.release(why, wanted)
+        whom = None if len(wanted) == len(self.robot.model.names) else wanted
+        confirmed = self.robot.torque(on, whom) if wanted else ()
+        # What was commanded means nothing where a hand moves the joint; nor does what was accepted in between.
+        self.group.release(why, wanted)
+        # The next goal must see it.
+        self._look_again()
+        return tuple(name for name in names if name in confirmed or name not in wanted)
+
+    # -- the owner's turn -------------------------------------------------------------------------------
+
+    def turn(self) -> None:
+        """One state and what follows from it, or one try to find a lost robot."""
+        if not self.connected:
+            self._find_again()
+            return
+        try:
+            if self._reader is None:
+                self._reader = self._begin_reading()
+            state = self._reader.next()
+            if state is not None:
+                self._take(state)
+                self._see_restarts(self._reader.restarts)
+                self._update(state)
+            self._jobs.run()
+        except PreemptedError:
+            # A stop took the line from what waited there: no failure, and whoever stopped sees to the rest.
+            self._close_reader()
+        except HexwireError as error:
+            self._lose(error)
+
+    def _run(self) -> None:
+        try:
+            while not self._ending.is_set():
+                self.turn()
+        except BaseException as error:  # noqa: BLE001  # handed on in `crash`
+            # A fault of the program: whoever watches this thread must hear of it, and the arm must not go on.
+            _log.exception("the hardware thread failed")
+            self.crash = error
+            self.group.stop(StopReason("lost", f"the node failed: {error}"))
+            self._jobs.fail(DeviceError(f"the node failed: {error}"))
+            with suppress(HexwireError):
+                self.robot.stop()
+
+    def _attach(self) -> None:
+        self.robot.attach()
+        try:
+            probe = self.robot.probe()
+            if self.probe is not None and probe.dialect != self.probe.dialect:
+                # What the arm may be told how often, and when it counts as lost, is of the one that was there.
+                raise DeviceError(
+                    f"a board of dialect {probe.dialect} is there, where one of dialect {self.probe.dialect} was; "
+                    "plug that in again, or start the node anew"
+                )
+            state = self.robot.read()
+            self.probe = probe
+        except BaseException:
+            with suppress(HexwireError):
+                self.robot.detach()
+            raise
+        self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
+        self._reader, self.watchdog = None, 0.0
+        self.connected, self.error = True, ""
+        self._take(state)
+
+    def _begin_reading(self) -> StateReader:
+        # First, since arming a watchdog makes the board forget that it tripped.
+        if self.state is not None and (found := board_stop(self.state)) is not None:
+            self.group.stop(found)
+            _log.warning("%s; reset it before it is to move", found)
+        # Only now: between `connect` and the first turn nobody feeds a watchdog.
+        if self._wanted_watchdog:
+            self._arm_watchdog(self._wanted_watchdog)
+        # Every target needs a state, however seldom states are published.
+        rate = max(self._publish_rate, 1.0 / self.command_period, _FEEDS / self.watchdog if self.watchdog else 0.0)
+        reader = StateReader(self.robot, rate, clock=self._clock, sleep=self._sleep)
+        self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
+        self._restarts = reader.restarts
+        return reader
+
+    def _arm_watchdog(self, seconds: float) -> None:
+        watchdog = getattr(self.robot, "watchdog", None)
+        if watchdog is not None:
+            with suppress(NotSupportedError):
+                watchdog(seconds)
+                self.watchdog = seconds
+
+    def _find_again(self) -> None:
+        self._fail_jobs()
+        try:
+            self._attach()
+        except HexwireError as error:
+            self.error = str(error)
+            self._fail_jobs()
+            self._sleep(_RETRY)
+        else:
+            self.reconnects += 1
+            _log.warning("the robot is back")
+
+    def _lose(self, error: HexwireError) -> None:
+        # At the end of everything an emulated board ends as well.
+        _log.log(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
+        self.connected, self.error = False, str(error)
+        self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
+        self._fail_jobs()
+        with suppress(HexwireError):
+            self.robot.stop()
+        self._close_reader()
+        with suppress(HexwireError):
+            self.robot.detach()
+
+    def _fail_jobs(self) -> None:
+        self._jobs.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
+
+    def _check_reachable(self) -> None:
+        if self.crash is not None:
+            raise DeviceError(f"the node failed: {self.crash}")
+        if not self.connected or self._ending.is_set():
+            raise LinkLostError(f"the robot cannot be reached: {self.error or 'the node ends'}")
+
+    def _close_reader(self) -> None:
+        if self._reader is not None:
+            self._reader.close()
+
+    def _see_restarts(self, restarts: int) -> None:
+        """A board that was reset has forgotten its stop, and its servos may have been without power."""
+        if restarts == self._restarts:
+            return
+        self._restarts = restarts
+        if self.group.busy or self.group.reason is not None:
+            self._stop(StopReason("board", "the board was reset"))
+        self.group.release("the board was reset")
+        # A probe ends reports.
+        self._close_reader()
+        self.probe = self.robot.probe()
+
+    def _take(self, state: JointState) -> None:
+        published = self._latest.take(state, self._clock())
+        for observer in self.observers:
+            observer(state)
+        if published is not None:
+            self._on_state(state, published)
+
+    def _update(self, state: JointState) -> None:
+        """Judge at every state, decide and write at the raster of commands."""
+        now = self._clock()
+        due = self._raster.due(now, self.command_period)
+        order = self.group.cycle(state, self._latest.speeds(state.names), now, self.lead, due=due)
+        if isinstance(order, StopReason):
+            self._stop(order)
+        elif order is not None:
+            self._raster.done(now)
+            self._write(order)
+
+    def _write(self, target: JointTarget) -> None:
+        try:
+            clamped = frozenset(self.robot.write(target).clamped)
+        except StoppedError:
+            # States that wait to be read may be of a time before, as after a stall in which the watchdog tripped.
+            self.group.stop(board_stop(self.robot.read()) or StopReason("board", "the board has stopped the arm"))
+        except (CommandRefusedError, UsageError) as error:
+            # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
+            _log.error("%s", error)
+            self.group.release(str(error))
+        else:
+            if not clamped <= self._clamped:
+                _log.warning("the board's own limits are tighter: it kept %s within them", ", ".join(clamped))
+            self._clamped = clamped
+
+    def _reset(self, stops: int) -> None:
+        suspects = [joint for joint in self.robot.read() if joint.name in self.group.blamed]
+        faults = [(joint.name, JointFlag(joint.flags).faults) for joint in suspects]
+        if blamed := [f"{name} still reports {fault}" for name, fault in faults if fault]:
+            # A servo keeps an overload until its next command. This one holds; the next try shows what is true.
+            self.robot.stop()
+            raise UsageError(f"{', '.join(blamed)}; see to it, and reset again")
+        try:
+            self.robot.resume()
+        except StoppedError as error:
+            raise UsageError("the arm was stopped again meanwhile; reset it again") from error
+        if not self.group.reset(stops):
+            # Whoever stopped it last must not find it ready to move.
+            self.robot.stop()
+            raise UsageError("the arm was stopped again meanwhile; reset it again")
+        self._look_again()
+
+    def _look_again(self) -> None:
+        """Something was done: what waits to be read tells of a time before it, and must not be believed."""
+        state = self.robot.read()
+        if self._reader is not None:
+            self._reader.drop_waiting()
+        self._take(state)
+
+    def _stop(self, reason: StopReason) -> None:
+        _log.error("stopped: %s", reason)
+        self.group.stop(reason)
+        confirmed = self.robot.stop()
+        if missing := [name for name in self.robot.model.names if name not in confirmed]:
+            _log.error("%s did not confirm the stop", ", ".join(missing))
+
+    def deliver(self) -> None:
+        """Tell goals that have ended so; after every change from outside."""
+        self.group.deliver()

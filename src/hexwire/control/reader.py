@@ -1,0 +1,105 @@
+"""The states of a robot one after the other, by its own reports where it sends them, by asking where not.
+
+Owns the choice between the two, the rate, and that a robot which was left stops reporting. Must not know what is
+made of the states, nor what is done when none come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from hexwire.errors import HexwireError, NotSupportedError
+
+from .loop import RateLoop
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+
+__all__ = ["StateReader"]
+
+_SILENCE = 0.5
+"""Seconds without a report after which the robot is asked whether it is there."""
+_SLOW = 2.0
+"""Seconds between two looks at what changes slowly and makes reports long."""
+_MIN_PERIOD = 0.005
+_MAX_PERIOD = 0.25
+"""Seconds between two reports: boards refuse shorter ones, and with longer ones silence would not be noticed."""
+
+
+class StateReader:
+    """Reads an attached robot. One thread only.
+
+    Args:
+        robot: The robot.
+        rate: States a second, as far as the line gives them.
+        clock: Monotonic seconds.
+        sleep: Waits for so many seconds.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDriver,
+        rate: float,
+        *,
+        clock: Callable[[], float],
+        sleep: Callable[[float], object],
+    ) -> None:
+        self.period = min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
+        self._robot, self._clock, self._sleep = robot, clock, sleep
+        self._states: Generator[JointState, None, None] | None = None
+        self._reports = False
+
+    def next(self) -> JointState | None:
+        """The next state; None if the robot is there, but its reports stayed away.
+
+        Raises:
+            HexwireError: As `RobotDriver.read`. Go on with `next`, or `close`.
+        """
+        if self._states is None:
+            self._states = self._read()
+        try:
+            state = next(self._states, None)
+        except HexwireError:
+            self._states = None
+            raise
+        if state is None:
+            self._states = None
+        return state
+
+    def drop_waiting(self) -> None:
+        """Forget reports that wait to be read: they tell of a time before what was answered last.
+
+        Raises:
+            LinkError: The line is lost.
+        """
+        if self._reports:
+            for session in self._robot.sessions:
+                session.poll_reports()
+
+    def close(self) -> None:
+        """Have the robot end its reports, if it can still be told."""
+        states, self._states = self._states, None
+        if states is not None:
+            with suppress(HexwireError):
+                states.close()
+
+    @property
+    def restarts(self) -> int:
+        """How often the robot's board was reset while the port stayed open, as far as that showed."""
+        return sum(session.board_restarts for session in self._robot.sessions)
+
+    def _read(self) -> Generator[JointState, None, None]:
+        self._reports = False
+        stream = getattr(self._robot, "stream", None)
+        if stream is not None:
+            try:
+                self._reports = True
+                yield from stream(self.period, _SILENCE, slow=_SLOW)
+                return
+            except NotSupportedError:
+                self._reports = False
+        for _ in RateLoop(1.0 / self.period, clock=self._clock, sleep=self._sleep).ticks():
+            yield self._robot.read()

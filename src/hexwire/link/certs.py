@@ -1,0 +1,248 @@
+"""Certificates for a lab: a private authority, and what it signs for servers and clients.
+
+Owns the files and what is in them (P-256 keys, one purpose per certificate). Needs the `cryptography` package,
+which is imported only here. Must not know how a link uses the files; that is `hexwire.link.tls`'s.
+
+The authority's key decides who may move the robots: keep it off the robots.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import read_bytes
+from hexwire.new_file import OutputFile, make_folder
+
+if TYPE_CHECKING:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+
+__all__ = ["CertFiles", "issue_certificate", "make_authority"]
+
+AUTHORITY = "ca"
+AUTHORITY_DAYS = 3650
+# Clients of other makers refuse server certificates that last longer.
+CERTIFICATE_DAYS = 825
+# A single-board computer without a clock of its own may be somewhat behind when it starts.
+_BACKDATED = timedelta(days=1)
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
+
+
+@dataclass(frozen=True)
+class CertFiles:
+    """A certificate and its private key, both PEM.
+
+    Attributes:
+        cert: The certificate; may be shown to anybody.
+        key: Its key, readable for its owner alone.
+    """
+
+    cert: Path
+    key: Path
+
+
+def make_authority(
+    folder: str | Path,
+    *,
+    name: str = "hexwire lab",
+    days: float = AUTHORITY_DAYS,
+    now: datetime | None = None,
+) -> CertFiles:
+    """Make a private authority: ``ca.pem`` and ``ca.key`` in `folder`, which is made if need be.
+
+    Args:
+        folder: Where the files go.
+        name: Name that the certificate bears.
+        days: How long it is good for.
+        now: When it is made; for tests.
+
+    Raises:
+        UsageError: The files are there already, cannot be written, or `cryptography` is not installed.
+    """
+    _need_cryptography()
+    from cryptography import x509
+
+    key = _new_key()
+    subject = _subject(name)
+    usage = _key_usage(signs_certificates=True)
+    builder = _builder(subject, subject, key, days, now)
+    certificate = _sign(
+        builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(usage, critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False),
+        key,
+    )
+    return _write(Path(folder), AUTHORITY, certificate, key)
+
+
+def issue_certificate(
+    folder: str | Path,
+    name: str,
+    kind: Literal["server", "client"],
+    *,
+    hosts: Sequence[str] = (),
+    days: float = CERTIFICATE_DAYS,
+    now: datetime | None = None,
+) -> CertFiles:
+    """Sign a certificate with the authority in `folder`: ``NAME.pem`` and ``NAME.key`` beside it.
+
+    Args:
+        folder: Where ``ca.pem`` and ``ca.key`` are.
+        name: Name of the files and of the bearer: letters, digits, ``. _ -``.
+        kind: What it is good for: to be called, or to call.
+        hosts: Host names and addresses under which a server is called; without any, its name and loopback.
+        days: How long it is good for, at most as long as the authority.
+        now: When it is made; for tests.
+
+    Raises:
+        UsageError: There is no authority, a name is wrong, the files are there already or cannot be written, or
+            `cryptography` is not installed.
+    """
+    _need_cryptography()
+    from cryptography import x509
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    if not _NAME.fullmatch(name) or name == AUTHORITY:
+        raise UsageError(f"{name!r} cannot name a certificate: use letters, digits, '.', '_' and '-', and not 'ca'")
+    authority, authority_key = _load_authority(Path(folder))
+    key = _new_key()
+    purpose = ExtendedKeyUsageOID.SERVER_AUTH if kind == "server" else ExtendedKeyUsageOID.CLIENT_AUTH
+    issuer_id = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key())
+    builder = (
+        _builder(_subject(name), authority.subject, key, days, now)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_key_usage(signs_certificates=False), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(issuer_id, critical=False)
+    )
+    if kind == "server":
+        names = [_alternative_name(host) for host in hosts or (name, "localhost", "127.0.0.1", "::1")]
+        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
+    elif hosts:
+        raise UsageError("hosts are for a server's certificate: a client is known by its name")
+    return _write(Path(folder), name, _sign(builder, authority_key), key)
+
+
+def _need_cryptography() -> None:
+    try:
+        import cryptography  # noqa: F401 (asked for here, so that the error names the way out)
+    except ImportError as error:
+        raise UsageError(
+            "making certificates needs the package cryptography: pip install 'hexwire[tls]'"
+        ) from error
+
+
+def _new_key() -> EllipticCurvePrivateKey:
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    return ec.generate_private_key(ec.SECP256R1())
+
+
+def _subject(name: str) -> x509.Name:
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    if not 1 <= len(name) <= 64 or not name.isprintable():
+        raise UsageError(f"{name!r} cannot name a certificate: 1 to 64 printable characters are needed")
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+
+
+def _alternative_name(host: str) -> x509.GeneralName:
+    from cryptography import x509
+
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        pass
+    if not re.fullmatch(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*", host.replace("_", "-")):
+        raise UsageError(f"{host!r} is neither a host name nor an IP address")
+    return x509.DNSName(host)
+
+
+def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    from cryptography import x509
+
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, days: float, now: datetime | None
+) -> x509.CertificateBuilder:
+    from cryptography import x509
+
+    if not 0 < days <= 36500:
+        raise UsageError(f"a certificate is good for 1 to 36500 days, not {days:g}")
+    start = now or datetime.now(UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(start - _BACKDATED)
+        .not_valid_after(start + timedelta(days=days))
+    )
+
+
+def _sign(builder: x509.CertificateBuilder, key: EllipticCurvePrivateKey) -> x509.Certificate:
+    from cryptography.hazmat.primitives import hashes
+
+    return builder.sign(key, hashes.SHA256())
+
+
+def _load_authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey]:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+    files = (folder / f"{AUTHORITY}.pem", folder / f"{AUTHORITY}.key")
+    try:
+        cert_text, key_text = (read_bytes(path) for path in files)
+    except ConfigError as error:
+        raise UsageError(f"no authority in {folder} ({error}); make one first, and keep its key") from None
+    try:
+        key = load_pem_private_key(key_text, password=None)
+        certificate = x509.load_pem_x509_certificate(cert_text)
+    except (ValueError, TypeError) as error:
+        raise UsageError(f"{files[0]} and {files[1]} are not an authority's certificate and key") from error
+    if not isinstance(key, ec.EllipticCurvePrivateKey) or certificate.public_key() != key.public_key():
+        raise UsageError(f"{files[1]} is not the key of {files[0]}")
+    return certificate, key
+
+
+def _write(folder: Path, name: str, certificate: x509.Certificate, key: EllipticCurvePrivateKey) -> CertFiles:
+    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+    files = CertFiles(folder / f"{name}.pem", folder / f"{name}.key")
+    secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    try:
+        make_folder(folder)
+        for path in (files.cert, files.key):
+            if os.path.lexists(path):
+                raise UsageError(f"{path} is there already; remove it first, or take another name")
+        # A certificate is public, its key is not.
+        with OutputFile(files.key) as key_file, OutputFile(files.cert, mode=0o644) as cert_file:
+            key_file.file.write(secret)
+            cert_file.file.write(certificate.public_bytes(Encoding.PEM))
+    except OSError as error:
+        raise UsageError(f"cannot write {error.filename or folder}: {error.strerror}") from error
+    return files

@@ -1,0 +1,371 @@
+"""The waiting side of TCP, for servers with many clients.
+
+Owns the listening socket, the TLS handshakes that are under way, and who is let in. Must not know what the
+bytes mean. Binds to loopback unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+import threading
+from collections import Counter
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import (
+    LinkBusyError,
+    LinkClosedError,
+    LinkError,
+    LinkNotFoundError,
+    LinkPermissionError,
+)
+
+from .deadline import lock_timeout, poll_timeout
+from .tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
+from .url import LinkUrl
+from .waker import Waker
+
+if TYPE_CHECKING:
+    import ssl
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from .tls import TlsFiles, TlsStream
+
+__all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
+
+LOOPBACK = "127.0.0.1"
+# Callers who knock while one is being let in; the kernel makes those beyond it try again a second later.
+_BACKLOG = 128
+
+
+@dataclass
+class _Handshake:
+    """A caller who has not shown a good certificate yet."""
+
+    stream: TlsStream
+    peer: str
+    deadline: float
+
+
+class Listener:
+    """Accepts callers, each as a link of its own.
+
+    Under TLS a caller becomes a link only after its certificate was found good; those who take their time, or
+    never come to an end, hold nobody up.
+
+    Args:
+        host: Address to bind; loopback unless told otherwise.
+        port: Port; 0 lets the system choose, see `port` after `open`.
+        tls: Certificates; None for connections in the clear.
+        handshake_timeout: Seconds that a caller has for the TLS handshake.
+        max_handshakes: Handshakes under way at once; one more ends the oldest of the host that has most.
+
+    Attributes:
+        refused: Callers who were not let in.
+        last_refusal: Why the last of them was not; for a log.
+    """
+
+    def __init__(
+        self,
+        host: str = LOOPBACK,
+        port: int = 0,
+        *,
+        tls: TlsFiles | None = None,
+        handshake_timeout: float = 5.0,
+        max_handshakes: int = 16,
+    ) -> None:
+        self.host = host
+        self.port = port
+        self.refused = 0
+        self.last_refusal = ""
+        self._scheme = "tcp-listen" if tls is None else "tcps-listen"
+        self._wanted_port = port
+        self._tls = tls
+        self._handshake_timeout = handshake_timeout
+        self._max_handshakes = max_handshakes
+        self._handshakes: dict[int, _Handshake] = {}
+        self._socket: socket.socket | None = None
+        # The socket and the handshakes under way, as one descriptor that others can watch as well.
+        self._doors: select.epoll | None = None
+        self._waker = Waker()
+        self._wait = select.poll()
+        self._closing = False
+        self._close_pending = False
+        self._context: ssl.SSLContext | None = None
+        self._accepting = threading.RLock()
+        self._accepter = 0
+
+    @property
+    def url(self) -> str:
+        """Address of the listener, with the port that it has."""
+        return f"{self._scheme}://{host_and_port(self.host, self.port)}"
+
+    def open(self) -> None:
+        """Bind and listen.
+
+        Raises:
+            LinkBusyError: The port has a listener already.
+            LinkNotFoundError: This machine has no such address.
+            LinkPermissionError: The port is reserved.
+            UsageError: The certificates cannot be used.
+        """
+        if self._socket is not None:
+            raise LinkBusyError(f"{self.url} listens already", url=self.url)
+        context = self._tls.server_context() if self._tls else None
+        family, address = find_addresses(self.host, self._wanted_port, self.url, passive=True)[0]
+        try:
+            doors = select.epoll()
+            listening = socket.socket(family, socket.SOCK_STREAM)
+        except OSError as error:
+            raise explain_bind(error, self.url) from error
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.setblocking(False)
+            listening.bind(address)
+            listening.listen(_BACKLOG)
+            self._waker.open()
+        except OSError as error:
+            listening.close()
+            doors.close()
+            raise explain_bind(error, self.url) from error
+        doors.register(listening, select.EPOLLIN)
+        self._wait = select.poll()
+        self._wait.register(doors, select.POLLIN)
+        self._wait.register(self._waker.fileno(), select.POLLIN)
+        self._context = context
+        self._doors = doors
+        self.port = listening.getsockname()[1]
+        self._closing = False
+        self._socket = listening
+
+    def close(self) -> None:
+        """Stop listening; links that were accepted live on. Harmless if closed; allowed from any thread."""
+        self._closing = True
+        self._waker.set()
+        if self._accepter == threading.get_ident():
+            self._close_pending = True  # a signal handler inside accept(), which does it on leaving
+            return
+        self._close_pending = False
+        with self._accepting:
+            for handshake in self._handshakes.values():
+                handshake.stream.close()
+            self._handshakes.clear()
+            if self._socket is not None and self._doors is not None:
+                self._doors.close()
+                self._socket.close()
+                self._doors = self._socket = None
+            self._waker.close()
+
+    def fileno(self) -> int:
+        """Descriptor that turns readable when `accept` has something to do, for servers that watch many links.
+
+        Under TLS that is also a handshake under way, so `accept` may come back without a caller.
+        """
+        if self._doors is None:
+            raise self._closed()
+        return self._doors.fileno()
+
+    def wake(self) -> None:
+        """Make the `accept` that waits now, or else the next one, return None. Allowed from any thread."""
+        self._waker.set()
+
+    def accept(
+        self, deadline: float | None, *, watched: Callable[[], dict[int, Callable[[], None]]] = dict
+    ) -> PeerLink | None:
+        """Wait for a caller.
+
+        Args:
+            deadline: Value of `time.monotonic` at which to give up; None waits without end.
+            watched: Further descriptors that the new link's reader serves.
+
+        Returns:
+            The open link to it, or None at the deadline or after `wake`.
+
+        Raises:
+            LinkClosedError: The listener is not open, or was closed during the wait.
+        """
+        if not self._accepting.acquire(timeout=lock_timeout(deadline)):
+            if self._closing:
+                raise self._closed()  # the one who has it is close()
+            return None
+        self._accepter = threading.get_ident()
+        woken = False
+        try:
+            while self._socket is not None and self._doors is not None and not self._closing:
+                if woken:
+                    self._waker.clear()
+                    return None
+                peer, woken = self._step(self._socket, self._doors, deadline, watched)
+                if peer is not None:
+                    return peer
+                # Woken by wake(), or because the listener was closed: look again.
+                if not woken and deadline is not None and monotonic() >= deadline:
+                    return None
+            raise self._closed()
+        finally:
+            self._accepter = 0
+            self._accepting.release()
+            if self._close_pending:
+                self.close()
+
+    def turn_away(self) -> None:
+        """Hang up on everybody who calls at this moment, handshakes under way included."""
+        with self._accepting:
+            self._accepter = threading.get_ident()
+            for fd in list(self._handshakes):
+                self._drop(fd, "busy with another client")
+            with contextlib.suppress(OSError):  # nobody else is there
+                while self._socket is not None:
+                    self._socket.accept()[0].close()
+                    self._refuse("busy with another client")
+            self._accepter = 0
+        if self._close_pending:
+            self.close()
+
+    def _step(
+        self,
+        listening: socket.socket,
+        doors: select.epoll,
+        deadline: float | None,
+        watched: Callable[[], dict[int, Callable[[], None]]],
+    ) -> tuple[PeerLink | None, bool]:
+        """Wait once for a caller, a handshake or the deadline, and serve what came; True if woken."""
+        until = [handshake.deadline for handshake in self._handshakes.values()]
+        if deadline is not None:
+            until.append(deadline)
+        ready = [fd for fd, _ in self._wait.poll(poll_timeout(min(until, default=None)))]
+        woken = self._waker.fileno() in ready
+        if self._closing:
+            return None, woken
+        peer = None
+        called = False
+        for fd, _ in doors.poll(0.0) if doors.fileno() in ready else ():
+            if fd == listening.fileno():
+                called = True
+            elif peer is None and fd in self._handshakes:
+                peer = self._shake(fd, doors, watched)
+        for fd in [fd for fd, shake in self._handshakes.items() if shake.deadline <= monotonic()]:
+            self._drop(fd, "no TLS handshake in time")
+        if called and peer is None:
+            peer = self._greet(listening, doors, watched)
+        return peer, woken
+
+    def _greet(
+        self,
+        listening: socket.socket,
+        doors: select.epoll,
+        watched: Callable[[], dict[int, Callable[[], None]]],
+    ) -> PeerLink | None:
+        """Take a new caller in: as a link, or under TLS into the handshake."""
+        try:
+            caller, address = listening.accept()
+        except OSError as error:
+            # It hung up again, or this process has no descriptor left: neither ends the listener.
+            if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                self._refuse(f"no room: {error.strerror}")
+                self._make_room()
+            return None
+        peer = host_and_port(address[0], address[1])
+        try:
+            prepare(caller)
+        except OSError:
+            caller.close()
+            self._refuse(f"{peer}: hung up at once")
+            return None
+        if self._context is None:
+            return self._admit(PlainStream(caller), peer, watched)
+        from .tls import TlsStream
+
+        if len(self._handshakes) >= self._max_handshakes:
+            self._drop(self._most_pressing(), "too many TLS handshakes at once")
+        stream = TlsStream(caller, self._context)
+        self._handshakes[caller.fileno()] = _Handshake(stream, peer, monotonic() + self._handshake_timeout)
+        doors.register(caller, stream.wants)
+        return self._shake(caller.fileno(), doors, watched)
+
+    def _shake(
+        self, fd: int, doors: select.epoll, watched: Callable[[], dict[int, Callable[[], None]]]
+    ) -> PeerLink | None:
+        """Take a handshake one step on."""
+        handshake = self._handshakes[fd]
+        try:
+            if not handshake.stream.handshake():
+                doors.modify(fd, handshake.stream.wants)
+                return None
+        except OSError as error:
+            self._drop(fd, str(error))
+            return None
+        doors.unregister(fd)
+        del self._handshakes[fd]
+        return self._admit(handshake.stream, handshake.peer, watched)
+
+    def _admit(
+        self, stream: Stream, peer: str, watched: Callable[[], dict[int, Callable[[], None]]]
+    ) -> PeerLink | None:
+        try:
+            return PeerLink(self.url, stream, peer, watched())
+        except LinkError as error:  # no descriptor left for its wakers
+            stream.close()
+            self._refuse(str(error))
+            return None
+
+    def forget_wake(self) -> None:
+        """Forget a `wake` that no `accept` has seen."""
+        self._waker.clear()
+
+    def _drop(self, fd: int, why: str) -> None:
+        handshake = self._handshakes.pop(fd)
+        handshake.stream.close()
+        self._refuse(f"{handshake.peer}: {why}")
+
+    def _most_pressing(self) -> int:
+        """The oldest handshake of the host that has most: one that calls without end keeps nobody else out."""
+        hosts = Counter(handshake.peer.rpartition(":")[0] for handshake in self._handshakes.values())
+        host = hosts.most_common(1)[0][0]
+        return next(fd for fd, handshake in self._handshakes.items() if handshake.peer.rpartition(":")[0] == host)
+
+    def _make_room(self) -> None:
+        """Without a free descriptor a caller cannot be taken in nor turned away: wait a moment, do not spin."""
+        if self._handshakes:
+            self._drop(self._most_pressing(), "no room")
+        else:
+            select.poll().poll(10)
+
+    def _refuse(self, why: str) -> None:
+        self.refused += 1
+        self.last_refusal = why
+
+    def _closed(self) -> LinkClosedError:
+        return LinkClosedError(f"{self.url} is closed", url=self.url)
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def listen_address(url: LinkUrl) -> tuple[str, int]:
+    """Host and port to bind; ``:15030`` means loopback."""
+    if url.netloc.startswith(":") and not url.netloc.startswith("::"):
+        url = replace(url, netloc=LOOPBACK + url.netloc)
+    return url.host_port()
+
+
+def explain_bind(error: OSError, url: str) -> LinkError:
+    """Turn a failed bind into what a person can do about it."""
+    if error.errno == errno.EADDRINUSE:
+        return LinkBusyError(f"{url}: that port is in use; stop the other program, or take another port", url=url)
+    if error.errno == errno.EADDRNOTAVAIL:
+        return LinkNotFoundError(f"{url}: this machine has no such address; see 'ip address'", url=url)
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return LinkPermissionError(f"{url}: this user may not use that port; take one above 1023", url=url)
+    return LinkError(f"{url} cannot be opened: {error.strerror or error}", url=url)

@@ -1,0 +1,323 @@
+"""POSIX message queues as a link between two programs of one machine.
+
+A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, the server the other way round.
+Owns their names, the system's limits, and the search for queues that somebody left behind; nothing is removed
+unless that is asked for. Must not know what the bytes mean.
+
+A queue outlives the programs that use it. What waits in it when an end is opened is from before, perhaps for
+another program: it is dropped. And it may have been made by somebody else, who can then read and write what goes
+over it: a queue must belong to this user, or to one who is trusted by name, and be closed to all others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import pwd
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hexwire.errors import (
+    LinkBusyError,
+    LinkError,
+    LinkNotFoundError,
+    LinkPermissionError,
+    UsageError,
+)
+from hexwire.new_file import owner_name
+
+from .base import LinkKind
+from .owner import lock_owner
+from .poll_link import PollLink
+from .url import LinkUrl
+
+if TYPE_CHECKING:
+    import posix_ipc
+
+__all__ = ["QueueInfo", "QueueLink", "list_queues", "remove_queue"]
+
+# What Linux allows without a change of its settings.
+DEFAULT_DEPTH = 10
+DEFAULT_SIZE = 8192
+_NAME = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
+_SETTINGS = Path("/proc/sys/fs/mqueue")
+_QUEUES = Path("/dev/mqueue")
+
+
+class QueueLink(PollLink):
+    """One end of a line over two message queues, which are made if they are not there.
+
+    Only this user may open queues that it makes. The other end need not be there; what was sent before it opens
+    does not reach it.
+
+    Args:
+        name: Letters, digits, ``. _ -``; with or without a leading slash.
+        server: Take the server's end.
+        depth: Messages that wait unread before a writer has to wait; of a queue that exists, its own counts.
+        size: Longest message in bytes; likewise.
+        unlink: Remove both queues when this end is closed.
+        trust: Users, besides this one, whose queues are used; such a queue may be open to a group.
+
+    Attributes:
+        dropped: Messages of before that the last opening dropped.
+    """
+
+    kind = LinkKind.DATAGRAM
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        server: bool = False,
+        depth: int = DEFAULT_DEPTH,
+        size: int = DEFAULT_SIZE,
+        unlink: bool = False,
+        trust: Sequence[str] = (),
+    ) -> None:
+        if not _NAME.fullmatch(name):
+            raise UsageError(f"{name!r} is not a queue name: use letters, digits, '.', '_' and '-'")
+        self.name = "/" + name.removeprefix("/")
+        super().__init__(f"mq://{self.name}" + ("?role=server" if server else ""))
+        self.max_message = size
+        self._server = server
+        self._depth = depth
+        self._size = size
+        self._unlink = unlink
+        self._trust = tuple(trust)
+        self.dropped = 0
+        self._inbox: posix_ipc.MessageQueue | None = None
+        self._outbox: posix_ipc.MessageQueue | None = None
+        self._full_or_empty: type[Exception] = BlockingIOError
+
+    @classmethod
+    def from_url(cls, url: LinkUrl) -> QueueLink:
+        """Build from ``mq:///name?role=server&depth=10&size=8192&unlink=1&trust=user,user``."""
+        url.check_keys(("role", "depth", "size", "unlink", "trust"))
+        if url.netloc:
+            raise UsageError(f"{url.text}: a queue's address has three slashes, as in mq:///{url.netloc}")
+        return cls(
+            url.path,
+            server=url.choice("role", "client", ("client", "server")) == "server",
+            depth=url.integer("depth", DEFAULT_DEPTH, 1, 65536),
+            size=url.integer("size", DEFAULT_SIZE, 1, 1 << 24),
+            unlink=url.yes_no("unlink", False),
+            trust=[user for user in url.query.get("trust", "").split(",") if user],
+        )
+
+    def _open(self) -> None:
+        self._full_or_empty = _posix_ipc().BusyError
+        self._inbox = self._queue(self.name + (".tx" if self._server else ".rx"), reads=True)
+        try:
+            # The reader is the owner of a queue; its lock ends with the process, whatever becomes of the queue.
+            fcntl.flock(self._inbox.mqd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            who = lock_owner(os.fstat(self._inbox.mqd)) or "another program"
+            role = "server" if self._server else "client"
+            raise LinkBusyError(
+                f"{self.url} has a {role} already: {who}; close that first", url=self.url
+            ) from error
+        self._outbox = self._queue(self.name + (".rx" if self._server else ".tx"), reads=False)
+        self.max_message = self._outbox.max_message_size
+        self.dropped = 0
+        # At most what fits: another end that never stops writing must not hold this one up.
+        with contextlib.suppress(self._full_or_empty):
+            while self.dropped < self._inbox.max_messages:
+                self._inbox.receive()
+                self.dropped += 1
+
+    def _queue(self, name: str, *, reads: bool) -> posix_ipc.MessageQueue:
+        ipc = _posix_ipc()
+        try:
+            queue = self._make_or_find(name, reads)
+        except (ValueError, OSError, ipc.Error) as error:
+            raise self._explain(error) from error
+        try:
+            self._check_owner(name, os.fstat(queue.mqd))
+        except BaseException:
+            queue.close()
+            raise
+        queue.block = False
+        return queue
+
+    def _make_or_find(self, name: str, reads: bool) -> posix_ipc.MessageQueue:
+        ipc = _posix_ipc()
+        while True:
+            # Nobody else's queue passes for one of ours: it is new, or it is looked at as one that was there.
+            try:
+                return ipc.MessageQueue(
+                    name,
+                    ipc.O_CREX,
+                    mode=0o600,
+                    max_messages=self._depth,
+                    max_message_size=self._size,
+                    read=reads,
+                    write=not reads,
+                )
+            except ipc.ExistentialError:
+                pass
+            try:
+                return ipc.MessageQueue(name, 0, read=reads, write=not reads)
+            except ipc.ExistentialError:
+                continue  # removed in between
+
+    def _check_owner(self, name: str, status: os.stat_result) -> None:
+        """Refuse a queue that somebody else made, or may use."""
+        trusted = {self._user_id(user) for user in self._trust}
+        if status.st_uid not in (os.geteuid(), *trusted):
+            owner = owner_name(status.st_uid)
+            raise LinkPermissionError(
+                f"{self.url}: queue {name} belongs to {owner}, who could read and write what goes over it; take "
+                f"another name, or add trust={owner} to the address",
+                url=self.url,
+            )
+        open_to = "all users" if status.st_mode & 0o007 else "a group" if status.st_mode & 0o070 else ""
+        if open_to == "all users" or (open_to and not trusted):
+            who = f"{open_to} (mode {status.st_mode & 0o777:03o})"
+            raise LinkPermissionError(
+                f"{self.url}: queue {name} is open to {who}; have it removed, or take another name", url=self.url
+            )
+
+    def _user_id(self, user: str) -> int:
+        try:
+            return pwd.getpwnam(user).pw_uid
+        except KeyError as error:
+            raise UsageError(f"{self.url}: trust={user}, and there is no such user") from error
+
+    def _close(self) -> None:
+        for queue in (self._inbox, self._outbox):
+            if queue is not None:
+                queue.close()
+                if self._unlink:
+                    with contextlib.suppress(_posix_ipc().ExistentialError):
+                        queue.unlink()
+        self._inbox = self._outbox = None
+
+    def _fileno(self) -> int:
+        return -1 if self._inbox is None else int(self._inbox.mqd)
+
+    def _write_fileno(self) -> int:
+        return -1 if self._outbox is None else int(self._outbox.mqd)
+
+    def _read_ready(self) -> bytes:
+        assert self._inbox is not None
+        try:
+            return bytes(self._inbox.receive()[0])
+        except self._full_or_empty:
+            return b""
+
+    def _write_ready(self, data: memoryview | bytes) -> int:
+        assert self._outbox is not None
+        try:
+            self._outbox.send(bytes(data))
+        except self._full_or_empty:
+            return 0
+        return len(data)
+
+    def _explain(self, error: Exception) -> LinkError | UsageError:
+        number = error.errno if isinstance(error, OSError) else 0
+        if isinstance(error, ValueError):
+            depth, size = _setting("msg_max"), _setting("msgsize_max")
+            return UsageError(
+                f"{self.url}: {self._depth} messages of {self._size} bytes are refused; this system allows queues "
+                f"of at most {depth} messages of {size} bytes (sysctl fs.mqueue.msg_max, fs.mqueue.msgsize_max)"
+            )
+        if isinstance(error, _posix_ipc().PermissionsError):
+            return LinkPermissionError(
+                f"{self.url} belongs to another user, who lets nobody use it; take another name", url=self.url
+            )
+        if number == errno.ENOSPC:
+            return LinkError(
+                f"{self.url}: the system's {_setting('queues_max')} queues are all in use; remove stale ones, "
+                "or raise fs.mqueue.queues_max by sysctl",
+                url=self.url,
+            )
+        if number == errno.EMFILE:
+            return LinkError(
+                f"{self.url}: this user's memory for queues is used up (ulimit -q); remove stale queues",
+                url=self.url,
+            )
+        return LinkError(f"{self.url} cannot be opened: {error}", url=self.url)
+
+
+@dataclass(frozen=True)
+class QueueInfo:
+    """A message queue of this system.
+
+    Attributes:
+        name: With the leading slash.
+        waiting: Bytes that wait unread; -1 if that may not be read.
+        owner: The program that reads it, as ``hexwire (pid 4711)``; empty if there is none.
+    """
+
+    name: str
+    waiting: int
+    owner: str
+
+    @property
+    def is_stale(self) -> bool:
+        """Nobody reads it, so somebody may have left it behind."""
+        return not self.owner
+
+
+def list_queues(folder: Path = _QUEUES) -> list[QueueInfo]:
+    """List the message queues of this system, those of other programs included.
+
+    Args:
+        folder: Where the system's queues are mounted.
+
+    Raises:
+        LinkNotFoundError: They are not mounted, so nobody can list them.
+    """
+    if not folder.is_dir():
+        raise LinkNotFoundError(
+            f"{folder} is not there, so queues cannot be listed; run 'sudo mkdir -p {folder} && "
+            f"sudo mount -t mqueue none {folder}'"
+        )
+    queues = []
+    for path in sorted(folder.iterdir()):
+        found = re.search(r"QSIZE:(\d+)", _text(path))
+        queues.append(QueueInfo("/" + path.name, int(found[1]) if found else -1, lock_owner(path.stat())))
+    return queues
+
+
+def remove_queue(name: str) -> bool:
+    """Remove a queue and what waits in it; programs that have it open keep theirs until they close it.
+
+    Returns:
+        False if there was no such queue.
+
+    Raises:
+        LinkPermissionError: It belongs to another user.
+    """
+    ipc = _posix_ipc()
+    try:
+        ipc.unlink_message_queue("/" + name.removeprefix("/"))
+    except ipc.ExistentialError:
+        return False
+    except ipc.PermissionsError as error:
+        raise LinkPermissionError(f"queue {name} belongs to another user") from error
+    return True
+
+
+def _posix_ipc() -> posix_ipc:
+    try:
+        import posix_ipc
+    except ImportError as error:
+        raise UsageError("mq:// needs the package posix_ipc: pip install 'hexwire[mq]'") from error
+    return posix_ipc
+
+
+def _setting(name: str) -> str:
+    return _text(_SETTINGS / name).strip() or "a few"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""

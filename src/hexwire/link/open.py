@@ -1,0 +1,86 @@
+"""From an address to a link: the table of schemes.
+
+Owns which scheme is served by which class, built in or from another package (entry-point group
+``hexwire.links``: name = scheme, value = a callable from `LinkUrl` to `Link`). Imports a class only when its
+scheme is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, cast
+
+from hexwire.errors import UsageError
+
+from .base import Link
+from .tap import tapped
+from .url import LinkUrl, parse_url
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from importlib.metadata import EntryPoint
+
+__all__ = ["ENTRY_POINT_GROUP", "known_schemes", "make_link", "open_link"]
+
+ENTRY_POINT_GROUP = "hexwire.links"
+
+# scheme -> module, class with a `from_url`
+_BUILT_IN: dict[str, tuple[str, str]] = {
+    "mq": ("hexwire.link.mqueue", "QueueLink"),
+    "serial": ("hexwire.link.serial", "SerialLink"),
+    "tcp": ("hexwire.link.tcp", "TcpLink"),
+    "tcp-listen": ("hexwire.link.listen", "TcpListenLink"),
+    "tcps": ("hexwire.link.tcp", "TcpsLink"),
+    "tcps-listen": ("hexwire.link.listen", "TcpsListenLink"),
+    "udp": ("hexwire.link.udp", "UdpLink"),
+    "udp-listen": ("hexwire.link.udp", "UdpListenLink"),
+}
+
+
+def known_schemes() -> list[str]:
+    """Every scheme that `make_link` takes, those of other packages included."""
+    return sorted({*_BUILT_IN, *(point.name for point in _other_packages())})
+
+
+def make_link(url: str) -> Link:
+    """Build the link for an address, without opening it.
+
+    Args:
+        url: ``serial:///dev/ttyUSB0?baud=115200``, ``tcp://host:port`` and so on, or the plain path of a
+            serial device.
+
+    Raises:
+        UsageError: The address is malformed, its scheme unknown or an option wrong.
+    """
+    return tapped(_build(url))
+
+
+def _build(url: str) -> Link:
+    parts = parse_url(url)
+    if parts.scheme in _BUILT_IN:
+        module, name = _BUILT_IN[parts.scheme]
+        return cast(Link, getattr(importlib.import_module(module), name).from_url(parts))
+    for point in _other_packages():
+        if point.name == parts.scheme:
+            build = cast("Callable[[LinkUrl], Link]", point.load())
+            return build(parts)
+    raise UsageError(f"{url}: unknown scheme {parts.scheme!r}; known: {', '.join(known_schemes())}")
+
+
+def _other_packages() -> Iterable[EntryPoint]:
+    # Reading the packages' metadata takes longer than everything else here, and few need it.
+    from importlib.metadata import entry_points
+
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
+def open_link(url: str) -> Link:
+    """Build the link for an address and open it; the caller closes it.
+
+    Raises:
+        UsageError: The address is wrong.
+        LinkError: It could not be opened; see `Link.open`.
+    """
+    link = make_link(url)
+    link.open()
+    return link

@@ -1,0 +1,312 @@
+"""Serial ports by termios: raw, exclusive, any baud rate, no thread.
+
+Owns the port's settings and the errors a person meets when opening one. Must not know what is behind it.
+
+Nothing may touch the bytes on their way: with the terminal's usual line discipline (ICRNL) each 0D arrives as
+0A, which is how the chapter's own log was damaged (PROTOCOL.md section 4). HUPCL is off, so that closing
+the port does not reset the board at its next opening.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import errno
+import fcntl
+import os
+import stat
+import struct
+import termios
+import time
+from pathlib import Path
+
+from hexwire.errors import (
+    LinkBusyError,
+    LinkError,
+    LinkLostError,
+    LinkNotFoundError,
+    LinkPermissionError,
+    UsageError,
+)
+from hexwire.new_file import owner_name
+
+from . import owner, port_identity, ports
+from .base import LinkKind
+from .poll_link import PollLink
+from .url import LinkUrl
+
+__all__ = ["DEFAULT_BAUD", "SerialLink", "terminal_rate"]
+
+DEFAULT_BAUD = 115200
+_BAUD_LOW, _BAUD_HIGH = 50, 12_000_000
+# How far the rate that the driver chose may be from the one asked for: a receiver resynchronises at every
+# start bit and stands about 2 % from each side (ATmega2560 data sheet, table of receiver tolerances).
+_BAUD_TOLERANCE = 0.025
+
+# linux/asm-generic/termbits.h and ioctls.h: what Python's termios has no name for.
+_BOTHER = 0o010000
+_CBAUD = 0o010017
+_TCGETS2 = 0x802C542A
+_TCSETS2 = 0x402C542B
+_TERMIOS2 = struct.Struct("=4I20B2I")  # iflag oflag cflag lflag, line and 19 control characters, ispeed ospeed
+_ASYNC_LOW_LATENCY = 1 << 13
+_SERIAL_STRUCT_INTS = 32  # more than the kernel's serial_struct; flags is its fifth int
+
+# A Mega's reset line is pulsed through a capacitor; 50 ms is what common flashing tools use.
+_DTR_PULSE = 0.05
+
+
+def terminal_rate(fd: int) -> int | None:
+    """Rate that a terminal is set to, bits a second, exactly; None where the system does not tell.
+
+    On the master's side of a pseudo-terminal it is the rate that the program on the other side has set.
+    """
+    try:
+        return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
+    except OSError:
+        return None
+
+
+class SerialLink(PollLink):
+    """A serial port, 8N1, raw, for one program at a time.
+
+    Opening a port raises DTR, which resets an Arduino; that is the kernel's doing and is left as it is. Ask
+    the board until it answers, then flush.
+
+    Args:
+        device: Path, as ``/dev/ttyUSB0``. It may be a symbolic link that vanishes and comes back. A link object is
+            one device for good: another one that comes back under that name is refused, and so is a terminal that
+            somebody works at.
+        baud: Bits a second; any rate that the port's driver can make.
+        low_latency: Ask the driver to hand bytes over at once (FTDI: 1 ms instead of 16); ignored where the
+            driver has no such thing.
+        reset_board: Pulse DTR after opening, to reset a board even where opening does not.
+    """
+
+    kind = LinkKind.STREAM
+    _lost_advice = "; was it unplugged?"
+
+    def __init__(
+        self,
+        device: str,
+        baud: int = DEFAULT_BAUD,
+        *,
+        low_latency: bool = True,
+        reset_board: bool = False,
+    ) -> None:
+        if not _BAUD_LOW <= baud <= _BAUD_HIGH:
+            raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
+        if "\0" in device:
+            raise UsageError(f"{device!r} is not a path: it has a zero character in it")
+        super().__init__(f"serial://{device}?baud={baud}")
+        self.device = device
+        self.baud = baud
+        self._low_latency = low_latency
+        self._reset_board = reset_board
+        self._port = -1
+        self._identity: port_identity.PortIdentity | None = None
+
+    @classmethod
+    def from_url(cls, url: LinkUrl) -> SerialLink:
+        """Build from ``serial:///dev/ttyUSB0?baud=115200&low_latency=1&reset=0``."""
+        url.check_keys(("baud", "low_latency", "reset"))
+        if url.netloc:
+            raise UsageError(
+                f"{url.text}: a serial address has three slashes, as in serial:///dev/ttyUSB0 "
+                f"({url.netloc!r} stands where a host would)"
+            )
+        if not url.path.strip("/"):
+            raise UsageError(f"{url.text}: the device is missing, as in serial:///dev/ttyUSB0")
+        return cls(
+            url.path,
+            url.integer("baud", DEFAULT_BAUD, _BAUD_LOW, _BAUD_HIGH),
+            low_latency=url.yes_no("low_latency", True),
+            reset_board=url.yes_no("reset", False),
+        )
+
+    def reset(self) -> None:
+        """Pulse DTR, which resets an Arduino, and drop what had arrived before. Takes 50 ms.
+
+        A port without that line, such as a pseudo-terminal, is left alone.
+        """
+        fd = self.fileno()
+        dtr = struct.pack("I", termios.TIOCM_DTR)
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(fd, termios.TIOCMBIC, dtr)
+            time.sleep(_DTR_PULSE)
+            fcntl.ioctl(fd, termios.TIOCMBIS, dtr)
+        self.flush_input()
+
+    def set_baud(self, baud: int) -> None:
+        """Change the rate, of the open port too; nothing else about it changes and no board is reset.
+
+        Raises:
+            UsageError: The port's driver cannot do that rate.
+            LinkLostError: The port went away.
+        """
+        if not _BAUD_LOW <= baud <= _BAUD_HIGH:
+            raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
+        self.baud = baud
+        self.url = f"serial://{self.device}?baud={baud}"
+        if self.is_open:
+            self._apply_settings()
+
+    def flush_input(self) -> int:
+        count = super().flush_input()
+        # What the driver holds and the terminal layer has not seen yet cannot be counted, but dropped.
+        with contextlib.suppress(termios.error, OSError):
+            termios.tcflush(self._port, termios.TCIFLUSH)
+        return count
+
+    def open(self) -> None:
+        super().open()
+        if self._reset_board:
+            self.reset()
+
+    def _open(self) -> None:
+        try:
+            # Non-blocking also means not waiting for a modem's carrier.
+            self._port = os.open(self.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise self._explain(error) from error
+        if not stat.S_ISCHR(os.fstat(self._port).st_mode) or not os.isatty(self._port):
+            raise self._no_port("is not a serial port")
+        # Before anything is set or locked: it may be a terminal that a person works at.
+        identity = self._check_identity()
+        self._claim()
+        self._apply_settings()
+        if self._low_latency:
+            self._ask_low_latency()
+        self._identity = identity
+
+    def _check_identity(self) -> port_identity.PortIdentity:
+        """Refuse a port that is not the one that its name means."""
+        try:
+            identity = port_identity.identify_port(self.device, os.fstat(self._port))
+        except OSError as error:  # a link in motion
+            raise self._explain(error) from error
+        problem = port_identity.why_not(identity)
+        if not problem and self._identity is not None:
+            problem = port_identity.why_not_again(self._identity, identity)
+        if problem:
+            raise LinkNotFoundError(f"{self.device} {problem}; nothing was written to it", url=self.url)
+        return identity
+
+    def _close(self) -> None:
+        if self._port >= 0:
+            os.close(self._port)
+            self._port = -1
+
+    def _fileno(self) -> int:
+        return self._port
+
+    def _read_ready(self) -> bytes:
+        data = os.read(self._port, 4096)  # the terminal layer holds no more than that
+        if not data:
+            # Readable, yet nothing there: the other side of the port is gone.
+            raise LinkLostError(f"{self.device} went away{self._lost_advice}", url=self.url)
+        return data
+
+    def _write_ready(self, data: memoryview | bytes) -> int:
+        return os.write(self._port, data)
+
+    # --- opening, step by step --------------------------------------------------------------------
+
+    def _claim(self) -> None:
+        """Keep other programs out: the lock for those that look for it, TIOCEXCL for all others but root."""
+        try:
+            fcntl.flock(self._port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise self._busy() from error
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(self._port, termios.TIOCEXCL)
+
+    def _apply_settings(self) -> None:
+        try:
+            taken = self._configure()
+        except (OSError, termios.error) as error:
+            raise LinkLostError(
+                f"{self.device} does not take its settings ({error.args[-1]}){self._lost_advice}",
+                url=self.url,
+            ) from error
+        if not taken:
+            raise LinkError(f"{self.device} refuses raw mode with 8 data bits: use another port", url=self.url)
+
+    def _configure(self) -> bool:
+        """Set raw mode and the rate; False if the port kept something of its own."""
+        control = list(termios.tcgetattr(self._port)[6])
+        control[termios.VMIN] = 1
+        control[termios.VTIME] = 0
+        speed = getattr(termios, f"B{self.baud}", None)
+        wanted = termios.CS8 | termios.CREAD | termios.CLOCAL
+        base = termios.B38400 if speed is None else speed
+        termios.tcsetattr(self._port, termios.TCSANOW, [0, 0, wanted | base, 0, base, base, control])
+        if speed is None:
+            self._set_any_baud()
+        actual = self._actual_baud()
+        if actual is not None and abs(actual - self.baud) > self.baud * _BAUD_TOLERANCE:
+            raise self._bad_baud(f"it chose {actual}")
+        iflag, oflag, cflag, lflag = termios.tcgetattr(self._port)[:4]
+        return not (iflag or oflag or lflag) and bool(cflag & termios.CSIZE == termios.CS8)
+
+    def _set_any_baud(self) -> None:
+        try:
+            fields = list(_TERMIOS2.unpack(self._ioctl_read(_TCGETS2, _TERMIOS2.size)))
+            fields[2] = fields[2] & ~_CBAUD | _BOTHER
+            fields[-2:] = self.baud, self.baud
+            fcntl.ioctl(self._port, _TCSETS2, _TERMIOS2.pack(*fields))
+        except OSError as error:
+            raise self._bad_baud("only the usual rates work on this system") from error
+
+    def _actual_baud(self) -> int | None:
+        """What the driver made of the rate; None where the system does not tell."""
+        return terminal_rate(self._port)
+
+    def _ioctl_read(self, request: int, size: int) -> bytes:
+        return fcntl.ioctl(self._port, request, bytes(size))
+
+    def _ask_low_latency(self) -> None:
+        # Pseudo-terminals and CDC-ACM boards have no such setting.
+        with contextlib.suppress(OSError):
+            settings = array.array("i", [0] * _SERIAL_STRUCT_INTS)
+            fcntl.ioctl(self._port, termios.TIOCGSERIAL, settings)
+            settings[4] |= _ASYNC_LOW_LATENCY
+            fcntl.ioctl(self._port, termios.TIOCSSERIAL, settings)
+
+    # --- errors -----------------------------------------------------------------------------------
+
+    def _explain(self, error: OSError) -> LinkError:
+        if error.errno in (errno.EACCES, errno.EPERM):
+            return LinkPermissionError(
+                f"no permission for {self.device}: {self._permission_advice()}", url=self.url
+            )
+        if error.errno == errno.EBUSY:
+            return self._busy()
+        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.ELOOP):
+            return self._no_port("does not exist" if error.errno == errno.ENOENT else "has no device behind it")
+        if error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
+            return self._no_port("is not a serial port")
+        return LinkError(f"{self.device} cannot be opened: {error.strerror}", url=self.url)
+
+    def _no_port(self, what: str) -> LinkNotFoundError:
+        return LinkNotFoundError(f"{self.device} {what}; {ports.ports_in_words()}", url=self.url)
+
+    def _busy(self) -> LinkBusyError:
+        who = owner.device_owner(self.device) or "another program"
+        return LinkBusyError(f"{self.device} is in use by {who}: close that first", url=self.url)
+
+    def _bad_baud(self, why: str) -> UsageError:
+        return UsageError(f"{self.device} cannot do {self.baud} baud ({why}): use 115200 or another usual rate")
+
+    def _permission_advice(self) -> str:
+        try:
+            import grp
+
+            status = Path(self.device).stat()
+            group = grp.getgrgid(status.st_gid).gr_name
+        except (OSError, KeyError):
+            return "ask the owner of this machine for access to it"
+        if group == "root" or not status.st_mode & stat.S_IRGRP:
+            user = owner_name(status.st_uid)
+            return f"it belongs to {user} alone; add a udev rule that gives it to group dialout"
+        return f"it belongs to group {group}; run 'sudo usermod -aG {group} $USER', then log out and in again"

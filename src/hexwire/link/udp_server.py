@@ -1,0 +1,115 @@
+"""The waiting side of UDP, for servers with many clients: one socket, each address and port a peer of its own.
+
+Owns the socket and which hosts are heard. Must not know what the bytes mean, nor who may stay.
+"""
+
+from __future__ import annotations
+
+import errno
+from typing import TYPE_CHECKING, Self
+
+from hexwire.errors import LinkBusyError, LinkClosedError
+
+from .listener import LOOPBACK
+from .tcp import host_and_port
+from .udp import MAX_DATAGRAM, bind_udp, check_peer, heard_hosts, is_away
+
+if TYPE_CHECKING:
+    import socket
+    from types import TracebackType
+
+__all__ = ["Peer", "UdpServer"]
+
+Peer = tuple[object, ...]
+"""Address and port of a client, as the system gives them."""
+
+
+class UdpServer:
+    """Hears datagrams and says who sent each; an answer goes to the peer it is meant for and nobody else.
+
+    Args:
+        host: Own address; loopback unless told otherwise.
+        port: Own port; 0 lets the system choose, see `port` after `open`.
+        peer: The host that is heard; loopback if the own address is.
+
+    Attributes:
+        dropped: Datagrams of other hosts, or too long to be ours.
+
+    Raises:
+        UsageError: The own address is reached by others, and no host is named.
+    """
+
+    def __init__(self, host: str = LOOPBACK, port: int = 0, *, peer: str = "") -> None:
+        self._peer = check_peer(host, port, peer)
+        self.port = port
+        self.dropped = 0
+        self._host = host
+        self._wanted_port = port
+        self._heard: set[str] = set()
+        self._socket: socket.socket | None = None
+
+    @property
+    def url(self) -> str:
+        """Address of the server, with the port that it has."""
+        return f"udp-listen://{host_and_port(self._host, self.port)}?peer={self._peer}"
+
+    def open(self) -> None:
+        """Bind.
+
+        Raises:
+            LinkError: As `Link.open`.
+        """
+        if self._socket is not None:
+            raise LinkBusyError(f"{self.url} listens already", url=self.url)
+        self._heard = heard_hosts(self._peer, self.url)
+        self._socket = bind_udp(self._host, self._wanted_port, self.url)
+        self.port = self._socket.getsockname()[1]
+
+    def close(self) -> None:
+        """Stop hearing. Harmless if closed."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def fileno(self) -> int:
+        """Descriptor that turns readable when a datagram has come."""
+        return self._open_socket().fileno()
+
+    def receive(self) -> tuple[Peer, bytes] | None:
+        """The next datagram and its sender; None if there is none, or the one that was there is not for us."""
+        try:
+            data, sender = self._open_socket().recvfrom(MAX_DATAGRAM + 1)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            if not is_away(error):
+                raise
+            return None
+        if sender[0] not in self._heard or len(data) > MAX_DATAGRAM or not data:
+            self.dropped += 1
+            return None
+        return sender, data
+
+    def send(self, peer: Peer, data: bytes) -> bool:
+        """Send a datagram; False if it could not go, which is as if it had been lost on the way."""
+        try:
+            self._open_socket().sendto(data, peer)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.ENOBUFS, errno.EPERM, errno.EMSGSIZE) or is_away(error):
+                return False
+            raise
+        return True
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkClosedError(f"{self.url} is closed", url=self.url)
+        return self._socket
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

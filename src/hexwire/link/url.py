@@ -1,0 +1,176 @@
+"""The address of a link, as text that people type: ``scheme://host:port/path?key=value``.
+
+Owns the syntax and the wording of its errors. Must not know which schemes exist or what they need.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from urllib.parse import unquote
+
+from hexwire.errors import UsageError
+
+__all__ = ["LinkUrl", "is_loopback", "parse_url", "split_host_port"]
+
+_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*")
+_YES = frozenset({"1", "yes", "true", "on"})
+_NO = frozenset({"0", "no", "false", "off"})
+
+
+@dataclass(frozen=True)
+class LinkUrl:
+    """A link's address in parts.
+
+    Attributes:
+        text: The address as it was given.
+        scheme: ``serial``, ``tcp`` and so on, in lower case.
+        netloc: What stands between ``//`` and the next ``/`` or ``?``.
+        path: From the first ``/`` on, percent signs decoded; may be empty.
+        query: The keys and values behind ``?``.
+    """
+
+    text: str
+    scheme: str
+    netloc: str
+    path: str
+    query: Mapping[str, str] = field(default_factory=dict)
+
+    def check_keys(self, known: Collection[str]) -> None:
+        """Raise UsageError if the query has a key that is not in `known`."""
+        for key in self.query:
+            if key not in known:
+                offer = ", ".join(known) if known else "none"
+                raise UsageError(f"{self.text}: unknown option {key!r}; {self.scheme}:// knows: {offer}")
+
+    def check_no_path(self) -> None:
+        """Raise UsageError if there is a path where the scheme has no use for one."""
+        if self.path not in ("", "/"):
+            raise UsageError(f"{self.text}: {self.path!r} has no meaning behind the host and port")
+
+    def host_port(self) -> tuple[str, int]:
+        """Host and port, both of which must be there."""
+        return split_host_port(self.netloc, self.text)
+
+    def integer(self, key: str, default: int, low: int, high: int) -> int:
+        """A whole number of the query, from `low` to `high`."""
+        text = self.query.get(key)
+        if text is None:
+            return default
+        if not re.fullmatch(r"[0-9]{1,12}", text) or not low <= int(text) <= high:
+            raise UsageError(f"{self.text}: {key} must be a whole number from {low} to {high}, not {text!r}")
+        return int(text)
+
+    def seconds(self, key: str, default: float) -> float:
+        """A time of the query in seconds, above 0."""
+        text = self.query.get(key)
+        if text is None:
+            return default
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise UsageError(f"{self.text}: {key} must be a time in seconds above 0, not {text!r}")
+        return value
+
+    def yes_no(self, key: str, default: bool) -> bool:
+        """A switch of the query: 1, yes, true, on or 0, no, false, off."""
+        text = self.query.get(key)
+        if text is None:
+            return default
+        if text.lower() not in _YES | _NO:
+            raise UsageError(f"{self.text}: {key} must be 1 or 0, not {text!r}")
+        return text.lower() in _YES
+
+    def choice(self, key: str, default: str, known: Collection[str]) -> str:
+        """A word of the query, one of `known`."""
+        text = self.query.get(key, default)
+        if text not in known:
+            raise UsageError(f"{self.text}: {key} must be one of {', '.join(known)}, not {text!r}")
+        return text
+
+
+def parse_url(text: str) -> LinkUrl:
+    """Take a link's address apart.
+
+    A text without ``://`` is the path of a serial device: ``/dev/ttyUSB0?baud=115200``.
+
+    Raises:
+        UsageError: The text is no address; says which part is wrong.
+    """
+    if not text or text != text.strip() or any(ord(char) < 0x21 for char in text):
+        raise UsageError(f"{text!r} is not a link address: it is empty or has blanks in it")
+    head, separator, query_text = text.partition("?")
+    scheme, has_scheme, rest = head.partition("://")
+    if not has_scheme:
+        if re.fullmatch(r"(serial|tcp|tcps|udp|mq|tcp-listen|tcps-listen|udp-listen):.*", head):
+            raise UsageError(f"{text!r}: write '//' behind the first colon, as in tcp://192.168.1.10:15030")
+        scheme, rest = "serial", head
+        netloc, path = "", head
+    else:
+        netloc, slash, path = rest.partition("/")
+        path = unquote(slash + path)
+    if not _SCHEME.fullmatch(scheme.lower()):
+        raise UsageError(f"{text!r}: {scheme!r} is not a scheme such as serial, tcp, udp or mq")
+    if "#" in text:
+        raise UsageError(f"{text!r}: '#' has no meaning in a link address")
+    if separator and not query_text:
+        raise UsageError(f"{text!r}: nothing stands behind the '?'")
+    return LinkUrl(text, scheme.lower(), netloc, path, _parse_query(query_text, text))
+
+
+def _parse_query(query_text: str, text: str) -> dict[str, str]:
+    query: dict[str, str] = {}
+    for item in query_text.split("&") if query_text else ():
+        key, equals, value = item.partition("=")
+        if not key or not equals or not value:
+            raise UsageError(f"{text!r}: {item!r} is not an option of the form key=value")
+        if key in query:
+            raise UsageError(f"{text!r}: option {key!r} is given twice")
+        query[key] = unquote(value)
+    return query
+
+
+def split_host_port(netloc: str, text: str, *, port_needed: bool = True) -> tuple[str, int]:
+    """Split ``host:port``, ``[::1]:port`` or, where the port may be left out, ``host``.
+
+    Args:
+        netloc: The text to split.
+        text: The whole address, for the error.
+        port_needed: Whether a missing port is an error; if not, it comes out as 0.
+
+    Raises:
+        UsageError: The host or the port is missing or wrong.
+    """
+    if "@" in netloc:
+        raise UsageError(f"{text}: a link address carries no user name or password")
+    if netloc.startswith("["):
+        host, bracket, rest = netloc[1:].partition("]")
+        if not bracket or (rest and not rest.startswith(":")):
+            raise UsageError(f"{text}: write an IPv6 address in brackets, as in [::1]:15030")
+        port_text = rest[1:]
+    else:
+        host, _, port_text = netloc.partition(":")
+        if ":" in port_text:
+            raise UsageError(f"{text}: write an IPv6 address in brackets, as in [::1]:15030")
+    if not host:
+        raise UsageError(f"{text}: the host is missing")
+    if not port_text:
+        if port_needed:
+            raise UsageError(f"{text}: the port is missing, as in {host}:15030")
+        return host, 0
+    if not re.fullmatch(r"[0-9]{1,5}", port_text) or int(port_text) > 65535:
+        raise UsageError(f"{text}: the port must be a number from 0 to 65535, not {port_text!r}")
+    return host, int(port_text)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is this machine talking to itself."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

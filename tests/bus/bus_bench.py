@@ -1,0 +1,47 @@
+"""A servo bus on emulated servos in this process, in simulated time, for the test files of this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hexwire.bus.servo_bus import ServoBus
+from hexwire.emulator.bus_device import BusDevice, make_servos
+from hexwire.emulator.faults import FaultPlan
+from hexwire.emulator.serve import BoardLink
+from hexwire.wire.registers import Series
+
+
+class BusLink(BoardLink):
+    """A link in simulated time whose rate can be changed, as a serial port's can."""
+
+    rates: list[int]
+
+    @property
+    def baud(self) -> int:
+        return self.rates[0]
+
+    def set_baud(self, baud: int) -> None:
+        self.rates[0] = baud
+
+
+def make_bus(
+    ids: Sequence[int] = (1, 2, 3, 4, 5, 6, 7),
+    series: Sequence[Series] = (Series.STS_SMS,),
+    *,
+    faults: FaultPlan | None = None,
+    echo: bool = False,
+    paced: bool = True,
+    baud: int = 0,
+    retries: int = 2,
+) -> tuple[ServoBus, BusDevice]:
+    """An open bus and the servos behind it."""
+    servos = make_servos(series, ids, baud=baud)
+    rate = baud or servos[0].baud
+    rates = [rate]
+    device = BusDevice(servos, paced=paced, faults=faults, echo=echo, host_baud=lambda: rates[0])
+    link = BusLink(device, url="serial:///emulated")
+    link.rates = rates
+    kinds = list(series) * len(ids) if len(series) == 1 else list(series)
+    bus = ServoBus(link, series=kinds[0], servos=dict(zip(ids, kinds, strict=True)), retries=retries)
+    bus.open()
+    return bus, device

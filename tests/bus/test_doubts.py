@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+from hexwire.bus.doubts import AFTERMATH, LATEST, Doubts, SentLately
+from hexwire.wire.servo_packet import make_ping, make_read, make_write
+
+READ = make_read(1, 56, 2)
+
+
+def test_an_unanswered_request_is_in_doubt_by_servo_and_length_until_its_time_is_over() -> None:
+    doubts = Doubts()
+    assert not doubts.servos
+    doubts.add(1, 2, READ, 9.9, 10.0)
+    assert doubts.servos
+    assert doubts.holds(1, 2, 10.0)
+    assert not doubts.holds(1, 3, 10.0)
+    assert not doubts.holds(2, 2, 10.0)
+    assert doubts.holds(1, 2, 10.0 + LATEST - 0.001)
+    assert not doubts.ended
+    assert not doubts.holds(1, 2, 10.0 + LATEST)
+    assert doubts.ended
+    assert not doubts.servos
+
+
+def test_the_same_request_again_is_not_in_doubt_of_itself() -> None:
+    doubts = Doubts()
+    doubts.add(1, 2, READ, 10.0, 10.0)
+    assert not doubts.holds(1, 2, 10.0, READ)
+    doubts.add(1, 2, make_read(1, 42, 2), 10.1, 10.1)
+    assert doubts.holds(1, 2, 10.2, READ)
+
+
+def test_an_answer_in_another_length_shortens_the_doubt_but_one_in_the_same_does_not() -> None:
+    doubts = Doubts()
+    doubts.add(1, 2, READ, 10.0, 10.0)
+    doubts.answered(1, 2, 10.1)
+    assert doubts.holds(1, 2, 10.1 + AFTERMATH)
+    doubts.answered(1, 3, 10.1)
+    assert doubts.holds(1, 2, 10.1 + AFTERMATH - 0.001)
+    assert not doubts.holds(1, 2, 10.1 + AFTERMATH)
+
+
+def test_a_settled_length_leaves_the_others() -> None:
+    doubts = Doubts()
+    doubts.add(1, 2, READ, 10.0, 10.0)
+    doubts.add(1, 0, make_ping(1), 10.0, 10.0)
+    doubts.settled(1, 0)
+    assert not doubts.holds(1, 0, 10.0)
+    assert doubts.holds(1, 2, 10.0)
+    doubts.settled(1, 2)
+    assert not doubts.servos
+    doubts.settled(7, 0)
+
+
+def test_a_late_answer_tells_when_it_was_asked_for() -> None:
+    doubts = Doubts()
+    doubts.add(1, 2, READ, 9.5, 10.0)
+    assert doubts.late(1, 2) == 9.5
+    assert doubts.late(1, 3) is None
+    doubts.clear()
+    assert doubts.late(1, 2) is None
+
+
+def test_what_was_sent_lately_is_known_and_memory_is_bounded() -> None:
+    sent = SentLately()
+    for k in range(2000):
+        sent.add(make_write(1, 42, k.to_bytes(2, "little")), 10.0 + 0.01 * k)
+    now = 10.0 + 0.01 * 1999
+    assert sent.packets(now) == {
+        make_write(1, 42, k.to_bytes(2, "little")) for k in range(2000) if 10.0 + 0.01 * k > now - LATEST
+    }
+    assert len(sent._when) <= 257
+
+
+def test_the_last_packets_are_known_however_long_the_host_stood_still() -> None:
+    sent = SentLately()
+    for k in range(200):
+        sent.add(make_write(1, 42, k.to_bytes(2, "little")), 10.0)
+    sent.add(make_write(1, 42, b"\0\0"), 10.0)
+    late = sent.packets(1000.0)
+    assert len(late) == 64
+    assert {make_write(1, 42, b"\0\0"), make_write(1, 42, bytes((199, 0)))} <= late

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import pytest
+from tests.bus.bus_bench import BusLink, make_bus
+
+from hexwire.bus.counters import BusCounters
+from hexwire.bus.servo_bus import ServoBus
+from hexwire.errors import UsageError
+from hexwire.wire.servo_packet import make_read, make_status
+
+SEVEN = (1, 2, 3, 4, 5, 6, 7)
+
+
+def test_counters_tell_what_happened() -> None:
+    bus, device = make_bus()
+    bus.read(1, "id")
+    bus.sync_read("present_position", SEVEN)
+    assert bus.counters == BusCounters(requests=2, answers=8)
+    device.wire.servos.pop()
+    bus.read(7, "id")
+    counted = bus.counters.as_dict()
+    assert counted["repeats"] == 2
+    assert counted["lost"] == 3
+    assert counted["given_up"] == 1
+
+
+def test_windows_follow_the_line() -> None:
+    quick, _ = make_bus((1,))
+    slow, _ = make_bus((1,), baud=38400)
+    windows = []
+    for bus in (quick, slow):
+        for _ in range(60):
+            bus.read(1, "present_position")
+        before = bus.now()
+        bus.retries = 0
+        bus.read(9, "present_position")
+        windows.append(bus.now() - before)
+    assert windows[0] < 0.003 < windows[1] < 0.008
+
+
+def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
+    bus, _device = make_bus()
+    for _ in range(60):
+        bus.sync_read("present_position", SEVEN)
+    plain, lose = bus._exchange, [True]
+
+    def lossy(data: bytes, window: float, nap: float = 0.0) -> bytes:
+        heard = plain(data, window, nap)
+        if lose:
+            lose.pop()
+            while bus.link.read(bus.now() + window):
+                pass
+            return b""
+        return heard
+
+    start = bus.now()
+    bus.sync_read("present_position", SEVEN)
+    usual = bus.now() - start
+    bus._exchange = lossy
+    start = bus.now()
+    assert bus.sync_read("present_position", SEVEN).ok
+    assert bus.now() - start < 2 * usual + 0.02
+
+
+def test_what_is_still_on_the_line_is_waited_for() -> None:
+    bus, _ = make_bus((1,), baud=115200)
+    for _ in range(60):
+        bus.read(1, "present_position")
+    for _ in range(40):
+        bus.sync_write_raw("goal_position", {1: 2048})
+    assert bus.read(1, "present_position").ok
+    assert bus.counters.lost == 0
+
+
+def test_a_doubt_ends_by_itself() -> None:
+    bus, device = make_bus((1,), retries=0)
+    everyone, device.wire.servos = device.wire.servos, []
+    bus.read(1, "present_voltage")
+    assert bus._doubtful
+    device.wire.servos = everyone
+    bus.pause(1.1)
+    assert bus.read(1, "present_voltage").ok
+    assert bus.counters.settled == 0
+
+
+def test_a_mute_legacy_servo_is_left_alone_for_a_while() -> None:
+    from hexwire.wire.registers import Series
+
+    bus, device = make_bus((1,), (Series.SEVEN_BOT,))
+    everyone, device.wire.servos = device.wire.servos, []
+    for _ in range(3):
+        assert bus.read(1, "present_position").error
+        bus.ping(1)
+    device.wire.servos = everyone
+    bus.pause(1.1)
+    assert bus.read(1, "present_position").ok
+
+
+def test_a_request_by_hand() -> None:
+    bus, _ = make_bus((1, 2))
+    assert bus.raw(make_read(2, 5, 1), (2,), 1) == {2: b"\x02"}
+    assert bus.raw(make_read(2, 5, 1)) == {}
+    status, instead = bus.ask(make_read(9, 5, 1), 9, 1)
+    assert status is None
+    assert isinstance(instead, str)
+
+
+def test_numbers_that_make_no_sense() -> None:
+    bus, _ = make_bus((1,))
+    with pytest.raises(UsageError, match="retries"):
+        ServoBus(bus.link, retries=-1)
+
+
+class LateLink(BusLink):
+    """Bytes of before stay in the adapter until a given time."""
+
+    held = b""
+    until = 0.0
+
+    def read(self, deadline: float | None) -> bytes:
+        if self.held:
+            if deadline is not None and deadline < self.until:
+                return super().read(deadline)
+            held, self.held = self.held, b""
+            return held
+        return super().read(deadline)
+
+
+def _late(bus: ServoBus, held: bytes, seconds: float) -> None:
+    link = bus.link
+    assert isinstance(link, BusLink)
+    link.__class__ = LateLink
+    assert isinstance(link, LateLink)
+    link.held, link.until = held, link.clock() + seconds
+
+
+def test_an_adapter_is_emptied_where_the_host_stood_still_until_a_doubt_was_over() -> None:
+    bus, _ = make_bus((1,))
+    bus._doubt(1, 2, make_read(1, 58, 2), bus.now())
+    bus.pause(1.1)
+    _late(bus, make_status(1, 0, b"\x34\x12"), 0.015)
+    assert bus.read(1, "present_position").raw == 2048
+
+
+def test_an_adapter_is_emptied_when_a_bus_is_opened() -> None:
+    bus, _ = make_bus((1,))
+    bus.close()
+    _late(bus, make_status(1, 0, b"\x34\x12"), 0.015)
+    bus.open()
+    assert bus.read(1, "present_position").raw == 2048
+
+
+def test_an_echo_with_a_wrong_byte_in_its_header_is_no_value_of_a_legacy_servo() -> None:
+    from hexwire.wire.registers import Series
+
+    bus, _ = make_bus((1,), (Series.SEVEN_BOT,))
+    assert bus.read(1, "present_position").ok
+    for _ in range(80):
+        bus.write_raw(1, "target_position", 2048)
+    bus.pause(1.1)
+    bus._exchange = lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:]
+    assert bus.read(1, "present_speed").raw is None

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hexwire.bus.values import Answer, Reading, Readings, ServoBlock, fault_text, fault_words
+from hexwire.errors import ServoError, UsageError
+from hexwire.wire.registers import Series
+
+STS = Series.STS_SMS
+POSITION = STS.register("present_position")
+
+
+def test_faults_have_names_and_advice() -> None:
+    assert fault_words(0x2F) == ("voltage", "encoder", "temperature", "current", "overload")
+    assert fault_words(0x41) == ("voltage", "bits 0x40")
+    assert fault_words(0) == ()
+    assert "servo 3 reports overload at present_load" in fault_text(3, 32, "present_load")
+    assert "recover" in fault_text(3, 32, "present_load")
+    assert "supply" in fault_text(3, 1, "ping")
+
+
+def test_an_answer_raises_only_when_asked() -> None:
+    assert Answer(1, "ping").check().ok
+    silent = Answer(1, "ping", 0, "no answer", False)
+    assert not silent.ok
+    with pytest.raises(ServoError, match="servo 1: no answer to ping") as caught:
+        silent.check()
+    assert caught.value.servo_id == 1
+    with pytest.raises(ServoError, match="overload"):
+        Answer(2, "a write of acceleration", 32).check()
+
+
+def test_readings_make_values_on_demand() -> None:
+    readings = Readings(POSITION, (4, 5), (2048, None), 10.0, {4: 1}, {5: (1000, 7.5)})
+    assert readings.values[0] == pytest.approx(math.pi)
+    assert math.isnan(readings.values[1])
+    assert readings.missing == (5,)
+    assert not readings.ok
+    assert len(readings) == 2
+    assert readings[4].faults == ("voltage",)
+    late = readings[5]
+    assert (late.raw, late.last, late.age, late.error) == (None, 1000, 2.5, "no answer")
+    with pytest.raises(UsageError, match="servo 6 was not asked"):
+        readings[6]
+    with pytest.raises(ServoError, match="voltage"):
+        readings.check()
+    assert "2048" in repr(readings)
+    assert Readings(POSITION, (4,), (1,), 0.0).check().ok
+
+
+def test_reading() -> None:
+    assert Reading(1, POSITION, 1024).check().value == pytest.approx(math.pi / 2)
+    assert Reading(1, POSITION, 1024, 8).faults == ("current",)
+
+
+def test_blocks_decode_what_they_hold() -> None:
+    block = ServoBlock(1, 56, bytes((0, 8, 50, 128)))
+    assert block.raw(POSITION) == 2048
+    assert block.raw(STS.register("present_speed")) == -50
+    assert block.raw(STS.register("present_load")) is None
+    assert block.raw(STS.register("goal_position")) is None
+    assert math.isnan(block.value(STS.register("goal_position")))
+    with pytest.raises(ServoError, match="registers from 56"):
+        ServoBlock(1, 56, b"", 0, "no answer").check()

@@ -1,0 +1,528 @@
+"""What a node is asked for, with an emulated arm in simulated time; services are threads that wait meanwhile."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from tests.control.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, Bench, Told, free, guide, make_bench, order
+from tests.motion.arms import HOME, NAMES
+
+from hexwire.control.diagnostics import diagnose
+from hexwire.control.goals import ErrorCode, Point, TrajectoryOrder
+from hexwire.control.outcomes import Outcome
+from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
+from hexwire.motion.waypoints import Spline, Waypoint
+
+J1 = HOME["J1"]
+ABORTED = (Outcome.ABORTED, ErrorCode.INVALID_GOAL)
+
+
+# -- orders ------------------------------------------------------------------------------------------------
+
+
+def test_an_empty_trajectory_holds() -> None:
+    bench = make_bench()
+    told = bench.command(order((3.0, {"J1": J1 + 1.0})))
+    bench.turn(1.0)
+    bench.arm.command("", order())
+    assert told.outcome == PREEMPTED
+    assert told.text == "an empty trajectory came"
+    bench.turn(0.2)
+    stood = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.005)
+    assert stood < J1 + 0.6
+    with pytest.raises(GoalError, match="no points"):
+        bench.command(order())
+
+
+def test_a_mere_command_replaces_a_goal() -> None:
+    bench = make_bench()
+    told = bench.command(order((3.0, {"J1": J1 + 1.0})))
+    bench.turn(1.0)
+    bench.arm.command("", order((1.0, {"J1": J1})))
+    assert told.outcome == PREEMPTED
+    bench.turn(1.5)
+    assert bench.where("J1") == pytest.approx(J1, abs=0.02)
+
+
+def test_every_refusal_has_a_code() -> None:
+    bench = make_bench(on=False)
+    with pytest.raises(GoalError, match="no torque on J1") as caught:
+        bench.command(order((1.0, {})))
+    assert caught.value.code == ErrorCode.INVALID_GOAL
+    bench.ask(lambda: bench.arm.enable(True))
+    with pytest.raises(GoalError, match="unknown") as caught:
+        bench.command(TrajectoryOrder(("J9",), order((1.0, {})).points))
+    assert caught.value.code == ErrorCode.INVALID_JOINTS
+    with pytest.raises(GoalError, match="outside its limits"):
+        bench.command(order((9.0, {"J1": 1.4})))
+    bench.link.lost = True
+    bench.turn(1.0)
+    with pytest.raises(GoalError, match="the robot cannot be reached") as caught:
+        bench.command(order((1.0, {})))
+    assert caught.value.code == ErrorCode.INVALID_GOAL
+
+
+def test_cancel_by_name() -> None:
+    bench = make_bench(controllers=SPLIT)
+    (whole,) = order((2.0, {"J1": J1 + 0.5})).points
+    told = bench.command(TrajectoryOrder(NAMES[:6], (Point(2.0, whole.positions[:6]),)), "arm")
+    bench.turn(0.5)
+    bench.arm.cancel("hand", told)
+    assert told.ends == []
+    bench.arm.cancel("arm", told)
+    assert told.outcome == PREEMPTED
+
+
+# -- set-points --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "fields", "error"),
+    [
+        (["J1", "J1"], {"position": [0.0, 0.0]}, "named twice: J1, J1"),
+        (["J9"], {"position": [0.0]}, "no joint 'J9'; there are J1, "),
+        (["j1"], {"position": [0.0]}, "no joint 'j1'"),
+        (["J1"], {"position": [0.0, 0.0]}, "position has 2 values for 1 names"),
+        (["J1"], {"position": [0.0], "kp_position": [1.0, 1.0]}, "kp_position has 2 values for 1 names"),
+        (["J1"], {"position": [math.nan]}, "the position of J1 is nan, not a number"),
+        (["J1"], {"position": [0.0], "effort": [math.inf]}, "the effort of J1 is inf, not a number"),
+        (["J1"], {"position": []}, "it holds no position"),
+        ([], {"position": []}, "it holds no position"),
+        ([], {"position": [1.0]}, "position has 1 values for 0 names"),
+        (["J1", "J2"], {"position": [0.0, 9.0]}, "J2=515.7 deg is outside its limits"),
+    ],
+)
+def test_set_points_that_are_refused_change_nothing(
+    names: list[str], fields: dict[str, list[float]], error: str
+) -> None:
+    bench = make_bench()
+    told = bench.command(order((1.0, {"J1": J1 + 0.2})))
+    with pytest.raises(UsageError, match=error):
+        bench.arm.set_points(names, fields)
+    bench.until(lambda: told.ends)
+    assert told.outcome == SUCCEEDED
+
+
+def test_set_points_are_pursued_and_what_servos_cannot_do_is_told() -> None:
+    bench = make_bench()
+    told = bench.command(order((3.0, {"J1": J1 + 1.0})))
+    fields = {"position": [0.3, J1 - 0.2], "velocity": [], "effort": [0.0, 0.0], "kp_position": [9.0, 9.0]}
+    for _ in range(40):
+        assert bench.arm.set_points(["J4", "J1"], fields) == ("kp_position",)
+        bench.turn(0.05)
+    assert told.outcome == PREEMPTED
+    assert (bench.where("J1"), bench.where("J4")) == pytest.approx((J1 - 0.2, 0.3), abs=0.02)
+
+
+def test_set_points_of_several_controllers_are_all_taken_or_none() -> None:
+    bench = make_bench(controllers=SPLIT)
+    assert bench.ask(lambda: bench.hardware.torque(False, ["J7"])) == ("J7",)
+    with pytest.raises(GoalError, match="no torque on J7"):
+        bench.arm.set_points(["J1", "J7"], {"position": [J1 + 0.3, 0.3]})
+    bench.turn(0.5)
+    assert bench.where("J1") == pytest.approx(J1, abs=0.01)
+    bench.arm.set_points(["J1"], {"position": [J1 + 0.3]})
+    bench.turn(0.4)
+    assert bench.where("J1") > J1 + 0.1
+
+
+def test_set_points_without_a_robot() -> None:
+    bench = make_bench()
+    bench.link.lost = True
+    bench.turn(1.0)
+    with pytest.raises(LinkLostError):
+        bench.arm.set_points(["J1"], {"position": [J1]})
+
+
+# -- the arm as a whole ------------------------------------------------------------------------------------
+
+HALVES = {
+    "upper": {"joints": ["J1", "J2"], "allow_partial_joints_goal": True},
+    "fore": {"joints": list(NAMES[2:]), "allow_partial_joints_goal": True},
+}
+FOLD = {"J2": HOME["J2"] + math.radians(55), "J3": HOME["J3"] + math.radians(40)}
+"""Each may be there if the other is at home; together they fold the elbow."""
+
+
+def half(bench: Bench, name: str, to: float, seconds: float) -> Told:
+    """Send one of the two halves to the fold, or part of the way."""
+    joint = "J2" if name == "upper" else "J3"
+    goal = HOME[joint] + to * (FOLD[joint] - HOME[joint])
+    return bench.command(TrajectoryOrder((joint,), (Point(seconds, (goal,)),)), name)
+
+
+def test_set_points_that_would_fold_the_arm_are_refused() -> None:
+    bench = make_bench()
+    for _ in range(60):
+        bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.turn(0.05)
+    assert bench.where("J3") == pytest.approx(FOLD["J3"], abs=0.02)
+    stood = bench.where("J2")
+    with pytest.raises(UsageError, match=r"^elbow .*nothing was sent$"):
+        bench.arm.set_points(["J2"], {"position": [FOLD["J2"]]})
+    bench.turn(0.5)
+    assert bench.where("J2") == pytest.approx(stood, abs=0.01)
+    assert bench.arm.set_points(["J7"], {"position": [0.2]}) == ()
+
+
+def test_set_points_below_the_table_are_refused() -> None:
+    bench = make_bench(check_table=True, table_height=0.05)
+    low = {"J2": HOME["J2"] - math.radians(30), "J3": HOME["J3"] + math.radians(65)}
+    with pytest.raises(UsageError, match=r"^the tool would be .* mm below the table at 50 mm; nothing was sent$"):
+        bench.arm.set_points(list(low), {"position": list(low.values())})
+
+
+def test_goals_of_two_controllers_are_checked_against_each_other() -> None:
+    bench = make_bench(controllers=HALVES)
+    first = half(bench, "upper", 1.0, 4.0)
+    bench.turn(0.2)
+    with pytest.raises(GoalError, match=r"^at 2\.[5-9].*: elbow folded.*nothing was sent"):
+        half(bench, "fore", 1.0, 2.0)
+    second = half(bench, "fore", 0.5, 2.0)
+    bench.until(lambda: first.ends and second.ends)
+    assert first.outcome == second.outcome == SUCCEEDED
+
+
+def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
+    bench = make_bench(controllers=HALVES)
+    told = half(bench, "upper", 1.0, 3.0)
+    # A set-point is good where the other joints are when it comes.
+    end = bench.clock.time + 30.0
+    while not told.ends:
+        assert bench.clock.time < end
+        if bench.hardware.group.reason is None and not bench.where("J3") > FOLD["J3"] - 0.05:
+            bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.turn(0.05)
+    assert told.outcome == ABORTED
+    assert told.text.startswith("stopped: elbow folded")
+    bench.turn(0.5)
+    kinematics = bench.arm.settings.kinematics
+    assert kinematics is not None
+    assert kinematics.gate_excess(kinematics.from_joints({n: bench.where(n) for n in NAMES})) < math.radians(2.0)
+    bench.ask(bench.arm.reset)
+    back = half(bench, "upper", 0.0, 3.0)
+    bench.until(lambda: back.ends)
+    assert back.outcome == SUCCEEDED
+
+
+def test_a_goal_out_of_the_way_of_another_is_followed_at_once() -> None:
+    bench = make_bench(controllers=HALVES)
+    raised = half(bench, "upper", 1.0, 3.0)
+    bench.until(lambda: raised.ends)
+    back = half(bench, "upper", 0.0, 1.5)
+    bench.turn(0.1)
+    told = half(bench, "fore", 1.0, 3.0)
+    bench.until(lambda: back.ends and told.ends)
+    assert back.outcome == told.outcome == SUCCEEDED
+
+
+def test_what_droops_where_it_was_told_to_be_stops_nobody() -> None:
+    bench = make_bench(controllers=SPLIT, check_table=True)
+    kinematics = bench.arm.settings.kinematics
+    assert kinematics is not None
+    angles = {name: bench.arm.settings.model.joint(name) for name in ("J2", "J3")}
+    low = {**HOME, "J2": HOME["J2"] - math.radians(30), "J3": HOME["J3"] + math.radians(65)}
+    height = min(point[2] for point in kinematics.points(kinematics.from_joints(low)).values())
+    bench = make_bench(controllers=SPLIT, check_table=True, table_height=height - 0.001)
+    whole = tuple(low[name] for name in NAMES[:6])
+    told = bench.command(TrajectoryOrder(NAMES[:6], (Point(4.0, whole),)), "arm")
+    bench.until(lambda: told.ends)
+    servo = bench.board.wire[angles["J3"].servo_id]
+    droop = math.radians(1.5) / angles["J3"].scale
+    bench.jammed[angles["J3"].servo_id] = servo.motion.position + droop
+    grip = bench.command(TrajectoryOrder(("J7",), (Point(1.0, (0.2,)),)), "hand")
+    bench.until(lambda: grip.ends)
+    assert grip.outcome == SUCCEEDED
+
+
+def test_set_points_do_not_creep_in() -> None:
+    bench = make_bench()
+    bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+    for _ in range(50):
+        bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.turn(0.05)
+    gate = HOME["J2"] + math.radians(40)
+    for step in range(80):
+        try:
+            bench.arm.set_points(["J2"], {"position": [gate - 0.1 + 0.005 * step]})
+        except UsageError:
+            continue
+        bench.turn(0.6)
+    assert bench.where("J2") < gate + math.radians(0.3)
+
+
+def test_a_goal_that_would_swing_through_the_gate_as_it_takes_over_is_refused() -> None:
+    bench = make_bench(allow_partial_joints_goal=True)
+    raised = bench.command(order((2.0, {"J3": FOLD["J3"]})))
+    bench.until(lambda: raised.ends)
+    # The gate is at 40 degrees then.
+    near = HOME["J2"] + math.radians(39)
+    first = bench.command(TrajectoryOrder(("J2",), (Point(0.5, (near,)),)))
+    bench.until(lambda: bench.controller.follower.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
+    with pytest.raises(GoalError, match=r"s after it takes over from the motion under way, elbow folded .*; let "):
+        bench.command(TrajectoryOrder(("J2",), (Point(1.0, (HOME["J2"],)),)))
+    bench.until(lambda: first.ends)
+    assert first.outcome == SUCCEEDED
+
+
+# -- stop, reset, torque -----------------------------------------------------------------------------------
+
+
+def test_stop_latches_and_reset_moves_nothing() -> None:
+    bench = make_bench()
+    told = bench.command(order((3.0, {"J1": J1 + 1.0})))
+    bench.turn(1.0)
+    assert bench.arm.stop("test") == "stopped; all joints confirmed it"
+    assert told.outcome == ABORTED
+    assert told.text == "stopped: test"
+    assert bench.arm.stop("again") == "stopped; all joints confirmed it"
+    bench.turn(0.3)
+    stood = bench.where("J1")
+    for refused in (lambda: bench.command(order((1.0, {}))), lambda: bench.arm.go_to("home")):
+        with pytest.raises(UsageError, match="stopped"):
+            refused()
+    with pytest.raises(UsageError, match="reset it first"):
+        bench.ask(lambda: bench.arm.enable(True))
+    with pytest.raises(UsageError, match="reset it first"):
+        bench.arm.teach_start()
+    assert free(bench)
+    assert bench.ask(bench.arm.reset) == "reset; nothing moves until it is told to"
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.005)
+    assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
+
+
+def test_a_stop_that_a_servo_does_not_confirm_is_no_success() -> None:
+    bench = make_bench()
+    bench.silence("J3")
+    with pytest.raises(UsageError, match=r"^stopped, but J3 did not confirm it$"):
+        bench.arm.stop("test")
+    assert bench.arm.facts("n").stopped == "test"
+
+
+def test_torque_off_aborts_and_on_again_begins_where_the_arm_is() -> None:
+    bench = make_bench()
+    told = bench.command(order((3.0, {"J1": J1 + 1.0})))
+    bench.turn(1.0)
+    assert bench.ask(lambda: bench.arm.enable(False)) == "torque is off"
+    assert told.outcome == ABORTED
+    assert not any(bench.torques())
+    guide(bench, "J1", -0.5)
+    stood = bench.where("J1")
+    assert bench.ask(lambda: bench.arm.enable(True)) == "torque is on"
+    bench.turn(0.5)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.01)
+    assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
+
+
+def test_torque_that_a_servo_does_not_confirm() -> None:
+    bench = make_bench(on=False)
+    bench.silence("J3")
+    with pytest.raises(UsageError, match="J3 did not confirm that torque is on"):
+        bench.ask(lambda: bench.arm.enable(True))
+    assert free(bench)
+
+
+# -- poses -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("controllers", [{}, SPLIT])
+def test_poses(controllers: dict[str, object]) -> None:
+    bench = make_bench(controllers=controllers)
+    assert bench.ask(lambda: bench.arm.go_to("side")) == "at side"
+    assert (bench.where("J1"), bench.where("J4")) == pytest.approx((J1 + 0.5, 0.4), abs=0.02)
+    assert bench.ask(lambda: bench.arm.go_to("grip")) == "at grip"
+    assert bench.ask(lambda: bench.arm.go_to("grip")) == "at grip", "also if it is there already"
+    assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
+    assert [bench.where(name) for name in NAMES] == pytest.approx([HOME[name] for name in NAMES], abs=0.02)
+    with pytest.raises(UsageError, match="no pose 'nowhere'; there are side, home, grip"):
+        bench.arm.go_to("nowhere")
+
+
+def test_poses_and_goals_with_a_board_of_dialect_1() -> None:
+    bench = make_bench(dialect=1, constraints={"J1": {"trajectory": 0.1, "goal": 0.02}})
+    for _ in range(2):
+        assert bench.ask(lambda: bench.arm.go_to("side")) == "at side"
+        assert bench.where("J1") == pytest.approx(J1 + 0.5, abs=0.02)
+        told = bench.command(order((4.0, {})))
+        bench.until(lambda: told.ends)  # noqa: B023  # called before the next round
+        assert told.outcome == SUCCEEDED, told.text
+        assert bench.where("J1") == pytest.approx(J1, abs=0.02)
+
+
+def test_a_pose_with_a_joint_that_no_controller_has() -> None:
+    bench = make_bench(joints=["J1", "J2"])
+    for pose, joint in (("side", "J4"), ("grip", "J7")):
+        with pytest.raises(UsageError, match=f"no controller moves {joint}; there are J1, J2"):
+            bench.arm.go_to(pose)
+    assert free(bench)
+
+
+def test_a_pose_replaces_a_goal_at_speed() -> None:
+    bench = make_bench()
+    told = bench.command(order((1.0, {"J1": J1 + 1.2})))
+    bench.turn(0.6)
+    assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
+    assert told.outcome == PREEMPTED
+    assert told.text == "the arm goes to home"
+
+
+def test_one_at_a_time_has_the_arm() -> None:
+    bench = make_bench()
+    first = bench.begin(lambda: bench.arm.go_to("side"))
+    bench.until(lambda: bench.controller.busy)
+    for second in (lambda: bench.arm.go_to("home"), bench.arm.teach_start):
+        with pytest.raises(UsageError, match="on its way for somebody else"):
+            second()
+    bench.settle(first)
+    assert first.answer() == "at side"
+    assert free(bench)
+
+
+def test_a_goal_takes_the_arm_from_a_pose() -> None:
+    bench = make_bench(controllers=SPLIT)
+    service = bench.begin(lambda: bench.arm.go_to("side"))
+    bench.until(lambda: bench.controller.busy)
+    bench.arm.hold("arm", "somebody else wants it")
+    bench.settle(service)
+    with pytest.raises(UsageError, match="somebody else wants it"):
+        service.answer()
+    assert free(bench)
+
+
+@pytest.mark.parametrize("how", ["stop", "lost", "shutdown", "off"])
+def test_whoever_waits_for_a_pose_hears_of_its_end(how: str) -> None:
+    bench = make_bench(controllers=SPLIT)
+    service = bench.begin(lambda: bench.arm.go_to("side"))
+    bench.until(lambda: bench.controller.busy)
+    bench.turn(0.2)
+    if how == "stop":
+        bench.arm.stop("test")
+    elif how == "lost":
+        bench.link.lost = True
+        bench.turn(1.0)
+    elif how == "off":
+        bench.ask(lambda: bench.arm.enable(False))
+    else:
+        bench.arm.shutdown()
+    words = {"stop": "stopped: test", "lost": "was lost", "shutdown": "node ends", "off": "torque was taken away"}
+    with pytest.raises(UsageError, match=words[how]):
+        service.answer()
+    assert free(bench)
+    assert not any(controller.busy for controller in bench.arm.controllers.values())
+
+
+def test_a_pose_that_is_never_reached_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexwire.control.arm._GRACE", 0.0)
+    monkeypatch.setattr("hexwire.control.arm.approach", lambda *a, **k: _short())
+    bench = make_bench()
+    service = bench.begin(lambda: bench.arm.go_to("side"))
+    # Nobody turns: in the service's own time the arm never arrives.
+    with pytest.raises(UsageError, match="not there after 0 s; the arm holds"):
+        service.answer()
+    assert free(bench)
+    assert not bench.controller.busy
+
+
+def _short() -> Spline:
+    home = tuple(HOME[name] for name in NAMES)
+    return Spline(NAMES, [Waypoint(0.0, home), Waypoint(0.01, home)])
+
+
+def test_if_one_controller_fails_the_others_hold() -> None:
+    poses = {"both": {"J1": J1 + 1.0, "J7": 0.6}}
+    bench = make_bench(
+        controllers={**SPLIT, "hand": {"joints": ["J7"], "constraints": {"J7": {"trajectory": 0.01}}}}, poses=poses
+    )
+    bench.jam("J7")
+    service = bench.begin(lambda: bench.arm.go_to("both"))
+    bench.settle(service)
+    with pytest.raises(UsageError, match="J7"):
+        service.answer()
+    assert bench.where("J1") < J1 + 0.9
+    assert not bench.controller.busy
+
+
+# -- what it reports ---------------------------------------------------------------------------------------
+
+
+def test_facts() -> None:
+    bench = make_bench(controllers=SPLIT, hardware_id="A17")
+    facts = bench.arm.facts("/hardware_interface")
+    assert (facts.node, facts.robot, facts.hardware_id) == ("/hardware_interface", "hex7bot", "A17")
+    assert facts.connected
+    assert facts.controllers == {"arm": "hold", "hand": "hold"}
+    assert facts.counters["requests"] > 0
+    assert facts.counters["stalls_of_the_loop"] == facts.counters["set_points_lost"] == 0
+    bench.arm.controllers["hand"].follower.counters.slips = 2
+    bench.arm.controllers["arm"].follower.counters.slips = 1
+    assert bench.arm.facts("n").counters["stalls_of_the_loop"] == 3
+    assert (facts.stopped, facts.stop_kind) == ("", "")
+    assert diagnose(facts)
+    bench.arm.stop("test")
+    facts = bench.arm.facts("n")
+    assert (facts.stopped, facts.stop_kind) == ("test", "asked")
+    bench.link.lost = True
+    bench.turn(1.0)
+    facts = bench.arm.facts("n")
+    assert not facts.connected
+    assert facts.error
+    assert diagnose(facts)
+
+
+def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
+    bench = make_bench(on=False, enable_on_start=True)
+    bench.silence("J3")
+    bench.hardware.start = lambda controllers: None  # type: ignore[method-assign]  # the test turns
+    bench.ask(bench.arm.start)
+    assert bench.torques()[0]
+    bench.arm.shutdown()
+
+
+def test_limits_are_told_as_such() -> None:
+    bench = make_bench()
+    with pytest.raises(LimitError):
+        bench.arm.set_points(["J1"], {"position": [3.0]})
+
+
+# -- what happens meanwhile --------------------------------------------------------------------------------
+
+
+def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make_bench()
+    check = bench.controller.check_way
+
+    def check_way(*args: Any) -> None:
+        check(*args)
+        bench.ask(bench.arm.teach_start)
+
+    monkeypatch.setattr(bench.controller, "check_way", check_way)
+    with pytest.raises(GoalError, match="being taught"):
+        bench.command(order((1.0, {"J1": J1 + 0.3})))
+    assert not bench.controller.busy
+
+
+def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make_bench()
+    locked = bench.hardware.locked
+
+    def late() -> Any:
+        monkeypatch.setattr(bench.hardware, "locked", locked)
+        bench.ask(bench.arm.teach_start)
+        return locked()
+
+    monkeypatch.setattr(bench.hardware, "locked", late)
+    with pytest.raises(UsageError, match="being taught"):
+        bench.arm.set_points(["J1"], {"position": [J1 + 0.1]})
+    assert not bench.controller.busy
+
+
+def test_a_goal_that_nobody_wants_any_more_does_not_begin() -> None:
+    bench = make_bench()
+    with pytest.raises(GoalError, match="cancelled"):
+        bench.command(order((1.0, {"J1": J1 + 0.3})), wanted=lambda: False)
+    assert not bench.controller.busy

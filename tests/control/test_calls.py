@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hexwire.control.calls import Jobs
+from hexwire.errors import (
+    DeviceError,
+    LinkLostError,
+    LinkTimeoutError,
+    PreemptedError,
+    ReplyTimeoutError,
+    UsageError,
+)
+
+
+class Caller:
+    """A thread that calls, and what came of it."""
+
+    def __init__(self, jobs: Jobs, job: Callable[[], Any]) -> None:
+        self.result: Any = None
+        self.error: BaseException | None = None
+        self._jobs, self._job = jobs, job
+        self.thread = threading.Thread(target=self._run, daemon=True)
+        self.thread.start()
+
+    def _run(self) -> None:
+        try:
+            self.result = self._jobs.call(self._job)
+        except BaseException as error:  # noqa: BLE001  # judged by the test
+            self.error = error
+
+    def join(self) -> Caller:
+        self.thread.join(30.0)
+        assert not self.thread.is_alive()
+        return self
+
+
+def waiting(jobs: Jobs, count: int = 1) -> None:
+    """Until so many calls wait."""
+    tick = threading.Event()
+    for _ in range(10_000):
+        if len(jobs._waiting) >= count:
+            return
+        tick.wait(0.001)
+    raise AssertionError("nobody calls")
+
+
+def raising(error: BaseException) -> Callable[[], Any]:
+    def job() -> None:
+        raise error
+
+    return job
+
+
+def test_the_caller_gets_what_the_owner_did() -> None:
+    jobs = Jobs()
+    caller = Caller(jobs, lambda: threading.current_thread())
+    waiting(jobs)
+    jobs.run()
+    assert caller.join().result is threading.current_thread()
+    jobs.run()
+
+
+def test_jobs_are_done_in_their_order() -> None:
+    jobs = Jobs()
+    done: list[int] = []
+    callers = []
+    for i in range(5):
+        callers.append(Caller(jobs, lambda i=i: done.append(i)))  # type: ignore[misc]  # mypy: default in a lambda
+        waiting(jobs, i + 1)
+    jobs.run()
+    for caller in callers:
+        caller.join()
+    assert done == [0, 1, 2, 3, 4]
+
+
+def test_a_fault_of_a_job_is_its_callers_alone() -> None:
+    jobs = Jobs()
+    for error in (UsageError("no"), ZeroDivisionError(), ReplyTimeoutError("silent"), DeviceError("x")):
+        caller, after = Caller(jobs, raising(error)), None
+        waiting(jobs)
+        after = Caller(jobs, lambda: 7)
+        waiting(jobs, 2)
+        jobs.run()
+        assert caller.join().error is error, "also if it is a kind of time-out"
+        assert after.join().result == 7
+
+
+@pytest.mark.parametrize(
+    "error", [LinkLostError("gone"), LinkTimeoutError("stuck"), PreemptedError("stop"), KeyboardInterrupt()]
+)
+def test_a_lost_line_is_the_owners_business_too(error: BaseException) -> None:
+    jobs = Jobs()
+    first = Caller(jobs, raising(error))
+    waiting(jobs)
+    second = Caller(jobs, lambda: 7)
+    waiting(jobs, 2)
+    with pytest.raises(type(error)):
+        jobs.run()
+    assert first.join().error is error
+    jobs.run()
+    assert second.join().result == 7, "what waits behind is not lost by it"
+
+
+def test_nobody_waits_for_ever_and_what_was_given_up_is_never_done() -> None:
+    jobs = Jobs(timeout=0.05)
+    done: list[int] = []
+    caller = Caller(jobs, lambda: done.append(1)).join()
+    assert isinstance(caller.error, DeviceError)
+    assert str(caller.error) == "the robot was busy for 0.05 s; nothing was done"
+    jobs.run()
+    assert done == []
+    assert not jobs._waiting
+
+
+def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:
+    jobs = Jobs(timeout=1.0)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def job() -> int:
+        begun.set()
+        go_on.wait(30.0)
+        return 7
+
+    caller = Caller(jobs, job)
+    waiting(jobs)
+    owner = threading.Thread(target=jobs.run, daemon=True)
+    owner.start()
+    assert begun.wait(30.0)
+    caller.join()
+    assert isinstance(caller.error, DeviceError), "not a TimeoutError of the library's, which nobody catches"
+    assert str(caller.error) == "the robot has not done it within 1 s"
+    go_on.set()
+    owner.join(30.0)
+    assert not owner.is_alive()
+
+
+def test_all_who_wait_are_told_when_there_is_no_robot() -> None:
+    jobs = Jobs()
+    callers = []
+    for i in range(3):
+        callers.append(Caller(jobs, lambda: 7))
+        waiting(jobs, i + 1)
+    jobs.fail(LinkLostError("gone"))
+    for caller in callers:
+        assert isinstance(caller.join().error, LinkLostError)
+    jobs.run()

@@ -1,0 +1,439 @@
+"""Orders as ROS users send them, good, careless and hostile."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from hexwire.control.goals import MAX_POINTS, ErrorCode, Point, TrajectoryOrder, check_order, make_trajectory
+from hexwire.errors import GoalError
+from hexwire.motion.waypoints import Sample, Spline
+
+JOINTS = ("J1", "J2", "J3")
+REST = (0.0, 0.0, 0.0)
+START = Sample((0.1, 0.2, 0.3), (0.4, -0.5, 0.6), (0.7, 0.8, -0.9))
+STILL = Sample((0.1, 0.2, 0.3), REST, REST)
+HOSTILE = [math.nan, math.inf, -math.inf]
+
+
+def order(*points: Point, names: tuple[str, ...] = JOINTS, delay: float = 0.0) -> TrajectoryOrder:
+    return TrajectoryOrder(names, points, delay)
+
+
+def refusal(sent: TrajectoryOrder, code: ErrorCode, *, partial: bool = False, start: Sample = START) -> str:
+    """Text with which an order is refused, by the check or later."""
+    with pytest.raises(GoalError) as caught:
+        made(sent, partial=partial, start=start)
+    assert caught.value.code == code
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def made(sent: TrajectoryOrder, *, partial: bool = False, start: Sample = START) -> tuple[Spline, float]:
+    check_order(sent, JOINTS, allow_partial=partial)
+    return make_trajectory(sent, JOINTS, start)
+
+
+def test_the_codes_are_those_of_ros() -> None:
+    assert {code.name: int(code) for code in ErrorCode} == {
+        "SUCCESSFUL": 0,
+        "INVALID_GOAL": -1,
+        "INVALID_JOINTS": -2,
+        "OLD_HEADER_TIMESTAMP": -3,
+        "PATH_TOLERANCE_VIOLATED": -4,
+        "GOAL_TOLERANCE_VIOLATED": -5,
+    }
+
+
+def test_the_error_keeps_its_code_across_a_process_border() -> None:
+    copy = pickle.loads(pickle.dumps(GoalError("too late", code=ErrorCode.OLD_HEADER_TIMESTAMP)))
+    assert (type(copy), str(copy), copy.code) == (GoalError, "too late", -3)
+
+
+# -- names ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "partial", "fault"),
+    [
+        (("J1", "J2", "J9"), False, "'J9' unknown; J3 missing"),
+        (("J1", "J2", "J3", "J9"), False, "'J9' unknown"),
+        (("J1", "J2", "j3"), True, "'j3' unknown"),
+        (("J1", "J2"), False, "J3 missing"),
+        (("J1", "J2", "J3", "J2"), False, "'J2' more than once"),
+        (("J2", "J2"), True, "'J2' more than once"),
+        ((), False, "J1, J2, J3 missing"),
+        ((), True, "J1, J2, J3 missing"),
+        (("", "J1", "J2", "J3"), False, "'' unknown"),
+        (("a\nb",), True, r"'a\nb' unknown"),
+        (("x" * 99,), True, f"'{'x' * 40}...' unknown"),
+        (tuple("abcdefgh"), True, "'a', 'b', 'c', 'd', 'e', 3 more unknown"),
+    ],
+)
+def test_wrong_names_are_named_and_so_are_the_right_ones(names: tuple[str, ...], partial: bool, fault: str) -> None:
+    sent = order(Point(1.0, (0.0,) * len(names)), names=names)
+    text = refusal(sent, ErrorCode.INVALID_JOINTS, partial=partial)
+    assert text == f"joint_names: {fault}; this controller has J1, J2, J3"
+
+
+def test_names_come_in_any_order() -> None:
+    spline, begin = made(order(Point(2.0, (3.0, 1.0, 2.0)), names=("J3", "J1", "J2")))
+    assert spline.names == JOINTS
+    assert spline.goal == (1.0, 2.0, 3.0)
+    assert begin == 0.0
+
+
+def test_a_part_of_the_joints_is_refused_unless_it_is_allowed() -> None:
+    sent = order(Point(2.0, (1.0,)), names=("J2",))
+    assert "J1, J3 missing" in refusal(sent, ErrorCode.INVALID_JOINTS)
+    spline, _ = made(sent, partial=True)
+    assert spline.goal == (0.1, 1.0, 0.3)
+
+
+# -- points -----------------------------------------------------------------------------------------
+
+
+def test_an_order_without_points_is_the_caller_s_business_but_makes_no_trajectory() -> None:
+    check_order(order(), JOINTS, allow_partial=False)
+    with pytest.raises(GoalError, match="no points") as caught:
+        make_trajectory(order(), JOINTS, START)
+    assert caught.value.code == ErrorCode.INVALID_GOAL
+
+
+@pytest.mark.parametrize(
+    ("point", "text"),
+    [
+        (Point(2.0, ()), "points[1].positions is empty; positions are needed, for J1, J2, J3"),
+        (Point(2.0, (0.0, 0.0)), "points[1].positions has 2 values for the 3 joints J1, J2, J3"),
+        (Point(2.0, REST, (0.0,)), "points[1].velocities has 1 values for the 3 joints J1, J2, J3"),
+        (Point(2.0, REST, REST, (0.0,) * 4), "points[1].accelerations has 4 values for the 3 joints J1, J2, J3"),
+        (Point(2.0, REST, effort=(0.0,)), "points[1].effort has 1 values for the 3 joints J1, J2, J3"),
+        (
+            Point(2.0, REST, (), REST),
+            "points[1] has accelerations but no velocities; send both or neither",
+        ),
+        (Point(2.0, (0.0, math.nan, 0.0)), "points[1].positions: J2 is nan, not a number"),
+        (Point(2.0, (0.0, 0.0, math.inf)), "points[1].positions: J3 is inf, not a number"),
+        (Point(2.0, REST, (-math.inf, 0.0, 0.0)), "points[1].velocities: J1 is -inf, not a number"),
+        (Point(2.0, REST, REST, (0.0, math.nan, 0.0)), "points[1].accelerations: J2 is nan, not a number"),
+        (Point(2.0, REST, effort=(0.0, math.nan, 0.0)), "points[1].effort: J2 is nan, not a number"),
+        (
+            Point(2.0, (0.0, 1e300, 0.0)),
+            "points[1].positions: J2 is 1e+300, which no joint can do; check the unit, it is radians",
+        ),
+        (
+            Point(2.0, REST, effort=(0.0, 0.0, 1.5)),
+            "points[1].effort: J3 is 1.5; this arm takes no feed-forward, leave effort empty",
+        ),
+        (
+            Point(1.0, REST),
+            "points[1].time_from_start is 1 s, not after the 1 s of points[0]; times must rise",
+        ),
+        (
+            Point(0.5, REST),
+            "points[1].time_from_start is 0.5 s, not after the 1 s of points[0]; times must rise",
+        ),
+        (Point(math.nan, REST), "points[1].time_from_start is nan, not a time"),
+        (Point(math.inf, REST), "points[1].time_from_start is inf, not a time"),
+        (
+            Point(-1.0, REST),
+            "points[1].time_from_start is -1 s; it must be 0 or more, and no more than 2.14748e+09 s",
+        ),
+        (
+            Point(1e300, REST),
+            "points[1].time_from_start is 1e+300 s; it must be 0 or more, and no more than 2.14748e+09 s",
+        ),
+    ],
+)
+def test_a_wrong_point_is_refused_by_place_and_joint(point: Point, text: str) -> None:
+    assert refusal(order(Point(1.0, REST), point), ErrorCode.INVALID_GOAL) == text
+
+
+def test_values_are_named_by_the_sender_s_order_of_joints() -> None:
+    sent = order(Point(1.0, (0.0, 0.0, math.nan)), names=("J3", "J1", "J2"))
+    assert "J2 is nan" in refusal(sent, ErrorCode.INVALID_GOAL)
+
+
+def test_a_first_point_may_be_at_0_but_not_before() -> None:
+    check_order(order(Point(0.0, REST), Point(1.0, REST)), JOINTS, allow_partial=False)
+    text = refusal(order(Point(-1e-9, REST)), ErrorCode.INVALID_GOAL)
+    assert text.startswith("points[0].time_from_start is -1e-09 s;")
+
+
+def test_the_nearest_times_that_ros_knows_are_different_times() -> None:
+    seconds = 1000.0
+    ticks = [Point(seconds + 1e-9 * i, REST) for i in range(1, 6)]
+    check_order(order(*ticks), JOINTS, allow_partial=False)
+
+
+def test_an_effort_of_zeros_is_no_feed_forward() -> None:
+    spline, _ = made(order(Point(1.0, REST, effort=(0.0, -0.0, 0.0))))
+    assert spline.goal == REST
+
+
+@pytest.mark.parametrize("delay", HOSTILE)
+def test_a_stamp_must_be_a_time(delay: float) -> None:
+    text = refusal(order(Point(1.0, REST), delay=delay), ErrorCode.INVALID_GOAL)
+    assert text == f"header.stamp is {delay} s from now, not a time"
+
+
+def test_too_many_points_are_refused_before_any_is_looked_at() -> None:
+    point = Point(math.nan, ())
+    text = refusal(order(*[point] * (MAX_POINTS + 1)), ErrorCode.INVALID_GOAL)
+    assert text == "the trajectory has 10001 points; send at most 10000 at a time"
+
+
+# -- the bridge from where the arm is ---------------------------------------------------------------
+
+
+def test_positions_only_is_linear_from_the_start_although_the_arm_moves() -> None:
+    spline, begin = made(order(Point(2.0, (1.1, 0.2, -0.7)), Point(3.0, REST)))
+    assert (begin, spline.duration) == (0.0, 3.0)
+    assert spline.start == START.position
+    assert spline.sample(1.0).position == pytest.approx((0.6, 0.2, -0.2))
+    assert spline.sample(1.0).velocity == pytest.approx((0.5, 0.0, -0.5))
+    assert spline.sample(1.0).acceleration == REST
+
+
+def test_with_velocities_the_bridge_is_cubic_and_takes_up_the_velocity() -> None:
+    spline, _ = made(order(Point(2.0, (1.0, 1.0, 1.0), (0.1, 0.2, 0.3)), Point(4.0, REST, REST)))
+    assert [point.order for point in spline.waypoints] == [3, 3, 3]
+    begin = spline.sample(0.0)
+    assert begin.position == START.position
+    assert begin.velocity == START.velocity
+    # The third derivative of a cubic is constant.
+    a = [spline.at(t).acceleration[0] for t in (0.0, 0.9, 1.8)]
+    assert a[1] - a[0] == pytest.approx(a[2] - a[1])
+    for side in (2.0 - 1e-9, 2.0, 2.0 + 1e-9):
+        assert spline.sample(side).position == pytest.approx((1.0, 1.0, 1.0), abs=1e-8)
+        assert spline.sample(side).velocity == pytest.approx((0.1, 0.2, 0.3), abs=1e-8)
+
+
+def test_with_accelerations_the_bridge_is_quintic_and_takes_up_both() -> None:
+    bend = (0.5, -0.5, 0.25)
+    spline, _ = made(order(Point(2.0, (1.0, 1.0, 1.0), (0.1, 0.2, 0.3), bend), Point(4.0, REST, REST, REST)))
+    assert [point.order for point in spline.waypoints] == [5, 5, 5]
+    begin = spline.sample(0.0)
+    assert begin.position == START.position
+    assert begin.velocity == START.velocity
+    assert begin.acceleration == pytest.approx(START.acceleration)
+    for side in (2.0 - 1e-9, 2.0, 2.0 + 1e-9):
+        assert spline.sample(side).velocity == pytest.approx((0.1, 0.2, 0.3), abs=1e-7)
+        assert spline.sample(side).acceleration == pytest.approx(bend, abs=1e-6)
+
+
+def test_points_may_differ_in_what_they_give() -> None:
+    spline, _ = made(order(Point(1.0, REST), Point(2.0, REST, REST), Point(3.0, REST, REST, REST)))
+    assert [point.order for point in spline.waypoints] == [1, 1, 3, 5]
+
+
+def test_a_velocity_that_nobody_measured_is_taken_for_rest() -> None:
+    start = Sample(START.position, (math.nan, 0.5, math.nan), (math.inf,) * 3)
+    spline, _ = made(order(Point(1.0, REST, REST, REST)), start=start)
+    assert spline.waypoints[0].velocity == (0.0, 0.5, 0.0)
+    assert spline.waypoints[0].acceleration == REST
+
+
+def test_without_a_position_to_start_from_nothing_begins() -> None:
+    start = Sample((0.1, math.nan, 0.3), REST, REST)
+    text = refusal(order(Point(1.0, REST)), ErrorCode.INVALID_GOAL, start=start)
+    assert text == "it is not known yet where J2 is; wait for its state"
+
+
+def test_joints_left_out_stand_still_where_they_are() -> None:
+    sent = order(
+        Point(1.0, (1.0, 2.0), (0.1, 0.2), (0.3, 0.4)),
+        Point(2.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+        names=("J3", "J1"),
+    )
+    spline, _ = made(sent, partial=True)
+    assert spline.waypoints[1].position == (2.0, 0.2, 1.0)
+    assert spline.waypoints[1].velocity == (0.2, 0.0, 0.1)
+    assert spline.waypoints[1].acceleration == (0.4, 0.0, 0.3)
+    # START moves J2; the order does not.
+    assert spline.sample(0.0).velocity == (0.4, 0.0, 0.6)
+    for i in range(21):
+        sample = spline.sample(0.1 * i)
+        assert (sample.position[1], sample.velocity[1], sample.acceleration[1]) == (0.2, 0.0, 0.0)
+
+
+# -- stamps -----------------------------------------------------------------------------------------
+
+
+def test_points_of_the_past_are_dropped_and_the_bridge_has_the_time_that_is_left() -> None:
+    rows = [Point(t, (t, t, t)) for t in (1.0, 2.0, 3.0, 4.0)]
+    spline, begin = made(order(*rows, delay=-2.5))
+    assert begin == 0.0
+    assert [point.time for point in spline.waypoints] == [0.0, 0.5, 1.5]
+    assert spline.waypoints[0].position == START.position
+    assert spline.waypoints[1].position == (3.0, 3.0, 3.0)
+
+
+def test_a_point_that_is_due_now_is_past() -> None:
+    spline, _ = made(order(Point(1.0, (9.0, 9.0, 9.0)), Point(2.0, REST), delay=-1.0))
+    assert [point.position for point in spline.waypoints] == [START.position, REST]
+    # The bridge's order is that of the first point that is left.
+    spline, _ = made(order(Point(1.0, REST, REST, REST), Point(2.0, REST), delay=-1.0))
+    assert [point.order for point in spline.waypoints] == [1, 1]
+
+
+@pytest.mark.parametrize(("delay", "ago"), [(-4.3, "2.3"), (-2.0, "0"), (-2.0 + 1e-10, "0"), (-1e9, "1e+09")])
+def test_a_trajectory_of_the_past_is_refused_with_how_late_it_is(delay: float, ago: str) -> None:
+    text = refusal(order(Point(1.0, REST), Point(2.0, REST), delay=delay), ErrorCode.OLD_HEADER_TIMESTAMP)
+    assert text == f"the trajectory ended {ago} s ago; stamp it later, or with 0 to begin on arrival"
+
+
+@pytest.mark.parametrize("delay", [0.0, -3.0])
+def test_a_single_point_without_time_is_refused_with_advice(delay: float) -> None:
+    text = refusal(order(Point(0.0, REST), delay=delay), ErrorCode.OLD_HEADER_TIMESTAMP)
+    assert text.startswith("the time_from_start of the last point must be above 0")
+
+
+def test_a_point_at_0_before_others_is_dropped() -> None:
+    spline, _ = made(order(Point(0.0, (9.0, 9.0, 9.0)), Point(1.0, REST)))
+    assert [point.position for point in spline.waypoints] == [START.position, REST]
+
+
+def test_a_later_stamp_begins_later_and_keeps_its_times() -> None:
+    spline, begin = made(order(Point(1.0, REST), Point(2.0, (1.0, 1.0, 1.0)), delay=5.0))
+    assert begin == 5.0
+    assert [point.time for point in spline.waypoints] == [0.0, 1.0, 2.0]
+
+
+def test_a_later_stamp_may_begin_where_the_arm_is() -> None:
+    near = tuple(angle + 0.0009 for angle in STILL.position)
+    sent = order(Point(0.0, near, REST), Point(1.0, REST, REST), delay=5.0)
+    spline, begin = made(sent, start=STILL)
+    assert begin == 5.0
+    assert [(point.time, point.position) for point in spline.waypoints] == [(0.0, near), (1.0, REST)]
+    # One point, and nothing to do.
+    spline, begin = made(order(Point(0.0, near), delay=5.0), start=STILL)
+    assert (spline.duration, spline.goal, begin) == (0.0, near, 5.0)
+
+
+def test_a_later_stamp_cannot_begin_elsewhere_in_no_time() -> None:
+    elsewhere = (0.1, 0.2 + math.radians(3.0), 0.3 - math.radians(12.0))
+    text = refusal(order(Point(0.0, elsewhere), Point(1.0, REST), delay=5.0), ErrorCode.INVALID_GOAL, start=STILL)
+    assert text == (
+        "the trajectory begins 12 deg from where J3 is; "
+        "give its first point a time_from_start above 0, or move there first"
+    )
+    near = (0.1, 0.2 + 0.0011, 0.3)
+    text = refusal(order(Point(0.0, near), Point(1.0, REST), delay=5.0), ErrorCode.INVALID_GOAL, start=STILL)
+    assert text.startswith("the trajectory begins 0.063 deg from where J2 is")
+
+
+# -- orders of any shape ----------------------------------------------------------------------------
+
+ANYTHING = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-4.0, 4.0)
+ROWS = st.lists(ANYTHING, max_size=4).map(tuple) | st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3).map(tuple)
+ANY_POINTS = st.builds(Point, ANYTHING | st.floats(0.0, 9.0), ROWS, ROWS, ROWS, st.just(()) | ROWS)
+ANY_NAMES = st.permutations(JOINTS).map(tuple) | st.lists(st.sampled_from([*JOINTS, "J9", "\n"]), max_size=4).map(
+    tuple
+)
+ANY_ORDERS = st.builds(
+    TrajectoryOrder, ANY_NAMES, st.lists(ANY_POINTS, max_size=4).map(tuple), ANYTHING | st.just(0.0)
+)
+
+
+@st.composite
+def good_orders(draw: st.DrawFn, most: float = 1e6) -> TrajectoryOrder:
+    """Orders that pass the check; values up to what it lets through, times as near as ROS can tell."""
+    names = tuple(draw(st.permutations(JOINTS)))
+    names = names[: draw(st.integers(1, 3))]
+    row = st.tuples(*[st.floats(-most, most)] * len(names))
+    gaps = st.integers(1, 10) | st.integers(1, 10**10)
+    ticks = [draw(st.integers(0, 10**9))]
+    ticks += draw(st.lists(gaps, max_size=4))
+    points = []
+    elapsed = 0
+    for tick in ticks:
+        elapsed += tick
+        kind = draw(st.integers(0, 2))
+        points.append(Point(elapsed / 1e9, draw(row), draw(row) if kind else (), draw(row) if kind == 2 else ()))
+    delay = draw(
+        st.just(0.0) | st.floats(-elapsed / 1e9 - 1.0, 10.0) | st.integers(-elapsed, 10).map(lambda n: n / 1e9)
+    )
+    return TrajectoryOrder(names, tuple(points), delay)
+
+
+def through_the_future_points(sent: TrajectoryOrder, spline: Spline, begin: float) -> None:
+    future = [point for point in sent.points if sent.delay + point.time > 1e-9]
+    assert begin == max(sent.delay, 0.0)
+    assert len(spline.waypoints) - len(future) in {0, 1}
+    assert all(a.time < b.time for a, b in pairwise(spline.waypoints))
+    kept = spline.waypoints[-len(future) :]
+    for point, waypoint in zip(future, kept, strict=True):
+        assert begin + waypoint.time == pytest.approx(sent.delay + point.time, abs=2e-9)
+        sample = spline.at(waypoint.time)
+        for name, value in zip(sent.names, point.positions, strict=True):
+            # Exactly, but for numbers too small to be kept exactly in a sum.
+            assert sample.position[JOINTS.index(name)] == pytest.approx(value, rel=0.0, abs=1e-300)
+    for i in range(101):
+        sample = spline.sample(i / 100 * spline.duration)
+        assert all(map(math.isfinite, [*sample.position, *sample.velocity, *sample.acceleration]))
+
+
+def outcome(sent: TrajectoryOrder, partial: bool) -> tuple[Spline, float] | GoalError:
+    try:
+        return made(sent, partial=partial)
+    except GoalError as error:
+        return error
+
+
+@given(ANY_ORDERS, st.booleans())
+def test_an_order_of_any_shape_is_refused_by_a_code_or_followed(sent: TrajectoryOrder, partial: bool) -> None:
+    result = outcome(sent, partial)
+    if isinstance(result, GoalError):
+        assert result.code in {ErrorCode.INVALID_GOAL, ErrorCode.INVALID_JOINTS, ErrorCode.OLD_HEADER_TIMESTAMP}
+        assert "\n" not in str(result)
+    else:
+        through_the_future_points(sent, *result)
+
+
+@given(good_orders())
+def test_a_good_order_is_followed_through_exactly_its_future_points(sent: TrajectoryOrder) -> None:
+    check_order(sent, JOINTS, allow_partial=True)
+    result = outcome(sent, partial=True)
+    if sent.delay + sent.points[-1].time <= 1e-9:
+        assert isinstance(result, GoalError)
+        assert result.code == ErrorCode.OLD_HEADER_TIMESTAMP
+    elif isinstance(result, GoalError):
+        # It begins elsewhere in no time.
+        assert result.code == ErrorCode.INVALID_GOAL
+        assert sent.delay > 0.0
+        assert sent.points[0].time <= 1e-9
+    else:
+        through_the_future_points(sent, *result)
+
+
+@given(good_orders(most=4.0), st.data())
+def test_the_order_of_names_does_not_matter(sent: TrajectoryOrder, data: st.DataObject) -> None:
+    assume(sent.delay + sent.points[-1].time > 1e-9)
+    assume(sent.points[0].time > 1e-9)
+    turn = data.draw(st.permutations(range(len(sent.names))))
+
+    def turned(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(values[i] for i in turn) if values else ()
+
+    points = tuple(
+        replace(
+            point,
+            positions=turned(point.positions),
+            velocities=turned(point.velocities),
+            accelerations=turned(point.accelerations),
+        )
+        for point in sent.points
+    )
+    other = TrajectoryOrder(tuple(sent.names[i] for i in turn), points, sent.delay)
+    spline, begin = made(sent, partial=True)
+    again, begin_again = made(other, partial=True)
+    assert begin == begin_again
+    assert spline.waypoints == again.waypoints

@@ -1,0 +1,438 @@
+"""`Hardware` against emulated robots in simulated time: states, targets, torque, jobs."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from tests.bus.bus_bench import make_bus
+from tests.control.owner_bench import Bench, BoardBench, moving
+
+from hexwire.control.outcomes import Outcome
+from hexwire.control.published import PublishedState
+from hexwire.drivers.bus_arm import So101Arm
+from hexwire.drivers.puma260 import Puma260Driver
+from hexwire.emulator.puma import EmulatedPuma
+from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.errors import (
+    CommandRefusedError,
+    GoalError,
+    HexwireError,
+    LimitError,
+    LinkLostError,
+    PreemptedError,
+    StoppedError,
+    UsageError,
+)
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
+from hexwire.model.state import JointState, JointTarget
+from hexwire.wire.command_frame import Command
+from hexwire.wire.modules import ModuleType
+
+# -- reading and publishing ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("baud", [0, 115200])
+def test_states_come_at_the_rate_that_was_asked_for(baud: int) -> None:
+    bench = BoardBench(baud=baud, publish_rate=50.0)
+    bench.hardware.connect()
+    bench.turn(5.0)
+    # On a slow servo bus now and then no servo was sampled between two reports.
+    assert bench.hardware.rate == pytest.approx(50, rel=0.05 if baud else 0.01)
+    assert bench.hardware.state_age < 0.03
+    assert bench.board.state.report_period == pytest.approx(0.02)
+    stamps = [when for when, _ in bench.published]
+    assert stamps == sorted(stamps)
+
+
+def test_a_rate_above_what_a_board_reports_at_is_no_reason_to_lose_it() -> None:
+    bench = BoardBench(publish_rate=1000.0)
+    bench.hardware.connect()
+    bench.turn(3.0)
+    assert bench.hardware.connected
+    assert bench.hardware.reconnects == 0
+    assert bench.hardware.rate == pytest.approx(200, rel=0.02)
+
+
+def test_a_low_rate_of_publishing_leaves_watchdog_and_commands_alone() -> None:
+    bench = BoardBench(publish_rate=1.0, watchdog=0.5)
+    bench.hardware.connect()
+    bench.turn(3.0)
+    bench.enable()
+    told = bench.go("J1", 0.5, 3.0)
+    before = len(bench.writes)
+    bench.published.clear()
+    bench.turn(3.0)
+    assert len(bench.writes) - before == pytest.approx(60, abs=2)
+    assert 2 <= len(bench.published) <= 4
+    assert bench.board.state.watchdog_trips == 0
+    bench.until(lambda: told.ends)
+    assert told.words == "succeeded: "
+
+
+def test_where_reports_are_unknown_it_asks_as_fast_as_the_line_goes() -> None:
+    bench = BoardBench(dialect=1, baud=115200)
+    bench.hardware.connect()
+    bench.turn(10.0)
+    assert bench.hardware.connected
+    assert 1.0 < bench.hardware.rate < 4.0
+    assert bench.hardware.watchdog == 0.0
+    assert bench.hardware.probe is not None
+    assert bench.hardware.probe.dialect == 1
+
+
+def test_the_board_is_told_to_end_its_reports_whatever_ends_them() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.5)
+    assert bench.board.state.report_due is not None
+
+    def broken(state: JointState, published: PublishedState) -> None:
+        raise RuntimeError("a fault of the program")
+
+    bench.hardware._on_state = broken
+    with pytest.raises(RuntimeError, match="a fault"):
+        bench.turn(1.0)
+    bench.hardware.shutdown()
+    assert bench.board.state.report_due is None
+
+
+def test_reports_that_stay_away_are_asked_for_again() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.5)
+    bench.board.state.report_due = None
+    bench.turn(2.0)
+    assert bench.hardware.connected
+    assert bench.hardware.reconnects == 0
+    assert bench.board.state.report_due is not None
+
+
+# -- commands -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])
+def test_a_goal_is_reached(dialect: int, baud: int) -> None:
+    bench = BoardBench(dialect, baud)
+    bench.hardware.connect()
+    bench.turn(1.0)
+    bench.enable()
+    start = bench.hardware.newest()["J1"].position
+    told = bench.go("J1", 0.4, 4.0)
+    bench.until(lambda: told.ends)
+    assert told.words == "succeeded: "
+    bench.turn(1.0)
+    assert bench.hardware.newest()["J1"].position == pytest.approx(start + 0.4, abs=0.02)
+
+
+def test_one_target_a_period_however_much_hurry() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.3)
+    bench.enable()
+    told = bench.go("J1", 0.4, 3.0)
+    begun = bench.clock.time
+    while not told.ends:
+        bench.hardware.hurry()
+        bench.hardware.turn()
+    writes = [when for when in bench.writes if when <= begun + 3.0]
+    # The first did not wait for the raster.
+    assert writes[0] - begun < 0.011
+    gaps = [b - a for a, b in itertools.pairwise(writes)]
+    assert min(gaps) > 0.03
+    assert len(gaps) == pytest.approx(60, abs=2)
+
+
+def test_a_target_lasts_beyond_the_next_one_or_a_late_cycle_would_be_a_pause() -> None:
+    bench, told = moving()
+    write, rows = bench.robot.write, []
+
+    def noted(target: JointTarget) -> Any:
+        rows.append((bench.clock.time, bench.clock.time + target.duration))
+        return write(target)
+
+    bench.robot.write = noted
+    bench.until(lambda: told.ends)
+    spare = [end - following for (_, end), (following, _) in itertools.pairwise(rows)]
+    assert min(spare) > 0.2 * bench.hardware.command_period
+
+
+def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.3)
+    bench.enable()
+    told = bench.go("J1", 0.4, 3.0)
+    bench.turn(0.5)
+    bench.writes.clear()
+    bench.clock.advance(0.4)
+    while not told.ends:
+        bench.hardware.turn()
+    gaps = [b - a for a, b in itertools.pairwise(bench.writes)]
+    assert min(gaps) > 0.03
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome"),
+    [
+        (
+            CommandRefusedError("a move", 9, "J1 has no torque"),
+            "aborted: the board refused a move: J1 has no torque",
+        ),
+        (LimitError("J1 is outside"), "aborted: J1 is outside"),
+        (StoppedError("a move", 8, "stopped"), "aborted: stopped: the board has stopped the arm"),
+    ],
+)
+def test_a_target_that_is_refused_ends_the_goal_and_not_the_robot(error: HexwireError, outcome: str) -> None:
+    bench, told = moving()
+
+    def refuse(target: JointTarget) -> None:
+        raise error
+
+    bench.robot.write = refuse
+    bench.turn(0.2)
+    assert told.words == outcome
+    assert bench.hardware.connected
+    assert bench.hardware.reconnects == 0
+    assert bool(bench.hardware.group.reason) is isinstance(error, StoppedError)
+
+
+def test_a_target_that_a_stop_took_the_line_from() -> None:
+    bench, told = moving()
+    write = bench.robot.write
+
+    def preempted(target: JointTarget) -> None:
+        bench.robot.write = write
+        raise PreemptedError("a stop took the line")
+
+    bench.robot.write = preempted
+    bench.turn(0.2)
+    assert bench.hardware.connected
+    bench.turn(0.5)
+    assert bench.board.state.report_due is not None
+    bench.until(lambda: told.ends)
+    assert told.words == "succeeded: "
+
+
+def test_torque_that_somebody_else_took_ends_the_motion() -> None:
+    bench, told = moving()
+    bench.robot.torque(False)
+    bench.turn(0.3)
+    assert told.ends[0].outcome is Outcome.ABORTED
+    assert "torque" in told.words
+    assert bench.hardware.connected
+    before = bench.arm.shaft(0)
+    bench.turn(1.0)
+    assert bench.arm.torques() == [False] * 7
+    assert bench.arm.shaft(0) == pytest.approx(before, abs=40)
+    with pytest.raises(GoalError, match="no torque on J1"):
+        bench.go("J1", 0.1, 1.0)
+
+
+# -- power ------------------------------------------------------------------------------------------------------
+
+
+def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
+    bench, told = moving()
+    bench.link.written.clear()
+    bench.enable()
+    assert Command.TORQUE not in bench.arm.commands()
+    bench.until(lambda: told.ends)
+    assert told.words == "succeeded: "
+
+
+def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
+    bench = BoardBench(split=True)
+    hardware, (first, second) = bench.hardware, bench.controllers
+    hardware.connect()
+    bench.turn(0.2)
+    bench.enable()
+    hold = bench.go("J5", 0.2, 1.0, second)
+    bench.until(lambda: hold.ends)
+    bench.ask(lambda: hardware.torque(False, second.joints))
+    # A hand moves it.
+    bench.board.wire[4].motion.position += 400
+    moved = bench.go("J1", 0.4, 6.0, first)
+    bench.turn(1.0)
+    assert bench.ask(lambda: hardware.torque(True, hardware.robot.model.names)) == hardware.robot.model.names
+    here = hardware.newest()["J5"].position
+    assert second.start(0.0, hardware.newest(), hardware.now()).position[1] == pytest.approx(here, abs=1e-6)
+    assert not moved.ends
+    bench.until(lambda: moved.ends)
+    assert moved.words == "succeeded: "
+
+
+def test_torque_off_ends_a_motion() -> None:
+    bench, told = moving()
+    bench.ask(lambda: bench.hardware.torque(False, bench.robot.model.names))
+    assert told.words == "aborted: the torque was taken away"
+    assert bench.arm.torques() == [False] * 7
+    assert bench.hardware.newest().torque_on == ()
+
+
+def test_torque_off_ends_what_was_accepted_that_moment() -> None:
+    bench, first = moving()
+    torque, late = bench.robot.torque, []
+
+    def torque_and_a_goal(*args: Any) -> Any:
+        # Of another thread, which has not seen yet that the torque goes.
+        late.append(bench.go("J2", -0.1, 2.0))
+        return torque(*args)
+
+    bench.robot.torque = torque_and_a_goal
+    bench.ask(lambda: bench.hardware.torque(False, bench.robot.model.names))
+    assert first.words == late[0].words == "aborted: the torque was taken away"
+    writes = len(bench.writes)
+    bench.turn(1.0)
+    assert len(bench.writes) == writes
+
+
+def test_a_target_that_the_board_kept_within_its_limits_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    bench, told = moving()
+    write = bench.robot.write
+    bench.robot.write = lambda target: replace(write(target), clamped=("J1",))
+    bench.turn(1.0)
+    bench.robot.write = write
+    bench.until(lambda: told.ends)
+    texts = [r.message for r in caplog.records if r.levelno == logging.WARNING]
+    assert texts == ["the board's own limits are tighter: it kept J1 within them"]
+
+
+def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.2)
+    bench.hardware.stop("a test")
+    with pytest.raises(UsageError, match=r"stopped \(a test\); reset it first"):
+        bench.enable()
+    assert bench.arm.torques() == [False] * 7
+
+
+@pytest.mark.parametrize("baud", [0, 115200])
+def test_what_was_just_done_is_not_undone_by_reports_from_before(baud: int) -> None:
+    bench = BoardBench(baud=baud)
+    hardware = bench.hardware
+    hardware.connect()
+    bench.turn(0.2)
+    for _ in range(20):
+        bench.enable()
+        assert hardware.newest().torque_on == bench.robot.model.names
+        hardware.turn()
+        assert hardware.newest().torque_on == bench.robot.model.names
+        hardware.stop("a test")
+        bench.turn(0.1)
+        bench.ask(hardware.reset)
+        bench.turn(0.1)
+        assert hardware.group.reason is None
+        assert not hardware.newest().stopped
+        bench.ask(lambda: hardware.torque(False, bench.robot.model.names))
+        hardware.turn()
+        assert hardware.newest().torque_on == ()
+
+
+# -- jobs ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_job_that_finds_the_link_lost_tells_both() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.3)
+
+    def job() -> None:
+        bench.link.lost = True
+        bench.robot.read()
+
+    with pytest.raises(LinkLostError, match="unplugged"):
+        bench.ask(lambda: bench.hardware.call(job))
+    assert not bench.hardware.connected
+
+
+def test_a_job_that_is_refused_tells_only_the_one_who_asked() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.3)
+
+    def job() -> None:
+        raise UsageError("not like this")
+
+    with pytest.raises(UsageError, match="not like this"):
+        bench.ask(lambda: bench.hardware.call(job))
+    assert bench.hardware.connected
+
+
+def test_nobody_waits_for_a_robot_that_was_lost_that_moment() -> None:
+    bench = BoardBench()
+    hardware = bench.hardware
+    hardware.connect()
+    bench.turn(0.3)
+    bench.link.lost = True
+    # As if the loss came between the look at `connected` and the queue.
+    with pytest.raises(LinkLostError, match="cannot be reached"):
+        bench.ask(lambda: hardware._jobs.call(lambda: None))
+    assert not hardware.connected
+
+
+# -- other robots -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bus_bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    bus, _ = make_bus(tuple(range(1, 7)), baud=1_000_000)
+    bus.close()
+    monkeypatch.setattr("hexwire.ipc.handle.make_link", lambda url: bus.link, raising=False)
+    from hexwire.link import open as ipc_open
+
+    monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
+    link = bus.link
+    assert isinstance(link, BoardLink)
+    return Bench(So101Arm.from_url("/dev/ttyTEST"), link.clock)
+
+
+@pytest.fixture
+def puma_bench() -> Bench:
+    clock = FakeClock(1000.0)
+    link = BoardLink(EmulatedPuma(start=clock.time).connect(253), clock)
+    handle = IpcHandle.from_link(link, ModuleType.PUMA260_HOST_IO_TRX, ModuleType.PUMA260_RBT_IO_SVR)
+    return Bench(Puma260Driver(Session(handle)), clock)
+
+
+@pytest.mark.parametrize("which", ["bus_bench", "puma_bench"])
+def test_robots_without_a_watchdog(which: str, request: pytest.FixtureRequest) -> None:
+    bench: Bench = request.getfixturevalue(which)
+    hardware = bench.hardware
+    hardware.connect()
+    bench.turn(2.0)
+    assert hardware.rate == pytest.approx(100, rel=0.03)
+    assert hardware.watchdog == 0.0
+    bench.enable()
+    joint = bench.robot.model.names[0]
+    start = hardware.newest()[joint].position
+    told = bench.go(joint, 0.3, 3.0)
+    bench.until(lambda: told.ends)
+    assert told.words == "succeeded: "
+    bench.turn(0.5)
+    assert hardware.newest()[joint].position == pytest.approx(start + 0.3, abs=0.03)
+    told = bench.go(joint, -0.3, 3.0)
+    bench.turn(1.0)
+    assert hardware.stop("a test") == bench.robot.model.names
+    assert told.words == "aborted: stopped: a test"
+    bench.turn(0.5)
+    bench.ask(hardware.reset)
+    bench.turn(0.5)
+    assert hardware.group.reason is None
+    told = bench.go(joint, -0.1, 3.0)
+    bench.turn(1.0)
+    link = bench.robot.session.ipc.link
+    link.lost = True
+    bench.until(lambda: told.ends)
+    assert "unplugged" in told.words
+    link.lost = False
+    bench.until(lambda: hardware.connected)
+    bench.turn(0.5)
+    assert hardware.reconnects == 1
+    hardware.shutdown()
+    assert not link.is_open

@@ -1,0 +1,291 @@
+"""`Hardware` begins and ends: in simulated time, then with its thread over a real line."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+from tests.control.owner_bench import BoardBench, Served, Threaded, moving, wait_for
+
+from hexwire.control.owner import Hardware
+from hexwire.control.published import PublishedState
+from hexwire.errors import (
+    DeviceError,
+    HexwireError,
+    LinkLostError,
+    LinkPermissionError,
+    ReplyTimeoutError,
+)
+from hexwire.model.state import JointState
+
+# -- coming -------------------------------------------------------------------------------------------------------
+
+
+def test_a_port_that_comes_in_time(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    bench = BoardBench()
+    bench.link.lost = True
+    begun = bench.clock.time
+
+    def sleep(seconds: float) -> None:
+        bench.clock.advance(seconds)
+        bench.link.lost = bench.clock.time < begun + 3.0
+
+    bench.hardware._sleep = sleep
+    bench.hardware.connect(10.0)
+    assert bench.hardware.connected
+    assert 3.0 <= bench.clock.time - begun < 4.5
+    # Told once, however often it looked.
+    assert caplog.text.count("waiting for it") == 1
+
+
+@pytest.mark.parametrize("timeout", [0.0, 10.0])
+def test_a_port_that_does_not_come(timeout: float) -> None:
+    bench = BoardBench()
+    bench.link.lost = True
+    begun = bench.clock.time
+    with pytest.raises(LinkLostError, match="is unplugged"):
+        bench.hardware.connect(timeout)
+    assert timeout <= bench.clock.time - begun <= timeout + 0.5
+    assert not bench.hardware.connected
+    bench.hardware.shutdown()
+
+
+def test_a_port_that_is_not_ours_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = BoardBench()
+    begun = bench.clock.time
+
+    def refuse() -> None:
+        raise LinkPermissionError("not for you")
+
+    monkeypatch.setattr(bench.link, "open", refuse)
+    with pytest.raises(LinkPermissionError):
+        bench.hardware.connect(10.0)
+    assert bench.clock.time == begun
+
+
+def test_what_was_found_in_vain_is_not_held_against_what_is_found_next() -> None:
+    bench = BoardBench()
+    read, sleep = bench.robot.read, bench.hardware._sleep
+    bench.robot._only_dialect = 1
+
+    def no_answer() -> None:
+        raise ReplyTimeoutError("JOINT_STATE", attempts=1)
+
+    def waited(seconds: float) -> None:
+        bench.robot.read, bench.robot._only_dialect = read, None
+        sleep(seconds)
+
+    bench.robot.read, bench.hardware._sleep = no_answer, waited
+    bench.hardware.connect(10.0)
+    assert bench.hardware.probe is not None
+    assert bench.hardware.probe.dialect == 2
+
+
+def test_nobody_answers() -> None:
+    bench = BoardBench(faults=("boot:1000",))
+    bench.robot._boot_window = 2.0
+    begun = bench.clock.time
+    with pytest.raises(ReplyTimeoutError, match="IDENTIFY"):
+        bench.hardware.connect(10.0)
+    assert 10.0 <= bench.clock.time - begun < 16.0
+    assert not bench.link.is_open
+
+
+def test_no_watchdog_runs_before_somebody_feeds_it() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.arm.wait(5.0)
+    bench.turn(2.0)
+    assert bench.board.state.watchdog_trips == 0
+    assert bench.hardware.watchdog == 1.0
+
+
+# -- going --------------------------------------------------------------------------------------------------------
+
+
+def test_the_end_at_rest_leaves_the_board_as_it_was() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.3)
+    bench.enable()
+    bench.hardware.shutdown()
+    state = bench.board.state
+    assert (state.stopped, state.watchdog_timeout, state.report_due) == (False, 0.0, None)
+    assert bench.arm.torques() == [True] * 7
+    assert not bench.link.is_open
+    assert not bench.hardware.connected
+    bench.hardware.shutdown()
+    with pytest.raises(LinkLostError, match="has ended"):
+        bench.hardware.call(lambda: None)
+
+
+def test_the_end_on_the_way_stops_the_arm() -> None:
+    bench, told = moving()
+    bench.hardware.shutdown()
+    assert told.words == "aborted: stopped: the node ends"
+    state = bench.board.state
+    assert (state.stopped, state.watchdog_timeout, state.report_due) == (True, 0.0, None)
+    assert bench.arm.torques() == [True] * 7
+
+
+def test_the_end_with_torque_off() -> None:
+    bench = BoardBench()
+    bench.hardware.connect()
+    bench.turn(0.3)
+    bench.enable()
+    bench.hardware.shutdown(torque_off=True)
+    assert bench.arm.torques() == [False] * 7
+
+
+def test_the_end_without_a_robot() -> None:
+    bench, told = moving()
+    bench.link.lost = True
+    bench.turn(2.0)
+    bench.hardware.shutdown(torque_off=True)
+    bench.hardware.shutdown()
+    assert len(told.ends) == 1
+    Hardware(bench.robot).shutdown()
+
+
+# -- with threads, over a real line -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with Served() as board:
+        yield board
+
+
+def test_a_life_with_its_own_thread(served: Served) -> None:
+    node = Threaded(served)
+    hardware, names = node.hardware, node.driver.model.names
+    assert hardware.torque(True, names) == names
+    told = node.go("J1", 0.05, 1.0)
+    wait_for(lambda: told.ends)
+    assert told.words == "succeeded: "
+    told = node.go_slowly()
+    assert hardware.stop("a test") == names
+    assert told.words == "aborted: stopped: a test"
+    hardware.reset()
+    assert hardware.group.reason is None
+    assert hardware.call(threading.current_thread) is not threading.current_thread()
+    assert hardware.call(lambda: hardware.call(lambda: 7)) == 7
+    told = node.go_slowly()
+    hardware.shutdown()
+    assert not hardware.alive
+    assert told.words == "aborted: stopped: the node ends"
+    state = served.board.state
+    assert (state.stopped, state.watchdog_timeout, state.report_due) == (True, 0.0, None)
+
+
+@pytest.mark.parametrize("publish_rate", [100.0, 4.0])
+def test_stops_from_several_threads_while_the_owner_waits(served: Served, publish_rate: float) -> None:
+    node = Threaded(served, publish_rate=publish_rate)
+    hardware, names = node.hardware, node.driver.model.names
+    answers: list[tuple[str, ...]] = []
+
+    def keep_stopping() -> None:
+        answers.extend(hardware.stop("a test") for _ in range(30))
+
+    threads = [threading.Thread(target=keep_stopping) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert answers == [names] * 90
+    assert hardware.connected
+    assert hardware.reconnects == 0
+    # Reports go on, or soon again.
+    before = hardware.newest()
+    wait_for(lambda: hardware.newest() is not before)
+    hardware.reset()
+    assert hardware.torque(True, names) == names
+    hardware.shutdown()
+    assert served.board.state.report_due is None
+
+
+def test_a_stop_of_a_board_that_says_nothing_fails_in_time_and_all_is_stopped(served: Served) -> None:
+    node = Threaded(served)
+    node.hardware.torque(True, node.driver.model.names)
+    told = node.go("J1", 0.4, 20.0)
+    served.muted.set()
+    with pytest.raises(HexwireError):
+        node.hardware.stop("a test")
+    assert told.words == "aborted: stopped: a test"
+    wait_for(lambda: not node.hardware.connected)
+    with pytest.raises(LinkLostError):
+        node.hardware.reset()
+    node.hardware.shutdown()
+    assert not node.hardware.alive
+
+
+def test_nobody_waits_for_ever_for_a_board_that_falls_silent(served: Served) -> None:
+    node = Threaded(served)
+    served.muted.set()
+    with pytest.raises(HexwireError):
+        node.hardware.torque(True, node.driver.model.names)
+    node.hardware.shutdown()
+    assert not node.hardware.alive
+
+
+def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
+    node = Threaded(served)
+    node.driver._boot_window = 600.0
+    served.muted.set()
+    wait_for(lambda: not node.hardware.connected and node.driver.session.is_open)
+    node.hardware.shutdown(torque_off=True)
+    assert not node.hardware.alive
+    assert node.hardware.crash is None
+    assert not node.driver.session.is_open
+
+
+def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> None:
+    broken = threading.Event()
+
+    def on_state(state: JointState, published: PublishedState) -> None:
+        if broken.is_set():
+            raise RuntimeError("a fault of the program")
+
+    node = Threaded(served, on_state=on_state)
+    hardware = node.hardware
+    hardware.torque(True, node.driver.model.names)
+    told = node.go("J1", 0.4, 20.0)
+    broken.set()
+    wait_for(lambda: not hardware.alive)
+    assert isinstance(hardware.crash, RuntimeError)
+    assert told.words == "aborted: stopped: the node failed: a fault of the program"
+    assert served.board.state.stopped
+    for call in (hardware.newest, hardware.reset):
+        with pytest.raises(DeviceError, match="the node failed: a fault"):
+            call()
+    hardware.shutdown()
+    state = served.board.state
+    assert (state.watchdog_timeout, state.report_due) == (0.0, None)
+
+
+def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexwire.control.owner._PATIENCE", 1.0)
+    stick, stuck, free = threading.Event(), threading.Event(), threading.Event()
+
+    def on_state(state: JointState, published: PublishedState) -> None:
+        if stick.is_set():
+            stuck.set()
+            free.wait(60)
+
+    node = Threaded(served, on_state=on_state)
+    node.hardware.torque(True, node.driver.model.names)
+    told = node.go_slowly()
+    stick.set()
+    assert stuck.wait(30)
+    node.hardware.shutdown()
+    assert told.words == "aborted: stopped: the node ends"
+    # It was told before anybody waited for the thread.
+    assert served.board.state.stopped
+    assert node.hardware.alive
+    free.set()
+    wait_for(lambda: not node.hardware.alive)
+    assert not node.driver.session.is_open

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import pytest
+from tests.drivers.arms import Arm
+
+from hexwire.control.reader import StateReader
+from hexwire.errors import LinkError, PreemptedError, ReplyTimeoutError
+from hexwire.model.state import JointState
+from hexwire.session.policy import ReconnectPolicy
+
+
+def make(rate: float = 100.0, **options: object) -> tuple[Arm, StateReader]:
+    arm = Arm(reconnect=ReconnectPolicy(enabled=False), **options)  # type: ignore[arg-type]  # as the bench takes them
+    return arm, StateReader(arm.driver, rate, clock=arm.clock, sleep=arm.clock.sleep)
+
+
+def read(reader: StateReader, count: int) -> list[JointState]:
+    states = [reader.next() for _ in range(count)]
+    found = [state for state in states if state is not None]
+    assert len(found) == count
+    return found
+
+
+def reports(arm: Arm) -> bool:
+    return arm.board.state.report_due is not None
+
+
+@pytest.mark.parametrize(("dialect", "exact"), [(2, True), (1, False)])
+def test_states_at_a_rate_by_reports_or_by_asking(dialect: int, exact: bool) -> None:
+    arm, reader = make(50.0, dialect=dialect)
+    begun = arm.clock.time
+    states = read(reader, 101)
+    assert arm.clock.time - begun == pytest.approx(2.0, abs=0.03)
+    assert reports(arm) is exact
+    stamps = [state.stamp for state in states]
+    assert stamps == sorted(stamps)
+
+
+@pytest.mark.parametrize(("rate", "period"), [(1000.0, 0.005), (100.0, 0.01), (0.5, 0.25)])
+def test_a_rate_that_no_board_takes_is_one_that_it_takes(rate: float, period: float) -> None:
+    arm, reader = make(rate)
+    assert reader.period == period
+    begun = arm.clock.time
+    read(reader, 11)
+    assert arm.clock.time - begun == pytest.approx(11 * period, rel=0.2)
+
+
+def test_the_end_of_reading_ends_the_reports() -> None:
+    arm, reader = make()
+    reader.close()
+    read(reader, 3)
+    assert reports(arm)
+    reader.close()
+    reader.close()
+    assert not reports(arm)
+    read(reader, 3)
+    assert reports(arm)
+
+
+def test_reports_that_end_are_one_none_and_begin_again() -> None:
+    arm, reader = make()
+    read(reader, 3)
+    arm.board.state.report_due = None
+    found = [reader.next() for _ in range(2)]
+    assert [state is None for state in found] == [False, True]
+    read(reader, 3)
+
+
+def test_what_fails_is_told_and_reading_goes_on() -> None:
+    arm, reader = make()
+    read(reader, 3)
+    arm.link.lost = True
+    for _ in range(2):
+        with pytest.raises(LinkError):
+            reader.next()
+    arm.link.lost = False
+    reader.close()
+    arm.driver.attach()
+    read(reader, 3)
+
+
+def test_a_reader_is_closed_whatever_the_line_says() -> None:
+    arm, reader = make()
+    read(reader, 3)
+    arm.link.lost = True
+    reader.close()
+    assert not arm.link.is_open
+
+
+def test_silence_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, reader = make()
+    read(reader, 3)
+    monkeypatch.setattr(arm.board.faults, "host_out", lambda data, now: b"")
+    with pytest.raises(ReplyTimeoutError):
+        reader.next()
+
+
+def test_preempted_between_two_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, reader = make(dialect=1)
+
+    def preempted() -> JointState:
+        raise PreemptedError("a stop took the line")
+
+    read(reader, 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(arm.driver, "read", preempted)
+        with pytest.raises(PreemptedError):
+            reader.next()
+    read(reader, 2)
+
+
+def test_reports_that_wait_are_dropped() -> None:
+    arm, reader = make(baud=115200)
+    read(reader, 3)
+    arm.driver.torque(True)
+    # Reports from before it came in while it was answered.
+    for _ in range(5):
+        arm.driver.read()
+    now = arm.driver.read().board_time
+    reader.drop_waiting()
+    assert read(reader, 1)[0].board_time >= now
+
+
+def test_where_nothing_is_reported_nothing_is_dropped() -> None:
+    arm, reader = make(dialect=1)
+    reader.drop_waiting()
+    read(reader, 2)
+    written = len(arm.link.written)
+    reader.drop_waiting()
+    assert len(arm.link.written) == written
+
+
+def test_restarts_of_the_board() -> None:
+    arm, reader = make()
+    read(reader, 3)
+    assert reader.restarts == 0
+    arm.board.reset(arm.clock.time)
+    read(reader, 3)
+    assert reader.restarts == 1

@@ -1,0 +1,29 @@
+"""What an owned arm's settings give that is not written in them: the table that is checked, thresholds by rate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hexwire.control.settings import Settings
+from hexwire.motion.safety import SafetyLimits
+from hexwire.ros1.settings import load_settings
+
+
+@pytest.fixture(scope="module")
+def settings() -> Settings:
+    return load_settings({"port": "/dev/null", "table_height": 0.02})[0]
+
+
+def test_a_table_is_checked_where_it_is_asked_for_and_the_arm_has_a_geometry(settings: Settings) -> None:
+    assert settings.table == 0.02
+    assert replace(settings, check_table=False).table is None
+    assert replace(settings, kinematics=None).table is None
+
+
+def test_thresholds_widen_with_the_period_but_those_that_were_given(settings: Settings) -> None:
+    assert settings.safety_at(100.0) == SafetyLimits.at_period(0.01)
+    given = replace(settings, safety={"lag": 0.25})
+    assert given.safety_at(1.0).lag == 0.25
+    assert given.safety_at(1.0).max_age == SafetyLimits.at_period(1.0).max_age

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from hexwire.control.shutdown import Ending
+
+PATIENCE = 60.0
+
+
+@pytest.fixture
+def ending() -> Iterator[Ending]:
+    """One that may be asked in this process."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield Ending(600.0)
+    faulthandler.cancel_dump_traceback_later()
+    signal.alarm(0)
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+def child(code: str, status: int) -> str:
+    """Run a program with an `Ending` to its end; returns what it wrote."""
+    head = "import os, random, signal, threading, time\nfrom hexwire.control.shutdown import Ending\n"
+    done = subprocess.run([sys.executable, "-c", head + code], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == status, done.stderr
+    return done.stdout + done.stderr
+
+
+def test_nobody_asks(ending: Ending) -> None:
+    assert not ending.wait(0.01)
+    assert not ending.asked
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_wait(ending: Ending, number: signal.Signals) -> None:
+    ending.listen()
+    timer = threading.Timer(0.05, os.kill, (os.getpid(), number))
+    timer.start()
+    assert ending.wait(PATIENCE)
+    timer.join()
+    os.kill(os.getpid(), number)
+    assert ending.wait(PATIENCE), "and once more changes nothing"
+
+
+def test_another_thread_ends_the_waits_of_all(ending: Ending) -> None:
+    waits = [threading.Thread(target=ending.wait, args=(PATIENCE,)) for _ in range(3)]
+    for thread in waits:
+        thread.start()
+    timer = threading.Timer(0.05, ending.ask)
+    timer.start()
+    assert ending.wait(PATIENCE)
+    for thread in (*waits, timer):
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+
+
+def test_what_can_be_left_is_interrupted(ending: Ending) -> None:
+    ending.listen()
+    ending.interrupts = True
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert ending.wait(0.0)
+
+
+def test_what_nohup_started_lives_on(ending: Ending) -> None:
+    for number in (signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
+    ending.listen()
+    os.kill(os.getpid(), signal.SIGHUP)
+    assert not ending.wait(0.01)
+    os.kill(os.getpid(), signal.SIGINT)
+    assert ending.wait(0.01), "roslaunch ends its nodes by it"
+
+
+def test_a_signal_at_any_moment_of_the_wait_is_heard() -> None:
+    code = """
+random.seed(1)
+for _ in range(2000):
+    ending = Ending(600.0)
+    signal.signal(signal.SIGALRM, lambda *_: ending.ask())
+    signal.setitimer(signal.ITIMER_REAL, random.uniform(0.00002, 0.0006))
+    while not ending.wait(0.0001):
+        pass
+"""
+    assert child(code, 0) == ""
+
+
+def test_what_hangs_is_ended_and_says_where() -> None:
+    code = """
+def hangs():
+    lock = threading.Lock()
+    lock.acquire()
+    lock.acquire()
+
+ending = Ending(1.0)
+ending.listen()
+os.kill(os.getpid(), signal.SIGTERM)
+hangs()
+"""
+    assert "in hangs" in child(code, 1)
+
+
+@pytest.mark.parametrize("trouble", ["sys.stderr = None; os.close(2)", "os.dup2(full(), 2)"])
+def test_what_hangs_and_cannot_say_where_is_ended_all_the_same(trouble: str) -> None:
+    code = f"""
+import sys
+
+def full():
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    try:
+        while True:
+            os.write(write, bytes(4096))
+    except BlockingIOError:
+        os.set_blocking(write, True)
+    return write
+
+{trouble}
+ending = Ending(1.0)
+ending.ask()
+assert ending.wait(0.0)
+lock = threading.Lock()
+lock.acquire()
+lock.acquire()
+"""
+    assert child(code, -signal.SIGALRM) == ""

@@ -1,0 +1,195 @@
+"""Teaching an emulated arm by hand, in simulated time."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import pytest
+from tests.control.arm_bench import SPLIT, SUCCEEDED, free, guide, make_bench, order
+from tests.motion.arms import HOME, NAMES
+
+from hexwire.control.arm import taught_part
+from hexwire.errors import HexwireError, UsageError
+from hexwire.motion.waypoint_file import parse_waypoints
+
+J1 = HOME["J1"]
+
+
+def test_teaching_and_playing_back(tmp_path: Path) -> None:
+    bench = make_bench(teach_directory=str(tmp_path))
+    assert bench.ask(bench.arm.teach_start) == f"teaching {', '.join(NAMES)}; they have no torque"
+    assert not any(bench.torques())
+    guide(bench, "J1", 0.4)
+    guide(bench, "J1", -0.1)
+    end = bench.where("J1")
+    words = bench.ask(bench.arm.teach_stop)
+    assert all(bench.torques())
+    assert "taught " in words
+    (path,) = tmp_path.iterdir()
+    assert str(path) in words
+    assert json.loads(path.read_text(encoding="utf-8"))["joint_names"] == list(NAMES)
+    way = parse_waypoints(path.read_bytes(), path.name)
+    assert way.goal[0] == pytest.approx(end, abs=0.02)
+    (taught,) = bench.taught
+    assert taught is bench.arm.lessons.taught
+    bench.ask(lambda: bench.arm.go_to("home"))
+    assert bench.ask(bench.arm.teach_play) == f"played {taught.duration:.1f} s"
+    assert bench.where("J1") == pytest.approx(end, abs=0.02)
+
+
+def test_nothing_moves_while_somebody_holds_the_arm() -> None:
+    bench = make_bench()
+    bench.ask(bench.arm.teach_start)
+    requests = [
+        lambda: bench.command(order((1.0, {}))),
+        lambda: bench.arm.command("", order()),
+        lambda: bench.arm.set_points(["J1"], {"position": [J1]}),
+        lambda: bench.arm.go_to("home"),
+        lambda: bench.arm.enable(True),
+        lambda: bench.arm.enable(False),
+        bench.arm.teach_start,
+    ]
+    for request in requests:
+        with pytest.raises(UsageError, match="the arm is being taught; end that first"):
+            request()
+    assert not any(bench.torques())
+    with pytest.raises(UsageError, match="nothing was taught since"):
+        bench.arm.teach_play()
+    assert free(bench)
+
+
+def test_an_arm_without_torque_is_taught_and_left_so() -> None:
+    bench = make_bench(on=False)
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J1", 0.4)
+    bench.ask(bench.arm.teach_stop)
+    assert not any(bench.torques())
+    assert bench.arm.lessons.taught is not None
+
+
+def test_a_moving_arm_is_not_taught() -> None:
+    bench = make_bench()
+    told = bench.command(order((1.0, {"J1": J1 + 0.3})))
+    with pytest.raises(UsageError, match="the arm is moving; wait, or cancel the goal first"):
+        bench.arm.teach_start()
+    bench.until(lambda: told.ends)
+    assert told.outcome == SUCCEEDED
+    with pytest.raises(UsageError, match="nothing is being taught"):
+        bench.arm.teach_stop()
+
+
+def test_torque_comes_back_even_if_nothing_was_recorded() -> None:
+    bench = make_bench()
+    bench.ask(bench.arm.teach_start)
+    bench.hardware.observers.clear()
+    bench.arm.lessons._teacher._samples.clear()
+    with pytest.raises(UsageError, match="nothing was recorded"):
+        bench.ask(bench.arm.teach_stop)
+    assert all(bench.torques())
+    assert free(bench)
+    bench.ask(lambda: bench.arm.go_to("home"))
+
+
+def test_a_stop_in_teaching_leaves_the_arm_without_torque() -> None:
+    bench = make_bench()
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J1", 0.3)
+    assert bench.arm.stop("test") == "stopped; all joints confirmed it"
+    bench.turn(0.5)
+    assert not any(bench.torques()), "somebody has a hand in it"
+    with pytest.raises(UsageError, match="nothing is being taught"):
+        bench.arm.teach_stop()
+    bench.ask(bench.arm.reset)
+    bench.turn(0.5)
+    with pytest.raises(UsageError, match="nothing is being taught"):
+        bench.arm.teach_stop()
+    assert not any(bench.torques())
+    bench.ask(lambda: bench.arm.enable(True))
+    assert all(bench.torques())
+
+
+def test_a_stop_while_teaching_begins() -> None:
+    bench = make_bench()
+    service = bench.begin(bench.arm.teach_start)
+    pause = threading.Event()
+    while not bench.arm.lessons._active and service.thread.is_alive():
+        pause.wait(0.001)
+    bench.arm.stop("test")
+    bench.settle(service)
+    with pytest.raises(HexwireError):
+        service.answer()
+    assert free(bench)
+    assert not bench.arm.lessons._active
+    assert not bench.arm.lessons._teacher.active
+
+
+def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
+    bench = make_bench()
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J1", 0.3)
+    bench.silence("J6")
+    with pytest.raises(UsageError, match=r"^taught .* points; J6 did not confirm that torque is on$"):
+        bench.ask(bench.arm.teach_stop)
+    assert bench.arm.lessons.taught is not None
+    assert not bench.arm.lessons._active
+    assert free(bench)
+
+
+def test_what_was_taught_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("mine")
+    bench = make_bench(teach_directory=str(tmp_path / "taken"))
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J1", 0.3)
+    with pytest.raises(UsageError, match="cannot be saved"):
+        bench.ask(bench.arm.teach_stop)
+    assert all(bench.torques())
+    assert bench.arm.lessons.taught is not None
+
+
+def test_a_joint_that_keeps_its_torque_is_not_taught() -> None:
+    bench = make_bench()
+    bench.silence("J2")
+    with pytest.raises(UsageError, match="J2 did not confirm that torque is off"):
+        bench.ask(bench.arm.teach_start)
+    assert not bench.arm.lessons._active
+    assert free(bench)
+    assert bench.torques()[0], "the others hold again"
+
+
+def test_a_robot_that_is_lost_while_it_is_taught() -> None:
+    bench = make_bench()
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J1", 0.3)
+    bench.link.lost = True
+    bench.turn(1.0)
+    with pytest.raises(UsageError, match="the robot cannot be reached"):
+        bench.arm.teach_stop()
+    assert bench.arm.lessons.taught is not None
+    bench.link.lost = False
+    bench.until(lambda: bench.hardware.connected)
+    bench.turn(1.0)
+    assert not any(bench.torques())
+    assert free(bench)
+
+
+def test_a_part_of_what_was_taught() -> None:
+    bench = make_bench(controllers=SPLIT)
+    bench.ask(bench.arm.teach_start)
+    guide(bench, "J7", 0.3)
+    bench.ask(bench.arm.teach_stop)
+    assert bench.arm.lessons.taught is not None
+    part = taught_part(bench.arm.lessons.taught, ("J7", "J1"))
+    assert part.names == ("J7", "J1")
+    assert part.goal == pytest.approx((0.3, J1), abs=0.02)
+    bench.ask(bench.arm.teach_play)
+
+
+def test_a_stopped_arm_keeps_its_torque_and_is_not_taught() -> None:
+    bench = make_bench()
+    bench.arm.stop("test")
+    with pytest.raises(UsageError, match=r"the arm is stopped \(test\); reset it first"):
+        bench.ask(bench.arm.teach_start)
+    assert all(bench.torques())
+    assert free(bench)

@@ -1,0 +1,56 @@
+"""What stands on the other side of a link under test, where that is not a hexwire link itself."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tty
+from pathlib import Path
+
+from hexwire.errors import LinkLostError
+from hexwire.link.base import LinkKind
+from hexwire.link.poll_link import PollLink
+
+
+class PtyEnd(PollLink):
+    """The far side of a serial line: a pseudo-terminal behind a symbolic link. Closing it is unplugging."""
+
+    kind = LinkKind.STREAM
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"pty:{path}")
+        self._path = path
+        self._master = self._slave = -1
+
+    def _open(self) -> None:
+        self._master, self._slave = os.openpty()
+        # The terminal's own side stays open here, or the line would hang up whenever its user closes it.
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._path.symlink_to(os.ttyname(self._slave))
+
+    def _close(self) -> None:
+        self._path.unlink(missing_ok=True)
+        for fd in (self._master, self._slave):
+            if fd >= 0:
+                os.close(fd)
+        self._master = self._slave = -1
+
+    def _fileno(self) -> int:
+        return self._master
+
+    def _read_ready(self) -> bytes:
+        data = os.read(self._master, 4096)
+        if not data:
+            raise LinkLostError("the terminal hung up")
+        return data
+
+    def _write_ready(self, data: memoryview | bytes) -> int:
+        return os.write(self._master, data)
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A port of the loopback interface that nobody uses at the moment."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

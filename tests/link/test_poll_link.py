@@ -1,0 +1,472 @@
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
+
+from hexwire.errors import (
+    LinkBusyError,
+    LinkClosedError,
+    LinkError,
+    LinkLostError,
+    LinkTimeoutError,
+    UsageError,
+)
+from hexwire.link import poll_link as poll_link_module
+from hexwire.link.base import LinkKind
+from hexwire.link.poll_link import PollLink
+from hexwire.link.serial import SerialLink
+
+
+class ScriptedLink(PollLink):
+    """A backend over a socket pair whose every step can be scripted."""
+
+    kind = LinkKind.STREAM
+    _lost_advice = "; look at the cable"
+
+    def __init__(self) -> None:
+        super().__init__("scripted://")
+        self.read_error: OSError | None = None
+        self.write_error: OSError | None = None
+        self.open_error: Exception | None = None
+        self.takes = 1 << 20
+        self.given_up = 0
+        self.closed = 0
+
+    def _open(self) -> None:
+        self.near, self.far = socket.socketpair()
+        self.near.setblocking(False)
+        if self.open_error:
+            raise self.open_error
+
+    def _close(self) -> None:
+        self.closed += 1
+        self.near.close()
+        self.far.close()
+
+    def _fileno(self) -> int:
+        return self.near.fileno()
+
+    def _read_ready(self) -> bytes:
+        if self.read_error:
+            raise self.read_error
+        return self.near.recv(100)
+
+    def _write_ready(self, data: memoryview | bytes) -> int:
+        if self.write_error:
+            raise self.write_error
+        return self.near.send(data[: self.takes])
+
+    def _write_given_up(self) -> None:
+        self.given_up += 1
+
+
+def test_a_plain_os_error_becomes_a_lost_link_with_advice() -> None:
+    with ScriptedLink() as link:
+        link.read_error = OSError(errno.EIO, "Input/output error")
+        link.far.send(b"x")
+        with pytest.raises(LinkLostError) as caught:
+            link.read(soon())
+        assert str(caught.value) == "scripted:// was lost: Input/output error; look at the cable"
+        assert caught.value.url == "scripted://"
+        assert not link.is_open
+        # Lost stays lost, with the same words, both ways.
+        link.read_error = None
+        for use in (lambda: link.read(soon()), lambda: link.write(b"x"), link.flush_input, link.fileno):
+            with pytest.raises(LinkLostError, match="look at the cable"):
+                use()
+
+
+def test_losing_one_direction_ends_a_wait_in_the_other() -> None:
+    with ScriptedLink() as link:
+        reader = Background(lambda: link.read(None))
+        reader.let_it_block()
+        link.write_error = OSError(errno.ENXIO, "No such device or address")
+        with pytest.raises(LinkLostError):
+            link.write(b"x")
+        with pytest.raises(LinkLostError, match="No such device"):
+            reader.outcome()
+
+    with ScriptedLink() as link:
+        link.takes = 0
+        writer = Background(lambda: link.write(b"x", None))
+        time.sleep(0.05)
+        link.read_error = OSError(errno.EIO, "Input/output error")
+        link.far.send(b"x")
+        with pytest.raises(LinkLostError):
+            link.read(soon())
+        with pytest.raises(LinkLostError):
+            writer.outcome()
+
+
+def test_false_alarms_are_waited_out() -> None:
+    with ScriptedLink() as link:
+        link.far.send(b"x")
+        for error in (BlockingIOError(), InterruptedError()):
+            link.read_error = error
+            deadline = in_a_moment()
+            assert link.read(deadline) == b""
+            assert time.monotonic() >= deadline
+        link.read_error = None
+        assert link.read(soon()) == b"x"
+        link.write_error = BlockingIOError()
+        with pytest.raises(LinkTimeoutError, match="took none of 3 bytes"):
+            link.write(b"abc", in_a_moment())
+        assert link.given_up == 1
+
+
+def test_a_write_goes_on_where_it_stopped() -> None:
+    with ScriptedLink() as link:
+        link.takes = 7
+        data = bytes(range(100))
+        link.write(data, soon())
+        assert link.far.recv(1000) == data
+
+
+def test_opening_that_fails_leaves_nothing_open() -> None:
+    link = ScriptedLink()
+    link.open_error = OSError(errno.EMFILE, "Too many open files")
+    before = descriptors()
+    with pytest.raises(LinkError, match="scripted:// cannot be opened: Too many open files"):
+        link.open()
+    link.open_error = ValueError("a fault of the backend passes as it is")
+    with pytest.raises(ValueError, match="passes as it is"):
+        link.open()
+    assert descriptors() == before
+    assert not link.is_open
+    link.open_error = None
+    with link:
+        assert link.is_open
+
+
+def test_a_datagram_limit_is_checked_before_anything_is_sent() -> None:
+    with ScriptedLink() as link:
+        link.max_message = 4
+        with pytest.raises(UsageError, match="at most 4 bytes, not 5"):
+            link.write(b"12345")
+        link.write(b"1234")
+        assert link.far.recv(10) == b"1234"
+
+
+def test_a_second_reader_waits_its_turn_and_keeps_its_deadline() -> None:
+    with ScriptedLink() as link:
+        first = Background(lambda: link.read(None))
+        first.let_it_block()
+        deadline = in_a_moment()
+        assert link.read(deadline) == b""
+        assert time.monotonic() >= deadline
+        with pytest.raises(LinkBusyError, match="another thread is reading"):
+            link.flush_input()
+        second = Background(lambda: link.read(None))
+        second.let_it_block()
+        link.far.send(b"1")
+        assert first.outcome() == b"1"
+        link.far.send(b"2")
+        assert second.outcome() == b"2"
+
+
+def test_a_second_writer_keeps_its_deadline() -> None:
+    with ScriptedLink() as link:
+        link.takes = 0
+        first = Background(lambda: link.write(b"first", None))
+        first.let_it_block()
+        with pytest.raises(LinkTimeoutError):
+            link.write(b"second", in_a_moment())
+        link.takes = 100
+        assert first.outcome() is None
+        assert link.far.recv(100) == b"first"
+
+
+def test_a_read_or_write_that_meets_a_close_under_way_says_so() -> None:
+    link = ScriptedLink()
+    link.open()
+    in_close, go_on = threading.Event(), threading.Event()
+    real = link._close
+
+    def slow_close() -> None:
+        in_close.set()
+        assert go_on.wait(PATIENCE)
+        real()
+
+    link._close = slow_close  # type: ignore[method-assign]  # close() stops while it holds both directions
+    closer = Background(link.close)
+    assert in_close.wait(PATIENCE)
+    link._close = real  # type: ignore[method-assign]
+    try:
+        for use in (lambda: link.read(0.0), lambda: link.write(b"x", 0.0)):
+            with pytest.raises(LinkClosedError):
+                use()
+    finally:
+        go_on.set()
+        closer.outcome()
+
+
+def test_flush_input_ends_even_if_the_peer_never_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ScriptedLink() as link:
+        monkeypatch.setattr(link, "_read_ready", lambda: bytes(1000))
+        assert 1_000_000 < link.flush_input() < 1_100_000
+
+
+@pytest.mark.parametrize("direction", ["read", "write"])
+def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> None:
+    """As a ROS shutdown hook does, in the thread that waits."""
+    link = ScriptedLink()
+    link.open()
+    link.takes = 0
+    before = signal.signal(signal.SIGUSR1, lambda *_: link.close())
+    timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
+    timer.start()
+    try:
+        with pytest.raises(LinkClosedError):
+            link.read(soon()) if direction == "read" else link.write(b"x", soon())
+    finally:
+        timer.join(PATIENCE)
+        signal.signal(signal.SIGUSR1, before)
+    assert link.closed == 1, "its descriptors are freed by the call that was interrupted"
+    assert not link.is_open
+
+
+@pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
+def test_a_signal_handler_may_close_the_link_at_any_moment(use: str) -> None:
+    """Also where a call has taken its turn this moment, or is about to give it back."""
+    code = f"""
+import os, random, signal
+from hexwire.errors import LinkClosedError
+from hexwire.link.serial import SerialLink
+
+master, slave = os.openpty()
+os.set_blocking(master, False)
+random.seed(1)
+for _ in range(1000):
+    link = SerialLink(os.ttyname(slave))
+    link.open()
+    signal.signal(signal.SIGALRM, lambda *_: link.close())
+    signal.setitimer(signal.ITIMER_REAL, random.uniform(0.00002, 0.0004))
+    try:
+        while True:
+            {use}
+            try:
+                os.read(master, 4096)
+            except BlockingIOError:
+                pass
+    except LinkClosedError:
+        pass
+    assert not link.is_open
+    assert link._fd == -1
+"""
+    # In a process of its own: what hangs in a lock cannot be ended from inside.
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)
+
+
+def test_closing_ends_an_opening_that_waits() -> None:
+    waits = threading.Event()
+
+    class SlowLink(ScriptedLink):
+        def _open(self) -> None:
+            super()._open()
+            waits.set()
+            assert not self._wait_for(self.near.fileno(), 1, soon())
+
+    link = SlowLink()
+    opener = Background(link.open)
+    assert waits.wait(PATIENCE)
+    link.wake()  # not meant for an opening
+    opener.let_it_block()
+    link.close()
+    with pytest.raises(LinkClosedError):
+        opener.outcome()
+    assert not link.is_open
+    assert link.near.fileno() == -1
+
+
+def test_waiting_during_an_opening_has_a_deadline() -> None:
+    class WaitingLink(ScriptedLink):
+        def _open(self) -> None:
+            super()._open()
+            self.outcomes = [self._wait_for(self.near.fileno(), 1, in_a_moment())]
+            self.far.send(b"x")
+            self.outcomes.append(self._wait_for(self.near.fileno(), 1, soon()))
+
+    with WaitingLink() as link:
+        assert link.outcomes == [False, True]
+
+
+def test_a_reader_that_comes_late_does_not_close_a_link_that_was_opened_again() -> None:
+    link = ScriptedLink()
+    link.open()
+    link.close()
+    link.open()
+    link.far.send(b"x")
+    assert link.read(soon()) == b"x"
+    link.close()
+
+
+def test_watched_descriptors_are_served_by_the_reader() -> None:
+    class WatchingLink(ScriptedLink):
+        def _open(self) -> None:
+            super()._open()
+            self.bell, self.rope = socket.socketpair()
+            self.rang = 0
+            self._watched[self.bell.fileno()] = self.ring
+
+        def ring(self) -> None:
+            self.rang += len(self.bell.recv(10))
+
+        def _close(self) -> None:
+            super()._close()
+            self.bell.close()
+            self.rope.close()
+
+    with WatchingLink() as link:
+        link.rope.send(b"!")
+        assert link.read(in_a_moment()) == b""
+        assert link.rang == 1
+        link.rope.send(b"!")
+        link.far.send(b"x")
+        assert link.read(soon()) == b"x"
+
+
+# --- exchange -----------------------------------------------------------------------------------------
+
+
+def test_an_exchange_takes_the_answer_that_is_there_or_comes() -> None:
+    with ScriptedLink() as link:
+        link.far.send(b"early")
+        assert link.exchange(b"request", 5.0) == b"early"
+        assert link.far.recv(100) == b"request"
+        answerer = Background(lambda: link.far.send(link.far.recv(100)[::-1]))
+        assert link.exchange(b"abc", PATIENCE, nap=0.001) == b"cba"
+        answerer.outcome()
+        start = time.monotonic()
+        assert link.exchange(b"abc", 0.05) == b""
+        assert time.monotonic() >= start + 0.05
+        assert link.exchange(b"abc", -1.0) == b""
+
+
+def test_an_exchange_waits_out_false_alarms_and_full_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ScriptedLink() as link:
+        alarms = [b"", BlockingIOError(), b"answer"]
+
+        def read() -> bytes:
+            outcome = alarms.pop(0)
+            if isinstance(outcome, Exception):
+                raise outcome
+            return outcome
+
+        monkeypatch.setattr(link, "_read_ready", read)
+        link.far.send(b"x")
+        assert link.exchange(b"request", PATIENCE) == b"answer"
+        monkeypatch.undo()
+        link.near.recv(10)
+        link.far.recv(100)
+        refusals = [BlockingIOError(), None]
+        real = link._write_ready
+
+        def write(data: memoryview | bytes) -> int:
+            refusal = refusals.pop(0)
+            if refusal:
+                raise refusal
+            return real(data)
+
+        monkeypatch.setattr(link, "_write_ready", write)
+        link.far.send(b"answer")
+        assert link.exchange(b"request", PATIENCE) == b"answer"
+        assert link.far.recv(100) == b"request"
+
+
+def test_an_exchange_on_a_line_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poll_link_module, "WRITE_TIME", 0.05)
+    with ScriptedLink() as link:
+        link.takes = 0
+        with pytest.raises(LinkTimeoutError):
+            link.exchange(b"request", 5.0)
+        assert link.is_open
+
+
+def test_an_exchange_on_a_line_that_is_closed_or_lost() -> None:
+    link = ScriptedLink()
+    with pytest.raises(LinkClosedError):
+        link.exchange(b"request", 5.0)
+    with link:
+        link.write_error = OSError(errno.EIO, "Input/output error")
+        with pytest.raises(LinkLostError, match="Input/output error; look at the cable"):
+            link.exchange(b"request", 5.0)
+        assert not link.is_open
+    with link:
+        link.write_error = None
+        link.read_error = LinkLostError("it went away")
+        link.far.send(b"x")
+        with pytest.raises(LinkLostError, match="it went away"):
+            link.exchange(b"request", 5.0)
+        with pytest.raises(LinkLostError, match="it went away"):
+            link.exchange(b"request", 5.0)
+
+
+def test_an_exchange_is_ended_by_waking_and_closing() -> None:
+    with ScriptedLink() as link:
+        waiter = Background(lambda: link.exchange(b"request", PATIENCE))
+        waiter.let_it_block()
+        link.wake()
+        assert waiter.outcome() == b""
+        waiter = Background(lambda: link.exchange(b"request", PATIENCE))
+        waiter.let_it_block()
+        link.close()
+        with pytest.raises(LinkClosedError):
+            waiter.outcome()
+
+
+def test_an_exchange_waits_its_turn() -> None:
+    with ScriptedLink() as link:
+        reader = Background(lambda: link.read(None))
+        reader.let_it_block()
+        waiter = Background(lambda: link.exchange(b"request", PATIENCE))
+        assert link.far.recv(100) == b"request", "sent at once, though another thread is reading"
+        link.far.send(b"1")
+        assert reader.outcome() == b"1"
+        link.far.send(b"2")
+        assert waiter.outcome() == b"2"
+        link.takes = 0
+        writer = Background(lambda: link.write(b"long", soon()))
+        writer.let_it_block()
+        waiter = Background(lambda: link.exchange(b"request", PATIENCE))
+        waiter.let_it_block()
+        link.takes = 100
+        writer.outcome()
+        assert link.far.recv(4) == b"long"
+        link.far.send(b"3")
+        assert waiter.outcome() == b"3"
+
+
+def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
+    link = ScriptedLink()
+    link.open()
+    before = signal.signal(signal.SIGUSR1, lambda *_: link.close())
+    timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
+    timer.start()
+    try:
+        with pytest.raises(LinkClosedError):
+            link.exchange(b"x", PATIENCE)
+    finally:
+        timer.join(PATIENCE)
+        signal.signal(signal.SIGUSR1, before)
+    assert link.closed == 1
+
+
+def test_opening_and_losing_a_line_are_logged_below_the_layers_name(caplog: pytest.LogCaptureFixture) -> None:
+    master, slave = os.openpty()
+    link = SerialLink(os.ttyname(slave))
+    with caplog.at_level("DEBUG", logger="hexwire.link"), link:
+        os.close(slave)
+        os.close(master)
+        with pytest.raises(LinkLostError):
+            link.read(time.monotonic() + 5)
+    assert [record.message.split(" ", 1)[1].split(";")[0] for record in caplog.records] == ["is open", "went away"]
+    assert {record.name for record in caplog.records} == {"hexwire.link.poll_link"}

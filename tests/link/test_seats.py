@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexwire.link.seats import Seats
+
+
+def test_there_is_room_until_there_is_none() -> None:
+    seats: Seats[int] = Seats(3, per_host=3)
+    assert [seats.admit(key, "a", 0.0) for key in range(3)] == [(True, None)] * 3
+    assert len(seats) == 3
+    seats.leave(1)
+    seats.leave(1)
+    assert seats.admit(3, "a", 1.0) == (True, None)
+
+
+def test_who_never_said_anything_of_sense_goes_first_and_the_oldest_of_them() -> None:
+    seats: Seats[int] = Seats(4, per_host=4)
+    for key in range(4):
+        seats.admit(key, "a", float(key))
+    seats.heard(0, 4.0)
+    assert seats.admit(4, "a", 5.0) == (True, 1)
+    assert seats.admit(5, "a", 6.0) == (True, 2)
+
+
+def test_who_was_heard_of_late_is_not_pushed_out() -> None:
+    seats: Seats[int] = Seats(2, per_host=2, idle=60.0)
+    for key in range(2):
+        seats.admit(key, "a", 0.0)
+        seats.heard(key, float(key))
+    assert seats.admit(2, "a", 60.0) == (False, None)
+    assert seats.turned_away == 1
+    assert seats.admit(2, "a", 60.5) == (True, 0), "silent for more than a minute"
+
+
+def test_the_commander_and_the_channels_of_his_host_stay_however_quiet() -> None:
+    seats: Seats[str] = Seats(4, per_host=4, idle=60.0)
+    for key, host in (("io", "a"), ("commands", "a"), ("watcher", "b"), ("other", "c")):
+        seats.admit(key, host, 0.0)
+        seats.heard(key, 0.0, commanded=key in ("commands", "other"))
+    seats.heard("commands", 1.0, commanded=True)
+    assert seats.admit("x", "d", 3600.0) == (True, "watcher")
+    seats.heard("x", 3600.0)
+    assert seats.admit("y", "d", 3600.0) == (True, "other")
+    seats.heard("y", 3600.0)
+    assert seats.admit("z", "d", 3600.0) == (False, None)
+
+
+def test_one_host_takes_from_its_own_only() -> None:
+    seats: Seats[int] = Seats(10, per_host=2)
+    seats.admit(100, "b", 0.0)
+    for key in range(20):
+        admitted, out = seats.admit(key, "a", 1.0 + key)
+        assert admitted
+        assert out != 100
+    assert len(seats) == 3
+
+
+def test_who_is_unknown_is_of_no_account() -> None:
+    seats: Seats[int] = Seats()
+    seats.heard(5, 1.0, commanded=True)
+    assert len(seats) == 0
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.sampled_from("abc"), st.floats(0.0, 100.0)), max_size=60))
+def test_the_commander_is_never_pushed_out(steps: list[tuple[int, str, float]]) -> None:
+    seats: Seats[int] = Seats(5, per_host=3, idle=10.0)
+    seats.admit(-1, "a", 0.0)
+    seats.heard(-1, 0.0, commanded=True)
+    now = 0.0
+    for key, (what, host, pause) in enumerate(steps):
+        now += pause
+        admitted, out = seats.admit(key, host, now)
+        assert out != -1
+        assert len(seats) <= 5
+        if admitted and what:
+            seats.heard(key, now)

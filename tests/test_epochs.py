@@ -1,0 +1,103 @@
+"""Which calls a stop voids; what threads and signal handlers make of it is in tests/property/test_stops.py."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from hexwire.epochs import Epochs
+from hexwire.errors import StoppedError
+
+
+def test_a_stop_voids_what_was_called_before_it_and_nothing_else() -> None:
+    epochs = Epochs()
+    before = epochs.token("a move")
+    epochs.check(before, "a move")
+    with epochs.stopping():
+        assert not epochs.holds(before)
+    with pytest.raises(StoppedError, match=r"a move was not sent: a stop came after it was called"):
+        epochs.check(before, "a move")
+    # The arm is stopped now, which its board tells; this side lets it be asked.
+    after = epochs.token("a move")
+    epochs.check(after, "a move")
+    epochs.resumed(epochs.token("resume", freeing=True))
+    with pytest.raises(StoppedError, match="called while the arm was stopped"):
+        epochs.check(after, "a move")
+    epochs.check(epochs.token("a move"), "a move")
+
+
+def test_while_a_stop_is_under_way_nothing_can_be_called_from_elsewhere() -> None:
+    epochs = Epochs()
+    inside, over = threading.Event(), threading.Event()
+
+    def stop() -> None:
+        with epochs.stopping():
+            inside.set()
+            over.wait(10)
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    assert inside.wait(10)
+    for freeing in (False, True):
+        with pytest.raises(StoppedError, match="is being stopped"):
+            epochs.token("anything", freeing=freeing)
+    over.set()
+    thread.join(10)
+    assert epochs.stopped
+
+
+def test_a_stop_that_was_not_confirmed_refuses_all_until_resume() -> None:
+    epochs = Epochs()
+    with pytest.raises(OSError, match="lost"), epochs.stopping():
+        raise OSError("lost")
+    with pytest.raises(StoppedError, match="not confirmed"):
+        epochs.token("a move")
+    resume = epochs.token("resume", freeing=True)
+    epochs.resumed(resume)
+    epochs.token("a move")
+    assert not epochs.stopped
+
+
+def test_a_later_stop_that_is_confirmed_makes_up_for_one_that_was_not() -> None:
+    epochs = Epochs()
+    with epochs.stopping():
+        epochs.unconfirmed()
+    with epochs.stopping():
+        pass
+    epochs.check(epochs.token("a move"), "a move")
+
+
+def test_a_resume_ends_only_the_stops_before_it() -> None:
+    epochs = Epochs()
+    with epochs.stopping():
+        pass
+    resume = epochs.token("resume", freeing=True)
+    with epochs.stopping():
+        pass
+    with pytest.raises(StoppedError):
+        epochs.check(resume, "resume")
+    epochs.resumed(resume)
+    assert epochs.stopped
+
+
+def test_all_of_a_call_is_of_one_time_in_whatever_thread_it_is_done() -> None:
+    epochs = Epochs()
+    with epochs.calling("a move") as call:
+        assert epochs.token("a part of it") is call.token
+        with epochs.stopping():
+            assert epochs.token("what the stop sends").urgent
+        with pytest.raises(StoppedError):
+            epochs.check(epochs.token("a part of it"), "a part of it")
+    assert epochs.of_this_call is None
+    epochs.forget()
+    with epochs.using(call.token), pytest.raises(StoppedError):
+        epochs.check(epochs.token("a job"), "a job")
+
+
+def test_a_stop_wakes_who_waits() -> None:
+    epochs = Epochs()
+    woken: list[int] = []
+    epochs.on_stop(lambda: woken.append(1))
+    with epochs.stopping():
+        assert woken == [1]
