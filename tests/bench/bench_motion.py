@@ -31,7 +31,18 @@ class _Table:
         n = len(self.where)
         zeros = (0.0,) * n
         flags = (int(JointFlag.TORQUE_ON),) * n
-        return JointState(HEX7BOT.names, tuple(self.where), zeros, zeros, zeros, zeros, zeros, flags, zeros, 0.0)
+        return JointState(
+            names=HEX7BOT.names,
+            position=tuple(self.where),
+            velocity=zeros,
+            load=zeros,
+            current=zeros,
+            voltage=zeros,
+            temperature=zeros,
+            flags=flags,
+            age=zeros,
+            stamp=0.0,
+        )
 
     def write(self, target: JointTarget) -> None:
         for name, angle in target.positions:

@@ -197,7 +197,18 @@ def test_an_arm_outside_its_limits_is_not_moved() -> None:
 
 def test_the_plain_view_prints_a_line_a_second(capsys: pytest.CaptureFixture[str]) -> None:
     nan = (math.nan,)
-    state = JointState(("J1",), (0.1,), nan, nan, nan, nan, nan, (0,), (0.0,), 0.0)
+    state = JointState(
+        names=("J1",),
+        position=(0.1,),
+        velocity=nan,
+        load=nan,
+        current=nan,
+        voltage=nan,
+        temperature=nan,
+        flags=(0,),
+        age=(0.0,),
+        stamp=0.0,
+    )
     view = PlainView()
     for tenths in range(25):
         view.show(Sample(tenths / 10, 3.0, state, (0.0,), 10.0, 0.01, 0))

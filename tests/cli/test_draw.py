@@ -18,7 +18,18 @@ def state(position: tuple[float, ...], load: tuple[float, ...], flags: tuple[int
     n = len(position)
     names = tuple(f"J{i + 1}" for i in range(n))
     nan = (NAN,) * n
-    return JointState(names, position, nan, load, nan, nan, nan, flags, (0.004,) * n, 1.0)
+    return JointState(
+        names=names,
+        position=position,
+        velocity=nan,
+        load=load,
+        current=nan,
+        voltage=nan,
+        temperature=nan,
+        flags=flags,
+        age=(0.004,) * n,
+        stamp=1.0,
+    )
 
 
 def drawn(what: object, *, width: int = 80, colour: bool = False) -> str:

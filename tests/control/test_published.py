@@ -26,17 +26,17 @@ def make_state(
     nan = (NAN,) * n
     names = tuple(f"J{i + 1}" for i in range(n))
     return JointState(
-        names,
-        position,
-        velocity or nan,
-        nan,
-        nan,
-        nan,
-        nan,
-        flags or (0,) * n,
-        age or (0.0,) * n,
-        stamp,
-        board_time,
+        names=names,
+        position=position,
+        velocity=velocity or nan,
+        load=nan,
+        current=nan,
+        voltage=nan,
+        temperature=nan,
+        flags=flags or (0,) * n,
+        age=age or (0.0,) * n,
+        stamp=stamp,
+        board_time=board_time,
     )
 
 

@@ -36,7 +36,19 @@ def make_state(
     nan = (NAN,) * n
     flags = tuple(int(JointFlag.SILENT) if i == silent else 0 for i in range(n))
     names = tuple(f"J{i + 1}" for i in range(n))
-    return JointState(names, position, nan, nan, nan, nan, nan, flags, age or (0.0,) * n, stamp, board_time)
+    return JointState(
+        names=names,
+        position=position,
+        velocity=nan,
+        load=nan,
+        current=nan,
+        voltage=nan,
+        temperature=nan,
+        flags=flags,
+        age=age or (0.0,) * n,
+        stamp=stamp,
+        board_time=board_time,
+    )
 
 
 def record(states: list[JointState], names: tuple[str, ...] = ("J1", "J2"), now: float = 0.0) -> Taught:

@@ -54,7 +54,18 @@ def state(
     flags: tuple[int, ...] = (0, 0, 0),
 ) -> JointState:
     zero = (0.0,) * 3
-    return JointState(NAMES, zero, zero, zero, zero, voltage, temperature, flags, zero, 1.0)
+    return JointState(
+        names=NAMES,
+        position=zero,
+        velocity=zero,
+        load=zero,
+        current=zero,
+        voltage=voltage,
+        temperature=temperature,
+        flags=flags,
+        age=zero,
+        stamp=1.0,
+    )
 
 
 def bad(findings: list[Finding]) -> list[Finding]:

@@ -130,9 +130,27 @@ def test_any_target_is_finite_or_refused_in_one_way(positions: Any, duration: An
     assert 0 <= target.duration <= LONGEST
 
 
+def test_a_state_is_built_by_keyword_only() -> None:
+    with pytest.raises(TypeError, match="positional"):
+        JointState(("J1",))  # type: ignore[call-arg]  # what is refused here
+    assert JointState.__match_args__ == ()
+
+
 def test_a_joint_nobody_knows_of_is_infinitely_far_away() -> None:
     nan = math.nan
-    state = JointState(("a", "b"), (1.0, nan), *((nan, nan),) * 5, (0, 0), (0.0, 0.0), 0.0)
+    unknown = (nan, nan)
+    state = JointState(
+        names=("a", "b"),
+        position=(1.0, nan),
+        velocity=unknown,
+        load=unknown,
+        current=unknown,
+        voltage=unknown,
+        temperature=unknown,
+        flags=(0, 0),
+        age=(0.0, 0.0),
+        stamp=0.0,
+    )
     assert state.distances({"a": 1.5, "b": 0.0}) == {"a": 0.5, "b": math.inf}
     with pytest.raises(UsageError, match="no joint 'c'"):
         state.distances({"c": 0.0})

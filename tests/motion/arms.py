@@ -28,16 +28,16 @@ def state(
 
     where = {**HOME, **(positions or {})}
     return JointState(
-        NAMES,
-        tuple(where[name] for name in NAMES),
-        column(None, 0.0),
-        column(load, 0.0),
-        column(None, 0.1),
-        column(None, 6.0),
-        column(None, 30.0),
-        tuple((flags or {}).get(name, JointFlag.TORQUE_ON) for name in NAMES),
-        column(age, 0.0),
-        stamp,
+        names=NAMES,
+        position=tuple(where[name] for name in NAMES),
+        velocity=column(None, 0.0),
+        load=column(load, 0.0),
+        current=column(None, 0.1),
+        voltage=column(None, 6.0),
+        temperature=column(None, 30.0),
+        flags=tuple((flags or {}).get(name, JointFlag.TORQUE_ON) for name in NAMES),
+        age=column(age, 0.0),
+        stamp=stamp,
         stopped=stopped,
         watchdog_tripped=watchdog_tripped,
     )

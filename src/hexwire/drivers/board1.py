@@ -105,18 +105,18 @@ class Board1:
         n = len(model.joints)
         nan = (math.nan,) * n
         return JointState(
-            model.names,
-            tuple(self._positions),
-            nan,
-            tuple(self._loads),
-            nan,
-            nan,
-            nan,
-            tuple(f | torque_flag(t) for f, t in zip(self._flags, self._torque, strict=True)),
-            tuple(now - t for t in self._sampled),
-            now,
-            math.nan,
-            self.stopped,
+            names=model.names,
+            position=tuple(self._positions),
+            velocity=nan,
+            load=tuple(self._loads),
+            current=nan,
+            voltage=nan,
+            temperature=nan,
+            flags=tuple(f | torque_flag(t) for f, t in zip(self._flags, self._torque, strict=True)),
+            age=tuple(now - t for t in self._sampled),
+            stamp=now,
+            board_time=math.nan,
+            stopped=self.stopped,
         )
 
     def _sample(self, i: int, joint: JointModel, *, urgent: bool = False) -> None:

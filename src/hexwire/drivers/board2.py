@@ -165,20 +165,20 @@ class Board2:
             age = tuple([a - newest for a in age])
         self.clock = clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
-            self._names,
-            tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),
-            velocity,
-            load,
-            current,
-            voltage,
-            temperature,
-            status,  # type: ignore[arg-type]  # whole numbers: the scaler leaves this column as it is
-            age,
-            now - since_sample,
-            clock - since_sample,
-            flags & BOARD_FLAGS_STOPPED != 0,
-            flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
-            flags & BOARD_FLAGS_MAINTENANCE != 0,
+            names=self._names,
+            position=tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),
+            velocity=velocity,
+            load=load,
+            current=current,
+            voltage=voltage,
+            temperature=temperature,
+            flags=status,  # type: ignore[arg-type]  # whole numbers: the scaler leaves this column as it is
+            age=age,
+            stamp=now - since_sample,
+            board_time=clock - since_sample,
+            stopped=flags & BOARD_FLAGS_STOPPED != 0,
+            watchdog_tripped=flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
+            maintenance=flags & BOARD_FLAGS_MAINTENANCE != 0,
         )
 
     def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:

@@ -231,16 +231,16 @@ class BusArm(RobotDriver):
         position, velocity, load, current, voltage, temperature, flags = columns
         ages = tuple(now - self._sampled.get(joint.name, -math.inf) for joint in joints)
         return JointState(
-            self.model.names,
-            position,
-            velocity,
-            load,
-            current,
-            voltage,
-            temperature,
-            flags,
-            ages,
-            now,
+            names=self.model.names,
+            position=position,
+            velocity=velocity,
+            load=load,
+            current=current,
+            voltage=voltage,
+            temperature=temperature,
+            flags=flags,
+            age=ages,
+            stamp=now,
             stopped=self.epochs.stopped,
         )
 

@@ -210,18 +210,18 @@ class Puma260Driver(RobotDriver):
         power = states.robot_flags & tables.ROBOT_FLAGS_POWER_ON
         nan = (math.nan,) * n
         return JointState(
-            self.model.names,
-            position,
-            tuple(b - a for a, b in zip(position, later, strict=True)),
-            tuple(row.effort / 1000 for row in states.rows),
-            nan,
-            nan,
-            nan,
-            (int(JointFlag.TORQUE_ON) if power else 0,) * n,
-            (0.0,) * n,
-            now,
-            states.time_us * 1e-6,
-            bool(states.robot_flags & tables.ROBOT_FLAGS_STOPPED),
+            names=self.model.names,
+            position=position,
+            velocity=tuple(b - a for a, b in zip(position, later, strict=True)),
+            load=tuple(row.effort / 1000 for row in states.rows),
+            current=nan,
+            voltage=nan,
+            temperature=nan,
+            flags=(int(JointFlag.TORQUE_ON) if power else 0,) * n,
+            age=(0.0,) * n,
+            stamp=now,
+            board_time=states.time_us * 1e-6,
+            stopped=bool(states.robot_flags & tables.ROBOT_FLAGS_STOPPED),
         )
 
     # -- motion -------------------------------------------------------------------------------------

@@ -95,7 +95,7 @@ class JointReading:
     age: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JointState:
     """All joints at one time: one value a joint in every tuple, in the order of `names`.
 

@@ -276,7 +276,18 @@ def make_positions(names: Sequence[str], position: Sequence[float]) -> JointStat
     """A joint state of which only the positions are known, in radians: for recordings that are made, not read."""
     nan = (math.nan,) * len(names)
     flags, age = (0,) * len(names), (0.0,) * len(names)
-    return JointState(tuple(names), tuple(position), nan, nan, nan, nan, nan, flags, age, 0.0)
+    return JointState(
+        names=tuple(names),
+        position=tuple(position),
+        velocity=nan,
+        load=nan,
+        current=nan,
+        voltage=nan,
+        temperature=nan,
+        flags=flags,
+        age=age,
+        stamp=0.0,
+    )
 
 
 def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[RecordedJoints]:
