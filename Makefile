@@ -50,10 +50,10 @@ unexport PYTHONHOME
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup system-packages demo test check lint types imports schema tests bench lock clean
+.PHONY: help setup system-packages demo test check lint types imports schema tests bench analyzers lock clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 demo: $(CORE) ## an emulated arm moves there and back
 	@$(BIN)/hexwire demo
@@ -61,6 +61,9 @@ demo: $(CORE) ## an emulated arm moves there and back
 test: setup system-packages check tests ## everything that must hold: lint, types, import rule, tables, tests
 
 check: lint types imports schema ## all of it but the tests
+
+analyzers: ## the folders to copy into Wireshark, sigrok and Logic 2: build/analyzers
+	@$(PYTHON) '$(ROOT)/schema/assemble.py'
 
 bench: setup ## how fast it is, as ratios against a bare reference
 	@$(BIN)/python tests/bench
@@ -81,7 +84,7 @@ schema: setup
 	$(BIN)/python schema/generate.py --check
 
 # The code blocks of the documents are tests too.
-tests: setup system-packages
+tests: setup system-packages analyzers
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --markdown-docs tests $(wildcard README.md docs)
 
 lock: $(UV) ## write uv.lock anew after a change in pyproject.toml

@@ -3,8 +3,8 @@
     python schema/generate.py           write
     python schema/generate.py --check   exit 1 and name the stale files
 
-Outputs: ``src/hexwire/wire/tables.py``, the marked tables of ``PROTOCOL.md``, and, where those folders exist,
-``firmware/core/generated.h`` and the tables of the analysers. Needs nothing but the standard library.
+Outputs: ``src/hexwire/wire/tables.py``, the marked tables of ``PROTOCOL.md``, and, where that folder exists,
+``firmware/core/generated.h``. ``assemble.py`` writes the analysers' tables. Needs only the standard library.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ import argparse
 import sys
 from pathlib import Path
 
-import emit_analyzers
 import emit_header
 import emit_markdown
 import emit_python
 from load import Schema, SchemaError, load
 
 ROOT = Path(__file__).resolve().parent.parent
-PYTHON_ANALYZERS = ("analyzers/sigrok/hexwire_host", "analyzers/sigrok/hexwire_servo", "analyzers/saleae")
 
 
 def outputs(schema: Schema, root: Path = ROOT) -> dict[Path, str]:
@@ -32,14 +30,6 @@ def outputs(schema: Schema, root: Path = ROOT) -> dict[Path, str]:
     core = root / "firmware/core"
     if core.is_dir():
         wanted[core / "generated.h"] = emit_header.emit(schema)
-    wireshark = root / "analyzers/wireshark"
-    if wireshark.is_dir():
-        wanted[wireshark / "hexwire_tables.lua"] = emit_analyzers.emit_lua(schema)
-    for folder in PYTHON_ANALYZERS:
-        if (root / folder).is_dir():
-            reading = (root / "analyzers/reading.py").read_text(encoding="utf-8")
-            wanted[root / folder / "tables.py"] = emit_analyzers.emit_tables(schema)
-            wanted[root / folder / "reading.py"] = emit_analyzers.copy_of(reading)
     return wanted
 
 

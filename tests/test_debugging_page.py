@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.analyzers.lines import assembled
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "debugging.md").read_text(encoding="utf-8")
@@ -23,10 +24,19 @@ def test_there_are_three_faults() -> None:
 
 @pytest.mark.parametrize(("command", "shown"), RUNS, ids=[run[0][:40] for run in RUNS])
 def test_the_output_is_what_the_page_shows(command: str, shown: str, tmp_path: Path) -> None:
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build/analyzers").symlink_to(assembled())
+    (tmp_path / "vectors").symlink_to(ROOT / "vectors")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "XDG_CONFIG_HOME": str(tmp_path), "COLUMNS": "200"}
     done = subprocess.run(
-        ["bash", "-c", command], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=True
+        ["bash", "-c", command],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
     )
     assert [line.rstrip() for line in done.stdout.splitlines()] == shown.splitlines()
 

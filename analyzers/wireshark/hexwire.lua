@@ -2,7 +2,7 @@
 --
 -- Wireshark dissector for hexwire: session header, command frames of both dialects, servo packets.
 -- Dissects TCP, UDP and serial captures (link type USER0, 147). Names and layouts come from hexwire_tables.lua,
--- which is generated and must stand beside this file.
+-- which `make analyzers` writes and which must stand beside this file.
 
 local here = __DIR__ or (debug.getinfo(1, "S").source:match("^@(.*[/\\])") or "./")
 if not here:match("[/\\]$") then here = here .. "/" end

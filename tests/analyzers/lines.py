@@ -1,13 +1,19 @@
-"""Captures of serial lines as a logic analyser makes them, and the table of expected readings.
+"""The analysers' folders, captures of serial lines as a logic analyser makes them, the table of expected readings.
 
 One sample is one byte: bit 0 is the line RX, bit 1 the line TX.
 """
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
 import random
 import re
+import shutil
+import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +30,16 @@ class Sent(NamedTuple):
     time: float
     data: bytes
     rate: float = 1.0
+
+
+@functools.cache
+def assembled() -> Path:
+    """The analysers' folders as `make analyzers` makes them, from the files as they are now."""
+    folder = tempfile.mkdtemp(prefix="hexwire-analyzers-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    command = [sys.executable, str(ROOT / "schema/assemble.py"), folder]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=60)
+    return Path(folder)
 
 
 def readings_table() -> list[dict[str, Any]]:

@@ -13,12 +13,20 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.analyzers.lines import OVERSAMPLING, RX, Sent, duration, in_turn, merged, readings_table, samples
+from tests.analyzers.lines import (
+    OVERSAMPLING,
+    RX,
+    Sent,
+    assembled,
+    duration,
+    in_turn,
+    merged,
+    readings_table,
+    samples,
+)
 
 from hexwire.wire.servo_packet import make_read, make_status, make_write
 
-ROOT = Path(__file__).resolve().parents[2]
-FOLDER = ROOT / "analyzers/saleae"
 STUB = Path(__file__).parent / "logic2"
 NAMES = ("reading", "tables", "HighLevelAnalyzer", "saleae", "saleae.analyzers")
 BAUD = 115200
@@ -28,7 +36,7 @@ TABLE = readings_table()
 @pytest.fixture(scope="module")
 def logic2() -> Iterator[Any]:
     """The extension as Logic 2 imports it: its folder alone on the path."""
-    sys.path[:0] = [str(FOLDER), str(STUB)]
+    sys.path[:0] = [str(assembled() / "saleae"), str(STUB)]
     sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
     try:
         yield importlib.import_module("HighLevelAnalyzer")
@@ -58,7 +66,7 @@ def analyse(analyser: Any, logic2: Any, received: Sequence[tuple[float, float, i
 
 
 def test_the_extension_names_its_classes(logic2: Any) -> None:
-    extension = json.loads((FOLDER / "extension.json").read_text())
+    extension = json.loads((assembled() / "saleae/extension.json").read_text())
     for entry in extension["extensions"].values():
         module, _, name = entry["entryPoint"].partition(".")
         assert module == "HighLevelAnalyzer"

@@ -11,7 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.analyzers.lines import OVERSAMPLING, RX, TX, Sent, duration, in_turn, merged, readings_table, samples
+from tests.analyzers.lines import (
+    OVERSAMPLING,
+    RX,
+    TX,
+    Sent,
+    assembled,
+    duration,
+    in_turn,
+    merged,
+    readings_table,
+    samples,
+)
 
 from hexwire.wire.servo_packet import (
     make_legacy_ping_status,
@@ -22,7 +33,6 @@ from hexwire.wire.servo_packet import (
     make_write,
 )
 
-ROOT = Path(__file__).resolve().parents[2]
 BAUD = 115200
 
 
@@ -43,7 +53,7 @@ def sigrok(
     stack = f"uart:{lines}:baudrate={baud},{decoder}:series={series}"
     command = ["sigrok-cli", "-i", str(capture), "-I", f"binary:numchannels=2:samplerate={baud * OVERSAMPLING}"]
     command += ["-P", stack, "-A", f"{decoder}={show}" if show else decoder]
-    environment = os.environ | {"SIGROKDECODE_DIR": str(ROOT / "analyzers/sigrok"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | {"SIGROKDECODE_DIR": str(assembled() / "sigrok"), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     assert "rror" not in done.stderr, done.stderr

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.analyzers.lines import readings_table
+from tests.analyzers.lines import assembled, readings_table
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.pcap import write_pcap, write_pcapng
@@ -22,7 +22,6 @@ from hexwire.wire.commands import FragmentHead, Stats
 from hexwire.wire.servo_packet import make_read, make_status, make_sync_write
 
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPT = ROOT / "analyzers/wireshark/hexwire.lua"
 VECTORS = [json.loads(line) for line in (ROOT / "vectors/session.jsonl").read_text().splitlines()]
 GOOD = [vector for vector in VECTORS if vector["kind"] == "frame"]
 HOST, BOARD = 7, 8
@@ -32,7 +31,16 @@ CHAPTER_PAIR = [bytes.fromhex(vector["hex"]) for vector in GOOD[:2]]
 
 def tshark(capture: Path, *arguments: str, fields: Sequence[str] = ()) -> list[list[str]]:
     """Rows of `fields`, a packet each; several values of a field are separated by |."""
-    command = ["tshark", "-X", f"lua_script:{SCRIPT}", "-r", str(capture), *arguments, "-T", "fields"]
+    command = [
+        "tshark",
+        "-X",
+        f"lua_script:{assembled()}/wireshark/hexwire.lua",
+        "-r",
+        str(capture),
+        *arguments,
+        "-T",
+        "fields",
+    ]
     command += ["-E", "separator=/t", "-E", "aggregator=|"]
     for field in fields:
         command += ["-e", field]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.analyzers.lines import assembled
 
 from hexwire.cli.board_process import board_process
 from hexwire.cli.main import cli
@@ -68,7 +69,7 @@ def test_joint_states_as_csv(recorded: Path, tmp_path: Path) -> None:
 def test_the_traffic_opens_in_wireshark(recorded: Path, tmp_path: Path) -> None:
     target = tmp_path / "out.pcapng"
     ok("record", "export", str(recorded), str(target))
-    script = Path(__file__).resolve().parents[2] / "analyzers/wireshark/hexwire.lua"
+    script = assembled() / "wireshark/hexwire.lua"
     command = ["tshark", "-X", f"lua_script:{script}", "-r", str(target), "-T", "fields", "-e", "hexwire.reading"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert "2 IDENTIFY request seq " in done.stdout
