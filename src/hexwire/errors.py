@@ -7,7 +7,7 @@ line. Knows nothing of the layers that raise them.
     ├── UsageError (ValueError)             the caller: a bad argument, an unknown name
     │   ├── ConfigError                     a file that people write: file, line, column
     │   ├── LimitError                      a target outside the limits; nothing was sent
-    │   └── GoalError                       a ROS trajectory that cannot be followed: ROS's error code
+    │   └── GoalError                       a goal that cannot be followed, and the reason in one word
     ├── ProtocolError                       bytes that break the format
     │   ├── LocalProtocolError              we were about to send them
     │   └── RemoteProtocolError             the peer sent them
@@ -105,15 +105,15 @@ class LimitError(UsageError):
 
 
 class GoalError(UsageError):
-    """A trajectory that came by ROS cannot be followed; nothing was sent.
+    """A goal cannot be followed; nothing was sent.
 
     Attributes:
-        code: Error code of ROS's FollowJointTrajectoryResult, below 0.
+        reason: The kind of fault, for programs; whoever raises it owns the list.
     """
 
-    def __init__(self, message: str, *, code: int = -1) -> None:
+    def __init__(self, message: str, *, reason: str = "malformed") -> None:
         super().__init__(message)
-        self.code = code
+        self.reason = reason
 
 
 class ProtocolError(HexwireError):

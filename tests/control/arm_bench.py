@@ -12,8 +12,8 @@ from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
 
 from hexwire.control.arm import Arm
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import ErrorCode, Point, Tolerance, Tolerances, TrajectoryOrder
-from hexwire.control.outcomes import Ended, Outcome
+from hexwire.control.goals import Point, Tolerance, Tolerances, TrajectoryOrder
+from hexwire.control.outcomes import Ended, Outcome, Reason
 from hexwire.control.settings import ControllerSettings
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState, JointTarget
@@ -38,9 +38,9 @@ class Told:
         self.ends.append(ended)
 
     @property
-    def outcome(self) -> tuple[Outcome, ErrorCode]:
+    def outcome(self) -> tuple[Outcome, Reason]:
         (end,) = self.ends
-        return end.outcome, end.code
+        return end.outcome, end.reason
 
     @property
     def text(self) -> str:
@@ -54,8 +54,8 @@ class Told:
         return f"{end.outcome.value}: {end.text}"
 
 
-SUCCEEDED = (Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
-PREEMPTED = (Outcome.PREEMPTED, ErrorCode.SUCCESSFUL)
+SUCCEEDED = (Outcome.SUCCEEDED, Reason.REACHED)
+PREEMPTED = (Outcome.PREEMPTED, Reason.REPLACED)
 
 
 def tolerances(

@@ -10,13 +10,14 @@ from tests.control.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, Bench, Told, fr
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.diagnostics import diagnose
-from hexwire.control.goals import ErrorCode, Point, TrajectoryOrder
-from hexwire.control.outcomes import Outcome
+from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
 
 J1 = HOME["J1"]
-ABORTED = (Outcome.ABORTED, ErrorCode.INVALID_GOAL)
+STOPPED = (Outcome.ABORTED, Reason.STOPPED)
+NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 
 
 # -- orders ------------------------------------------------------------------------------------------------
@@ -48,22 +49,22 @@ def test_a_mere_command_replaces_a_goal() -> None:
     assert bench.where("J1") == pytest.approx(J1, abs=0.02)
 
 
-def test_every_refusal_has_a_code() -> None:
+def test_every_refusal_has_a_reason() -> None:
     bench = make_bench(on=False)
     with pytest.raises(GoalError, match="no torque on J1") as caught:
         bench.command(order((1.0, {})))
-    assert caught.value.code == ErrorCode.INVALID_GOAL
+    assert caught.value.reason == Reason.NOT_READY
     bench.ask(lambda: bench.arm.enable(True))
     with pytest.raises(GoalError, match="unknown") as caught:
         bench.command(TrajectoryOrder(("J9",), order((1.0, {})).points))
-    assert caught.value.code == ErrorCode.INVALID_JOINTS
+    assert caught.value.reason == Reason.WRONG_JOINTS
     with pytest.raises(GoalError, match="outside its limits"):
         bench.command(order((9.0, {"J1": 1.4})))
     bench.link.lost = True
     bench.turn(1.0)
     with pytest.raises(GoalError, match="the robot cannot be reached") as caught:
         bench.command(order((1.0, {})))
-    assert caught.value.code == ErrorCode.INVALID_GOAL
+    assert caught.value.reason == Reason.NOT_READY
 
 
 def test_cancel_by_name() -> None:
@@ -197,7 +198,7 @@ def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
         if bench.hardware.group.reason is None and not bench.where("J3") > FOLD["J3"] - 0.05:
             bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
         bench.turn(0.05)
-    assert told.outcome == ABORTED
+    assert told.outcome == STOPPED
     assert told.text.startswith("stopped: elbow folded")
     bench.turn(0.5)
     kinematics = bench.arm.settings.kinematics
@@ -277,7 +278,7 @@ def test_stop_latches_and_reset_moves_nothing() -> None:
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
     bench.turn(1.0)
     assert bench.arm.stop("test") == "stopped; all joints confirmed it"
-    assert told.outcome == ABORTED
+    assert told.outcome == STOPPED
     assert told.text == "stopped: test"
     assert bench.arm.stop("again") == "stopped; all joints confirmed it"
     bench.turn(0.3)
@@ -309,7 +310,7 @@ def test_torque_off_aborts_and_on_again_begins_where_the_arm_is() -> None:
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
     bench.turn(1.0)
     assert bench.ask(lambda: bench.arm.enable(False)) == "torque is off"
-    assert told.outcome == ABORTED
+    assert told.outcome == NOT_READY
     assert not any(bench.torques())
     guide(bench, "J1", -0.5)
     stood = bench.where("J1")

@@ -10,18 +10,19 @@ import pytest
 from tests.control.arm_bench import LEAD, PREEMPTED, SUCCEEDED, Bench, Loop, Told, limp, order, tolerances
 from tests.motion.arms import HOME, NAMES, state
 
-from hexwire.control.goals import ErrorCode, Point, Tolerance, TrajectoryOrder
-from hexwire.control.outcomes import Outcome
+from hexwire.control.goals import Point, Tolerance, TrajectoryOrder
+from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError, LimitError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.safety import StopReason
 
 J1, J2 = HOME["J1"], HOME["J2"]
-ABORTED_PATH = (Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)
-ABORTED_GOAL = (Outcome.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
-ABORTED_LATE = (Outcome.ABORTED, ErrorCode.OLD_HEADER_TIMESTAMP)
-ABORTED = (Outcome.ABORTED, ErrorCode.INVALID_GOAL)
+ABORTED_PATH = (Outcome.ABORTED, Reason.PATH_TOLERANCE)
+ABORTED_GOAL = (Outcome.ABORTED, Reason.GOAL_TOLERANCE)
+ABORTED_LATE = (Outcome.ABORTED, Reason.TOO_LATE)
+STOPPED = (Outcome.ABORTED, Reason.STOPPED)
+NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 
 
 # -- reaching and keeping ---------------------------------------------------------------------------------------
@@ -268,25 +269,25 @@ def test_an_order_without_points_is_no_goal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "code"),
+    ("kind", "reason"),
     [
-        ("asked", ErrorCode.INVALID_GOAL),
-        ("following", ErrorCode.PATH_TOLERANCE_VIOLATED),
-        ("collision", ErrorCode.PATH_TOLERANCE_VIOLATED),
-        ("overload", ErrorCode.PATH_TOLERANCE_VIOLATED),
-        ("fault", ErrorCode.INVALID_GOAL),
-        ("lost", ErrorCode.INVALID_GOAL),
-        ("board", ErrorCode.INVALID_GOAL),
+        ("asked", Reason.STOPPED),
+        ("following", Reason.PATH_TOLERANCE),
+        ("collision", Reason.PATH_TOLERANCE),
+        ("overload", Reason.PATH_TOLERANCE),
+        ("fault", Reason.STOPPED),
+        ("lost", Reason.STOPPED),
+        ("board", Reason.STOPPED),
     ],
 )
-def test_a_stop_aborts_latches_and_is_reset(kind: str, code: ErrorCode) -> None:
+def test_a_stop_aborts_latches_and_is_reset(kind: str, reason: Reason) -> None:
     loop = Loop()
     told = loop.send(order((2.0, {"J1": J1 + 1.0})))
     loop.run(0.5)
     loop.controller.stop(StopReason(kind, "something happened"))
     loop.controller.stop(StopReason("asked", "and more"))
     loop.deliver()
-    assert told.outcome == (Outcome.ABORTED, code)
+    assert told.outcome == (Outcome.ABORTED, reason)
     assert told.text == "stopped: something happened"
     assert loop.controller.words == "stopped: something happened"
     targets = len(loop.robot.targets)
@@ -319,7 +320,7 @@ def test_torque_that_is_taken_away_aborts_and_forgets() -> None:
     loop.run(0.5)
     loop.controller.release("the torque was taken away")
     loop.deliver()
-    assert told.outcome == ABORTED
+    assert told.outcome == NOT_READY
     assert told.text == "the torque was taken away"
     assert loop.controller.follower.reason is None
     loop.change = limp
@@ -379,7 +380,7 @@ def test_partial_goals_leave_the_others_where_they_are() -> None:
     whole = Loop(allow_partial=False)
     with pytest.raises(GoalError, match="missing") as caught:
         whole.send(TrajectoryOrder(("J4", "J1"), (Point(1.0, (0.3, J1 + 0.2)),)))
-    assert caught.value.code == ErrorCode.INVALID_JOINTS
+    assert caught.value.reason == Reason.WRONG_JOINTS
 
 
 # -- set-points --------------------------------------------------------------------------------------------------
@@ -470,7 +471,7 @@ def test_a_servo_that_is_lost_on_the_way() -> None:
     bench.turn(0.6)
     bench.silence("J5")
     bench.until(lambda: told.ends)
-    assert told.outcome == ABORTED
+    assert told.outcome == STOPPED
     assert "J5 has not been heard of" in told.text
 
 
@@ -490,5 +491,5 @@ def test_two_controllers_move_at_once_and_stop_together() -> None:
     assert told.ends == [], "the other controller's goal goes on"
     bench.turn(0.2)
     assert "all joints confirmed" in bench.ask(lambda: bench.arm.stop("test"))
-    assert told.outcome == ABORTED
+    assert told.outcome == STOPPED
     assert [c.words for c in bench.arm.controllers.values()] == ["stopped: test"] * 2

@@ -6,17 +6,18 @@ import pytest
 from tests.control.arm_bench import PREEMPTED, SUCCEEDED, Loop, Told, limp, order, tolerances
 from tests.motion.arms import HOME
 
-from hexwire.control.goals import ErrorCode, Tolerance
-from hexwire.control.outcomes import Outcome
+from hexwire.control.goals import Tolerance
+from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.safety import StopReason
 
 J1, J2 = HOME["J1"], HOME["J2"]
-ABORTED_PATH = (Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)
-ABORTED_GOAL = (Outcome.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
-ABORTED_LATE = (Outcome.ABORTED, ErrorCode.OLD_HEADER_TIMESTAMP)
-ABORTED = (Outcome.ABORTED, ErrorCode.INVALID_GOAL)
+ABORTED_PATH = (Outcome.ABORTED, Reason.PATH_TOLERANCE)
+ABORTED_GOAL = (Outcome.ABORTED, Reason.GOAL_TOLERANCE)
+ABORTED_LATE = (Outcome.ABORTED, Reason.TOO_LATE)
+STOPPED = (Outcome.ABORTED, Reason.STOPPED)
+NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 
 
 # -- stamps ------------------------------------------------------------------------------------------------------
@@ -49,7 +50,7 @@ def test_a_waiting_goal_can_be_cancelled_stopped_and_replaced() -> None:
     assert [told.outcome for told in many[:-1]] == [PREEMPTED] * 99
     loop.controller.stop(StopReason("asked", "it burns"))
     loop.deliver()
-    assert many[-1].outcome == ABORTED
+    assert many[-1].outcome == STOPPED
     loop.controller.reset()
     loop.run(3.0)
     assert loop.where("J1") == J1
@@ -71,7 +72,7 @@ def test_a_waiting_goal_whose_torque_went_away() -> None:
     told = loop.send(order((1.0, {"J1": J1 + 0.5}), delay=0.5))
     loop.change = limp
     loop.run(1.0)
-    assert told.outcome == ABORTED
+    assert told.outcome == NOT_READY
     assert "enable it first" in told.text
 
 
@@ -108,7 +109,7 @@ def test_past_points_are_dropped_and_a_past_trajectory_is_refused() -> None:
     assert min(where["J1"] for _, where in loop.track) >= J1 - 1e-9
     with pytest.raises(GoalError, match=r"ended 8 s ago") as caught:
         loop.send(order(*points, delay=-10.0))
-    assert caught.value.code == ErrorCode.OLD_HEADER_TIMESTAMP
+    assert caught.value.reason == Reason.TOO_LATE
 
 
 def test_checking_took_so_long_that_points_are_past() -> None:
@@ -131,7 +132,7 @@ def test_checking_took_so_long_that_it_would_be_too_fast() -> None:
     loop.run(0.3)
     with pytest.raises(GoalError, match=r"too late: on the way to the next point, .* J1 would turn at") as caught:
         loop.controller.accept(sent, loop.state, loop.now, goal=Told(), received=received)
-    assert caught.value.code == ErrorCode.OLD_HEADER_TIMESTAMP
+    assert caught.value.reason == Reason.TOO_LATE
     assert not loop.controller.busy
 
 

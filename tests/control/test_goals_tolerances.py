@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from hexwire.control.goals import Tolerance, Tolerances
+from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample
 
@@ -16,6 +17,7 @@ REST = (0.0, 0.0, 0.0)
 START = Sample((0.1, 0.2, 0.3), (0.4, -0.5, 0.6), (0.7, 0.8, -0.9))
 STILL = Sample((0.1, 0.2, 0.3), REST, REST)
 
+WRONG = Reason.WRONG_JOINTS
 DEFAULTS = Tolerances(
     path={name: Tolerance(0.1) for name in JOINTS},
     goal={name: Tolerance(0.05, 0.01) for name in JOINTS},
@@ -40,38 +42,56 @@ def test_the_goal_time_follows_the_same_rule(asked: float, goal_time: float) -> 
 
 
 @pytest.mark.parametrize(
-    ("path", "goal", "goal_time", "code", "text"),
+    ("path", "goal", "goal_time", "reason", "text"),
     [
-        ([("J9", 0.1, 0.0, 0.0)], [], 0.0, -2, "path_tolerance is for 'J9'; this controller has J1, J2, J3"),
-        ([], [("\n", 0.1, 0.0, 0.0)], 0.0, -2, r"goal_tolerance is for '\n'; this controller has J1, J2, J3"),
-        ([("J1", 0.1, 0.0, 0.0)] * 2, [], 0.0, -2, "path_tolerance is there twice for J1; give it once"),
+        (
+            [("J9", 0.1, 0.0, 0.0)],
+            [],
+            0.0,
+            WRONG,
+            "path_tolerance is for 'J9'; this controller has J1, J2, J3",
+        ),
+        (
+            [],
+            [("\n", 0.1, 0.0, 0.0)],
+            0.0,
+            WRONG,
+            r"goal_tolerance is for '\n'; this controller has J1, J2, J3",
+        ),
+        (
+            [("J1", 0.1, 0.0, 0.0)] * 2,
+            [],
+            0.0,
+            WRONG,
+            "path_tolerance is there twice for J1; give it once",
+        ),
         (
             [("J1", math.nan, 0.0, 0.0)],
             [],
             0.0,
-            -1,
+            Reason.MALFORMED,
             "path_tolerance for the position of J1 is nan, not a number; -1 switches the check off",
         ),
         (
             [],
             [("J1", 0.0, 0.0, math.inf)],
             0.0,
-            -1,
+            Reason.MALFORMED,
             "goal_tolerance for the acceleration of J1 is inf, not a number; -1 switches the check off",
         ),
-        ([], [], math.nan, -1, "goal_time_tolerance is nan, not a number"),
+        ([], [], math.nan, Reason.MALFORMED, "goal_time_tolerance is nan, not a number"),
     ],
 )
 def test_wrong_tolerances_are_refused(
     path: list[tuple[str, float, float, float]],
     goal: list[tuple[str, float, float, float]],
     goal_time: float,
-    code: int,
+    reason: Reason,
     text: str,
 ) -> None:
     with pytest.raises(GoalError) as caught:
         DEFAULTS.overridden(path, goal, goal_time)
-    assert (caught.value.code, str(caught.value)) == (code, text)
+    assert (caught.value.reason, str(caught.value)) == (reason, text)
 
 
 AT_ZERO = Sample(REST, REST, REST)

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from hexwire.control.goals import ErrorCode
-from hexwire.control.outcomes import Ended, Outcome, Progress
+from hexwire.control.outcomes import Ended, Outcome, Progress, Reason
 from hexwire.motion.waypoints import Sample
 
 
@@ -22,6 +21,6 @@ def test_a_measured_joint_too_few_is_no_error_of_zero() -> None:
 
 
 def test_an_end_has_words_only_where_there_is_something_to_say() -> None:
-    ended = Ended(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
+    ended = Ended(Outcome.SUCCEEDED, Reason.REACHED)
     assert (ended.text, ended.outcome.value) == ("", "succeeded")
-    assert ended != Ended(Outcome.ABORTED, ErrorCode.SUCCESSFUL)
+    assert ended != Ended(Outcome.ABORTED, Reason.REACHED)

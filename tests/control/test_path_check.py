@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import pytest
 from tests.motion.arms import HOME
 
-from hexwire.control.goals import ErrorCode
+from hexwire.control.outcomes import Reason
 from hexwire.control.path_check import Ways
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
@@ -33,7 +33,7 @@ def test_a_way_is_checked_with_where_the_others_are_and_go() -> None:
         for others, meanwhile in (({**HOME, other: FOLD[other]}, []), (HOME, [theirs])):
             with pytest.raises(GoalError, match=r"elbow folded.*nothing was sent") as caught:
                 WAYS.check(mine, others, meanwhile)
-            assert caught.value.code == ErrorCode.INVALID_GOAL
+            assert caught.value.reason == Reason.PATH_NOT_ALLOWED
     BLIND.check(way(FOLD), HOME)
 
 
@@ -43,15 +43,15 @@ def test_a_way_without_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("late", "code", "why"),
-    [(False, ErrorCode.INVALID_GOAL, "not any more"), (True, ErrorCode.OLD_HEADER_TIMESTAMP, "too late")],
+    ("late", "reason", "why"),
+    [(False, Reason.PATH_NOT_ALLOWED, "not any more"), (True, Reason.TOO_LATE, "too late")],
 )
-def test_the_way_to_the_first_point_may_be_too_fast_by_now(late: bool, code: ErrorCode, why: str) -> None:
+def test_the_way_to_the_first_point_may_be_too_fast_by_now(late: bool, reason: Reason, why: str) -> None:
     turn = HEX7BOT.joint("J1").max_speed
     WAYS.check_bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.48), HOME, late=late)
     with pytest.raises(GoalError, match=rf"^{why}: on the way to the next point, at .* are allowed") as caught:
         WAYS.check_bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.4), HOME, late=late)
-    assert caught.value.code == code
+    assert caught.value.reason == reason
 
 
 def test_a_takeover_that_swings_through_a_gate() -> None:
@@ -62,7 +62,7 @@ def test_a_takeover_that_swings_through_a_gate() -> None:
     WAYS.check_takeover([], here)
     with pytest.raises(GoalError, match=r"^0\.40 s after it takes over .*, elbow .*; let that end") as caught:
         WAYS.check_takeover(bad, here)
-    assert caught.value.code == ErrorCode.INVALID_GOAL
+    assert caught.value.reason == Reason.PATH_NOT_ALLOWED
     BLIND.check_takeover(bad, here)
     # Nobody knows where the other joints are: what moves has begun when they were known.
     WAYS.check_takeover(bad, {**here, "J1": math.nan})

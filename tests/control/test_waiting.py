@@ -4,14 +4,13 @@ import threading
 
 import pytest
 
-from hexwire.control.goals import ErrorCode
-from hexwire.control.outcomes import Ended, Outcome
+from hexwire.control.outcomes import Ended, Outcome, Reason
 from hexwire.control.waiting import Alone, Waiter, join_or_hang_up
 from hexwire.errors import UsageError
 
-DONE = Ended(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
-STOPPED = Ended(Outcome.ABORTED, ErrorCode.INVALID_GOAL, "stopped: it burns")
-REPLACED = Ended(Outcome.PREEMPTED, ErrorCode.SUCCESSFUL)
+DONE = Ended(Outcome.SUCCEEDED, Reason.REACHED)
+STOPPED = Ended(Outcome.ABORTED, Reason.STOPPED, "stopped: it burns")
+REPLACED = Ended(Outcome.PREEMPTED, Reason.REPLACED)
 
 
 def test_all_must_succeed() -> None:

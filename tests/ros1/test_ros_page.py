@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.ros1.ros_world import Arm
 
 import hexwire.ros1
-from hexwire.control.goals import ErrorCode
+from hexwire.ros1.codes import ErrorCode
 from hexwire.ros1.parameters import PARAMETERS
 from hexwire.ros1.path import _NEEDED
 

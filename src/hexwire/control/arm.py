@@ -19,7 +19,7 @@ from hexwire.motion.teach import approach
 
 from .controller import TrajectoryController
 from .diagnostics import Facts
-from .goals import ErrorCode
+from .outcomes import Reason
 from .owner import Hardware
 from .teach_mode import Lessons, switch_torque
 from .waiting import Alone, Waiter
@@ -142,7 +142,7 @@ class Arm:
             wanted: Asked when it was checked, which takes time: whether it is still to be followed.
 
         Raises:
-            GoalError: With ROS's code; what was followed before goes on.
+            GoalError: It cannot be followed; what was followed before goes on.
         """
         controller, hardware = self.controllers[name], self.hardware
         try:
@@ -160,7 +160,7 @@ class Arm:
             with hardware.locked():
                 self.lessons.refuse()
                 if not wanted():
-                    raise GoalError("cancelled before it began")
+                    raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
                 now = hardware.now()
                 controller.accept(
                     order,
@@ -174,7 +174,7 @@ class Arm:
         except GoalError:
             raise
         except HexwireError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+            raise GoalError(str(error), reason=Reason.NOT_READY) from None
         hardware.hurry()
         hardware.deliver()
 

@@ -1,7 +1,7 @@
 """One trajectory controller: what its joints follow, for whom, and how that ended.
 
 Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, over. Time comes in as an
-argument, and what was sent as plain values. Must not know ROS, robots, threads or clocks.
+argument, and what was sent as plain values. Must not know messages, robots, threads or clocks.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
-from .goals import ErrorCode, Point, check_order, make_trajectory
-from .outcomes import Ended, Goal, Outcome, Progress
+from .goals import Point, check_order, make_trajectory
+from .outcomes import Ended, Goal, Outcome, Progress, Reason
 from .path_check import Ways
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["TrajectoryController"]
 
 _STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
-"""Kinds of a `StopReason` that mean the arm left its way; ROS has a code for that and for no other stop."""
+"""Kinds of a `StopReason` that mean the arm left its path."""
 
 _PAST = 1.0
 """Seconds back to which a question for the desired state is answered while the joints hold: messages take time."""
@@ -66,7 +66,7 @@ class _Pending:
 
 
 class TrajectoryController:
-    """Follows trajectories and set-points with some joints of an arm, as ROS's trajectory controllers do.
+    """Follows trajectories and set-points with some joints of an arm.
 
     Args:
         settings: Name, joints and tolerances.
@@ -145,7 +145,7 @@ class TrajectoryController:
         try:
             return self.follower.desired(self.joints, self.follower.next_start(now + max(0.0, delay)))
         except HexwireError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+            raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
     def query(self, when: float, now: float, state: JointState) -> Sample:
         """Where the joints are meant to be at a time, as far as what is followed now says.
@@ -163,12 +163,12 @@ class TrajectoryController:
         begins = self._active.begins if self._active is not None and follows else now - _PAST
         if when < begins:
             text = f"{now - when:.3g} s ago something else was followed, or nothing"
-            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+            raise GoalError(text, reason=Reason.MALFORMED)
         self.follower.observe(state)
         try:
             return self.follower.desired(self.joints, when)
         except HexwireError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+            raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
     def plan(self, order: TrajectoryOrder, start: Sample) -> Trajectory:
         """What an order would make the joints do; looks at nothing that changes, so needs no lock.
@@ -252,7 +252,7 @@ class TrajectoryController:
         except GoalError:
             raise
         except HexwireError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+            raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
         self._preempt("replaced by a new one")
         ends = now + self.follower.remaining(now)
         self._active = _Active(goal, tolerances or self.settings.tolerances, begins, ends)
@@ -278,7 +278,7 @@ class TrajectoryController:
         try:
             self.follower.desired(tuple(positions), 0.0)
         except HexwireError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+            raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
     def hold(self, why: str) -> None:
         """Stay where the last command was; a goal under way is preempted."""
@@ -293,8 +293,8 @@ class TrajectoryController:
     def stop(self, reason: StopReason) -> None:
         """Latch a stop; a goal under way is aborted."""
         self.follower.stop(reason)
-        code = ErrorCode.PATH_TOLERANCE_VIOLATED if reason.kind in _STOPS_BY_PATH else ErrorCode.INVALID_GOAL
-        self._end(Outcome.ABORTED, code, f"stopped: {reason}")
+        why = Reason.PATH_TOLERANCE if reason.kind in _STOPS_BY_PATH else Reason.STOPPED
+        self._end(Outcome.ABORTED, why, f"stopped: {reason}")
 
     def reset(self) -> None:
         """End a stop. Nothing moves by it."""
@@ -303,7 +303,7 @@ class TrajectoryController:
     def release(self, why: str) -> None:
         """The joints are no longer held: what was commanded is forgotten, a goal under way aborted."""
         self.follower.forget()
-        self._end(Outcome.ABORTED, ErrorCode.INVALID_GOAL, why)
+        self._end(Outcome.ABORTED, Reason.NOT_READY, why)
 
     # -- the cycle ----------------------------------------------------------------------------------
 
@@ -334,7 +334,8 @@ class TrajectoryController:
             self._take_over(self._due(pending.order, pending.received, state, now), state, now)
         except HexwireError as error:
             self.follower.hold()
-            self._end(Outcome.ABORTED, getattr(error, "code", ErrorCode.INVALID_GOAL), str(error))
+            reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
+            self._end(Outcome.ABORTED, reason, str(error))
         else:
             active.begins, active.ends = begins, now + self.follower.remaining(now)
 
@@ -396,7 +397,7 @@ class TrajectoryController:
                 wrong = active.tolerances.path_violation(self.joints, desired, position, speed)
                 if wrong:
                     self.follower.hold()
-                    self._end(Outcome.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, wrong)
+                    self._end(Outcome.ABORTED, Reason.PATH_TOLERANCE, wrong)
         elif active.goal is None:
             self._active = None
         elif now >= active.ends:
@@ -406,9 +407,9 @@ class TrajectoryController:
             patience = active.tolerances.goal_time
             active.missed = min(active.missed, now)
             if not wrong:
-                self._end(Outcome.SUCCEEDED, ErrorCode.SUCCESSFUL)
+                self._end(Outcome.SUCCEEDED, Reason.REACHED)
             elif patience and now > active.missed + patience:
-                self._end(Outcome.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, wrong)
+                self._end(Outcome.ABORTED, Reason.GOAL_TOLERANCE, wrong)
 
     def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
         """Where each joint was meant to be when it was sampled; never further than it was told."""
@@ -423,9 +424,7 @@ class TrajectoryController:
 
     def _refuse_if_stopped(self) -> None:
         if self.follower.mode is Mode.STOPPED:
-            raise GoalError(
-                f"the arm is stopped ({self.follower.reason}); reset first", code=ErrorCode.INVALID_GOAL
-            )
+            raise GoalError(f"the arm is stopped ({self.follower.reason}); reset first", reason=Reason.STOPPED)
 
     def _refuse_unready(self, names: Collection[str], state: JointState) -> None:
         """A servo without torque or without a word would only have the guard stop the whole arm a moment later."""
@@ -433,15 +432,15 @@ class TrajectoryController:
         deaf = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > most]
         if deaf:
             text = f"{', '.join(deaf)} has not been heard of for more than {most:g} s; see to the servo"
-            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+            raise GoalError(text, reason=Reason.NOT_READY)
         limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
         if limp:
-            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", code=ErrorCode.INVALID_GOAL)
+            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", reason=Reason.NOT_READY)
 
     def _preempt(self, why: str) -> None:
-        self._end(Outcome.PREEMPTED, ErrorCode.SUCCESSFUL, why)
+        self._end(Outcome.PREEMPTED, Reason.REPLACED, why)
 
-    def _end(self, outcome: Outcome, code: ErrorCode, text: str = "") -> None:
+    def _end(self, outcome: Outcome, reason: Reason, text: str = "") -> None:
         active, self._active, self._pending = self._active, None, None
         if active is not None and active.goal is not None:
-            self._ended.append((active.goal, Ended(outcome, code, text)))
+            self._ended.append((active.goal, Ended(outcome, reason, text)))

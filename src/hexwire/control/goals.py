@@ -10,14 +10,14 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample, Spline, Waypoint
 
+from .outcomes import Reason
+
 __all__ = [
     "MAX_POINTS",
-    "ErrorCode",
     "Point",
     "Tolerance",
     "Tolerances",
@@ -39,17 +39,6 @@ _THERE = 1e-3
 """Radians; a first point that is due at once may be so far from where the arm is."""
 _SHOWN = 5
 """Names or faults that a text lists at most."""
-
-
-class ErrorCode(IntEnum):
-    """Codes of ROS's FollowJointTrajectoryResult."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +118,10 @@ class Tolerances:
             goal_time: Seconds.
 
         Raises:
-            GoalError: INVALID_JOINTS for a joint that is unknown or there twice, INVALID_GOAL for NaN and inf.
+            GoalError: WRONG_JOINTS for a joint that is unknown or there twice, MALFORMED for NaN and inf.
         """
         if not math.isfinite(goal_time):
-            raise GoalError(f"goal_time_tolerance is {goal_time}, not a number", code=ErrorCode.INVALID_GOAL)
+            raise GoalError(f"goal_time_tolerance is {goal_time}, not a number", reason=Reason.MALFORMED)
         return Tolerances(
             _merged(self.path, path, "path_tolerance"),
             _merged(self.goal, goal, "goal_tolerance"),
@@ -180,15 +169,15 @@ def _merged(
     for name, *values in rows:
         if name not in defaults:
             text = f"{field} is for {_quoted(name)}; this controller has {_listed(defaults)}"
-            raise GoalError(text, code=ErrorCode.INVALID_JOINTS)
+            raise GoalError(text, reason=Reason.WRONG_JOINTS)
         if name in merged:
-            raise GoalError(f"{field} is there twice for {name}; give it once", code=ErrorCode.INVALID_JOINTS)
+            raise GoalError(f"{field} is there twice for {name}; give it once", reason=Reason.WRONG_JOINTS)
         old = defaults[name]
         kept = (old.position, old.velocity, old.acceleration)
         for kind, value in zip(("position", "velocity", "acceleration"), values, strict=True):
             if not math.isfinite(value):
                 text = f"{field} for the {kind} of {name} is {value}, not a number; -1 switches the check off"
-                raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+                raise GoalError(text, reason=Reason.MALFORMED)
         merged[name] = Tolerance(*map(_resolved, values, kept))
     return {**defaults, **merged}
 
@@ -252,8 +241,7 @@ def check_order(order: TrajectoryOrder, joints: tuple[str, ...], *, allow_partia
         allow_partial: Whether the order may leave joints out.
 
     Raises:
-        GoalError: INVALID_JOINTS if the names are wrong, INVALID_GOAL for everything else. Points are counted from
-            0, as in the message.
+        GoalError: WRONG_JOINTS if the names are wrong, MALFORMED for everything else. Points are counted from 0.
     """
     _check_names(order.names, joints, allow_partial)
     if not math.isfinite(order.delay):
@@ -268,7 +256,7 @@ def check_order(order: TrajectoryOrder, joints: tuple[str, ...], *, allow_partia
 
 
 def _invalid(text: str) -> GoalError:
-    return GoalError(text, code=ErrorCode.INVALID_GOAL)
+    return GoalError(text, reason=Reason.MALFORMED)
 
 
 def _check_names(names: tuple[str, ...], joints: tuple[str, ...], allow_partial: bool) -> None:
@@ -284,7 +272,7 @@ def _check_names(names: tuple[str, ...], joints: tuple[str, ...], allow_partial:
         faults.append(f"{_listed(missing)} missing")
     if faults:
         text = f"joint_names: {'; '.join(faults)}; this controller has {', '.join(joints)}"
-        raise GoalError(text, code=ErrorCode.INVALID_JOINTS)
+        raise GoalError(text, reason=Reason.WRONG_JOINTS)
 
 
 def _check_time(i: int, time: float, before: float) -> None:
@@ -343,14 +331,14 @@ def make_trajectory(order: TrajectoryOrder, joints: tuple[str, ...], start: Samp
         The spline, whose time 0 is when it begins, and seconds from now when that is.
 
     Raises:
-        GoalError: OLD_HEADER_TIMESTAMP if no point is left; INVALID_GOAL if there was none, if it is not known
-            where a joint is, or if the first point is due the moment the order begins and the arm is elsewhere.
+        GoalError: TOO_LATE if no point is left; MALFORMED if there was none; NOT_READY if the position of a joint
+            is unknown; PATH_NOT_ALLOWED if the first point is due at the beginning and the arm is elsewhere.
     """
     if not order.points:
         raise _invalid("the trajectory has no points")
     for name, value in zip(joints, start.position, strict=True):
         if not math.isfinite(value):
-            raise _invalid(f"it is not known yet where {name} is; wait for its state")
+            raise GoalError(f"it is not known yet where {name} is; wait for its state", reason=Reason.NOT_READY)
     points = [point for point in order.points if order.delay + point.time > _TICK]
     if not points:
         raise _too_late(order)
@@ -391,15 +379,16 @@ def _too_late(order: TrajectoryOrder) -> GoalError:
         text = "the time_from_start of the last point must be above 0: it is the time the arm has to get there"
     else:
         text = f"the trajectory ended {max(0.0, ago):.3g} s ago; stamp it later, or with 0 to begin on arrival"
-    return GoalError(text, code=ErrorCode.OLD_HEADER_TIMESTAMP)
+    return GoalError(text, reason=Reason.TOO_LATE)
 
 
 def _check_there(joints: tuple[str, ...], here: Sequence[float], first: Sequence[float]) -> None:
     gap, name = max((abs(b - a), name) for name, a, b in zip(joints, here, first, strict=True))
     if gap > _THERE:
-        raise _invalid(
+        raise GoalError(
             f"the trajectory begins {math.degrees(gap):.3g} deg from where {name} is; "
-            "give its first point a time_from_start above 0, or move there first"
+            "give its first point a time_from_start above 0, or move there first",
+            reason=Reason.PATH_NOT_ALLOWED,
         )
 
 

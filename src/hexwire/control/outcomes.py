@@ -1,24 +1,46 @@
-"""How a goal ends, who is told, and how far its joints are on the way.
+"""How a goal ends and why, who is told, and how far its joints are.
 
-Owns the values that controllers hand out. Must not know controllers, ROS, threads or clocks.
+Owns the values that controllers hand out. Must not know controllers, messages, threads or clocks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from hexwire.motion.waypoints import Sample
 
-    from .goals import ErrorCode
+__all__ = ["Ended", "Goal", "Outcome", "Progress", "Reason"]
 
-__all__ = ["Ended", "Goal", "Outcome", "Progress"]
+
+class Reason(StrEnum):
+    """Why a goal was refused, or why it ended."""
+
+    REACHED = "reached"
+    REPLACED = "replaced"
+    """Something else is followed, or the joints were told to hold."""
+    CANCELLED = "cancelled"
+    """Before it began."""
+    MALFORMED = "malformed"
+    """Values are missing, doubled, out of order or no numbers."""
+    WRONG_JOINTS = "wrong joints"
+    """A joint is unknown, missing or named twice."""
+    TOO_LATE = "too late"
+    NOT_READY = "not ready"
+    """The joints cannot move now: no torque, position unknown, no connection, or teach mode."""
+    PATH_NOT_ALLOWED = "path not allowed"
+    """It leads outside limits, is too fast, or begins elsewhere."""
+    PATH_TOLERANCE = "path tolerance"
+    """The joints were too far off the path."""
+    GOAL_TOLERANCE = "goal tolerance"
+    """The joints did not get near enough to the goal in time."""
+    STOPPED = "stopped"
 
 
 class Outcome(Enum):
-    """How a goal ended, in ROS's words."""
+    """How a goal ended."""
 
     SUCCEEDED = "succeeded"
     PREEMPTED = "preempted"
@@ -31,12 +53,12 @@ class Ended:
 
     Attributes:
         outcome: Which.
-        code: Of ROS's FollowJointTrajectoryResult.
+        reason: Why.
         text: In words; empty after a success.
     """
 
     outcome: Outcome
-    code: ErrorCode
+    reason: Reason
     text: str = ""
 
 

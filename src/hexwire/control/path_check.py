@@ -1,6 +1,6 @@
 """What speaks against a way before the arm takes it: all of it when it comes, its beginning again when it begins.
 
-Owns the two looks and their answers in ROS's codes. Must not know goals, time or what is followed.
+Owns the two looks and the reasons they give. Must not know goals, time or what is followed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from hexwire.motion.checks import check_trajectory
 from hexwire.motion.fence import Fence
 from hexwire.motion.waypoints import Spline, Tail
 
-from .goals import ErrorCode
+from .outcomes import Reason
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -62,13 +62,13 @@ class Ways:
         """
         if trajectory.duration > _LONGEST:
             text = f"the trajectory lasts {trajectory.duration:g} s; send at most {_LONGEST:g} s at a time"
-            raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+            raise GoalError(text, reason=Reason.MALFORMED)
         try:
             check_trajectory(
                 trajectory, self._arm, self._kinematics, others=others, meanwhile=meanwhile, table=self._table
             ).require()
         except LimitError as error:
-            raise GoalError(str(error), code=ErrorCode.INVALID_GOAL) from None
+            raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
 
     def check_bridge(
         self,
@@ -102,8 +102,8 @@ class Ways:
         ).findings
         if findings:
             why = "too late" if late else "not any more"
-            code = ErrorCode.OLD_HEADER_TIMESTAMP if late else ErrorCode.INVALID_GOAL
-            raise GoalError(f"{why}: on the way to the next point, {'; '.join(map(str, findings))}", code=code)
+            reason = Reason.TOO_LATE if late else Reason.PATH_NOT_ALLOWED
+            raise GoalError(f"{why}: on the way to the next point, {'; '.join(map(str, findings))}", reason=reason)
 
     def check_takeover(
         self, samples: Iterable[tuple[float, Mapping[str, float]]], others: Mapping[str, float]
@@ -123,4 +123,4 @@ class Ways:
         for t, positions in samples:
             if found := fence.follow({**others, **positions}, positions):
                 text = f"{t:.2f} s after it takes over from the motion under way, {found}; let that end first"
-                raise GoalError(text, code=ErrorCode.INVALID_GOAL)
+                raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)

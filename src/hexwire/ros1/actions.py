@@ -15,10 +15,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.goals import ErrorCode
 from hexwire.control.orders import order_of, tolerances_of
-from hexwire.control.outcomes import Ended, Outcome
+from hexwire.control.outcomes import Ended, Outcome, Reason
 from hexwire.errors import GoalError
+
+from .codes import CODES, ErrorCode
 
 if TYPE_CHECKING:
     from hexwire.control.arm import Arm
@@ -135,7 +136,7 @@ class ActionGoals:
         except GoalError as error:
             if not goal.recalled:
                 _log.warning("goal refused: %s", error)
-            self._refuse(goal, ErrorCode(error.code), str(error))
+            self._refuse(goal, CODES[Reason(error.reason)], str(error))
         except Exception as error:
             # Its client must not wait for an end that never comes.
             self._refuse(goal, ErrorCode.INVALID_GOAL, f"the node failed: {error!r}")
@@ -164,7 +165,7 @@ class ActionGoals:
 
     def _finish(self, goal: ActionGoal, ended: Ended) -> None:
         self._forget(goal)
-        result = self._result(ended.code, ended.text)
+        result = self._result(CODES[ended.reason], ended.text)
         if ended.outcome is Outcome.SUCCEEDED:
             goal.handle.set_succeeded(result, ended.text)
         elif ended.outcome is Outcome.PREEMPTED:
