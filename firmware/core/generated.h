@@ -115,27 +115,27 @@ constexpr uint8_t STATE_FIELD_TEMPERATURE = 0x08;
 constexpr uint8_t STATE_FIELD_CURRENT = 0x10;
 constexpr uint8_t STATE_FIELD_AGE = 0x20;
 
-// PING: Dialect 1: a servo packet goes to the bus, its answer comes back.
+// PING: Dialect 1: sends a PING packet to the bus and returns the answer.
 constexpr uint8_t CMD_PING = 0x01;
 constexpr uint8_t PING_REQUEST_PACKET = 0;
 constexpr uint8_t PING_REQUEST_SIZE = 0;
 constexpr uint8_t PING_REPLY_PACKET = 0;
 constexpr uint8_t PING_REPLY_SIZE = 0;
 
-// READ: Dialect 1: any servo packet goes to the bus, its answer comes back; 2-byte reads of legacy servos are swapped.
+// READ: Dialect 1: sends any servo packet to the bus and returns the answer; 2-byte reads of legacy servos are swapped.
 constexpr uint8_t CMD_READ = 0x02;
 constexpr uint8_t READ_REQUEST_PACKET = 0;
 constexpr uint8_t READ_REQUEST_SIZE = 0;
 constexpr uint8_t READ_REPLY_PACKET = 0;
 constexpr uint8_t READ_REPLY_SIZE = 0;
 
-// SYNC_WRITE: Dialect 1: sync write of position and run time, 4 bytes a servo at 0x2A; never answered in dialect 1, empty reply in dialect 2.
+// SYNC_WRITE: Dialect 1: sync write of position and run time, 4 bytes per servo at 0x2A; never answered in dialect 1, empty reply in dialect 2.
 constexpr uint8_t CMD_SYNC_WRITE = 0x03;
 constexpr uint8_t SYNC_WRITE_REQUEST_PACKET = 0;
 constexpr uint8_t SYNC_WRITE_REQUEST_SIZE = 0;
 constexpr uint8_t SYNC_WRITE_REPLY_SIZE = 0;
 
-// IDENTIFY: Who are you: versions, boot id (new at every reset), capabilities, one row a joint.
+// IDENTIFY: Identity of the board: versions, boot id (new at every reset), capabilities, one row per joint.
 constexpr uint8_t CMD_IDENTIFY = 0x10;
 constexpr uint8_t IDENTIFY_REQUEST_SIZE = 0;
 constexpr uint8_t IDENTIFY_REPLY_PROTOCOL = 0;
@@ -153,7 +153,7 @@ constexpr uint8_t IDENTIFY_REPLY_ROW_SERIES = 1;
 constexpr uint8_t IDENTIFY_REPLY_ROW_PRESENT = 2;
 constexpr uint8_t IDENTIFY_REPLY_ROW_SIZE = 3;
 
-// JOINT_STATE: All joints in one frame. Asked for, or sent unsolicited by REPORT. Age is ms since the sample, 65535 = never.
+// JOINT_STATE: All joints in one frame, on request or unsolicited (REPORT). Age is ms since the sample, 65535 = never.
 constexpr uint8_t CMD_JOINT_STATE = 0x11;
 constexpr uint8_t JOINT_STATE_REQUEST_FIELDS = 0;
 constexpr uint8_t JOINT_STATE_REQUEST_SIZE = 1;
@@ -176,7 +176,7 @@ constexpr uint8_t REPORT_REPLY_PERIOD_MS = 0;
 constexpr uint8_t REPORT_REPLY_FIELDS = 2;
 constexpr uint8_t REPORT_REPLY_SIZE = 3;
 
-// JOINT_MOVE: Targets for any subset of joints; clamped to the stored limits. The reply says what was really sent; flags bit 0 = clamped.
+// JOINT_MOVE: Targets for any subset of joints; clamped to the stored limits. The reply has the values that were sent; flags bit 0 = clamped.
 constexpr uint8_t CMD_JOINT_MOVE = 0x13;
 constexpr uint8_t JOINT_MOVE_REQUEST_DURATION_MS = 0;
 constexpr uint8_t JOINT_MOVE_REQUEST_COUNT = 2;
@@ -201,7 +201,7 @@ constexpr uint8_t TORQUE_REPLY_ON = 0;
 constexpr uint8_t TORQUE_REPLY_MASK = 1;
 constexpr uint8_t TORQUE_REPLY_SIZE = 3;
 
-// STOP: Latched stop: 0 holds where the joints are, 1 takes the torque away. The reply has the joints that confirmed it.
+// STOP: Latched stop: 0 holds where the joints are, 1 switches torque off. The reply has the joints that confirmed it.
 constexpr uint8_t CMD_STOP = 0x15;
 constexpr uint8_t STOP_REQUEST_MODE = 0;
 constexpr uint8_t STOP_REQUEST_SIZE = 1;
@@ -209,13 +209,13 @@ constexpr uint8_t STOP_REPLY_MODE = 0;
 constexpr uint8_t STOP_REPLY_MASK = 1;
 constexpr uint8_t STOP_REPLY_SIZE = 3;
 
-// RESUME: Ends a stop. Nothing moves by it.
+// RESUME: Ends a stop. It moves nothing.
 constexpr uint8_t CMD_RESUME = 0x16;
 constexpr uint8_t RESUME_REQUEST_SIZE = 0;
 constexpr uint8_t RESUME_REPLY_BOARD_FLAGS = 0;
 constexpr uint8_t RESUME_REPLY_SIZE = 1;
 
-// WATCHDOG: Stop by itself when no valid host frame comes for timeout_ms (0 = never). Mode as in STOP.
+// WATCHDOG: Stop automatically when no valid host frame arrives for timeout_ms (0 = never). Mode as in STOP.
 constexpr uint8_t CMD_WATCHDOG = 0x17;
 constexpr uint8_t WATCHDOG_REQUEST_TIMEOUT_MS = 0;
 constexpr uint8_t WATCHDOG_REQUEST_MODE = 2;
@@ -224,7 +224,7 @@ constexpr uint8_t WATCHDOG_REPLY_TIMEOUT_MS = 0;
 constexpr uint8_t WATCHDOG_REPLY_MODE = 2;
 constexpr uint8_t WATCHDOG_REPLY_SIZE = 3;
 
-// LIMITS: Per-joint limits. An empty body reads; a body with one row a joint writes them all, checked as a whole.
+// LIMITS: Per-joint limits. An empty body reads; a body with one row per joint writes them all, checked as a whole.
 constexpr uint8_t CMD_LIMITS = 0x18;
 constexpr uint8_t LIMITS_REQUEST_JOINTS = 0;
 constexpr uint8_t LIMITS_REQUEST_SIZE = 1;
@@ -240,7 +240,7 @@ constexpr uint8_t LIMITS_REPLY_ROW_MAXIMUM = 2;
 constexpr uint8_t LIMITS_REPLY_ROW_SPEED = 4;
 constexpr uint8_t LIMITS_REPLY_ROW_SIZE = 6;
 
-// OFFSETS: Per-joint neutral count and sign. An empty body reads; a body with one row a joint writes them all.
+// OFFSETS: Per-joint neutral count and sign. An empty body reads; a body with one row per joint writes them all.
 constexpr uint8_t CMD_OFFSETS = 0x19;
 constexpr uint8_t OFFSETS_REQUEST_JOINTS = 0;
 constexpr uint8_t OFFSETS_REQUEST_SIZE = 1;
@@ -263,7 +263,7 @@ constexpr uint8_t TRANSACT_REQUEST_SIZE = 2;
 constexpr uint8_t TRANSACT_REPLY_PACKET = 0;
 constexpr uint8_t TRANSACT_REPLY_SIZE = 0;
 
-// STATS: Counters since reset, in the order of this list; a newer board may append more.
+// STATS: Counters since reset, in this order; a newer board may append more.
 constexpr uint8_t CMD_STATS = 0x1B;
 constexpr uint8_t STATS_REQUEST_SIZE = 0;
 constexpr uint8_t STATS_REPLY_UPTIME_MS = 0;
@@ -294,7 +294,7 @@ constexpr uint8_t FRAGMENT_REQUEST_CHUNK = 8;
 constexpr uint8_t FRAGMENT_REQUEST_SIZE = 8;
 constexpr uint8_t FRAGMENT_REPLY_SIZE = 0;
 
-// FRAGMENT_MISSING: Asks for chunks again; count 0 = all arrived, forget the message.
+// FRAGMENT_MISSING: Asks for missing chunks; count 0 = all arrived, forget the message.
 constexpr uint8_t CMD_FRAGMENT_MISSING = 0x1D;
 constexpr uint8_t FRAGMENT_MISSING_REQUEST_MESSAGE_ID = 0;
 constexpr uint8_t FRAGMENT_MISSING_REQUEST_COUNT = 2;
@@ -312,7 +312,7 @@ constexpr uint8_t IO_REPLY_MASK = 0;
 constexpr uint8_t IO_REPLY_VALUE = 1;
 constexpr uint8_t IO_REPLY_SIZE = 2;
 
-// MAINTENANCE: Maintenance on (1) or off (0). On, TRANSACT may write the settings of servos, and nothing may move. Asks for all torque off.
+// MAINTENANCE: Maintenance on (1) or off (0). While on, TRANSACT may write settings of servos, and nothing may move. Requires all torque off.
 constexpr uint8_t CMD_MAINTENANCE = 0x1F;
 constexpr uint8_t MAINTENANCE_REQUEST_ON = 0;
 constexpr uint8_t MAINTENANCE_REQUEST_SIZE = 1;
@@ -320,7 +320,7 @@ constexpr uint8_t MAINTENANCE_REPLY_ON = 0;
 constexpr uint8_t MAINTENANCE_REPLY_BOARD_FLAGS = 1;
 constexpr uint8_t MAINTENANCE_REPLY_SIZE = 2;
 
-// ROBOT_PROBE: A robot controller says who it is.
+// ROBOT_PROBE: Identity of a robot controller.
 constexpr uint8_t CMD_ROBOT_PROBE = 0x30;
 constexpr uint8_t ROBOT_PROBE_REQUEST_SIZE = 0;
 constexpr uint8_t ROBOT_PROBE_REPLY_BOOT_ID = 0;
@@ -346,7 +346,7 @@ constexpr uint8_t ROBOT_MODE_REPLY_MODE = 0;
 constexpr uint8_t ROBOT_MODE_REPLY_ROBOT_FLAGS = 1;
 constexpr uint8_t ROBOT_MODE_REPLY_SIZE = 2;
 
-// JOINT_COMMANDS: The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is there. Then the names (length byte and text each), then the arrays as float64.
+// JOINT_COMMANDS: The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is present. Then the names (length byte and text each), then the arrays as float64.
 constexpr uint8_t CMD_JOINT_COMMANDS = 0x33;
 constexpr uint8_t JOINT_COMMANDS_REQUEST_JOINTS = 0;
 constexpr uint8_t JOINT_COMMANDS_REQUEST_ARRAYS = 1;
@@ -354,7 +354,7 @@ constexpr uint8_t JOINT_COMMANDS_REQUEST_DATA = 3;
 constexpr uint8_t JOINT_COMMANDS_REQUEST_SIZE = 3;
 constexpr uint8_t JOINT_COMMANDS_REPLY_SIZE = 0;
 
-// JOINT_STATES: Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints. Asked for, or unsolicited by REPORT.
+// JOINT_STATES: Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints, on request or unsolicited (REPORT).
 constexpr uint8_t CMD_JOINT_STATES = 0x34;
 constexpr uint8_t JOINT_STATES_REQUEST_SIZE = 0;
 constexpr uint8_t JOINT_STATES_REPLY_TIME_US = 0;
@@ -366,7 +366,7 @@ constexpr uint8_t JOINT_STATES_REPLY_ROW_SPEED = 4;
 constexpr uint8_t JOINT_STATES_REPLY_ROW_EFFORT = 8;
 constexpr uint8_t JOINT_STATES_REPLY_ROW_SIZE = 10;
 
-// JOINT_TRAJECTORY: Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces what is being followed. Long ones come in fragments.
+// JOINT_TRAJECTORY: Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces the running trajectory. Long ones are sent in fragments.
 constexpr uint8_t CMD_JOINT_TRAJECTORY = 0x35;
 constexpr uint8_t JOINT_TRAJECTORY_REQUEST_JOINTS = 0;
 constexpr uint8_t JOINT_TRAJECTORY_REQUEST_FLAGS = 1;

@@ -281,25 +281,25 @@ COMMANDS: dict[str, int] = {
 COMMAND_ROWS: dict[str, CommandRow] = {
     "PING": CommandRow(
         0x01,
-        "Dialect 1: a servo packet goes to the bus, its answer comes back.",
+        "Dialect 1: sends a PING packet to the bus and returns the answer.",
         Body((("packet", "bytes", ""),), (), ""),
         Body((("packet", "bytes", ""),), (), ""),
     ),
     "READ": CommandRow(
         0x02,
-        "Dialect 1: any servo packet goes to the bus, its answer comes back; 2-byte reads of legacy servos are swapped.",
+        "Dialect 1: sends any servo packet to the bus and returns the answer; 2-byte reads of legacy servos are swapped.",
         Body((("packet", "bytes", ""),), (), ""),
         Body((("packet", "bytes", ""),), (), ""),
     ),
     "SYNC_WRITE": CommandRow(
         0x03,
-        "Dialect 1: sync write of position and run time, 4 bytes a servo at 0x2A; never answered in dialect 1, empty reply in dialect 2.",
+        "Dialect 1: sync write of position and run time, 4 bytes per servo at 0x2A; never answered in dialect 1, empty reply in dialect 2.",
         Body((("packet", "bytes", ""),), (), ""),
         Body((), (), ""),
     ),
     "IDENTIFY": CommandRow(
         0x10,
-        "Who are you: versions, boot id (new at every reset), capabilities, one row a joint.",
+        "Identity of the board: versions, boot id (new at every reset), capabilities, one row per joint.",
         Body((), (), ""),
         Body(
             (
@@ -319,7 +319,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "JOINT_STATE": CommandRow(
         0x11,
-        "All joints in one frame. Asked for, or sent unsolicited by REPORT. Age is ms since the sample, 65535 = never.",
+        "All joints in one frame, on request or unsolicited (REPORT). Age is ms since the sample, 65535 = never.",
         Body((("fields", "u8", ""),), (), ""),
         Body(
             (
@@ -350,7 +350,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "JOINT_MOVE": CommandRow(
         0x13,
-        "Targets for any subset of joints; clamped to the stored limits. The reply says what was really sent; flags bit 0 = clamped.",
+        "Targets for any subset of joints; clamped to the stored limits. The reply has the values that were sent; flags bit 0 = clamped.",
         Body(
             (("duration_ms", "u16", ""), ("count", "u8", "")),
             (("servo_id", "u8", ""), ("position", "i16", "")),
@@ -370,25 +370,25 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "STOP": CommandRow(
         0x15,
-        "Latched stop: 0 holds where the joints are, 1 takes the torque away. The reply has the joints that confirmed it.",
+        "Latched stop: 0 holds where the joints are, 1 switches torque off. The reply has the joints that confirmed it.",
         Body((("mode", "u8", ""),), (), ""),
         Body((("mode", "u8", ""), ("mask", "u16", "")), (), ""),
     ),
     "RESUME": CommandRow(
         0x16,
-        "Ends a stop. Nothing moves by it.",
+        "Ends a stop. It moves nothing.",
         Body((), (), ""),
         Body((("board_flags", "u8", ""),), (), ""),
     ),
     "WATCHDOG": CommandRow(
         0x17,
-        "Stop by itself when no valid host frame comes for timeout_ms (0 = never). Mode as in STOP.",
+        "Stop automatically when no valid host frame arrives for timeout_ms (0 = never). Mode as in STOP.",
         Body((("timeout_ms", "u16", ""), ("mode", "u8", "")), (), ""),
         Body((("timeout_ms", "u16", ""), ("mode", "u8", "")), (), ""),
     ),
     "LIMITS": CommandRow(
         0x18,
-        "Per-joint limits. An empty body reads; a body with one row a joint writes them all, checked as a whole.",
+        "Per-joint limits. An empty body reads; a body with one row per joint writes them all, checked as a whole.",
         Body(
             (("joints", "u8", ""),),
             (("minimum", "i16", ""), ("maximum", "i16", ""), ("speed", "u16", "")),
@@ -402,7 +402,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "OFFSETS": CommandRow(
         0x19,
-        "Per-joint neutral count and sign. An empty body reads; a body with one row a joint writes them all.",
+        "Per-joint neutral count and sign. An empty body reads; a body with one row per joint writes them all.",
         Body((("joints", "u8", ""),), (("neutral", "i16", ""), ("sign", "i8", "")), "joints"),
         Body((("version", "u8", ""), ("joints", "u8", "")), (("neutral", "i16", ""), ("sign", "i8", "")), "joints"),
     ),
@@ -414,7 +414,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "STATS": CommandRow(
         0x1B,
-        "Counters since reset, in the order of this list; a newer board may append more.",
+        "Counters since reset, in this order; a newer board may append more.",
         Body((), (), ""),
         Body(
             (
@@ -457,7 +457,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "FRAGMENT_MISSING": CommandRow(
         0x1D,
-        "Asks for chunks again; count 0 = all arrived, forget the message.",
+        "Asks for missing chunks; count 0 = all arrived, forget the message.",
         Body((("message_id", "u16", ""), ("count", "u16", "")), (("index", "u16", ""),), "count"),
         Body((), (), ""),
     ),
@@ -469,13 +469,13 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "MAINTENANCE": CommandRow(
         0x1F,
-        "Maintenance on (1) or off (0). On, TRANSACT may write the settings of servos, and nothing may move. Asks for all torque off.",
+        "Maintenance on (1) or off (0). While on, TRANSACT may write settings of servos, and nothing may move. Requires all torque off.",
         Body((("on", "u8", ""),), (), ""),
         Body((("on", "u8", ""), ("board_flags", "u8", "")), (), ""),
     ),
     "ROBOT_PROBE": CommandRow(
         0x30,
-        "A robot controller says who it is.",
+        "Identity of a robot controller.",
         Body((), (), ""),
         Body(
             (
@@ -503,13 +503,13 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "JOINT_COMMANDS": CommandRow(
         0x33,
-        "The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is there. Then the names (length byte and text each), then the arrays as float64.",
+        "The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is present. Then the names (length byte and text each), then the arrays as float64.",
         Body((("joints", "u8", ""), ("arrays", "u16", ""), ("data", "bytes", "")), (), ""),
         Body((), (), ""),
     ),
     "JOINT_STATES": CommandRow(
         0x34,
-        "Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints. Asked for, or unsolicited by REPORT.",
+        "Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints, on request or unsolicited (REPORT).",
         Body((), (), ""),
         Body(
             (("time_us", "u32", ""), ("robot_flags", "u8", ""), ("joints", "u8", "")),
@@ -519,7 +519,7 @@ COMMAND_ROWS: dict[str, CommandRow] = {
     ),
     "JOINT_TRAJECTORY": CommandRow(
         0x35,
-        "Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces what is being followed. Long ones come in fragments.",
+        "Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces the running trajectory. Long ones are sent in fragments.",
         Body((("joints", "u8", ""), ("flags", "u8", ""), ("points", "u16", ""), ("data", "bytes", "")), (), ""),
         Body((("points", "u16", ""),), (), ""),
     ),
