@@ -1,62 +1,228 @@
+"""What a robot answers that supplies no more than a driver must."""
+
 from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Self
 
 import pytest
 
-from hexwire.drivers.base import JointProbe, ProbeReport, RobotDriver, Signal, StopMode, check_reply
-from hexwire.errors import CommandRefusedError, StoppedError
-from hexwire.session.events import Reply
-from hexwire.wire.command_frame import Command, Status
+from hexwire.drivers.base import JointProbe, ProbeReport, RobotDriver, Signal, StopCause, StopLatch, StopMode
+from hexwire.errors import DeviceError, NotSupportedError, UsageError
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.state import JointState, JointTarget, SentTarget
+
+MODEL = ArmModel("plain", (JointModel("J1", 1, "none", 0, 1, 0.0, 0.001, -1.0, 1.0, 1.0),))
 
 
-def reply(status: int) -> Reply:
-    return Reply(1, Command.TORQUE, status, b"", None, 0.0, 1)
+class Plain(RobotDriver):
+    """Has no session, no link and no board."""
+
+    model = MODEL
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.angle, self.here, self.said = 0.0, False, list[str]()
+        self.stopped = self.tripped = self.broken = False
+
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        return cls()
+
+    @property
+    def is_attached(self) -> bool:
+        return self.here
+
+    def attach(self) -> None:
+        self.here = True
+
+    def detach(self, *, torque_off: bool = False) -> None:
+        self.here = False
+
+    def probe(self) -> ProbeReport:
+        joints = (JointProbe("J1", 1, "none", True),)
+        return ProbeReport(MODEL.name, self.url, 0, "", None, (), self.stopped, joints, self.host_counters())
+
+    def read(self) -> JointState:
+        if self.broken:
+            raise DeviceError("it fell over")
+        nan = (float("nan"),)
+        return JointState(
+            names=MODEL.names,
+            position=(self.angle,),
+            velocity=nan,
+            load=nan,
+            current=nan,
+            voltage=nan,
+            temperature=nan,
+            flags=(0,),
+            age=(0.0,),
+            stamp=self.now(),
+            stopped=self.stopped,
+            watchdog_tripped=self.tripped,
+        )
+
+    def write(self, target: JointTarget) -> SentTarget:
+        self.angle = dict(target.positions)["J1"]
+        return SentTarget(target.positions, target.duration)
+
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        self.said.append(f"torque {on}")
+        return MODEL.names
+
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        with self.epochs.stopping():
+            self.said.append(f"stop {mode.name}")
+            self.stopped = True
+        return MODEL.names
+
+    def resume(self) -> None:
+        self.epochs.resumed(self.epochs.token("resume", freeing=True))
+        self.said.append("resume")
+        self.stopped = self.tripped = False
+
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        raise NotSupportedError("plain has no special commands")
 
 
-def test_check_reply_lets_ok_and_what_was_accepted_through() -> None:
-    assert check_reply(reply(0)).status == 0
-    assert check_reply(reply(Status.SERVO_SILENT), Status.SERVO_SILENT).status == Status.SERVO_SILENT
+class Guarded(Plain):
+    """Has a watchdog."""
 
+    has_watchdog = True
+    armed = 0.0
 
-@pytest.mark.parametrize("status", [s for s in Status if s])
-def test_check_reply_turns_every_other_status_into_an_error_that_says_what_to_do(status: Status) -> None:
-    with pytest.raises(CommandRefusedError, match="the board refused TORQUE: ") as info:
-        check_reply(reply(status))
-    assert info.value.status == status
-    assert isinstance(info.value, StoppedError) == (status == Status.STOPPED)
-    assert "\n" not in str(info.value)
+    @property
+    def watchdog_armed(self) -> bool:
+        return self.armed > 0
 
-
-@pytest.mark.parametrize(
-    ("cmd", "words"),
-    [
-        (Command.TRANSACT, r"`maintenance\(True\)`"),
-        (Command.MAINTENANCE, "`hexwire torque off` first"),
-        (Command.JOINT_MOVE, r"`maintenance\(False\)` ends that"),
-        (Command.TORQUE, r"`maintenance\(False\)` ends that"),
-    ],
-)
-def test_what_the_gate_forbids_says_what_to_do(cmd: Command, words: str) -> None:
-    with pytest.raises(CommandRefusedError, match=words):
-        check_reply(reply(Status.FORBIDDEN)._replace(cmd=cmd))
-
-
-def test_missing_joints_of_a_probe() -> None:
-    joints = (JointProbe("J1", 0, "hls", True), JointProbe("J2", 1, "hls", False))
-    assert ProbeReport("a", "b", 2, "", None, (), False, joints, {}).missing == ("J2",)
-
-
-def test_the_numbers_that_programs_rely_on() -> None:
-    assert [(s.name, s.value) for s in Signal] == [
-        ("STOP", 1),
-        ("STOP_TORQUE_OFF", 2),
-        ("RESUME", 3),
-        ("TORQUE_ON", 4),
-        ("TORQUE_OFF", 5),
-    ]
-    assert (StopMode.HOLD, StopMode.TORQUE_OFF) == (0, 1)
+    def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
+        if self.broken:
+            raise DeviceError("it fell over")
+        self.armed = timeout
+        self.said.append(f"watchdog {timeout:g}")
 
 
 def test_a_driver_must_supply_the_chapters_verbs() -> None:
     verbs = {"attach", "detach", "probe", "read", "write", "ioctl", "torque", "stop", "resume", "from_url"}
-    assert verbs <= RobotDriver.__abstractmethods__
-    assert "signal" not in RobotDriver.__abstractmethods__
+    assert RobotDriver.__abstractmethods__ == verbs | {"is_attached"}
+
+
+def test_a_robot_needs_no_session() -> None:
+    with Plain.from_url("anything") as robot:
+        assert robot.is_attached
+        assert robot.write(JointTarget.of({"J1": 0.5})).positions == (("J1", 0.5),)
+        assert robot.read()["J1"].position == 0.5
+        assert robot.probe().missing == ()
+    assert not robot.is_attached
+
+
+def test_an_attached_robot_is_not_attached_again() -> None:
+    robot = Plain()
+    robot.attach()
+    robot.attach = lambda: pytest.fail("attached twice")  # type: ignore[method-assign]  # to see it
+    with robot:
+        assert robot.is_attached
+
+
+def test_what_a_plain_robot_says_of_itself() -> None:
+    robot = Plain()
+    assert (robot.url, robot.command_rate, robot.stop_kept_by) == ("", 20.0, "board")
+    assert [robot.has_watchdog, robot.watchdog_armed, robot.reports_states] == [False] * 3
+    assert (list(robot.round_trips), robot.restarts) == ([], 0)
+    assert (robot.host_counters(), robot.board_counters()) == ({}, {})
+    before = time.monotonic()
+    assert before <= robot.now() <= time.monotonic()
+    robot.auto_reconnect(False)
+    robot.discard_reports()
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda robot: robot.watchdog(1.0), "nothing behind plain stops it when this program falls silent"),
+        (lambda robot: robot.stream(0.1), "plain sends no states by itself"),
+        (lambda robot: robot.ping(1), "robot plain has no servos that can be asked one by one"),
+    ],
+)
+def test_what_a_plain_robot_cannot_do_is_said_at_the_call(call: Any, words: str) -> None:
+    with pytest.raises(NotSupportedError, match=words):
+        call(Plain())
+
+
+def test_abort_ends_it_and_sends_nothing() -> None:
+    with Plain() as robot:
+        robot.abort()
+        assert not robot.is_attached
+        assert robot.said == []
+
+
+def test_two_robots_have_stops_of_their_own() -> None:
+    one, other = Plain(), Plain()
+    one.stop()
+    assert (one.epochs.stopped, other.epochs.stopped) == (True, False)
+
+
+def test_the_latch_says_what_stopped_the_robot() -> None:
+    robot = Plain()
+    assert robot.stop_latch() == StopLatch(StopCause.NONE)
+    robot.stopped = True
+    assert robot.stop_latch() == StopLatch(StopCause.ELSEWHERE)
+    robot.stop()
+    assert robot.stop_latch() == StopLatch(StopCause.HERE)
+    robot.tripped = True
+    assert robot.stop_latch() == StopLatch(StopCause.WATCHDOG)
+    robot.resume()
+    assert not robot.stop_latch().stopped
+
+
+def test_signals_are_the_verbs_by_number() -> None:
+    robot = Plain()
+    for signal in Signal:
+        robot.signal(signal)
+    assert robot.said == ["stop HOLD", "stop TORQUE_OFF", "resume", "torque True", "torque False"]
+    with pytest.raises(UsageError, match="no signal 9; there are 1 STOP, "):
+        robot.signal(9)
+
+
+# -- watched --------------------------------------------------------------------------------------------
+
+
+def test_watched_arms_and_disarms() -> None:
+    robot = Guarded()
+    with robot.watched(0.5) as covered:
+        assert (covered, robot.armed) == (True, 0.5)
+        with robot.watched(9.0):
+            assert robot.armed == 0.5
+        assert robot.armed == 0.5
+    assert robot.said == ["watchdog 0.5", "watchdog 0"]
+
+
+def test_watched_says_that_nobody_watches() -> None:
+    with Plain().watched(0.5) as covered:
+        assert not covered
+
+
+def test_a_robot_that_is_stopped_is_not_watched() -> None:
+    robot = Guarded()
+    robot.stopped = True
+    with robot.watched(0.5) as covered:
+        assert covered
+    assert robot.said == []
+
+
+def test_the_first_failure_is_heard_of_not_that_the_watchdog_could_not_be_taken_off() -> None:
+    robot = Guarded()
+
+    def fail() -> None:
+        robot.broken = True
+        raise ValueError("mine")
+
+    with pytest.raises(ValueError, match="mine"), robot.watched(0.5):
+        fail()
+
+
+def test_the_report_of_a_probe_can_do_without_a_dialect() -> None:
+    report = Plain().probe()
+    assert report.same_kind(replace(report, counters={"a": 1}))

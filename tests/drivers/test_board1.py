@@ -305,7 +305,7 @@ def test_what_only_dialect_2_can_do(call: str) -> None:
     arguments = {"stream": (0.1,), "watchdog": (1.0,)}.get(call, ())
     with pytest.raises(NotSupportedError, match="needs a board with dialect 2"):
         list(getattr(driver, call)(*arguments))
-    assert driver.stats() == {}
+    assert driver.board_counters() == {}
     with pytest.raises(NotSupportedError, match="ioctl 0x1B"):
         driver.ioctl(Command.STATS)
 

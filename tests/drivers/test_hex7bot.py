@@ -258,7 +258,7 @@ def test_transact_ioctl_ping_stats_and_signals() -> None:
         driver.ioctl(0x66)
     assert driver.ping(0) == 0
     assert driver.ping(3) is None
-    assert driver.stats()["frames_received"] > 5
+    assert driver.board_counters()["frames_received"] > 5
     driver.signal(Signal.TORQUE_ON)
     assert sum(arm.torques()) == 6
     driver.signal(Signal.STOP_TORQUE_OFF)
@@ -409,7 +409,7 @@ def test_a_report_that_waited_keeps_the_time_of_its_arrival() -> None:
     arm.driver._board.report(0.05)  # type: ignore[union-attr]  # an IDENTIFY ends the reports
     begin = arm.clock.time
     while not arm.driver.session._reports:
-        arm.driver.stats()
+        arm.driver.board_counters()
         arm.wait(0.01)
     arrived = arm.clock.time
     arm.wait(0.3)
@@ -628,7 +628,7 @@ def test_thousands_of_reads_over_hostile_lines_give_no_wrong_value_and_count_eve
     host = arm.driver.host_counters()
     assert host["retries"] > 50
     assert host["timeouts"] == 0
-    stats = arm.driver.stats()
+    stats = arm.driver.board_counters()
     assert stats["bus_bad"] + stats["bus_timeouts"] > 100
     assert stats["bad_frames"] + stats["resyncs"] > 50
     assert stats["repeats"] > 20

@@ -304,7 +304,7 @@ def open_robot(options: RobotOptions) -> Iterator[RobotDriver]:
 @contextmanager
 def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
     """Attach a robot; a person is told if that takes longer than usual."""
-    text = f"waiting for an answer on {robot.session.ipc.link.url} ..."
+    text = f"waiting for an answer on {robot.url} ..."
     patience = threading.Timer(_PATIENCE, note, (text,))
     patience.daemon = True
     if sys.stderr.isatty():

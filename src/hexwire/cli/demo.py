@@ -277,7 +277,7 @@ def _summary(robot: Hex7BotDriver, loop: RateLoop, before: dict[str, int]) -> st
 
 def _counters(robot: Hex7BotDriver) -> dict[str, int]:
     """Retries of this side, and frames that either side dropped; an old board does not tell."""
-    host, board = robot.host_counters(), robot.stats()
+    host, board = robot.host_counters(), robot.board_counters()
     dropped = host["bad_frames"] + host["stale_frames"] + board.get("bad_checks", 0) + board.get("bad_frames", 0)
     return {"retries": host["retries"], "dropped": dropped}
 

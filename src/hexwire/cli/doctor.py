@@ -196,8 +196,10 @@ def _why_silent(robot: RobotDriver) -> list[Finding]:
     if isinstance(robot, BusArm):
         with robot.bus as bus:
             return explain_silence(bus, robot.model)
+    if not isinstance(robot, Hex7BotDriver):
+        return []
     link = robot.session.ipc.link
-    if not isinstance(robot, Hex7BotDriver) or not hasattr(link, "set_baud"):
+    if not hasattr(link, "set_baud"):
         return []
     with link:
         chatter = explain_chatter(link)

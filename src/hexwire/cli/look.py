@@ -49,19 +49,13 @@ class _Ping:
 @json_option
 def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
     """Ask each servo whether it is there: the robot's own, or those with the given bus IDs."""
-    from hexwire.errors import NotSupportedError
-
     pings = []
     with open_robot(options) as robot:
-        ask = getattr(robot, "ping", None)
-        if ask is None:
-            raise NotSupportedError(f"robot {options.robot} has no servos that can be asked one by one")
-        rtts = robot.session.rtts
         for servo_id in ids or [joint.servo_id for joint in robot.model.joints]:
-            error: int | None = ask(servo_id)
+            error = robot.ping(servo_id)
             joint = robot.model.by_servo(servo_id)
             there = error is not None
-            trip = rtts[-1] if there and rtts else None
+            trip = robot.round_trips[-1] if there and robot.round_trips else None
             row = _Ping(servo_id, joint.name if joint else None, there, fault_names(error or 0), trip)
             pings.append(row)
             if not as_json:

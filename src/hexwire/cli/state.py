@@ -109,7 +109,7 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
                 joints = robot.read()
                 faulty = [condition(joint) != "ok" for joint in joints]
                 remarks = [Text(line, style="bold red") for line in _remarks(joints)]
-                foot = Text(f"{robot.session.ipc.link.url}, {rate:g} Hz; Ctrl-C ends", style="dim")
+                foot = Text(f"{robot.url}, {rate:g} Hz; Ctrl-C ends", style="dim")
                 table = JointTable(_HEAD, [_cells(joint) for joint in joints], faulty)
                 screen.update(Group(table, *remarks, foot), refresh=True)
 

@@ -189,11 +189,11 @@ def drive(robot: RobotDriver, rules: Teleop, stick: Stick, ticks: Iterator[float
     from hexwire.motion.teleop import Action
 
     said = ""
-    last = robot.session.now()
+    last = robot.now()
     for _ in ticks:
         joints = robot.read()
         state, age = stick()
-        now = robot.session.now()
+        now = robot.now()
         # Toward a board of the chapter a cycle takes longer than asked for.
         cycle, last = max(period, now - last), now
         axes, buttons = (state.axes, state.buttons) if state is not None else ((), 0)

@@ -340,7 +340,7 @@ class Arm:
         return Facts(
             node=node,
             robot=self.settings.model.name,
-            url=hardware.robot.session.ipc.link.url,
+            url=hardware.robot.url,
             hardware_id=self.settings.hardware_id,
             connected=hardware.connected,
             error=hardware.error,

@@ -1,172 +1,134 @@
-"""`RobotDriver`: what every robot can be told, whatever board or bus is behind it.
+"""`RobotDriver`: what every robot can be told and asked, whatever board, bus or program is behind it.
 
-Owns the abstract driver with the chapter's verbs and the values they share. Must not know any particular
-robot, nor whether a person or a program is asking.
+Owns the contract between robots and the fronts: the chapter's verbs, and what a robot that cannot do something
+says. Must not know any particular robot, how bytes reach it, nor whether a person or a program is asking.
 """
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Self
 
-from hexwire.errors import CommandRefusedError, HexwireError, NotSupportedError, StoppedError, UsageError
-from hexwire.model.state import JointFlag
-from hexwire.wire.command_frame import Command, Status, command_name, status_name
+from hexwire.epochs import Epochs
+from hexwire.errors import HexwireError, NotSupportedError, UsageError
+
+from .values import JointProbe, ProbeReport, Signal, StopCause, StopLatch, StopMode
 
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from hexwire.epochs import Epochs
-    from hexwire.ipc.session import Session
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
-    from hexwire.session.events import Reply
 
-__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopMode", "check_reply", "torque_flag"]
+__all__ = ["JointProbe", "ProbeReport", "RobotDriver", "Signal", "StopCause", "StopLatch", "StopMode"]
 
-
-class Signal(IntEnum):
-    """Signal numbers of `RobotDriver.signal`. They are this project's own: the chapter's are not public."""
-
-    STOP = 1
-    """Latched stop; the joints hold where they are."""
-    STOP_TORQUE_OFF = 2
-    """Latched stop that takes the torque away: the arm may fall."""
-    RESUME = 3
-    """Ends a stop; nothing moves by it."""
-    TORQUE_ON = 4
-    """Torque on for all joints, where they stand."""
-    TORQUE_OFF = 5
-    """Torque off for all joints."""
-
-
-class StopMode(IntEnum):
-    """What a stop, or the board's watchdog, does."""
-
-    HOLD = 0
-    TORQUE_OFF = 1
-
-
-@dataclass(frozen=True, slots=True)
-class JointProbe:
-    """What a probe found of one joint.
-
-    Attributes:
-        name: The joint.
-        servo_id: Id of its servo.
-        series: Series of it, as it answers.
-        present: It answers.
-        note: What is wrong with it; empty if nothing is.
-        model: What the servo says it is, as in ``sts3215 3.10``; empty if it does not say.
-        supply: Least and most volts that it wants; None if it does not say.
-        max_temperature: Degrees Celsius from which it protects itself; None if it does not say.
-    """
-
-    name: str
-    servo_id: int
-    series: str
-    present: bool
-    note: str = ""
-    model: str = ""
-    supply: tuple[float, float] | None = None
-    max_temperature: float | None = None
-
-    @property
-    def remarks(self) -> str:
-        """What is wrong, and what it is, for a person."""
-        return ", ".join(filter(None, (self.note, self.model)))
-
-
-@dataclass(frozen=True, slots=True)
-class ProbeReport:
-    """What a probe found.
-
-    Attributes:
-        robot: Name of the model.
-        link: URL of the link.
-        dialect: 1 or 2; 0 where there is no such thing.
-        firmware: As in ``2.0.1``; empty if the board does not say.
-        boot_id: Changes at every reset of the board; None if it has none.
-        capabilities: Words for what the board can do.
-        stopped: A stop is latched.
-        joints: One row a joint.
-        counters: The board's and the host's counters by name.
-        maintenance: The board lets settings of servos be written, and nothing move.
-    """
-
-    robot: str
-    link: str
-    dialect: int
-    firmware: str
-    boot_id: int | None
-    capabilities: tuple[str, ...]
-    stopped: bool
-    joints: tuple[JointProbe, ...]
-    counters: dict[str, int]
-    maintenance: bool = False
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Names of the joints whose servo does not answer."""
-        return tuple(joint.name for joint in self.joints if not joint.present)
+_COMMAND_RATE = 20.0
 
 
 class RobotDriver(ABC):
-    """A robot behind a session. Constructing one does no I/O; `attach` does.
+    """A robot. Constructing one does no I/O; `attach` does.
 
-    Args:
-        session: The conversation with the board or robot controller.
+    What is abstract here every robot does. All else has an answer for robots that cannot do it: a property that
+    says so, or `NotSupportedError` with a sentence. Times are seconds, angles radians.
+
+    A call that needs the robot raises `UsageError` before `attach`, and a `LinkError` or `DeviceError` where the
+    robot is not there.
 
     Attributes:
         model: The arm's joints and limits.
     """
 
     model: ArmModel
+    sessions: tuple[Any, ...] = ()
 
-    def __init__(self, session: Session) -> None:
-        self.session = session
+    def __init__(self) -> None:
+        self._epochs = Epochs()
 
-    @property
-    def sessions(self) -> tuple[Session, ...]:
-        """Every session that leads to this robot."""
-        return (self.session,)
+    # -- what it is, without asking it ----------------------------------------------------------------
 
     @property
-    def command_rate(self) -> float:
-        """Targets a second that the line takes, besides being read."""
-        return _COMMAND_RATE
+    def url(self) -> str:
+        """What leads to the robot, as in ``serial:///dev/ttyUSB0``; empty if it has no address."""
+        return ""
+
+    @property
+    @abstractmethod
+    def is_attached(self) -> bool:
+        """Whether the way to the robot is open; `attach` opens it, `detach` and `abort` close it."""
 
     @property
     def epochs(self) -> Epochs:
         """The stops of this robot, and what they void."""
-        return self.session.epochs
+        return self._epochs
+
+    @property
+    def command_rate(self) -> float:
+        """Targets a second that the robot takes, besides being read; known once it is attached."""
+        return _COMMAND_RATE
+
+    @property
+    def has_watchdog(self) -> bool:
+        """Whether the robot can stop by itself when this program falls silent; known once it is attached."""
+        return False
+
+    @property
+    def reports_states(self) -> bool:
+        """Whether the robot can send states by itself, see `stream`; known once it is attached."""
+        return False
 
     @property
     def stop_kept_by(self) -> str:
         """Who keeps a stop beyond this program: ``board``, ``user`` (a file of this user's), or nobody if empty."""
         return "board"
 
+    def now(self) -> float:
+        """Seconds of the clock that the stamps of states count in; monotonic."""
+        return time.monotonic()
+
+    # -- what was counted -----------------------------------------------------------------------------
+
+    @property
+    def round_trips(self) -> Sequence[float]:
+        """Seconds between question and answer, the newest last; empty where nobody measures them."""
+        return ()
+
+    @property
+    def restarts(self) -> int:
+        """Resets of the board that showed while the way to it stayed open."""
+        return 0
+
+    def host_counters(self) -> dict[str, int]:
+        """What this side asked, retried, dropped and resynchronised, by name; talks to nobody."""
+        return {}
+
+    def board_counters(self) -> dict[str, int]:
+        """The board's own counters since its reset, by name; empty where there are none.
+
+        Raises:
+            HexwireError: The board does not answer.
+        """
+        return {}
+
     # -- when this program falls silent ---------------------------------------------------------------
 
     @property
-    def has_watchdog(self) -> bool:
-        """Whether the board can stop by itself when this program falls silent."""
-        return False
-
-    @property
-    def stands_by(self) -> bool:
-        """Whether a watchdog is armed from here: the board stops by itself when this program falls silent."""
+    def watchdog_armed(self) -> bool:
+        """Whether a watchdog is armed from here."""
         return False
 
     def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
-        """Have the board stop by itself when nothing comes from this program for `timeout` seconds; 0 = never.
+        """Have the robot stop by itself when nothing comes from this program for a while.
+
+        Args:
+            timeout: Seconds of silence; 0 switches it off.
+            mode: What the robot does then.
 
         Raises:
-            NotSupportedError: Nothing behind this robot can do that.
+            NotSupportedError: Nothing behind this robot can do that; see `has_watchdog`.
+            UsageError: A time that the robot does not take.
         """
         raise NotSupportedError(f"nothing behind {self.model.name} stops it when this program falls silent")
 
@@ -187,7 +149,7 @@ class RobotDriver(ABC):
         if not self.has_watchdog:
             yield False
             return
-        armed = not self.stands_by and not self.read().stopped
+        armed = not self.watchdog_armed and not self.read().stopped
         if armed:
             self.watchdog(timeout, mode)
         try:
@@ -200,6 +162,8 @@ class RobotDriver(ABC):
             raise
         if armed:
             self.watchdog(0.0)
+
+    # -- the verbs ------------------------------------------------------------------------------------
 
     @classmethod
     @abstractmethod
@@ -216,7 +180,7 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def attach(self) -> None:
-        """Open the session and find out who is there. Nothing moves.
+        """Open the way to the robot and find out who is there. Nothing moves.
 
         Raises:
             LinkError: The port cannot be opened.
@@ -225,7 +189,7 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def detach(self, *, torque_off: bool = False) -> None:
-        """Close the session. Harmless if it is closed.
+        """Close the way to the robot. Harmless if it is closed.
 
         Args:
             torque_off: Take the torque away first. Without it the joints hold what they hold.
@@ -238,6 +202,30 @@ class RobotDriver(ABC):
     @abstractmethod
     def read(self) -> JointState:
         """Read all joints. A silent servo does not raise: its joint says so."""
+
+    def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
+        """Yield the states that the robot sends by itself, until the caller stops iterating.
+
+        Args:
+            period: Seconds between two states.
+            timeout: Seconds of silence after which the robot is asked whether it is there; the iterator ends if it
+                is, and still sends nothing.
+            slow: Seconds between two readings of what changes slowly (voltage, temperature, current), where leaving
+                it out makes reports shorter; None has everything in every report.
+
+        Raises:
+            NotSupportedError: The robot sends none, see `reports_states`; `read` asks for one.
+            ReplyTimeoutError: The robot is not there any more.
+            UsageError: A period that the robot does not take.
+        """
+        raise NotSupportedError(f"{self.model.name} sends no states by itself; read() asks for one")
+
+    def discard_reports(self) -> None:  # noqa: B027  # a robot that sends none has none to forget
+        """Forget states that were sent and not read yet: they tell of a time before what was answered last.
+
+        Raises:
+            LinkError: The line is lost.
+        """
 
     @abstractmethod
     def write(self, target: JointTarget) -> SentTarget:
@@ -281,6 +269,33 @@ class RobotDriver(ABC):
     def resume(self) -> None:
         """End a stop. Nothing moves by it."""
 
+    def stop_latch(self) -> StopLatch:
+        """Whether the robot is stopped, and what stopped it since the last `resume`; asks the robot.
+
+        Raises:
+            HexwireError: As `read`.
+        """
+        state = self.read()
+        if state.watchdog_tripped:
+            return StopLatch(StopCause.WATCHDOG)
+        if self.epochs.stopped:
+            return StopLatch(StopCause.HERE)
+        return StopLatch(StopCause.ELSEWHERE if state.stopped else StopCause.NONE)
+
+    def ping(self, servo_id: int) -> int | None:
+        """Ask one servo whether it is there.
+
+        Args:
+            servo_id: Its id on the bus, of this arm or not.
+
+        Returns:
+            Its error byte (0 = none), or None if it does not answer.
+
+        Raises:
+            NotSupportedError: The robot has no servos that can be asked one by one.
+        """
+        raise NotSupportedError(f"robot {self.model.name} has no servos that can be asked one by one")
+
     def signal(self, number: int) -> None:
         """Send a `Signal` by number, as the chapter's drivers do.
 
@@ -299,8 +314,24 @@ class RobotDriver(ABC):
         else:
             self.torque(signal is Signal.TORQUE_ON)
 
+    # -- losing it ------------------------------------------------------------------------------------
+
+    def auto_reconnect(self, on: bool) -> None:  # noqa: B027  # the way to a robot need not be one that is lost
+        """Whether a call that finds the way to the robot lost opens it again, or raises LinkLostError at once.
+
+        Args:
+            on: Which.
+        """
+
+    def abort(self) -> None:
+        """Close the way to the robot from any thread: a call that waits in another one ends with a LinkError.
+
+        Nothing is sent. Where nothing can wait, this is `detach`.
+        """
+        self.detach()
+
     def __enter__(self) -> Self:
-        if not self.session.is_open:
+        if not self.is_attached:
             self.attach()
         return self
 
@@ -308,49 +339,3 @@ class RobotDriver(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.detach()
-
-
-_COMMAND_RATE = 20.0
-_ADVICE: dict[int, str] = {
-    Status.STOPPED: "the arm is stopped; `hexwire resume` ends that",
-    Status.TORQUE_OFF: "a joint has no torque; `hexwire torque on` first",
-    Status.BUSY: "the board is busy; try again",
-    Status.SERVO_SILENT: "a servo does not answer; `hexwire ping` tells which",
-    Status.SERVO_FAULT: "a servo is not in position mode; set its register `mode` to 0 in maintenance",
-    Status.FORBIDDEN: (
-        "the board lets no such packet to a servo: move joints with `write`, give torque with `torque`; "
-        "settings of servos need `maintenance(True)`, and nothing moves until `maintenance(False)`"
-    ),
-}
-_FORBIDDEN_MAINTENANCE = "a joint has torque; `hexwire torque off` first"
-_FORBIDDEN_MOTION = "the board is in maintenance; `maintenance(False)` ends that"
-
-
-def torque_flag(torque: bool | None) -> int:
-    """The flag of a joint whose torque is on, off, or not known."""
-    if torque is None:
-        return int(JointFlag.TORQUE_UNKNOWN)
-    return int(JointFlag.TORQUE_ON) if torque else 0
-
-
-def check_reply(reply: Reply, *accepted: Status) -> Reply:
-    """Turn a status other than ok into an error.
-
-    Args:
-        reply: The reply.
-        *accepted: Further status codes that the caller will look at itself.
-
-    Raises:
-        StoppedError: The arm is stopped.
-        CommandRefusedError: Any other status.
-    """
-    status = reply.status
-    if status == Status.OK or status in accepted:
-        return reply
-    reason = _ADVICE.get(status) or status_name(status)
-    if status == Status.FORBIDDEN and reply.cmd == Command.MAINTENANCE:
-        reason = _FORBIDDEN_MAINTENANCE
-    elif status == Status.FORBIDDEN and reply.cmd in (Command.JOINT_MOVE, Command.TORQUE, Command.SYNC_WRITE):
-        reason = _FORBIDDEN_MOTION
-    kind = StoppedError if status == Status.STOPPED else CommandRefusedError
-    raise kind(command_name(reply.cmd), status, reason)

@@ -34,8 +34,9 @@ from hexwire.wire.servo_packet import (
 )
 from hexwire.wire.tables import DEFAULT_CEILING
 
-from .base import JointProbe, StopMode, torque_flag
+from .base import JointProbe, StopMode
 from .dialect1_moves import MIN_RUN_TIME, make_hls_block, make_legacy_move
+from .replies import torque_flag
 
 __all__ = ["Board1"]
 

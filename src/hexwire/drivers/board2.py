@@ -48,7 +48,8 @@ from hexwire.wire.tables import (
     CAPABILITY_MAINTENANCE,
 )
 
-from .base import JointProbe, StopMode, check_reply
+from .base import JointProbe, StopMode
+from .replies import check_reply
 
 __all__ = ["Board2"]
 

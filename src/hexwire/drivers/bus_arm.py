@@ -41,7 +41,9 @@ from hexwire.wire.registers import Series
 from hexwire.wire.tables import DEFAULT_CEILING
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
-from .base import JointProbe, ProbeReport, RobotDriver, StopMode, torque_flag
+from .base import JointProbe, ProbeReport, StopMode
+from .replies import torque_flag
+from .session_driver import SessionDriver
 from .stop_memory import StopMemory
 
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
@@ -54,7 +56,7 @@ _MIN_DURATION = 0.02
 _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 
 
-class BusArm(RobotDriver):
+class BusArm(SessionDriver):
     """An arm on a servo bus.
 
     `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus knows how long) and a servo
@@ -180,8 +182,20 @@ class BusArm(RobotDriver):
             capabilities=("servo bus",),
             stopped=self.epochs.stopped,
             joints=tuple(rows),
-            counters=self.bus.counters.as_dict(),
+            counters=self.host_counters(),
+            unprotected="no watchdog, no limits: servos without a board",
         )
+
+    def host_counters(self) -> dict[str, int]:
+        return self.bus.counters.as_dict()
+
+    def now(self) -> float:
+        return self.bus.now()
+
+    def ping(self, servo_id: int) -> int | None:
+        self._check_attached()
+        found = self.bus.ping(servo_id)
+        return None if found.error else found.status
 
     def _ratings(self, servo_id: int) -> tuple[tuple[float, float] | None, float | None]:
         """Volts and degrees that a servo has stored as its limits."""

@@ -25,9 +25,10 @@ from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, command_name
 from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
 
-from .base import ProbeReport, RobotDriver, StopMode
+from .base import ProbeReport, StopMode
 from .board1 import Board1
 from .board2 import Board2
+from .session_driver import SessionDriver
 from .stop_memory import StopMemory
 
 __all__ = ["Hex7BotDriver"]
@@ -46,7 +47,7 @@ _FEEDS = 3.0
 """How often a board hears of us in the time of its watchdog while we only listen to its reports."""
 
 
-class Hex7BotDriver(RobotDriver):
+class Hex7BotDriver(SessionDriver):
     """The Hex7Bot, or any arm behind a board with the same protocol.
 
     `ioctl` takes the command codes of `hexwire.wire.command_frame.Command` with a body as in PROTOCOL.md
@@ -152,10 +153,10 @@ class Hex7BotDriver(RobotDriver):
             joints=joints,
             counters=counters,
             maintenance=bool(flags & tables.BOARD_FLAGS_MAINTENANCE),
+            unprotected="" if identity else "no watchdog, no limits on this board",
         )
 
     def host_counters(self) -> dict[str, int]:
-        """What this side retried, dropped and resynchronised."""
         connection = self.session.connection
         counters, decoder = connection.counters, connection.decoder.counters
         return {
@@ -282,11 +283,14 @@ class Hex7BotDriver(RobotDriver):
         return isinstance(self._board, Board2)
 
     @property
-    def stands_by(self) -> bool:
+    def reports_states(self) -> bool:
+        return isinstance(self._board, Board2)
+
+    @property
+    def watchdog_armed(self) -> bool:
         return self._watchdog is not None
 
     def ping(self, servo_id: int) -> int | None:
-        """Error byte of a servo, or None if it does not answer."""
         return self._attached().ping(servo_id)
 
     # -- settings -----------------------------------------------------------------------------------
@@ -338,8 +342,7 @@ class Hex7BotDriver(RobotDriver):
         with self._calling("store offsets"):
             return self._dialect2("OFFSETS").store_offsets(rows)
 
-    def stats(self) -> dict[str, int]:
-        """The board's counters since its reset; empty in dialect 1."""
+    def board_counters(self) -> dict[str, int]:
         return self._attached().stats()
 
     def transact(self, packet: bytes, reply_length: int, timeout: float = 0.02) -> bytes:

@@ -25,7 +25,9 @@ from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import IpcType, ModuleType
 from hexwire.wire.robot_bodies import EncoderStates, JointCommands, RobotStatus, TrajectoryPoints
 
-from .base import JointProbe, ProbeReport, RobotDriver, Signal, StopMode, check_reply
+from .base import JointProbe, ProbeReport, Signal, StopMode
+from .replies import check_reply
+from .session_driver import SessionDriver
 
 __all__ = ["Puma260Driver", "Puma260Mode"]
 
@@ -42,7 +44,7 @@ class Puma260Mode(IntEnum):
     """Limp: the arm is moved by hand; commands are refused."""
 
 
-class Puma260Driver(RobotDriver):
+class Puma260Driver(SessionDriver):
     """The PUMA 260 behind its controller.
 
     One channel is enough. With a configuration file, or over TCP, each of the chapter's modules has its own:
@@ -69,14 +71,12 @@ class Puma260Driver(RobotDriver):
         trajectories: Session | None = None,
         boot_window: float = _BOOT_WINDOW,
     ) -> None:
-        super().__init__(session)
+        super().__init__(session, *filter(None, (commands, states, trajectories)))
         self.model = PUMA260
         self.commands = commands or session
         self.states = states or session
         self.trajectories = trajectories or session
         self._boot_window = boot_window
-        for other in self.sessions[1:]:
-            other.share_stops(session)
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -157,7 +157,6 @@ class Puma260Driver(RobotDriver):
 
     def probe(self) -> ProbeReport:
         status = self._status()
-        counters = self.session.connection.counters
         return ProbeReport(
             robot=self.model.name,
             link=self.session.ipc.link.url,
@@ -169,14 +168,22 @@ class Puma260Driver(RobotDriver):
             joints=tuple(
                 JointProbe(j.name, j.servo_id, j.series, j.servo_id < status.joints) for j in self.model.joints
             ),
-            counters={"requests": counters.requests, "replies": counters.replies, "retries": counters.retries},
+            counters=self.host_counters(),
         )
+
+    def host_counters(self) -> dict[str, int]:
+        counters = self.session.connection.counters
+        return {"requests": counters.requests, "replies": counters.replies, "retries": counters.retries}
 
     # -- reading ------------------------------------------------------------------------------------
 
     def read(self) -> JointState:
         reply = check_reply(self.states.request(Command.JOINT_STATES, repeatable=True))
         return self._decode(EncoderStates.parse(reply.body), self.states.now())
+
+    @property
+    def reports_states(self) -> bool:
+        return True
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
         """Yield the states that the controller reports by itself every `period` seconds.
@@ -340,7 +347,3 @@ class Puma260Driver(RobotDriver):
     def _status(self) -> RobotStatus:
         reply = self.session.request(Command.ROBOT_PROBE, repeatable=True)
         return RobotStatus.parse(check_reply(reply).body)
-
-    @property
-    def sessions(self) -> tuple[Session, ...]:
-        return tuple(dict.fromkeys((self.session, self.commands, self.states, self.trajectories)))

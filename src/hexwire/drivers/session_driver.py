@@ -1,0 +1,74 @@
+"""`SessionDriver`: a robot that is reached over one or more sessions.
+
+Owns what follows from having sessions: address, clock, counters, reconnection. Must not know joints or commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from .base import RobotDriver
+
+if TYPE_CHECKING:
+    from hexwire.epochs import Epochs
+    from hexwire.ipc.session import Session
+
+__all__ = ["SessionDriver"]
+
+
+class SessionDriver(RobotDriver):
+    """A robot behind sessions.
+
+    Args:
+        session: The conversation with the board or robot controller; its address and clock are the robot's.
+        *others: Further sessions that lead to the same robot.
+
+    Attributes:
+        session: As given.
+        sessions: Every session, `session` first, each once.
+    """
+
+    def __init__(self, session: Session, *others: Session) -> None:
+        super().__init__()
+        self.session = session
+        self.sessions = tuple(dict.fromkeys((session, *others)))
+        # A stop voids what waits at any of them.
+        for other in self.sessions[1:]:
+            other.share_stops(session)
+
+    @property
+    def url(self) -> str:
+        return self.session.ipc.link.url
+
+    @property
+    def is_attached(self) -> bool:
+        return self.session.is_open
+
+    @property
+    def epochs(self) -> Epochs:
+        return self.session.epochs
+
+    def now(self) -> float:
+        return self.session.now()
+
+    @property
+    def round_trips(self) -> Sequence[float]:
+        return self.session.rtts
+
+    @property
+    def restarts(self) -> int:
+        return sum(session.board_restarts for session in self.sessions)
+
+    def discard_reports(self) -> None:
+        for session in self.sessions:
+            session.poll_reports()
+
+    def auto_reconnect(self, on: bool) -> None:
+        for session in self.sessions:
+            session.reconnect = replace(session.reconnect, enabled=on)
+
+    def abort(self) -> None:
+        for session in self.sessions:
+            session.close()
