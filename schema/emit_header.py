@@ -1,7 +1,14 @@
-"""Writes ``firmware/core/generated.h`` from the schema: C++11 constants, no Arduino headers, no storage."""
+"""Writes ``firmware/core/generated.h`` from the schema: C++11 constants, no Arduino headers, no storage.
+
+Only what the firmware or its tests name is written: a constant that is new to them appears after
+``python schema/generate.py``.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from load import INTEGER_SIZES, Schema, body_rows
@@ -23,6 +30,10 @@ FOOT = """
 
 #endif  // HEXWIRE_GENERATED_H
 """
+
+
+_USE = re.compile(r"\b(?:gen::|(?=HEXWIRE_))(\w+)")
+_NAME = re.compile(r"(?:constexpr \w+|#define) (\w+)")
 
 
 def constant(kind: str, name: str, value: int, *, digits: int = 0) -> str:
@@ -117,11 +128,7 @@ def _offsets(prefix: str, entry: dict[str, Any], part: str) -> list[str]:
 
 
 def _registers(registers: dict[str, Any]) -> list[str]:
-    out = ["\n"]
-    packet = registers["packet"]
-    out.append(constant("uint8_t", "BROADCAST_ID", packet["broadcast_id"], digits=2))
-    out.append(constant("uint8_t", "MAX_SERVO_ID", packet["max_id"], digits=2))
-    out.append(constant("uint8_t", "MAX_SERVO_PACKET", packet["max_packet"]))
+    out = ["\n", constant("uint8_t", "BROADCAST_ID", registers["packet"]["broadcast_id"], digits=2)]
     for name, entry in registers["instructions"].items():
         out.append(constant("uint8_t", f"INST_{name}", entry["code"], digits=2))
     for name, value in registers["status_bits"].items():
@@ -130,26 +137,42 @@ def _registers(registers: dict[str, Any]) -> list[str]:
         out.append(constant("uint8_t", f"BOARD_ERROR_{name.upper()}", value, digits=2))
     for series, table in registers["series"].items():
         out.append(f"\n// {table['title']}\n")
-        prefix = series.upper()
-        out.append(constant("uint16_t", f"{prefix}_COUNTS", table["counts"]))
-        out.append(constant("uint16_t", f"{prefix}_NEUTRAL", table["neutral"]))
         for row in table["registers"]:
-            name = f"{prefix}_REG_{row['name'].upper()}"
+            name = f"{series.upper()}_REG_{row['name'].upper()}"
             out.append(constant("uint8_t", name, row["at"]))
-            out.append(constant("uint8_t", f"{name}_SIZE", row["size"]))
             if "sign" in row:
                 out.append(constant("uint16_t", f"{name}_SIGN", 1 << row["sign"], digits=4))
     return out
 
 
-def emit(schema: Schema) -> str:
-    """The whole text of ``generated.h``."""
+def names_used(firmware: Path) -> set[str]:
+    """Names of constants and macros in the sources of the firmware and its tests."""
+    found: set[str] = set()
+    for folder in ("core", "boards", "test"):
+        for path in (firmware / folder).rglob("*"):
+            if path.suffix in (".h", ".cpp", ".ino") and path.name != "generated.h":
+                found.update(_USE.findall(path.read_text(encoding="utf-8")))
+    return found
+
+
+def _only_used(parts: list[str], used: set[str]) -> Iterator[str]:
+    """Leave out unused constants, and headings with nothing left under them."""
+    heading = ""
+    for part in parts:
+        name = _NAME.match(part)
+        if name is None:
+            heading = part
+        elif name[1] in used:
+            yield heading + part
+            heading = ""
+
+
+def emit(schema: Schema, used: set[str]) -> str:
+    """The whole text of ``generated.h``, with the constants named in ``used``."""
     parts = [
-        HEAD,
         *_session(schema.session),
         *_board(schema.session, schema.commands),
         *_commands(schema.commands),
         *_registers(schema.registers),
-        FOOT,
     ]
-    return "".join(parts)
+    return "".join([HEAD, *_only_used(parts, used), FOOT])

@@ -29,7 +29,7 @@ def outputs(schema: Schema, root: Path = ROOT) -> dict[Path, str]:
         wanted[protocol] = emit_markdown.fill(protocol.read_text(encoding="utf-8"), schema)
     core = root / "firmware/core"
     if core.is_dir():
-        wanted[core / "generated.h"] = emit_header.emit(schema)
+        wanted[core / "generated.h"] = emit_header.emit(schema, emit_header.names_used(root / "firmware"))
     return wanted
 
 

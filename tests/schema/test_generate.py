@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -93,9 +94,7 @@ def test_without_a_firmware_there_is_no_header(tree: Path) -> None:
 
 
 def test_the_header_has_the_numbers_of_the_tables(tree: Path) -> None:
-    generate(tree)
-    header = (tree / "firmware/core/generated.h").read_text()
-    for line in (
+    lines = (
         "constexpr uint32_t SYNC = 0x5AFAFA5AUL;",
         "constexpr uint8_t CMD_TRANSACT = 0x1A;",
         "constexpr uint8_t HLS_REG_GOAL_TORQUE = 44;",
@@ -103,10 +102,33 @@ def test_the_header_has_the_numbers_of_the_tables(tree: Path) -> None:
         "constexpr uint8_t JOINT_STATE_REPLY_SIZE = 8;",
         "constexpr uint8_t JOINT_STATE_REPLY_ROW_SIZE = 3;",
         "constexpr int32_t MODULE_INVALID_MODULE = -1;",
-    ):
-        assert line + "\n" in header
-    names = [line.split()[2] for line in header.splitlines() if line.startswith("constexpr")]
-    assert len(set(names)) == len(names)
+    )
+    uses = [f"send(gen::{line.split()[2]});" for line in lines]
+    (tree / "firmware/test").mkdir()
+    (tree / "firmware/test/uses.cpp").write_text("\n".join(uses))
+    generate(tree)
+    header = (tree / "firmware/core/generated.h").read_text().splitlines()
+    assert {line for line in header if line.startswith("constexpr")} == set(lines)
+    assert "// TRANSACT: " in "\n".join(header)
+    assert not [line for line in header if line.startswith("// STOP: ")]
+
+
+def test_the_header_holds_only_what_the_firmware_or_its_tests_use() -> None:
+    header = (ROOT / "firmware/core/generated.h").read_text()
+    sources = [
+        path.read_text()
+        for pattern in ("core/*", "boards/*/*", "test/*")
+        for path in (ROOT / "firmware").glob(pattern)
+        if path.suffix in (".h", ".cpp", ".ino") and path.name != "generated.h"
+    ]
+    constants = re.findall(r"^constexpr \w+ (\w+) =", header, re.MULTILINE)
+    macros = re.findall(r"^#define (HEXWIRE_\w+) \{", header, re.MULTILINE)
+    words = set(re.findall(r"gen::\w+|\w+", "\n".join(sources)))
+    assert len(constants) > 100
+    assert not {f"gen::{name}" for name in constants} - words
+    assert len(macros) == 2
+    assert not set(macros) - words
+    assert len(set(constants)) == len(constants)
 
 
 @pytest.mark.parametrize(
