@@ -1,7 +1,8 @@
-"""Programs of users pass `mypy --strict` against the installed package: those of the documents, and more."""
+"""Programs of users, those of the documents too, pass `mypy --strict` and pyright with the installed package."""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -36,6 +37,21 @@ def angles(arm: RobotDriver) -> dict[str, float]:
     return {joint.name: joint.position for joint in state if joint.position == joint.position}
 
 
+def follow(arm: RobotDriver) -> None:
+    if arm.has_watchdog and not arm.watchdog_armed:
+        arm.watchdog(0.5, StopMode.TORQUE_OFF)
+    with arm.watched(0.5) as covered:
+        print(covered, arm.url, arm.command_rate, arm.stop_kept_by, arm.now())
+        if arm.reports_states:
+            for state in arm.stream(0.02, slow=2.0):
+                print(state.position)
+                break
+    latch = arm.stop_latch()
+    error: int | None = arm.ping(1)
+    retries: int = arm.host_counters()["retries"] + arm.board_counters().get("retries", 0)
+    print(latch.stopped, latch.cause.value, error, retries, max(arm.round_trips, default=0.0), arm.restarts)
+
+
 def main() -> int:
     version: str = hexwire.__version__
     print(version)
@@ -43,6 +59,9 @@ def main() -> int:
         with hexwire.connect("/dev/ttyUSB0", robot="hex7bot") as arm:
             names: tuple[str, ...] = nod(arm, 0.1)
             print(names, angles(arm), arm.probe().missing)
+        with hexwire.connect() as arm:
+            arm.watchdog(0.5)
+            follow(arm)
     except HexwireError as error:
         print(error)
         return 1
@@ -103,12 +122,19 @@ def mypy(installed: Path, folder: Path, *names: str) -> subprocess.CompletedProc
     )
 
 
-def test_programs_of_users_pass_mypy_strict(installed: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with every program, and no more."""
+    folder = tmp_path_factory.mktemp("programs")
     programs = {**_programs(), "own": OWN}
     assert {"README_0", "adding_a_robot_0"} <= programs.keys()
     for name, text in programs.items():
-        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
-    ended = mypy(installed, tmp_path, *(f"{name}.py" for name in programs))
+        (folder / f"{name}.py").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_programs_of_users_pass_mypy_strict(installed: Path, programs: Path) -> None:
+    ended = mypy(installed, programs, *(path.name for path in programs.glob("*.py")))
     # ROS comes from the system and brings no types.
     faults = [line for line in ended.stdout.splitlines() if "error:" in line and '"import-untyped"' not in line]
     faults = [line for line in faults if not line.startswith("ros_") or "import-" not in line]
@@ -122,3 +148,40 @@ def test_a_name_that_is_not_there_is_found(installed: Path, tmp_path: Path) -> N
     ended = mypy(installed, tmp_path, "misspelt.py")
     assert 'Module "hexwire" has no attribute "RobotDrivr"' in ended.stdout
     assert 'Module has no attribute "conect"' in ended.stdout
+
+
+def pyright(installed: Path, folder: Path) -> list[str]:
+    """What pyright says of the programs in a folder, a fault a line."""
+    (folder / "pyrightconfig.json").write_text('{"typeCheckingMode": "standard"}', encoding="utf-8")
+    ended = subprocess.run(
+        [sys.executable, "-m", "basedpyright", "--outputjson", "--pythonpath", str(installed), "."],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=110,
+    )
+    told = json.loads(ended.stdout)
+    assert told["summary"]["filesAnalyzed"] == len(list(folder.glob("*.py"))), ended.stderr
+    return [
+        f"{Path(row['file']).name}:{row['range']['start']['line'] + 1}: {row['rule']}: {row['message']}"
+        for row in told["generalDiagnostics"]
+    ]
+
+
+def test_programs_of_users_pass_pyright(installed: Path, programs: Path) -> None:
+    # ROS comes from the system and need not be there.
+    faults = [
+        fault
+        for fault in pyright(installed, programs)
+        if not (fault.startswith("ros_") and "reportMissingImports" in fault)
+    ]
+    assert not faults, "\n".join(faults)
+
+
+def test_pyright_finds_what_is_not_there(installed: Path, tmp_path: Path) -> None:
+    text = "import hexwire\n\nwith hexwire.connect() as arm:\n    arm.watchdg(0.5)\n    arm.watchdog('soon')\n"
+    (tmp_path / "misspelt.py").write_text(text, encoding="utf-8")
+    faults = pyright(installed, tmp_path)
+    assert any("misspelt.py:4: reportAttributeAccessIssue" in fault for fault in faults)
+    assert any("misspelt.py:5: reportArgumentType" in fault for fault in faults)
