@@ -302,7 +302,7 @@ def test_a_stop_that_a_servo_does_not_confirm_is_no_success() -> None:
     bench.silence("J3")
     with pytest.raises(UsageError, match=r"^stopped, but J3 did not confirm it$"):
         bench.arm.stop("test")
-    assert bench.arm.facts("n").stopped == "test"
+    assert bench.arm.facts().stopped == "test"
 
 
 def test_torque_off_aborts_and_on_again_begins_where_the_arm_is() -> None:
@@ -452,24 +452,24 @@ def test_if_one_controller_fails_the_others_hold() -> None:
 
 
 def test_facts() -> None:
-    bench = make_bench(controllers=SPLIT, hardware_id="A17")
-    facts = bench.arm.facts("/hardware_interface")
-    assert (facts.node, facts.robot, facts.hardware_id) == ("/hardware_interface", "hex7bot", "A17")
+    bench = make_bench(controllers=SPLIT)
+    facts = bench.arm.facts()
+    assert facts.robot == "hex7bot"
     assert facts.connected
     assert facts.controllers == {"arm": "hold", "hand": "hold"}
     assert facts.counters["requests"] > 0
     assert facts.counters["stalls_of_the_loop"] == facts.counters["set_points_lost"] == 0
     bench.arm.controllers["hand"].follower.counters.slips = 2
     bench.arm.controllers["arm"].follower.counters.slips = 1
-    assert bench.arm.facts("n").counters["stalls_of_the_loop"] == 3
+    assert bench.arm.facts().counters["stalls_of_the_loop"] == 3
     assert (facts.stopped, facts.stop_kind) == ("", "")
     assert diagnose(facts)
     bench.arm.stop("test")
-    facts = bench.arm.facts("n")
+    facts = bench.arm.facts()
     assert (facts.stopped, facts.stop_kind) == ("test", "asked")
     bench.link.lost = True
     bench.turn(1.0)
-    facts = bench.arm.facts("n")
+    facts = bench.arm.facts()
     assert not facts.connected
     assert facts.error
     assert diagnose(facts)

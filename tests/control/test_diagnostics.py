@@ -35,10 +35,8 @@ STATE = JointState(
     stamp=100.0,
 )
 FACTS = Facts(
-    node="/hardware_interface",
     robot="hex7bot",
     url="serial:///dev/ttyUSB0",
-    hardware_id="",
     connected=True,
     error="",
     reconnects=2,
@@ -55,12 +53,12 @@ FACTS = Facts(
 
 
 def rows(**changes: Any) -> dict[str, Row]:
-    return {row.name.removeprefix("hardware_interface: "): row for row in diagnose(replace(FACTS, **changes))}
+    return {row.name: row for row in diagnose(replace(FACTS, **changes))}
 
 
 def verdict(part: str, **changes: Any) -> tuple[Level, str]:
     row = rows(**changes)[part]
-    return row.level, row.message
+    return row.level, row.text
 
 
 def servo(**changes: Any) -> tuple[Level, str]:
@@ -69,20 +67,15 @@ def servo(**changes: Any) -> tuple[Level, str]:
     return verdict("J2 (servo 7)", state=state)
 
 
-def test_names_and_order_as_rep_107_has_them() -> None:
+def test_names_and_order() -> None:
     assert [row.name for row in diagnose(FACTS)] == [
-        "hardware_interface: link",
-        "hardware_interface: board",
-        "hardware_interface: J1 (servo 1)",
-        "hardware_interface: J2 (servo 7)",
+        "link",
+        "board",
+        "J1 (servo 1)",
+        "J2 (servo 7)",
     ]
-    assert {(row.level, row.message) for row in diagnose(FACTS)} == {(Level.OK, "ok")}
-    assert [int(level) for level in Level] == [0, 1, 2, 3]
-
-
-def test_the_hardware_id_is_the_users_or_the_url() -> None:
-    assert {row.hardware_id for row in diagnose(FACTS)} == {"serial:///dev/ttyUSB0"}
-    assert {row.hardware_id for row in diagnose(replace(FACTS, hardware_id="arm 7"))} == {"arm 7"}
+    assert {(row.level, row.text) for row in diagnose(FACTS)} == {(Level.OK, "ok")}
+    assert sorted(Level) == [Level.OK, Level.WARNING, Level.ERROR, Level.STALE]
 
 
 def test_values_of_the_link() -> None:
@@ -91,12 +84,12 @@ def test_values_of_the_link() -> None:
         "url": "serial:///dev/ttyUSB0",
         "connected": "yes",
         "reconnects": "2",
-        "joint_states wanted (Hz)": "100.0",
-        "joint_states (Hz)": "99.7",
+        "states wanted (Hz)": "100.0",
+        "states (Hz)": "99.7",
         "age of the last state (s)": "0.010",
         "last error": "gone then back",
     }
-    assert "joint_states (Hz)" not in dict(rows(rate=NAN)["link"].values)
+    assert "states (Hz)" not in dict(rows(rate=NAN)["link"].values)
 
 
 def test_the_link() -> None:
@@ -105,11 +98,17 @@ def test_the_link() -> None:
     assert gone == (Level.ERROR, "not connected: /dev/ttyUSB0 is gone plug it in")
     assert verdict("link", state=None, state_age=NAN) == (Level.STALE, "no state has come yet")
     assert verdict("link", state_age=1.01) == (Level.STALE, "no states come any more")
-    assert verdict("link", rate=79.9) == (Level.WARN, "joint_states come too slowly")
+    assert verdict("link", rate=79.9) == (Level.WARNING, "states come too slowly")
     assert verdict("link", rate=80.1) == (Level.OK, "ok")
     assert verdict("link", error="long ago") == (Level.OK, "ok")
     assert verdict("link", rate=NAN) == (Level.OK, "ok"), "not measured yet"
     assert verdict("link", rate=0.0, wanted_rate=0.0) == (Level.OK, "ok")
+
+
+def test_states_have_the_name_that_readers_know() -> None:
+    link = diagnose(replace(FACTS, rate=79.9), states="joint_states")[0]
+    assert link.text == "joint_states come too slowly"
+    assert {"joint_states (Hz)", "joint_states wanted (Hz)"} <= dict(link.values).keys()
 
 
 def test_a_slow_line_may_be_slow() -> None:
@@ -151,7 +150,7 @@ def test_what_a_board_does_not_tell_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("kind", "level"),
     [
-        ("asked", Level.WARN),
+        ("asked", Level.WARNING),
         ("following", Level.ERROR),
         ("overload", Level.ERROR),
         ("collision", Level.ERROR),
@@ -187,8 +186,8 @@ def test_the_probe_tells_of_a_stop_until_there_is_a_state() -> None:
 
 def test_boards_that_do_not_watch_over_the_arm() -> None:
     one = replace(PROBE, dialect=1)
-    assert verdict("board", probe=one) == (Level.WARN, "no watchdog, no limits on this board")
-    assert verdict("board", probe=replace(PROBE, dialect=0))[0] is Level.WARN
+    assert verdict("board", probe=one) == (Level.WARNING, "no watchdog, no limits on this board")
+    assert verdict("board", probe=replace(PROBE, dialect=0))[0] is Level.WARNING
     assert verdict("board", probe=one, stopped="lost J1", stop_kind="lost") == (
         Level.ERROR,
         "stopped: lost J1; no watchdog, no limits on this board",
@@ -232,7 +231,7 @@ def test_faults_of_a_servo() -> None:
 
 
 def test_warnings_of_a_servo() -> None:
-    assert servo(flags=int(JointFlag.CLAMPED)) == (Level.WARN, "target clamped to the limits")
+    assert servo(flags=int(JointFlag.CLAMPED)) == (Level.WARNING, "target clamped to the limits")
     assert servo(flags=int(JointFlag.CLAMPED), temperature=60.0)[1] == "target clamped to the limits, hot"
 
 
@@ -266,18 +265,18 @@ def test_without_a_probe_the_state_tells_the_joints() -> None:
     assert list(rows(probe=None, state=None)) == ["link", "board"]
 
 
-def test_messages_do_not_change_with_figures() -> None:
+def test_texts_do_not_change_with_figures() -> None:
     """Otherwise a change would be published in every cycle."""
     ill = replace(STATE, flags=(int(JointFlag.SILENT), int(JointFlag.CLAMPED)), temperature=(NAN, 65.0))
     worse = replace(ill, age=(7.3, 0.1), temperature=(NAN, 66.0), position=(1.0, 2.0), stamp=107.0)
     before = diagnose(replace(FACTS, state=ill, rate=50.0))
     after = diagnose(replace(FACTS, state=worse, rate=51.0, state_age=0.2, counters={"retries": 99}))
-    assert [(r.name, r.level, r.message) for r in before] == [(r.name, r.level, r.message) for r in after]
+    assert [(r.name, r.level, r.text) for r in before] == [(r.name, r.level, r.text) for r in after]
     assert before != after
 
 
-def row(message: str = "ok", level: Level = Level.OK, value: str = "1", name: str = "n: link") -> Row:
-    return Row(level, name, message, "id", (("x", value),))
+def row(text: str = "ok", level: Level = Level.OK, value: str = "1", name: str = "link") -> Row:
+    return Row(level, name, text, (("x", value),))
 
 
 def test_rows_are_due_once_a_second() -> None:
@@ -299,8 +298,8 @@ def test_a_change_is_due_at_once_but_a_value_is_no_change() -> None:
     assert watch.due([row("hot")], 5.3)
     assert not watch.due([row("hot")], 5.41)
     assert watch.due([row("hot", Level.ERROR)], 5.5)
-    assert watch.due([row("hot", Level.ERROR), row(name="n: J1")], 5.7)
-    assert not watch.due([row(name="n: J1"), row("hot", Level.ERROR)], 5.85), "the order does not matter"
+    assert watch.due([row("hot", Level.ERROR), row(name="J1")], 5.7)
+    assert not watch.due([row(name="J1"), row("hot", Level.ERROR)], 5.85), "the order does not matter"
     assert watch.due([row("hot", Level.ERROR)], 5.86)
 
 

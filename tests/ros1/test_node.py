@@ -189,8 +189,8 @@ def test_teaching_without_a_motion_is_told_and_the_arm_is_held_again(arm: Arm) -
 def test_diagnostics_come_with_every_servo(arm: Arm) -> None:
     messages = arm.client.collect(topic="/diagnostics", kind="diagnostic_msgs/DiagnosticArray", count=3)
     for message in messages:
-        names = [row["name"].removeprefix("hardware_interface: ") for row in message["status"]]
-        assert names == ["link", "board", *(f"{name} (servo {i})" for i, name in enumerate(JOINTS))]
+        parts = ["link", "board", *(f"{name} (servo {i})" for i, name in enumerate(JOINTS))]
+        assert [row["name"] for row in message["status"]] == [f"hardware_interface: {part}" for part in parts]
         assert {row["hardware_id"] for row in message["status"]} == {"arm-7"}
     values = {pair["key"]: pair["value"] for pair in messages[-1]["status"][2]["values"]}
     assert math.isclose(float(values["position (deg)"]), math.degrees(arm.board.positions["J1"]), abs_tol=1.0)

@@ -333,15 +333,13 @@ class Arm:
 
     # -- what it reports ------------------------------------------------------------------------------
 
-    def facts(self, node: str) -> Facts:
+    def facts(self) -> Facts:
         """What diagnostics are made of."""
         hardware = self.hardware
         reason = hardware.group.reason
         return Facts(
-            node=node,
             robot=self.settings.model.name,
             url=hardware.robot.url,
-            hardware_id=self.settings.hardware_id,
             connected=hardware.connected,
             error=hardware.error,
             reconnects=hardware.reconnects,

@@ -1,7 +1,7 @@
-"""What is right and what is wrong with the robot, as rows of REP-107: the link, the board, every servo.
+"""What is right and what is wrong with the robot, as plain rows: the link, the board, every servo.
 
-Owns the judgement and its words. A message says the same as long as nothing changes; figures are values. Pure:
-facts and time are arguments. Must not know messages, drivers or clocks.
+Owns the judgement and its words. A text stays the same as long as nothing changes; figures are values. Pure:
+facts and time are arguments. Must not know who shows the rows, nor drivers or clocks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hexwire.wire.registers import Series
 __all__ = ["ChangeWatch", "Facts", "Level", "Row", "diagnose"]
 
 _ENOUGH = 0.8
-"""Share of the wanted rate below which joint_states are too slow."""
+"""Share of the wanted rate below which states are too slow."""
 _STALE = 1.0
 """Seconds after which a state is old; three periods on lines that are slower than that."""
 _SAFETY_MARGIN = 10.0
@@ -26,34 +26,32 @@ _SAFETY_MARGIN = 10.0
 _CUT_OFF = 70.0
 """Degrees Celsius: the lowest factory cut-off of the series, for servos that have none of their own."""
 _SHORTEST = 0.1
-"""Seconds between two publications, however often something changes: a loose plug must not flood the log."""
+"""Seconds between two times, however often something changes: a loose plug must not flood the log."""
 
 
 class Level(IntEnum):
-    """Levels of diagnostic_msgs/DiagnosticStatus."""
+    """How bad something is; the worst is the greatest."""
 
     OK = 0
-    WARN = 1
+    WARNING = 1
     ERROR = 2
     STALE = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One diagnostic_msgs/DiagnosticStatus.
+    """One part of the robot, judged.
 
     Attributes:
         level: How bad it is.
-        name: As in ``hardware_interface: link``.
-        message: In short; the same as long as nothing changes.
-        hardware_id: Which hardware it is about.
+        name: ``link``, ``board``, or a servo as in ``J1 (servo 0)``.
+        text: In short; the same as long as nothing changes.
         values: Pairs of key, with the unit, and value.
     """
 
     level: Level
     name: str
-    message: str
-    hardware_id: str
+    text: str
     values: tuple[tuple[str, str], ...]
 
 
@@ -62,17 +60,15 @@ class Facts:
     """What is known of the robot.
 
     Attributes:
-        node: Name of the node; slashes around it do not count.
         robot: Name of the robot.
         url: Of the link.
-        hardware_id: As the user has named the hardware; the URL stands in for an empty one.
         connected: The link is open and the driver attached.
         error: What went wrong with the link last, in words; empty if nothing did.
-        reconnects: How often the link was lost and came back.
+        reconnects: Number of reconnections.
         probe: What was found when it was probed last; None before that.
         state: The last state; None before the first.
         state_age: Seconds since that state.
-        rate: joint_states published a second; NaN while that is not known.
+        rate: States passed on a second; NaN while that is not known.
         wanted_rate: As many are wanted; 0 if none are.
         stopped: Why the arm is stopped, in words; empty if it is not.
         counters: The newest counters by name, in place of the probe's of the same name.
@@ -81,10 +77,8 @@ class Facts:
         stop_kind: As `hexwire.motion.safety.StopReason.kind`; a stop other than ``asked`` is taken for a fault.
     """
 
-    node: str
     robot: str
     url: str
-    hardware_id: str
     connected: bool
     error: str
     reconnects: int
@@ -100,23 +94,27 @@ class Facts:
     stop_kind: str = ""
 
 
-def diagnose(facts: Facts) -> tuple[Row, ...]:
+def diagnose(facts: Facts, *, states: str = "states") -> tuple[Row, ...]:
     """Rows for the link, the board and each servo, in this order.
 
     The servos are those of the probe; before the first probe, the joints of the state.
+
+    Args:
+        facts: What is known.
+        states: What the states that are passed on are called where the rows are read.
     """
-    rows = [_row(facts, "link", *_judge_link(facts)), _row(facts, "board", *_judge_board(facts))]
+    rows = [_row("link", _judge_link(facts, states)), _row("board", _judge_board(facts))]
     if facts.probe is not None:
         for joint in facts.probe.joints:
             name = f"{joint.name} (servo {joint.servo_id})"
-            rows.append(_row(facts, name, *_judge_servo(facts, joint.name, joint)))
+            rows.append(_row(name, _judge_servo(facts, joint.name, joint)))
     elif facts.state is not None:
-        rows += [_row(facts, name, *_judge_servo(facts, name, None)) for name in facts.state.names]
+        rows += [_row(name, _judge_servo(facts, name, None)) for name in facts.state.names]
     return tuple(rows)
 
 
 class ChangeWatch:
-    """When rows are to be published: about once a `period`, and at once when a level or message changed.
+    """When rows are to be told: about once a `period`, and at once when a level or text changed.
 
     Args:
         period: Seconds.
@@ -129,13 +127,13 @@ class ChangeWatch:
         self._next = -math.inf
 
     def due(self, rows: Iterable[Row], now: float) -> bool:
-        """Whether to publish these rows now; the answer True counts as published.
+        """Whether to tell these rows now; the answer True counts as told.
 
         Args:
             rows: All rows as they are now; their order does not matter.
             now: Monotonic clock, seconds.
         """
-        saying = frozenset((row.name, row.level, row.message) for row in rows)
+        saying = frozenset((row.name, row.level, row.text) for row in rows)
         changed = saying != self._said and now - self._when >= min(_SHORTEST, self._period)
         # Whoever asks once a period is a little early now and then, and must not wait for another one.
         in_turn = now >= self._next - 0.1 * self._period
@@ -150,19 +148,19 @@ class ChangeWatch:
 Verdict = tuple[Level, str, list[tuple[str, str]]]
 
 
-def _row(facts: Facts, part: str, level: Level, message: str, values: list[tuple[str, str]]) -> Row:
-    name = f"{facts.node.strip('/')}: {part}"
-    return Row(level, name, message, facts.hardware_id or facts.url, tuple(values))
+def _row(name: str, verdict: Verdict) -> Row:
+    level, text, values = verdict
+    return Row(level, name, text, tuple(values))
 
 
-def _judge_link(facts: Facts) -> Verdict:
+def _judge_link(facts: Facts, states: str) -> Verdict:
     error = " ".join(facts.error.split())
     values = [
         ("url", facts.url),
         ("connected", _yes(facts.connected)),
         ("reconnects", str(facts.reconnects)),
-        *_number("joint_states wanted (Hz)", facts.wanted_rate, 1),
-        *_number("joint_states (Hz)", facts.rate, 1),
+        *_number(f"{states} wanted (Hz)", facts.wanted_rate, 1),
+        *_number(f"{states} (Hz)", facts.rate, 1),
         *_number("age of the last state (s)", facts.state_age if facts.state is not None else math.nan, 3),
     ]
     if error:
@@ -174,7 +172,7 @@ def _judge_link(facts: Facts) -> Verdict:
     if _is_old(facts):
         return Level.STALE, "no states come any more", values
     if facts.rate < _ENOUGH * facts.wanted_rate:
-        return Level.WARN, "joint_states come too slowly", values
+        return Level.WARNING, f"{states} come too slowly", values
     return Level.OK, "ok", values
 
 
@@ -204,15 +202,15 @@ def _judge_board(facts: Facts) -> Verdict:
     verdicts: list[tuple[Level, str]] = []
     if reason:
         asked = facts.stop_kind == "asked" and not tripped
-        verdicts.append((Level.WARN if asked else Level.ERROR, f"stopped: {reason}"))
+        verdicts.append((Level.WARNING if asked else Level.ERROR, f"stopped: {reason}"))
     if probe is None:
         verdicts.append((Level.STALE, "not probed yet"))
     elif probe.dialect == 1:
-        verdicts.append((Level.WARN, "no watchdog, no limits on this board"))
+        verdicts.append((Level.WARNING, "no watchdog, no limits on this board"))
     elif probe.dialect == 0:
-        verdicts.append((Level.WARN, "no watchdog, no limits: servos without a board"))
+        verdicts.append((Level.WARNING, "no watchdog, no limits: servos without a board"))
     level = max((level for level, _ in verdicts), default=Level.OK)
-    return level, "; ".join(message for _, message in verdicts) or "ok", values
+    return level, "; ".join(text for _, text in verdicts) or "ok", values
 
 
 def _stop_reason(facts: Facts) -> str:
@@ -250,7 +248,7 @@ def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> Verdict:
         warnings.append("target clamped to the limits")
     if joint.temperature >= _hot(probe.series if probe is not None else ""):
         warnings.append("hot")
-    return Level.WARN if warnings else Level.OK, ", ".join(warnings) or "ok", values
+    return Level.WARNING if warnings else Level.OK, ", ".join(warnings) or "ok", values
 
 
 def _figures(joint: JointReading) -> list[tuple[str, str]]:

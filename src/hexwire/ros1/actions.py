@@ -15,11 +15,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.orders import order_of, tolerances_of
 from hexwire.control.outcomes import Ended, Outcome, Reason
 from hexwire.errors import GoalError
 
 from .codes import CODES, ErrorCode
+from .values import order_of, tolerances_of
 
 if TYPE_CHECKING:
     from hexwire.control.arm import Arm

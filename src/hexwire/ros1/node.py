@@ -35,8 +35,8 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hexwire.control.arm import Arm
-from hexwire.control.diagnostics import ChangeWatch, diagnose
-from hexwire.control.orders import Sparing, order_of, set_points_of
+from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
+from hexwire.control.log_limiter import LogLimiter
 from hexwire.control.shutdown import Ending
 from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
@@ -45,6 +45,7 @@ from .actions import ActionGoal, ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
 from .settings import load_settings
 from .stamps import StampClock
+from .values import order_of, set_points_of
 
 if TYPE_CHECKING:
     from hexwire.control.outcomes import Progress
@@ -70,6 +71,12 @@ _LAST_WORDS = 0.2
 """Seconds in which the last results go out: rospy sends in threads of its own, and drops what still waits there."""
 _ADDRESS_WAIT = 2.0
 _QUEUE = 10
+_LEVELS = {
+    Level.OK: DiagnosticStatus.OK,
+    Level.WARNING: DiagnosticStatus.WARN,
+    Level.ERROR: DiagnosticStatus.ERROR,
+    Level.STALE: DiagnosticStatus.STALE,
+}
 
 
 def run(argv: list[str]) -> int:
@@ -115,7 +122,7 @@ class HardwareInterface:
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
         self._ending, self._ended = Ending(_LONGEST_END), threading.Event()
-        self._sparing = Sparing()
+        self._log_limiter = LogLimiter()
         self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
         self._next_state = self._next_feedback = 0.0
         self._control = control_msgs()
@@ -173,17 +180,24 @@ class HardwareInterface:
         crash = self._arm.hardware.crash
         if crash is not None:
             raise DeviceError(f"the node failed: {crash!r}") from crash
-        rows = diagnose(self._arm.facts(rospy.get_name()))
+        facts = self._arm.facts()
+        rows = diagnose(facts, states="joint_states")
         if self._watch.due(rows, time.monotonic()):
             message = DiagnosticArray()
             message.header.stamp = rospy.Time.now()
-            message.status = [
-                DiagnosticStatus(
-                    int(row.level), row.name, row.message, row.hardware_id, [KeyValue(k, v) for k, v in row.values]
-                )
-                for row in rows
-            ]
+            message.status = [self._status(row, self._settings.hardware_id or facts.url) for row in rows]
             self._diagnostics.publish(message)
+
+    @staticmethod
+    def _status(row: Row, hardware_id: str) -> Any:
+        """A row as REP-107 has it."""
+        return DiagnosticStatus(
+            level=_LEVELS[row.level],
+            name=f"{rospy.get_name().strip('/')}: {row.name}",
+            message=row.text,
+            hardware_id=hardware_id,
+            values=[KeyValue(key, value) for key, value in row.values],
+        )
 
     # -- what is offered ------------------------------------------------------------------------------
 
@@ -269,7 +283,7 @@ class HardwareInterface:
                 self._warn(text, 60.0)
 
     def _warn(self, text: str, period: float = 1.0) -> None:
-        if self._sparing.due(text, time.monotonic(), period):
+        if self._log_limiter.due(text, time.monotonic(), period):
             _log.warning("%s", text)
 
     # -- what is published ----------------------------------------------------------------------------

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from hexwire.control.goals import Point, TrajectoryOrder
-from hexwire.control.orders import Sparing, order_of, set_points_of, tolerances_of
 from hexwire.ros1.messages import _OSRF
+from hexwire.ros1.values import order_of, set_points_of, tolerances_of
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
 
@@ -66,26 +66,3 @@ def test_set_points_have_every_field_of_the_message() -> None:
     assert names == ["header", "name", *COMMAND_ARRAYS]
     message = SimpleNamespace(**{**dict.fromkeys(names, ()), "name": ["J1"], "position": [0.5]})
     assert set_points_of(message) == {**dict.fromkeys(COMMAND_ARRAYS, ()), "position": (0.5,)}
-
-
-def test_same_text_is_said_again_after_its_period() -> None:
-    sparing = Sparing()
-    assert [sparing.due("no", now, 1.0) for now in (0.0, 0.5, 0.9, 1.0, 1.5)] == [True, False, False, True, False]
-    assert sparing.due("other", 1.5)
-    assert not sparing.due("other", 30.0, 60.0)
-
-
-@pytest.mark.parametrize("number", ["91", "-91.25", "1e+09", "6.1e-05", "0"])
-def test_texts_that_differ_in_numbers_are_one(number: str) -> None:
-    sparing = Sparing()
-    assert sparing.due("J1=90.5 deg is outside its limits -85 to 75 deg", 0.0)
-    assert not sparing.due(f"J1={number} deg is outside its limits -85 to 75 deg", 0.5)
-    assert sparing.due(f"J1={number} deg is fine", 0.5)
-
-
-def test_only_so_many_texts_are_remembered_and_the_newest_of_them() -> None:
-    sparing = Sparing()
-    for i in range(1000):
-        assert sparing.due("no joint " + "x" * i, 0.0)
-    assert len(sparing._said) <= 100
-    assert not sparing.due("no joint " + "x" * 999, 0.5)
