@@ -11,8 +11,9 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
 
 from hexwire.control.arm import Arm
+from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerance, Tolerances, TrajectoryOrder
+from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
 from hexwire.control.outcomes import Ended, Outcome, Reason
 from hexwire.control.settings import ControllerSettings
 from hexwire.model.hex7bot import HEX7BOT

@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 from tests.control.arm_bench import Told
 from tests.drivers.arms import Arm
 
+from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerance, Tolerances, TrajectoryOrder
+from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
 from hexwire.control.owner import Hardware
 from hexwire.control.published import PublishedState
 from hexwire.control.settings import ControllerSettings

@@ -10,7 +10,8 @@ import pytest
 from tests.control.arm_bench import LEAD, PREEMPTED, SUCCEEDED, Bench, Loop, Told, limp, order, tolerances
 from tests.motion.arms import HOME, NAMES, state
 
-from hexwire.control.goals import Point, Tolerance, TrajectoryOrder
+from hexwire.control.arrival import Tolerance
+from hexwire.control.goals import Point, TrajectoryOrder
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError, LimitError
 from hexwire.model.hex7bot import HEX7BOT

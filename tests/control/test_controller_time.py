@@ -6,7 +6,7 @@ import pytest
 from tests.control.arm_bench import PREEMPTED, SUCCEEDED, Loop, Told, limp, order, tolerances
 from tests.motion.arms import HOME
 
-from hexwire.control.goals import Tolerance
+from hexwire.control.arrival import Tolerance
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT

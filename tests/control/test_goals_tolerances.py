@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from hexwire.control.goals import Tolerance, Tolerances
+from hexwire.control.arrival import Tolerance, deviations, in_words
+from hexwire.control.goals import Tolerances
 from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample
@@ -97,9 +98,13 @@ def test_wrong_tolerances_are_refused(
 AT_ZERO = Sample(REST, REST, REST)
 
 
+def at_goal(names: tuple[str, ...], desired: Sample, position: tuple[float, ...], speed: tuple[float, ...]) -> str:
+    return in_words(deviations(DEFAULTS.goal, names, desired, position, speed), "goal")
+
+
 def test_inside_the_tolerances_nothing_is_said() -> None:
     assert DEFAULTS.path_violation(JOINTS, AT_ZERO, (0.1, -0.1, 0.0), (9.0, 9.0, 9.0)) == ""
-    assert DEFAULTS.goal_violation(JOINTS, AT_ZERO, (0.05, -0.05, 0.0), (0.01, -0.01, 0.0)) == ""
+    assert at_goal(JOINTS, AT_ZERO, (0.05, -0.05, 0.0), (0.01, -0.01, 0.0)) == ""
 
 
 def test_off_the_path_is_said_in_radians_and_degrees_worst_first() -> None:
@@ -122,16 +127,14 @@ def test_values_belong_to_the_names_that_come_with_them() -> None:
 
 
 def test_at_the_goal_the_arm_must_stand() -> None:
-    assert DEFAULTS.goal_violation(JOINTS, AT_ZERO, REST, (0.0, 0.0, -0.02)) == (
+    assert at_goal(JOINTS, AT_ZERO, REST, (0.0, 0.0, -0.02)) == (
         "the speed of J3 is 0.02 rad/s (1.15 deg/s) off its goal, 0.01 rad/s (0.573 deg/s) are allowed"
     )
-    assert DEFAULTS.goal_violation(JOINTS, AT_ZERO, (0.06, 0.0, 0.0), REST).startswith(
-        "J1 is 0.06 rad (3.44 deg) off its goal"
-    )
+    assert at_goal(JOINTS, AT_ZERO, (0.06, 0.0, 0.0), REST).startswith("J1 is 0.06 rad (3.44 deg) off its goal")
 
 
 def test_a_speed_may_be_worse_than_a_position() -> None:
-    text = DEFAULTS.goal_violation(JOINTS, AT_ZERO, (0.06, 0.0, 0.0), (0.0, 0.02, 0.05))
+    text = at_goal(JOINTS, AT_ZERO, (0.06, 0.0, 0.0), (0.0, 0.02, 0.05))
     assert [part[:18] for part in text.split("; ")] == [
         "the speed of J3 is",
         "the speed of J2 is",
@@ -145,7 +148,7 @@ def test_a_position_that_is_not_known_is_in_no_tolerance_a_velocity_is_not_judge
     assert text.startswith("it is not known where J2 is; J1 is 0.5 rad")
     unchecked = DEFAULTS.overridden([("J1", -1.0, 0.0, 0.0), ("J2", -1.0, 0.0, 0.0)], [], 0.0)
     assert unchecked.path_violation(JOINTS, AT_ZERO, lost, (math.nan,) * 3) == ""
-    assert DEFAULTS.goal_violation(JOINTS, AT_ZERO, REST, (math.nan,) * 3) == ""
+    assert at_goal(JOINTS, AT_ZERO, REST, (math.nan,) * 3) == ""
 
 
 def test_a_long_list_is_cut() -> None:

@@ -6,8 +6,9 @@ import threading
 import pytest
 from tests.motion.arms import NAMES, state
 
+from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerance, Tolerances, TrajectoryOrder
+from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
 from hexwire.control.group import ControllerGroup
 from hexwire.control.outcomes import Ended, Outcome
 from hexwire.control.settings import ControllerSettings

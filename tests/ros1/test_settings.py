@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.goals import Tolerance
+from hexwire.control.arrival import Tolerance
 from hexwire.control.settings import Settings
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver

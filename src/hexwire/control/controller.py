@@ -18,6 +18,7 @@ from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
+from .arrival import Arrival, Verdict
 from .goals import Point, check_order, make_trajectory
 from .outcomes import Ended, Goal, Outcome, Progress, Reason
 from .path_check import Ways
@@ -51,9 +52,11 @@ class _Active:
     goal: Goal | None
     tolerances: Tolerances
     begins: float
-    ends: float
-    missed: float = math.inf
-    """When the goal was first found to be missed; time in which nobody looked is not held against it."""
+    arrival: Arrival
+
+
+def _active(goal: Goal | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
+    return _Active(goal, tolerances, begins, Arrival(tolerances.goal, ends, tolerances.goal_time))
 
 
 @dataclass(slots=True)
@@ -230,7 +233,7 @@ class TrajectoryController:
         if order.delay > 0.0 and begins > self.follower.next_start(now):
             self._preempt("replaced by a new one")
             self._pending = _Pending(order, received, begins)
-            self._active = _Active(goal, tolerances, begins, math.inf)
+            self._active = _active(goal, tolerances, begins, math.inf)
             return
         trajectory = self._due(order, received, state, now, meanwhile)
         self.follow(trajectory, state, now, goal=goal, tolerances=tolerances)
@@ -255,7 +258,7 @@ class TrajectoryController:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
         self._preempt("replaced by a new one")
         ends = now + self.follower.remaining(now)
-        self._active = _Active(goal, tolerances or self.settings.tolerances, begins, ends)
+        self._active = _active(goal, tolerances or self.settings.tolerances, begins, ends)
 
     def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
         """Pursue set-points, radians by joint; a goal under way is preempted.
@@ -318,9 +321,9 @@ class TrajectoryController:
         elif active is not None and self._pending is None:
             # The follower slips after a stall; so does the end.
             if self.follower.mode is Mode.TRAJECTORY:
-                active.ends = now + self.follower.remaining(now)
+                active.arrival.ends = now + self.follower.remaining(now)
             elif self.follower.counters.slips > slips:
-                active.ends = now + lead
+                active.arrival.ends = now + lead
         return order
 
     def _begin_pending(self, state: JointState, now: float) -> None:
@@ -337,7 +340,7 @@ class TrajectoryController:
             reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
             self._end(Outcome.ABORTED, reason, str(error))
         else:
-            active.begins, active.ends = begins, now + self.follower.remaining(now)
+            active.begins, active.arrival.ends = begins, now + self.follower.remaining(now)
 
     def _take_over(self, trajectory: Trajectory, state: JointState, now: float) -> None:
         self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
@@ -400,16 +403,12 @@ class TrajectoryController:
                     self._end(Outcome.ABORTED, Reason.PATH_TOLERANCE, wrong)
         elif active.goal is None:
             self._active = None
-        elif now >= active.ends:
-            wrong = active.tolerances.goal_violation(self.joints, desired, position, speed)
-            if not wrong and oldest < active.ends:
-                wrong = "not every joint has been heard of since the end"
-            patience = active.tolerances.goal_time
-            active.missed = min(active.missed, now)
-            if not wrong:
+        else:
+            verdict = active.arrival.judge(now, self.joints, desired, position, speed, oldest)
+            if verdict is Verdict.ARRIVED:
                 self._end(Outcome.SUCCEEDED, Reason.REACHED)
-            elif patience and now > active.missed + patience:
-                self._end(Outcome.ABORTED, Reason.GOAL_TOLERANCE, wrong)
+            elif verdict is Verdict.MISSED:
+                self._end(Outcome.ABORTED, Reason.GOAL_TOLERANCE, active.arrival.why)
 
     def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
         """Where each joint was meant to be when it was sampled; never further than it was told."""

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample, Spline, Waypoint
 
+from .arrival import Tolerance, deviations, in_words
 from .outcomes import Reason
 
 __all__ = [
     "MAX_POINTS",
     "Point",
-    "Tolerance",
     "Tolerances",
     "TrajectoryOrder",
     "check_order",
@@ -76,21 +76,6 @@ class TrajectoryOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class Tolerance:
-    """How far one joint may be off; 0 is not checked.
-
-    Attributes:
-        position: Radians.
-        velocity: Radians per second.
-        acceleration: Radians per second squared; kept, but never judged, since no arm here measures it.
-    """
-
-    position: float = 0.0
-    velocity: float = 0.0
-    acceleration: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class Tolerances:
     """How far the arm may be off its path and its goal.
 
@@ -143,17 +128,7 @@ class Tolerances:
             actual_position: Radians; NaN is a violation where a position is checked.
             actual_velocity: Radians per second; NaN is not judged.
         """
-        return _violation(self.path, "path", names, desired, actual_position, actual_velocity)
-
-    def goal_violation(
-        self,
-        names: Sequence[str],
-        desired: Sample,
-        actual_position: Sequence[float],
-        actual_velocity: Sequence[float],
-    ) -> str:
-        """What is off the goal, worst first; empty if nothing is. Arguments as in `path_violation`."""
-        return _violation(self.goal, "goal", names, desired, actual_position, actual_velocity)
+        return in_words(deviations(self.path, names, desired, actual_position, actual_velocity), "path")
 
 
 def _resolved(asked: float, default: float) -> float:
@@ -180,43 +155,6 @@ def _merged(
                 raise GoalError(text, reason=Reason.MALFORMED)
         merged[name] = Tolerance(*map(_resolved, values, kept))
     return {**defaults, **merged}
-
-
-def _violation(
-    tolerances: Mapping[str, Tolerance],
-    aim: str,
-    names: Sequence[str],
-    desired: Sample,
-    position: Sequence[float],
-    velocity: Sequence[float],
-) -> str:
-    found: list[tuple[float, str]] = []
-    columns = zip(names, desired.position, position, desired.velocity, velocity, strict=True)
-    for name, want, have, speed, actual_speed in columns:
-        allowed = tolerances[name]
-        off = abs(have - want)
-        # Not "off > allowed": a position that is not known is in no tolerance.
-        if allowed.position > 0.0 and not off <= allowed.position:
-            if math.isnan(off):
-                found.append((math.inf, f"it is not known where {name} is"))
-            else:
-                text = f"{name} is {_angle(off)} off its {aim}, {_angle(allowed.position)} are allowed"
-                found.append((off / allowed.position, text))
-        off = abs(actual_speed - speed)
-        if allowed.velocity > 0.0 and off > allowed.velocity:
-            least = _angle(allowed.velocity, "/s")
-            text = f"the speed of {name} is {_angle(off, '/s')} off its {aim}, {least} are allowed"
-            found.append((off / allowed.velocity, text))
-    # Stable, so that of two equally bad the first joint comes first.
-    found.sort(key=lambda row: -row[0])
-    texts = [text for _, text in found[:_SHOWN]]
-    if len(found) > _SHOWN:
-        texts.append(f"{len(found) - _SHOWN} more")
-    return "; ".join(texts)
-
-
-def _angle(value: float, per: str = "") -> str:
-    return f"{value:.3g} rad{per} ({math.degrees(value):.3g} deg{per})"
 
 
 def _quoted(name: str) -> str:

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.goals import Tolerance, Tolerances
+from hexwire.control.arrival import Tolerance
+from hexwire.control.goals import Tolerances
 from hexwire.control.settings import ControllerSettings, Settings
 from hexwire.drivers.registry import PORT_VARIABLE, load_driver
 from hexwire.errors import HexwireError, LimitError, LinkNotFoundError, UsageError
