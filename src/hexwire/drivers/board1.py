@@ -22,20 +22,21 @@ from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.session.events import Reply
-from hexwire.wire.command_frame import Command, Status
+from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.commands import LimitRow, OffsetRow
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
     Instruction,
-    StatusPacket,
     find_status,
     make_ping,
-    make_read,
     make_write,
 )
 from hexwire.wire.tables import DEFAULT_CEILING
 
 from .base import JointProbe, StopMode
+from .board import BoardFacts
 from .dialect1_moves import MIN_RUN_TIME, make_hls_block, make_legacy_move
+from .dialect1_reads import Dialect1Reader
 from .replies import torque_flag
 
 __all__ = ["Board1"]
@@ -46,18 +47,6 @@ _LOAD = Series.HLS.register("present_load")
 _CURRENT_CEILING = Series.HLS.register("protection_current")
 _SPEED_UNIT = 50
 """Counts per second of one unit of an HLS goal speed."""
-_DOUBT = 1.0
-"""Seconds for which an answer that is missing may still come."""
-_ASKED_TWICE = 0.08
-"""Seconds: the board waits so long for an answer before it asks again, and the first may still come."""
-_CHECKS = 5
-_ENOUGH = 3
-_AGREE = 100
-"""Counts by which two reads of a joint in motion may differ: 36 ms at 2800 counts/s."""
-
-
-def _value(status: StatusPacket) -> int:
-    return int.from_bytes(status.params, "little")
 
 
 class Board1:
@@ -71,6 +60,14 @@ class Board1:
     """
 
     dialect = 1
+    command_rate = 1.5
+    """Where a state of seven joints is seven questions."""
+    has_watchdog = False
+    reports_states = False
+    keeps_stop = False
+    keeps_trip = True
+    """There is no trip that it could forget."""
+    unprotected = "no watchdog, no limits on this board"
 
     def __init__(self, session: Session, model: ArmModel) -> None:
         self._session = session
@@ -82,9 +79,8 @@ class Board1:
         self._flags: list[int] = [int(JointFlag.SILENT)] * n
         self._torque: list[bool | None] = [None] * n
         self._freeing: list[list[int]] = []
-        self._legacy = {joint.servo_id: joint.series == "seven_bot" for joint in model.joints}
+        self._reader = Dialect1Reader(session, {j.servo_id: j.series == "seven_bot" for j in model.joints})
         self._ceilings: dict[int, int] = {}
-        self._missed: dict[int, dict[int, float]] = {}
         self._next_load = 0
         self._mode = StopMode.HOLD
 
@@ -99,7 +95,7 @@ class Board1:
         if hls:
             i = hls[self._next_load % len(hls)]
             self._next_load += 1
-            status = self._read2(model.joints[i].servo_id, _LOAD.address)
+            status = self._reader.read(model.joints[i].servo_id, _LOAD.address)
             if status is not None:
                 self._loads[i] = model.joints[i].sign * _LOAD.decode(status.params) * 0.001
         now = session.now()
@@ -121,7 +117,7 @@ class Board1:
         )
 
     def _sample(self, i: int, joint: JointModel, *, urgent: bool = False) -> None:
-        status = self._read2(joint.servo_id, _PRESENT, urgent=urgent)
+        status = self._reader.read(joint.servo_id, _PRESENT, urgent=urgent)
         if status is None:
             self._flags[i] = int(JointFlag.SILENT)
             return
@@ -132,66 +128,6 @@ class Board1:
         self._positions[i] = joint.counts_to_angle(counts)
         self._sampled[i] = self._session.now()
         self._flags[i] = status.error & int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
-
-    def _read2(
-        self, servo_id: int, address: int, *, urgent: bool = False, more: bool = True
-    ) -> StatusPacket | None:
-        """Read two bytes of a servo; None if it, or the board, does not answer.
-
-        The chapter's board keeps an answer that comes too late and gives it to whoever asks next. One of another
-        servo shows by its id, but not one of the same servo that was meant for another register: after an
-        unanswered read of another register, which the board asks for twice, only three answers that agree are
-        believed.
-        """
-        now = self._session.now()
-        missed = self._missed.get(servo_id, {})
-        doubtful = any(other != address and now - when < _DOUBT for other, when in missed.items())
-        status = self._read_once(servo_id, address, urgent=urgent, more=more)
-        agreeing = 1
-        for _ in range(_CHECKS if doubtful else 0):
-            if status is None or agreeing == _ENOUGH:
-                break
-            again = self._read_once(servo_id, address, urgent=urgent, more=more)
-            agrees = again is not None and abs(_value(again) - _value(status)) <= _AGREE
-            status, agreeing = again, agreeing + 1 if agrees else 1
-        return None if doubtful and agreeing < _ENOUGH else status
-
-    def _read_once(
-        self, servo_id: int, address: int, *, urgent: bool, any_kind: bool = False, more: bool = True
-    ) -> StatusPacket | None:
-        try:
-            reply = self._session.request(
-                Command.READ, make_read(servo_id, address, 2), urgent=urgent, repeatable=True
-            )
-        except ReplyTimeoutError as error:
-            self._missed.setdefault(servo_id, {})[address] = self._session.now()
-            return self._read_beside(servo_id, address, urgent=urgent) if error.instead and more else None
-        status, found = None, find_status(reply.body, servo_id, 2)
-        # The board's own words for "no answer"; a legacy servo with an error bit and value 0 says the same.
-        if found is not None and not (found[0].legacy and found[0].error == 1 and _value(found[0]) == 0):
-            status = found[0] if any_kind or self._is_its_own(found[0]) else None
-        if status is None or reply.rtt > _ASKED_TWICE:
-            self._missed.setdefault(servo_id, {})[address] = self._session.now()
-        return status
-
-    def _read_beside(self, servo_id: int, address: int, *, urgent: bool) -> StatusPacket | None:
-        """Two bytes by the pairs before and behind them, where the answer looks like the echo of its request.
-
-        An HLS servo with error 2 at count 568 does so. The high byte is read twice, so that both belong together.
-        """
-        if self._legacy.get(servo_id, True):
-            return None
-        read = partial(self._read2, servo_id, urgent=urgent, more=False)
-        high = read(address + 1)
-        low = high and read(address - 1)
-        again = low and read(address + 1)
-        if high is None or low is None or again is None or high.params[0] != again.params[0]:
-            return None
-        return low._replace(params=low.params[1:] + high.params[:1])
-
-    def _is_its_own(self, status: StatusPacket) -> bool:
-        """Whether an answer begins as those of this servo do; a damaged echo begins as another kind's."""
-        return self._legacy.get(status.servo_id, status.legacy) == status.legacy
 
     # -- motion -------------------------------------------------------------------------------------
 
@@ -330,7 +266,7 @@ class Board1:
         """Current ceiling for an HLS servo: its own protection current."""
         ceiling = self._ceilings.get(joint.servo_id)
         if ceiling is None:
-            status = self._read2(joint.servo_id, _CURRENT_CEILING.address, urgent=urgent)
+            status = self._reader.read(joint.servo_id, _CURRENT_CEILING.address, urgent=urgent)
             if status is None:
                 return DEFAULT_CEILING
             ceiling = self._ceilings[joint.servo_id] = _CURRENT_CEILING.decode(status.params) or DEFAULT_CEILING
@@ -343,10 +279,10 @@ class Board1:
         except ReplyTimeoutError:
             return False
         found = find_status(reply.body, packet[2], 0)
-        return found is not None and self._is_its_own(found[0])
+        return found is not None and self._reader.is_its_own(found[0])
 
     def _read_torque(self, joint: JointModel, *, urgent: bool = False) -> bool | None:
-        status = self._read2(joint.servo_id, _TORQUE, urgent=urgent)
+        status = self._reader.read(joint.servo_id, _TORQUE, urgent=urgent)
         if status is None:
             return None
         # Two registers at 0x28: big-endian for a legacy servo (swapped on the way), little-endian otherwise.
@@ -391,7 +327,7 @@ class Board1:
         except ReplyTimeoutError as error:
             # Behind an adapter that echoes, the chapter's board answers a ping with the echo alone, which is no
             # answer; what it answers to a read has the servo's own bytes as well.
-            status = self._read2(servo_id, _PRESENT) if error.instead else None
+            status = self._reader.read(servo_id, _PRESENT) if error.instead else None
             return None if status is None else status.error
         found = find_status(reply.body, servo_id, 0)
         if found is None:
@@ -406,7 +342,7 @@ class Board1:
             error = self.ping(joint.servo_id)
             status = None
             if error is not None:
-                status = self._read_once(joint.servo_id, _PRESENT, urgent=False, any_kind=True)
+                status = self._reader.read_once(joint.servo_id, _PRESENT, urgent=False, any_kind=True)
             if status is None:
                 probes.append(JointProbe(joint.name, joint.servo_id, "unknown", False))
                 continue
@@ -441,11 +377,46 @@ class Board1:
         """A board of this dialect counts nothing."""
         return {}
 
-    def unsupported(self, what: str) -> NotSupportedError:
-        """The error for what only dialect 2 can do."""
-        return NotSupportedError(f"{what} needs a board with dialect 2; this one speaks the chapter's dialect only")
+    def command(self, cmd: int, body: bytes) -> bytes:
+        """TRANSACT, and nothing else.
 
-    @property
-    def capabilities(self) -> tuple[str, ...]:
-        """None: such a board cannot say."""
-        return ()
+        Raises:
+            NotSupportedError: Another command.
+        """
+        if cmd == Command.TRANSACT and len(body) > 2:
+            return self.transact(body[2:], body[0], body[1] / 1000)
+        raise _unsupported(f"ioctl 0x{cmd:02X}")
+
+    def facts(self) -> BoardFacts:
+        """Such a board says nothing of itself."""
+        return BoardFacts("", None, (), self.stopped, False)
+
+    # -- what only dialect 2 can do -----------------------------------------------------------------
+
+    def report(self, period: float, fields: int = 0) -> None:
+        raise _unsupported("REPORT")
+
+    def decode_state(self, body: bytes, frame: Frame, now: float) -> JointState:
+        raise _unsupported("REPORT")
+
+    def watchdog(self, timeout: float, mode: StopMode) -> None:
+        raise _unsupported("WATCHDOG")
+
+    def maintenance(self, on: bool) -> None:
+        raise _unsupported("MAINTENANCE")
+
+    def limits(self) -> tuple[LimitRow, ...]:
+        raise _unsupported("LIMITS")
+
+    def store_limits(self, rows: Sequence[LimitRow]) -> tuple[LimitRow, ...]:
+        raise _unsupported("LIMITS")
+
+    def offsets(self) -> tuple[OffsetRow, ...]:
+        raise _unsupported("OFFSETS")
+
+    def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
+        raise _unsupported("OFFSETS")
+
+
+def _unsupported(what: str) -> NotSupportedError:
+    return NotSupportedError(f"{what} needs a board with dialect 2; this one speaks the chapter's dialect only")

@@ -49,6 +49,7 @@ from hexwire.wire.tables import (
 )
 
 from .base import JointProbe, StopMode
+from .board import BoardFacts
 from .replies import check_reply
 
 __all__ = ["Board2"]
@@ -88,6 +89,11 @@ class Board2:
     """
 
     dialect = 2
+    command_rate = 20.0
+    has_watchdog = True
+    reports_states = True
+    keeps_stop = True
+    unprotected = ""
 
     def __init__(self, session: Session, model: ArmModel, identity: Identity) -> None:
         self._session = session
@@ -356,10 +362,16 @@ class Board2:
         """Whether nothing but RESUME makes the board forget that its watchdog has tripped."""
         return bool(self.identity.capabilities & CAPABILITY_MAINTENANCE)
 
-    @property
-    def capabilities(self) -> tuple[str, ...]:
-        """Words for what the board can do."""
-        return tuple(name for name, bit in CAPABILITIES.items() if self.identity.capabilities & bit)
+    def facts(self) -> BoardFacts:
+        """What its IDENTIFY said."""
+        identity = self.identity
+        return BoardFacts(
+            ".".join(map(str, identity.firmware)),
+            identity.boot_id,
+            tuple(name for name, bit in CAPABILITIES.items() if identity.capabilities & bit),
+            bool(identity.board_flags & BOARD_FLAGS_STOPPED),
+            bool(identity.board_flags & BOARD_FLAGS_MAINTENANCE),
+        )
 
     def _ask(
         self,

@@ -26,6 +26,7 @@ from hexwire.wire.command_frame import Command, command_name
 from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
 
 from .base import ProbeReport, StopMode
+from .board import Board
 from .board1 import Board1
 from .board2 import Board2
 from .session_driver import SessionDriver
@@ -39,8 +40,6 @@ _MAX_WATCHDOG = 60.0
 _MIN_WATCHDOG = 0.05
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
-_DIALECT1_RATE = 1.5
-"""Targets a second in dialect 1, where a state of seven joints is seven questions."""
 _QUICK_FIELDS = tables.STATE_FIELD_LOAD | tables.STATE_FIELD_AGE
 _FLAGS_ONLY = 0
 _FEEDS = 3.0
@@ -72,7 +71,7 @@ class Hex7BotDriver(SessionDriver):
         self.model = model
         self._boot_window = boot_window
         self._only_dialect = dialect
-        self._board: Board1 | Board2 | None = None
+        self._board: Board | None = None
         self._generation = 0
         self._watchdog: tuple[float, StopMode] | None = None
         self._report: tuple[float, int] | None = None
@@ -96,8 +95,7 @@ class Hex7BotDriver(SessionDriver):
 
     @property
     def command_rate(self) -> float:
-        """Targets a second that the line takes, besides being read."""
-        return _DIALECT1_RATE if isinstance(self._board, Board1) else super().command_rate
+        return super().command_rate if self._board is None else self._board.command_rate
 
     # -- coming and going ---------------------------------------------------------------------------
 
@@ -107,15 +105,12 @@ class Hex7BotDriver(SessionDriver):
         session.open()
         try:
             ids = [joint.servo_id for joint in self.model.joints]
-            negotiated = session.negotiate(boot_window=self._boot_window, ping_ids=ids, dialect=self._only_dialect)
-            if negotiated.identity is not None:
-                self._board = Board2(session, self.model, negotiated.identity)
-            else:
-                self._board = Board1(session, self.model)
+            session.negotiate(boot_window=self._boot_window, ping_ids=ids, dialect=self._only_dialect)
+            self._board = board = self._meet()
         except BaseException:
             session.close()
             raise
-        self._memory = StopMemory(session.ipc.link.url if isinstance(self._board, Board1) else "")
+        self._memory = StopMemory("" if board.keeps_stop else self.url)
         if self._memory.stopped:
             session.epochs.assume_stopped()
         self._generation = session.generation
@@ -124,6 +119,13 @@ class Hex7BotDriver(SessionDriver):
         self._aimed.clear()
         self._watchdog, self._report, self._arming_due = None, None, False
         self._tripped = False
+
+    def _meet(self) -> Board:
+        """The board that the session has found."""
+        negotiated = self.session.negotiated
+        if negotiated is not None and negotiated.identity is not None:
+            return Board2(self.session, self.model, negotiated.identity)
+        return Board1(self.session, self.model)
 
     def detach(self, *, torque_off: bool = False) -> None:
         board, self._board = self._board, None
@@ -140,20 +142,19 @@ class Hex7BotDriver(SessionDriver):
         counters |= self.host_counters()
         # An IDENTIFY ends the reports.
         self._arming_due |= self._report is not None
-        identity = board.identity if isinstance(board, Board2) else None
-        flags = identity.board_flags if identity else 0
+        facts = board.facts()
         return ProbeReport(
             robot=self.model.name,
-            link=self.session.ipc.link.url,
+            link=self.url,
             dialect=board.dialect,
-            firmware=".".join(map(str, identity.firmware)) if identity else "",
-            boot_id=identity.boot_id if identity else None,
-            capabilities=board.capabilities,
-            stopped=bool(flags & tables.BOARD_FLAGS_STOPPED) if identity else self.epochs.stopped,
+            firmware=facts.firmware,
+            boot_id=facts.boot_id,
+            capabilities=facts.capabilities,
+            stopped=facts.stopped,
             joints=joints,
             counters=counters,
-            maintenance=bool(flags & tables.BOARD_FLAGS_MAINTENANCE),
-            unprotected="" if identity else "no watchdog, no limits on this board",
+            maintenance=facts.maintenance,
+            unprotected=board.unprotected,
         )
 
     def host_counters(self) -> dict[str, int]:
@@ -212,17 +213,17 @@ class Hex7BotDriver(SessionDriver):
         if not _MIN_PERIOD <= period <= _MAX_PERIOD:
             raise UsageError(f"a report every {period:g} s is outside {_MIN_PERIOD:g}..{_MAX_PERIOD:g} s")
         fields = ALL_FIELDS if slow is None else _QUICK_FIELDS
-        self._dialect2("REPORT").report(period, fields)
+        self._attached().report(period, fields)
         self._report = (period, fields)
         silence = max(timeout, 2 * period)
         fed, asked = self.session.now(), -math.inf
         whole: JointState | None = None
         try:
             while True:
-                board = self._dialect2("REPORT")
+                board = self._attached()
                 for frame, arrived in self.session.reports(silence):
                     if self.session.generation != self._generation:
-                        board = self._dialect2("REPORT")
+                        board = self._attached()
                     if self._watchdog is not None and self.session.now() - fed >= self._watchdog[0] / _FEEDS:
                         # Any frame does; and the state tells whether it has tripped already.
                         self._told(board.read(_FLAGS_ONLY))
@@ -247,7 +248,7 @@ class Hex7BotDriver(SessionDriver):
                     return
         finally:
             self._report = None
-            if self.session.is_open and isinstance(self._board, Board2):
+            if self.session.is_open and self._board is not None and self._board.reports_states:
                 self._board.report(0.0)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
@@ -276,15 +277,15 @@ class Hex7BotDriver(SessionDriver):
 
     @property
     def stop_kept_by(self) -> str:
-        return self._memory.kept_by if isinstance(self._board, Board1) else super().stop_kept_by
+        return "board" if self._board is None or self._board.keeps_stop else self._memory.kept_by
 
     @property
     def has_watchdog(self) -> bool:
-        return isinstance(self._board, Board2)
+        return self._board is not None and self._board.has_watchdog
 
     @property
     def reports_states(self) -> bool:
-        return isinstance(self._board, Board2)
+        return self._board is not None and self._board.reports_states
 
     @property
     def watchdog_armed(self) -> bool:
@@ -304,7 +305,7 @@ class Hex7BotDriver(SessionDriver):
         """
         if timeout and not _MIN_WATCHDOG <= timeout <= _MAX_WATCHDOG:
             raise UsageError(f"a watchdog of {timeout:g} s is outside {_MIN_WATCHDOG:g}..{_MAX_WATCHDOG:g} s")
-        self._arm(self._dialect2("WATCHDOG"), timeout, mode)
+        self._arm(self._attached(), timeout, mode)
         self._watchdog = (timeout, mode) if timeout else None
 
     def maintenance(self, on: bool) -> None:
@@ -318,11 +319,11 @@ class Hex7BotDriver(SessionDriver):
             StoppedError: A stop is latched.
         """
         with self._calling("maintenance"):
-            self._dialect2("MAINTENANCE").maintenance(on)
+            self._attached().maintenance(on)
 
     def limits(self) -> tuple[LimitRow, ...]:
         """Limits that the board has stored, in counts, in its joint order."""
-        return self._dialect2("LIMITS").limits()
+        return self._attached().limits()
 
     def store_limits(self, rows: Sequence[LimitRow] | None = None) -> tuple[LimitRow, ...]:
         """Store limits on the board; those of the model if None. Returns what it has then."""
@@ -331,16 +332,16 @@ class Hex7BotDriver(SessionDriver):
                 LimitRow(*joint.count_limits, round(joint.max_speed / joint.scale)) for joint in self.model.joints
             ]
         with self._calling("store limits"):
-            return self._dialect2("LIMITS").store_limits(rows)
+            return self._attached().store_limits(rows)
 
     def offsets(self) -> tuple[OffsetRow, ...]:
         """Neutral counts and signs that the board has stored."""
-        return self._dialect2("OFFSETS").offsets()
+        return self._attached().offsets()
 
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
         """Store neutral counts and signs on the board. Returns what it has then."""
         with self._calling("store offsets"):
-            return self._dialect2("OFFSETS").store_offsets(rows)
+            return self._attached().store_offsets(rows)
 
     def board_counters(self) -> dict[str, int]:
         return self._attached().stats()
@@ -362,17 +363,9 @@ class Hex7BotDriver(SessionDriver):
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         effect = effect_of(tables.PROTO_HEXWIRE, sub_cmd, data)
         if effect in (Effect.NONE, Effect.STOP):
-            return self._ioctl(sub_cmd, data)
+            return self._attached().command(sub_cmd, data)
         with self._calling(command_name(sub_cmd), freeing=effect is not Effect.ACT):
-            return self._ioctl(sub_cmd, data)
-
-    def _ioctl(self, sub_cmd: int, data: bytes) -> bytes:
-        board = self._attached()
-        if isinstance(board, Board2):
-            return board.command(sub_cmd, data)
-        if sub_cmd == Command.TRANSACT and len(data) > 2:
-            return board.transact(data[2:], data[0], data[1] / 1000)
-        raise board.unsupported(f"ioctl 0x{sub_cmd:02X}")
+            return self._attached().command(sub_cmd, data)
 
     # -- keeping it right ---------------------------------------------------------------------------
 
@@ -380,7 +373,7 @@ class Hex7BotDriver(SessionDriver):
         """What is done inside belongs to one call: a stop that comes voids what of it has not been sent."""
         return self.session.epochs.calling(what, freeing=freeing)
 
-    def _attached(self) -> Board1 | Board2:
+    def _attached(self) -> Board:
         if self._board is None:
             raise self._not_attached()
         if self.session.generation != self._generation:
@@ -393,25 +386,15 @@ class Hex7BotDriver(SessionDriver):
     def _not_attached() -> UsageError:
         return UsageError("the driver is not attached; call attach() first")
 
-    def _dialect2(self, what: str) -> Board2:
-        board = self._attached()
-        if isinstance(board, Board1):
-            raise board.unsupported(what)
-        return board
-
     def _after_reconnect(self) -> None:
         """The port was away: another board may be there, and this one may have been reset."""
         self._generation = self.session.generation
         self._last = None
         self._aimed.clear()
-        negotiated = self.session.negotiated
-        if negotiated is not None and negotiated.identity is not None:
-            self._board = Board2(self.session, self.model, negotiated.identity)
-        else:
-            self._board = Board1(self.session, self.model)
+        self._board = self._meet()
         self._arming_due = True
 
-    def _arm(self, board: Board2, timeout: float, mode: StopMode) -> None:
+    def _arm(self, board: Board, timeout: float, mode: StopMode) -> None:
         """WATCHDOG; on older firmware it clears the flag that the watchdog has tripped, so that is read first."""
         if not board.keeps_trip:
             self._told(board.read(_FLAGS_ONLY))
@@ -444,17 +427,19 @@ class Hex7BotDriver(SessionDriver):
 
     def _arm_again(self) -> None:
         """Give a board that forgot them its watchdog and report period back; tried again until it works."""
-        board = self._board
-        if isinstance(board, Board2):
-            if self._watchdog is not None:
-                self._arm(board, *self._watchdog)
-            if self._report is not None:
-                board.report(*self._report)
-        elif self._watchdog is not None or self._report is not None:
+        board, watchdog, report = self._board, self._watchdog, self._report
+        if board is None:
+            return
+        if (watchdog and not board.has_watchdog) or (report and not board.reports_states):
             self._watchdog = self._report = None
             self._arming_due = False
             raise NotSupportedError(
-                "the board that came back speaks dialect 1: it has no watchdog and no reports, and they are off now"
+                f"the board that came back speaks dialect {board.dialect}: it has no watchdog and no reports, and "
+                "they are off now"
             )
+        if watchdog:
+            self._arm(board, *watchdog)
+        if report:
+            board.report(*report)
         self._arming_due = False
         self._armings += 1
