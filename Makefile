@@ -47,10 +47,12 @@ export PIP_NO_INPUT := 1
 unexport VIRTUAL_ENV
 unexport PYTHONPATH
 unexport PYTHONHOME
+# The tests start hundreds of programs: each would compile every module again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup system-packages demo test check lint types imports schema tests bench analyzers lock clean
+.PHONY: help setup system-packages demo test check lint types imports schema tests soak bench analyzers lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -86,6 +88,9 @@ schema: setup
 # The code blocks of the documents are tests too.
 tests: setup system-packages analyzers
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --markdown-docs tests $(wildcard README.md docs)
+
+soak: setup system-packages ## the tests that take samples in `make test`, at full length (an hour)
+	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests
 
 lock: $(UV) ## write uv.lock anew after a change in pyproject.toml
 	env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) lock --default-index https://pypi.org/simple

@@ -1,4 +1,4 @@
-"""A hundred thousand requests over a line with every fault, in simulated time.
+"""Tens of thousands of requests over a line with every fault, in simulated time; `make soak` asks more.
 
 The board keeps a ledger of what it answered to which frame, so that each answer the host delivers can be told
 right, wrong or somebody else's. Nothing sleeps: `pytest -s` shows the figures.
@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pytest
+from tests.soak import rounds
 
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.errors import RemoteProtocolError, ReplyTimeoutError
@@ -25,7 +26,9 @@ from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.commands import ALL_FIELDS, JointReport
 from hexwire.wire.servo_packet import make_read, make_status, parse_packet, parse_status
 
-REQUESTS = 100_000
+pytestmark = pytest.mark.soak
+
+REQUESTS = rounds(20_000, 500_000)
 FAULTS = 0.01
 JOINTS = 7
 _ON_THE_WAY = 8
@@ -188,7 +191,6 @@ class Soak:
         )
 
 
-@pytest.mark.timeout(600)
 def test_dialect_2_lets_nothing_wrong_through() -> None:
     soak = Soak(dialect=2)
     soak.run(REQUESTS)
@@ -208,7 +210,6 @@ def test_dialect_2_lets_nothing_wrong_through() -> None:
     assert 0 <= left <= tables.MAX_SERIAL_FRAME
 
 
-@pytest.mark.timeout(600)
 def test_dialect_1_says_honestly_what_its_checksum_lets_through() -> None:
     soak = Soak(dialect=1)
     soak.run(REQUESTS)
@@ -246,12 +247,11 @@ class _Burst:
         return frame[: end - 3] + self.random.randbytes(3) + frame[end:]
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize(("dialect", "share"), [(1, 1 / 256), (2, 1 / 65536)])
 def test_the_share_of_random_damage_that_gets_through(dialect: int, share: float) -> None:
     burst = _Burst()
     soak = Soak(dialect=dialect, probability=0.0, board=LedgerBoard(garble=burst))
-    requests = 10_000
+    requests = rounds(10_000 if dialect == 1 else 3_000, 100_000)
     soak.run(requests)
     expected = burst.hit * share
     print(f"dialect {dialect}: {soak.wrong} of {burst.hit} damaged answers got through, {expected:.1f} expected")
