@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import ConfigError
-from hexwire.inputs import Item, decode_text, parse_json, parse_toml, read_bytes, read_stream, read_text
+from hexwire.inputs import Faults, Item, decode_text, parse_json, parse_toml, read_bytes, read_stream, read_text
 
 
 def said(call: Any, *args: Any, **named: Any) -> str:
@@ -136,6 +136,61 @@ def test_a_text_made_to_be_slow_is_not(name: str, text: str) -> None:
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+PLACES = """\
+top = 1
+a.b = 2
+inline = [{x = 1}]
+[[arm]]
+name = "x"
+[[arm.joint]]
+id = 1
+[[arm.joint]]
+  id =   2
+"quoted" = 3
+[arm.base]
+z = 1
+[[arm]]
+[[arm.joint]]
+id = 3
+[other."o.o"]
+y = 1
+"""
+
+
+@pytest.mark.parametrize(
+    ("steps", "place"),
+    [
+        (["top"], (1, 7)),
+        (["a", "b"], (2, 7)),
+        (["inline", 0, "x"], (3, 10)),
+        (["arm"], (4, 1)),
+        (["arm", 0], (4, 1)),
+        (["arm", 0, "name"], (5, 8)),
+        (["arm", 0, "joint", 0, "id"], (7, 6)),
+        (["arm", 0, "joint", 1], (8, 1)),
+        (["arm", 0, "joint", 1, "id"], (9, 10)),
+        (["arm", 0, "joint", 1, "quoted"], (10, 12)),
+        (["arm", 0, "base", "z"], (12, 5)),
+        (["arm", 1, "joint", 0, "id"], (15, 6)),
+        (["other"], (0, 0)),
+        (["other", "o.o", "y"], (0, 0)),
+    ],
+    ids=str,
+)
+def test_a_value_of_toml_knows_its_line(steps: list[str | int], place: tuple[int, int]) -> None:
+    item = parse_toml(PLACES, "f")
+    for step in steps:
+        item = item.table()[step] if isinstance(step, str) else list(item.rows())[step]
+    assert item.line_and_column == place
+    shown = ":".join(map(str, ("f", *place))) if place[0] else "f"
+    assert said(item.integer, 9, 9).startswith(f"{shown}: ")
+
+
+def test_what_is_missing_has_the_line_of_its_table() -> None:
+    (arm, _) = parse_toml(PLACES, "f").table()["arm"].rows()
+    assert said(arm.table, None, ("speed",)) == "f:4:1: arm[0].speed is missing"
+
+
 # -- values -------------------------------------------------------------------------------------------------
 
 
@@ -187,6 +242,28 @@ def test_numbers_texts_lists_and_tables() -> None:
     assert said(huge.number) == "f: x is not a number that makes sense here"
     assert said(huge.integer, 0, 1) == "f: x is too large, and must be 0 to 1"
     assert said(huge.text) == "f: x must be a text, not a number of too many digits"
+
+
+def test_faults_are_told_together() -> None:
+    rows = list(parse_toml("rows = [1, 2, 3]", "f").table()["rows"].rows())
+    faults, good = Faults("f"), []
+    faults.check()
+    for row in rows:
+        with faults:
+            good.append(row.integer(2, 2))
+    assert good == [2]
+    text = "1:8: rows[0] is 1, and must be 2 to 2; 1:8: rows[2] is 3, and must be 2 to 2"
+    assert said(faults.check) == f"f: {text}"
+    for _ in range(20):
+        with faults:
+            rows[0].text()
+    assert said(faults.check).endswith("; and 12 more")
+    one = Faults("f")
+    with one:
+        rows[0].text()
+    assert said(one.check) == "f:1:8: rows[0] must be a text, not 1"
+    with pytest.raises(ZeroDivisionError), one:
+        raise ZeroDivisionError
 
 
 values = st.recursive(

@@ -11,9 +11,10 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import TracebackType
 from typing import IO, Any
 
 from hexwire.errors import ConfigError
@@ -22,6 +23,7 @@ __all__ = [
     "LARGEST_DATA",
     "LARGEST_MESSAGE",
     "LARGEST_TEXT",
+    "Faults",
     "Item",
     "decode_text",
     "parse_json",
@@ -48,6 +50,7 @@ _LONG_CODE = re.compile(r"\b0[xob][0-9A-Fa-f_]{40,}")
 _TOML_PLACE = re.compile(r"(.*) \(at line ([0-9]+), column ([0-9]+)\)", re.DOTALL)
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_/-]{1,60}")
 _SHOWN = 40
+_MOST_FAULTS = 10
 
 
 # -- bytes and text -----------------------------------------------------------------------------------------
@@ -196,7 +199,7 @@ def parse_toml(text: str, file: str = "") -> Item:
         if row.count(".") > _MOST_DOTS and not row.lstrip().startswith("#"):
             raise ConfigError(f"more than {_MOST_DOTS} dots in a line: break it", file=file, line=i, column=1)
     try:
-        return Item(tomllib.loads(text), file)
+        return Item(tomllib.loads(text), file, "", _toml_places(text))
     except tomllib.TOMLDecodeError as error:
         found = _TOML_PLACE.fullmatch(str(error))
         message, line, column = (found[1], int(found[2]), int(found[3])) if found else (str(error), 0, 0)
@@ -207,6 +210,50 @@ def parse_toml(text: str, file: str = "") -> Item:
         # A whole number of thousands of digits, which Python does not read.
         digits = _LONG_NUMBER.search(text)
         raise _at(text, digits.start() if digits else 0, "a number of too many digits", file) from None
+
+
+def _toml_places(text: str) -> dict[str, tuple[int, int]]:
+    """Line and column of each table's header and each key's value, by the place that `Item` gives it.
+
+    tomllib tells none. What stands inside brackets has the place of its key. A line inside a text of several lines
+    may pass for a key: an error that names this key then has the wrong line.
+    """
+    places: dict[str, tuple[int, int]] = {}
+    last: dict[str, int] = {}  # array of tables -> index of its last one
+    above = ""
+    for number, line in enumerate(text.split("\n"), 1):
+        name, equals, rest = line.partition("=")
+        head = line.lstrip()
+        if not head.startswith("["):
+            if equals and (steps := _steps(name)):
+                column = len(name) + len(rest) - len(rest.lstrip()) + 2
+                places.setdefault(_joined(above, steps, last), (number, column))
+            continue
+        is_array = head.startswith("[[")
+        if steps := _steps(head.lstrip("[").partition("]")[0]):
+            place = number, len(line) - len(head) + 1
+            above = _joined("", steps[:-1], last)
+            above += _step(steps[-1], above)
+            places.setdefault(above, place)
+            if is_array:
+                last[above] = last.get(above, -1) + 1
+                above += f"[{last[above]}]"
+                places.setdefault(above, place)
+    return places
+
+
+def _steps(name: str) -> list[str]:
+    """The parts of a key; none if it is not of plain names."""
+    steps = [part.strip().strip("\"'") for part in name.split(".")]
+    return steps if all(_PLAIN_KEY.fullmatch(step) for step in steps) else []
+
+
+def _joined(above: str, steps: Sequence[str], last: Mapping[str, int]) -> str:
+    for step in steps:
+        above += _step(step, above)
+        if above in last:
+            above += f"[{last[above]}]"
+    return above
 
 
 def _at(text: str, place: int, message: str, file: str) -> ConfigError:
@@ -225,15 +272,26 @@ class Item:
         value: As it was parsed.
         file: The file's name.
         where: Its place, as ``points[3].positions``; empty for the whole.
+        places: Line and column of such places, as far as they are known.
     """
 
     value: Any
     file: str = ""
     where: str = ""
+    places: Mapping[str, tuple[int, int]] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def line_and_column(self) -> tuple[int, int]:
+        """Where it stands in the file, both from 1, or what it stands in; 0, 0 if that is not known."""
+        where = self.where
+        while where and where not in self.places:
+            where = where[: max(where.rfind("."), where.rfind("["), 0)]
+        return self.places.get(where, (0, 0))
 
     def fault(self, text: str) -> ConfigError:
         """The error that says so of this value."""
-        return ConfigError(f"{self.where} {text}" if self.where else text, file=self.file)
+        line, column = self.line_and_column
+        return ConfigError(f"{self.where} {text}" if self.where else text, file=self.file, line=line, column=column)
 
     def table(self, known: Collection[str] | None = None, needed: Sequence[str] = ()) -> dict[str, Item]:
         """The values of a table by key.
@@ -317,7 +375,7 @@ class Item:
         return self.value
 
     def _at(self, step: str, value: Any = None) -> Item:
-        return Item(value, self.file, f"{self.where}{step}")
+        return Item(value, self.file, f"{self.where}{step}", self.places)
 
     def _wrong(self, wanted: str) -> ConfigError:
         value = self.value
@@ -332,6 +390,45 @@ class Item:
         else:
             got = f"{value}"[:_SHOWN]
         return self.fault(f"must be {wanted}, not {got}")
+
+
+@dataclass(slots=True)
+class Faults:
+    """Collects what is wrong with a file, so that all of it can be told at once: ``with faults: item.number()``.
+
+    Attributes:
+        file: The file's name.
+        errors: What was wrong so far.
+    """
+
+    file: str
+    errors: list[ConfigError] = field(default_factory=list)
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if isinstance(error, ConfigError):
+            self.errors.append(error)
+            return True
+        return False
+
+    def check(self) -> None:
+        """Raise what was collected, if there is anything: each fault with its place, the first ten of them.
+
+        Raises:
+            ConfigError: Something was wrong.
+        """
+        if len(self.errors) < 2:
+            for error in self.errors:
+                raise error
+            return
+        told = [str(error).removeprefix(f"{self.file}:").strip() for error in self.errors[:_MOST_FAULTS]]
+        if len(self.errors) > _MOST_FAULTS:
+            told.append(f"and {len(self.errors) - _MOST_FAULTS} more")
+        raise ConfigError("; ".join(told), file=self.file)
 
 
 def _step(key: str, where: str) -> str:

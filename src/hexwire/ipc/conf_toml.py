@@ -1,15 +1,15 @@
 """The TOML form of `ipc_msg.conf`, for people who start new: a table ``[[channel]]`` for each channel.
 
-Owns its keys and where in the text each value stands. The meaning is `hexwire.ipc.channel`'s.
+Owns its keys. The meaning is `hexwire.ipc.channel`'s.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 
-from hexwire.errors import ConfigError
+from hexwire.inputs import Item
 from hexwire.inputs import parse_toml as parse_tables
 from hexwire.wire.modules import IpcType
 
@@ -29,6 +29,8 @@ _KEYS = {
     "peer": "peer",
     "trust": "peer",
 }
+_MOST = 10**9 - 1
+_LONGEST = 4000
 
 
 def parse_toml(text: str, file: str = "") -> list[ChannelConf]:
@@ -40,74 +42,32 @@ def parse_toml(text: str, file: str = "") -> list[ChannelConf]:
     Raises:
         ConfigError: As `parse_conf`, and for a key that is not known.
     """
-    tables = parse_tables(text, file).value
-    for name in tables:
-        if name != "channel":
-            line = _line_of(text, name)
-            raise ConfigError(
-                f"unknown key {name[:60]!r}; known: channel", file=file, line=line, column=1 if line else 0
-            )
-    entries = tables.get("channel", [])
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        line = _line_of(text, "channel")
-        raise ConfigError("write each channel as a table [[channel]]", file=file, line=line, column=1)
-    places = _key_places(text, len(entries))
-    return make_channels([_from_table(entry, place, file) for entry, place in zip(entries, places, strict=True)])
+    root = parse_tables(text, file).table(("channel",))
+    if "channel" not in root:
+        return []
+    channels = root["channel"]
+    if not isinstance(channels.value, list) or not all(isinstance(entry, dict) for entry in channels.value):
+        raise channels.fault("must be tables [[channel]], one for each channel")
+    return make_channels([_from_table(entry) for entry in channels.rows()])
 
 
-def _line_of(text: str, key: str) -> int:
-    """The first line that begins with a key or the header of its table; 0 if none does."""
-    begins = (line.strip().lstrip("[").lstrip().strip("\"'") for line in text.split("\n"))
-    return next((number for number, begin in enumerate(begins, 1) if begin.startswith(key)), 0)
-
-
-def _key_places(text: str, count: int) -> list[Callable[[str, str], Cell]]:
-    """For each channel a way to make a cell of a key's value, placed by the lines under its header."""
-    lines = text.split("\n")
-    headers = [number for number, line in enumerate(lines, 1) if re.match(r"\s*\[\[\s*channel\s*\]\]", line)]
-    if len(headers) != count:  # written inline: the parser does not tell where
-        return [lambda key, value: Cell(value, 0, 0)] * count
-
-    ends = [*headers, len(lines) + 1][1:]
-
-    def placer(first: int, last: int) -> Callable[[str, str], Cell]:
-        def place(key: str, value: str) -> Cell:
-            for number in range(first, last):
-                name, equals, rest = lines[number - 1].partition("=")
-                if equals and name.strip().strip("\"'") == key:
-                    return Cell(value, number, len(name) + len(rest) - len(rest.lstrip()) + 2)
-            return Cell(value, first, 1)
-
-        return place
-
-    return [placer(first, last) for first, last in zip(headers, ends, strict=True)]
-
-
-def _from_table(entry: Mapping[str, object], place: Callable[[str, str], Cell], file: str) -> Record:
+def _from_table(entry: Item) -> Record:
     cells: dict[str, Cell] = {}
-    record = Record(cells, place("", ""), file)
-    for key, value in entry.items():
-        cell = place(key, str(value))
-
-        def fault(message: str, cell: Cell = cell) -> ConfigError:
-            return ConfigError(message, file=file, line=cell.line, column=cell.column)
-
-        if key not in _KEYS:
-            raise fault(f"unknown key {key[:60]!r}; known: {', '.join(_KEYS)}")
-        if type(value) is not (int if _KEYS[key] == "port" else str):
-            kind = "a number" if _KEYS[key] == "port" else "a text"
-            raise fault(f"{key} must be {kind}, not {value!r:.60}")
-        if re.search(r"\s", cell.text) or not cell.text or cell.text.startswith("#"):
-            raise fault(f"{key} must be one word, not {cell.text[:60]!r}")
-        if _KEYS[key] in cells:
-            same = [other for other, column in _KEYS.items() if column == _KEYS[key]]
-            raise fault(f"{' and '.join(same)} are the same thing: give one")
-        if key in ("port", "baud") and (key == "baud") != (entry.get("interface") == IpcType.SERIAL.name):
-            raise fault("baud belongs to SERIAL, port to TCP and UDP")
-        if key in ("peer", "trust") and (key == "trust") != (entry.get("interface") == IpcType.QUEUE.name):
-            raise fault("peer belongs to UDP, trust to QUEUE")
-        cells[_KEYS[key]] = cell
-    return record
+    for key, item in entry.table(_KEYS).items():
+        column = _KEYS[key]
+        text = str(item.integer(0, _MOST)) if column == "port" else item.text(_LONGEST)
+        if re.search(r"\s", text) or not text or text.startswith("#"):
+            raise item.fault(f"must be one word, not {text[:60]!r}")
+        if column in cells:
+            same = [other for other, known in _KEYS.items() if known == column]
+            raise item.fault(f"is one too many: {' and '.join(same)} are the same thing")
+        interface = entry.value.get("interface")
+        if key in ("port", "baud") and (key == "baud") != (interface == IpcType.SERIAL.name):
+            raise item.fault("does not fit the interface: baud belongs to SERIAL, port to TCP and UDP")
+        if key in ("peer", "trust") and (key == "trust") != (interface == IpcType.QUEUE.name):
+            raise item.fault("does not fit the interface: peer belongs to UDP, trust to QUEUE")
+        cells[column] = Cell(text, *item.line_and_column)
+    return Record(cells, Cell("", *entry.line_and_column), entry.file)
 
 
 def to_toml(channels: Iterable[ChannelConf]) -> str:
