@@ -13,7 +13,7 @@ import pytest
 
 import hexwire
 
-HEAVY = {"pydantic", "rich", "click", "numpy", "serial", "tomlkit", "cryptography"}
+HEAVY = {"rich", "click", "numpy", "serial", "cryptography"}
 
 
 def _loaded_by(statement: str) -> set[str]:
