@@ -13,8 +13,8 @@ from tests.drivers.arms import Arm
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
+from hexwire.control.known_state import KnownState
 from hexwire.control.owner import Hardware
-from hexwire.control.published import PublishedState
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
@@ -42,7 +42,7 @@ class Bench:
 
     def __init__(self, robot: Any, clock: FakeClock, *, period: float = 0.05, split: bool = False, **options: Any):
         self.robot, self.clock = robot, clock
-        self.published: list[tuple[float, PublishedState]] = []
+        self.published: list[tuple[float, KnownState]] = []
         self.writes: list[float] = []
         self.hardware = Hardware(robot, on_state=self.note, clock=clock, sleep=clock.sleep, **options)
         names = robot.model.names
@@ -58,7 +58,7 @@ class Bench:
 
         robot.write = watched
 
-    def note(self, state: JointState, published: PublishedState) -> None:
+    def note(self, state: JointState, published: KnownState) -> None:
         self.published.append((self.clock.time, published))
 
     def turn(self, seconds: float) -> None:

@@ -82,38 +82,29 @@ def test_cancel_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "fields", "error"),
+    ("positions", "error"),
     [
-        (["J1", "J1"], {"position": [0.0, 0.0]}, "named twice: J1, J1"),
-        (["J9"], {"position": [0.0]}, "no joint 'J9'; there are J1, "),
-        (["j1"], {"position": [0.0]}, "no joint 'j1'"),
-        (["J1"], {"position": [0.0, 0.0]}, "position has 2 values for 1 names"),
-        (["J1"], {"position": [0.0], "kp_position": [1.0, 1.0]}, "kp_position has 2 values for 1 names"),
-        (["J1"], {"position": [math.nan]}, "the position of J1 is nan, not a number"),
-        (["J1"], {"position": [0.0], "effort": [math.inf]}, "the effort of J1 is inf, not a number"),
-        (["J1"], {"position": []}, "it holds no position"),
-        ([], {"position": []}, "it holds no position"),
-        ([], {"position": [1.0]}, "position has 1 values for 0 names"),
-        (["J1", "J2"], {"position": [0.0, 9.0]}, "J2=515.7 deg is outside its limits"),
+        ({"J9": 0.0}, "no joint 'J9'; there are J1, "),
+        ({"j1": 0.0}, "no joint 'j1'"),
+        ({"J1": math.nan}, "J1=nan deg is outside its limits"),
+        ({}, "it holds no position"),
+        ({"J1": 0.0, "J2": 9.0}, "J2=515.7 deg is outside its limits"),
     ],
 )
-def test_set_points_that_are_refused_change_nothing(
-    names: list[str], fields: dict[str, list[float]], error: str
-) -> None:
+def test_set_points_that_are_refused_change_nothing(positions: dict[str, float], error: str) -> None:
     bench = make_bench()
     told = bench.command(order((1.0, {"J1": J1 + 0.2})))
     with pytest.raises(UsageError, match=error):
-        bench.arm.set_points(names, fields)
+        bench.arm.set_points(positions)
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
 
 
-def test_set_points_are_pursued_and_what_servos_cannot_do_is_told() -> None:
+def test_set_points_are_pursued() -> None:
     bench = make_bench()
     told = bench.command(order((3.0, {"J1": J1 + 1.0})))
-    fields = {"position": [0.3, J1 - 0.2], "velocity": [], "effort": [0.0, 0.0], "kp_position": [9.0, 9.0]}
     for _ in range(40):
-        assert bench.arm.set_points(["J4", "J1"], fields) == ("kp_position",)
+        bench.arm.set_points({"J4": 0.3, "J1": J1 - 0.2})
         bench.turn(0.05)
     assert told.outcome == PREEMPTED
     assert (bench.where("J1"), bench.where("J4")) == pytest.approx((J1 - 0.2, 0.3), abs=0.02)
@@ -123,10 +114,10 @@ def test_set_points_of_several_controllers_are_all_taken_or_none() -> None:
     bench = make_bench(controllers=SPLIT)
     assert bench.ask(lambda: bench.hardware.torque(False, ["J7"])) == ("J7",)
     with pytest.raises(GoalError, match="no torque on J7"):
-        bench.arm.set_points(["J1", "J7"], {"position": [J1 + 0.3, 0.3]})
+        bench.arm.set_points({"J1": J1 + 0.3, "J7": 0.3})
     bench.turn(0.5)
     assert bench.where("J1") == pytest.approx(J1, abs=0.01)
-    bench.arm.set_points(["J1"], {"position": [J1 + 0.3]})
+    bench.arm.set_points({"J1": J1 + 0.3})
     bench.turn(0.4)
     assert bench.where("J1") > J1 + 0.1
 
@@ -136,7 +127,7 @@ def test_set_points_without_a_robot() -> None:
     bench.link.lost = True
     bench.turn(1.0)
     with pytest.raises(LinkLostError):
-        bench.arm.set_points(["J1"], {"position": [J1]})
+        bench.arm.set_points({"J1": J1})
 
 
 # -- the arm as a whole ------------------------------------------------------------------------------------
@@ -159,22 +150,22 @@ def half(bench: Bench, name: str, to: float, seconds: float) -> Told:
 def test_set_points_that_would_fold_the_arm_are_refused() -> None:
     bench = make_bench()
     for _ in range(60):
-        bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.arm.set_points({"J3": FOLD["J3"]})
         bench.turn(0.05)
     assert bench.where("J3") == pytest.approx(FOLD["J3"], abs=0.02)
     stood = bench.where("J2")
     with pytest.raises(UsageError, match=r"^elbow .*nothing was sent$"):
-        bench.arm.set_points(["J2"], {"position": [FOLD["J2"]]})
+        bench.arm.set_points({"J2": FOLD["J2"]})
     bench.turn(0.5)
     assert bench.where("J2") == pytest.approx(stood, abs=0.01)
-    assert bench.arm.set_points(["J7"], {"position": [0.2]}) == ()
+    bench.arm.set_points({"J7": 0.2})
 
 
 def test_set_points_below_the_table_are_refused() -> None:
     bench = make_bench(check_table=True, table_height=0.05)
     low = {"J2": HOME["J2"] - math.radians(30), "J3": HOME["J3"] + math.radians(65)}
     with pytest.raises(UsageError, match=r"^the tool would be .* mm below the table at 50 mm; nothing was sent$"):
-        bench.arm.set_points(list(low), {"position": list(low.values())})
+        bench.arm.set_points(low)
 
 
 def test_goals_of_two_controllers_are_checked_against_each_other() -> None:
@@ -196,7 +187,7 @@ def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
     while not told.ends:
         assert bench.clock.time < end
         if bench.hardware.group.reason is None and not bench.where("J3") > FOLD["J3"] - 0.05:
-            bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+            bench.arm.set_points({"J3": FOLD["J3"]})
         bench.turn(0.05)
     assert told.outcome == STOPPED
     assert told.text.startswith("stopped: elbow folded")
@@ -242,14 +233,14 @@ def test_what_droops_where_it_was_told_to_be_stops_nobody() -> None:
 
 def test_set_points_do_not_creep_in() -> None:
     bench = make_bench()
-    bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+    bench.arm.set_points({"J3": FOLD["J3"]})
     for _ in range(50):
-        bench.arm.set_points(["J3"], {"position": [FOLD["J3"]]})
+        bench.arm.set_points({"J3": FOLD["J3"]})
         bench.turn(0.05)
     gate = HOME["J2"] + math.radians(40)
     for step in range(80):
         try:
-            bench.arm.set_points(["J2"], {"position": [gate - 0.1 + 0.005 * step]})
+            bench.arm.set_points({"J2": gate - 0.1 + 0.005 * step})
         except UsageError:
             continue
         bench.turn(0.6)
@@ -487,7 +478,7 @@ def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
 def test_limits_are_told_as_such() -> None:
     bench = make_bench()
     with pytest.raises(LimitError):
-        bench.arm.set_points(["J1"], {"position": [3.0]})
+        bench.arm.set_points({"J1": 3.0})
 
 
 # -- what happens meanwhile --------------------------------------------------------------------------------
@@ -518,7 +509,7 @@ def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pyt
 
     monkeypatch.setattr(bench.hardware, "locked", late)
     with pytest.raises(UsageError, match="being taught"):
-        bench.arm.set_points(["J1"], {"position": [J1 + 0.1]})
+        bench.arm.set_points({"J1": J1 + 0.1})
     assert not bench.controller.busy
 
 

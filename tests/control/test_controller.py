@@ -488,7 +488,7 @@ def test_two_controllers_move_at_once_and_stop_together() -> None:
     assert (bench.where("J1"), bench.where("J7")) == pytest.approx((J1 + 0.3, 0.4), abs=0.02)
     told = bench.command(TrajectoryOrder(("J7",), (Point(2.0, (-0.4,)),)), "hand")
     bench.turn(0.5)
-    bench.arm.set_points(["J1"], {"position": [J1 + 0.2]})
+    bench.arm.set_points({"J1": J1 + 0.2})
     assert told.ends == [], "the other controller's goal goes on"
     bench.turn(0.2)
     assert "all joints confirmed" in bench.ask(lambda: bench.arm.stop("test"))

@@ -11,8 +11,8 @@ import pytest
 from tests.bus.bus_bench import make_bus
 from tests.control.owner_bench import Bench, BoardBench, moving
 
+from hexwire.control.known_state import KnownState
 from hexwire.control.outcomes import Outcome
-from hexwire.control.published import PublishedState
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.emulator.puma import EmulatedPuma
@@ -91,7 +91,7 @@ def test_the_board_is_told_to_end_its_reports_whatever_ends_them() -> None:
     bench.turn(0.5)
     assert bench.board.state.report_due is not None
 
-    def broken(state: JointState, published: PublishedState) -> None:
+    def broken(state: JointState, published: KnownState) -> None:
         raise RuntimeError("a fault of the program")
 
     bench.hardware._on_state = broken

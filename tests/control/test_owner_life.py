@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 from tests.control.owner_bench import BoardBench, Served, Threaded, moving, wait_for
 
+from hexwire.control.known_state import KnownState
 from hexwire.control.owner import Hardware
-from hexwire.control.published import PublishedState
 from hexwire.errors import (
     DeviceError,
     HexwireError,
@@ -244,7 +244,7 @@ def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
 def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> None:
     broken = threading.Event()
 
-    def on_state(state: JointState, published: PublishedState) -> None:
+    def on_state(state: JointState, published: KnownState) -> None:
         if broken.is_set():
             raise RuntimeError("a fault of the program")
 
@@ -271,7 +271,7 @@ def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
     monkeypatch.setattr("hexwire.control.owner._PATIENCE", 1.0)
     stick, stuck, free = threading.Event(), threading.Event(), threading.Event()
 
-    def on_state(state: JointState, published: PublishedState) -> None:
+    def on_state(state: JointState, published: KnownState) -> None:
         if stick.is_set():
             stuck.set()
             free.wait(60)

@@ -10,17 +10,17 @@ from collections.abc import Iterator
 
 import pytest
 
-from hexwire.control.shutdown import Ending
+from hexwire.control.shutdown import Shutdown
 
 PATIENCE = 60.0
 
 
 @pytest.fixture
-def ending() -> Iterator[Ending]:
-    """One that may be asked in this process."""
+def shutdown() -> Iterator[Shutdown]:
+    """One that may be requested in this process."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
-    yield Ending(600.0)
+    yield Shutdown(600.0)
     faulthandler.cancel_dump_traceback_later()
     signal.alarm(0)
     for number, handler in zip(numbers, before, strict=True):
@@ -28,67 +28,67 @@ def ending() -> Iterator[Ending]:
 
 
 def child(code: str, status: int) -> str:
-    """Run a program with an `Ending` to its end; returns what it wrote."""
-    head = "import os, random, signal, threading, time\nfrom hexwire.control.shutdown import Ending\n"
+    """Run a program with a `Shutdown` to its end; returns what it wrote."""
+    head = "import os, random, signal, threading, time\nfrom hexwire.control.shutdown import Shutdown\n"
     done = subprocess.run([sys.executable, "-c", head + code], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == status, done.stderr
     return done.stdout + done.stderr
 
 
-def test_nobody_asks(ending: Ending) -> None:
-    assert not ending.wait(0.01)
-    assert not ending.asked
+def test_nobody_requests_it(shutdown: Shutdown) -> None:
+    assert not shutdown.wait(0.01)
+    assert not shutdown.requested
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_the_wait(ending: Ending, number: signal.Signals) -> None:
-    ending.listen()
+def test_a_signal_ends_the_wait(shutdown: Shutdown, number: signal.Signals) -> None:
+    shutdown.listen()
     timer = threading.Timer(0.05, os.kill, (os.getpid(), number))
     timer.start()
-    assert ending.wait(PATIENCE)
+    assert shutdown.wait(PATIENCE)
     timer.join()
     os.kill(os.getpid(), number)
-    assert ending.wait(PATIENCE), "and once more changes nothing"
+    assert shutdown.wait(PATIENCE), "and once more changes nothing"
 
 
-def test_another_thread_ends_the_waits_of_all(ending: Ending) -> None:
-    waits = [threading.Thread(target=ending.wait, args=(PATIENCE,)) for _ in range(3)]
+def test_another_thread_ends_the_waits_of_all(shutdown: Shutdown) -> None:
+    waits = [threading.Thread(target=shutdown.wait, args=(PATIENCE,)) for _ in range(3)]
     for thread in waits:
         thread.start()
-    timer = threading.Timer(0.05, ending.ask)
+    timer = threading.Timer(0.05, shutdown.request)
     timer.start()
-    assert ending.wait(PATIENCE)
+    assert shutdown.wait(PATIENCE)
     for thread in (*waits, timer):
         thread.join(PATIENCE)
         assert not thread.is_alive()
 
 
-def test_what_can_be_left_is_interrupted(ending: Ending) -> None:
-    ending.listen()
-    ending.interrupts = True
+def test_what_can_be_left_is_interrupted(shutdown: Shutdown) -> None:
+    shutdown.listen()
+    shutdown.interrupts = True
     with pytest.raises(KeyboardInterrupt):
         os.kill(os.getpid(), signal.SIGTERM)
-    assert ending.wait(0.0)
+    assert shutdown.wait(0.0)
 
 
-def test_what_nohup_started_lives_on(ending: Ending) -> None:
+def test_what_nohup_started_lives_on(shutdown: Shutdown) -> None:
     for number in (signal.SIGHUP, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
-    ending.listen()
+    shutdown.listen()
     os.kill(os.getpid(), signal.SIGHUP)
-    assert not ending.wait(0.01)
+    assert not shutdown.wait(0.01)
     os.kill(os.getpid(), signal.SIGINT)
-    assert ending.wait(0.01), "roslaunch ends its nodes by it"
+    assert shutdown.wait(0.01), "roslaunch ends its nodes by it"
 
 
 def test_a_signal_at_any_moment_of_the_wait_is_heard() -> None:
     code = """
 random.seed(1)
 for _ in range(2000):
-    ending = Ending(600.0)
-    signal.signal(signal.SIGALRM, lambda *_: ending.ask())
+    shutdown = Shutdown(600.0)
+    signal.signal(signal.SIGALRM, lambda *_: shutdown.request())
     signal.setitimer(signal.ITIMER_REAL, random.uniform(0.00002, 0.0006))
-    while not ending.wait(0.0001):
+    while not shutdown.wait(0.0001):
         pass
 """
     assert child(code, 0) == ""
@@ -101,8 +101,8 @@ def hangs():
     lock.acquire()
     lock.acquire()
 
-ending = Ending(1.0)
-ending.listen()
+shutdown = Shutdown(1.0)
+shutdown.listen()
 os.kill(os.getpid(), signal.SIGTERM)
 hangs()
 """
@@ -125,9 +125,9 @@ def full():
     return write
 
 {trouble}
-ending = Ending(1.0)
-ending.ask()
-assert ending.wait(0.0)
+shutdown = Shutdown(1.0)
+shutdown.request()
+assert shutdown.wait(0.0)
 lock = threading.Lock()
 lock.acquire()
 lock.acquire()

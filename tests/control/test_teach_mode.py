@@ -45,7 +45,7 @@ def test_nothing_moves_while_somebody_holds_the_arm() -> None:
     requests = [
         lambda: bench.command(order((1.0, {}))),
         lambda: bench.arm.command("", order()),
-        lambda: bench.arm.set_points(["J1"], {"position": [J1]}),
+        lambda: bench.arm.set_points({"J1": J1}),
         lambda: bench.arm.go_to("home"),
         lambda: bench.arm.enable(True),
         lambda: bench.arm.enable(False),

@@ -7,7 +7,6 @@ answers are words.
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -31,8 +30,8 @@ if TYPE_CHECKING:
     from hexwire.motion.waypoints import Sample, Trajectory
 
     from .goals import Tolerances, TrajectoryOrder
+    from .known_state import KnownState
     from .outcomes import Goal
-    from .published import PublishedState
     from .settings import Settings
 
 __all__ = ["Arm"]
@@ -66,7 +65,7 @@ class Arm:
         robot: RobotDriver,
         settings: Settings,
         *,
-        on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
+        on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         on_taught: Callable[[Taught], object] = lambda taught: None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
@@ -198,32 +197,20 @@ class Arm:
             self.controllers[name].cancel(goal)
         self.hardware.deliver()
 
-    def set_points(self, names: Sequence[str], fields: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
-        """Pursue the positions of an osrf_msgs/JointCommands: all of them, or none.
+    def set_points(self, positions: Mapping[str, float]) -> None:
+        """Pursue set-points: all of them, or none.
 
         Args:
-            names: Joints.
-            fields: By the message's names. Each holds a value a joint, or none.
-
-        Returns:
-            Fields that ask for something these servos cannot do; only `position` (radians) was taken.
+            positions: Radians by joint.
 
         Raises:
-            UsageError: A name is unknown or doubled, a number is none or outside limits, or a length is wrong.
+            UsageError: There is none, a joint is unknown, or a position is no number or outside limits.
             HexwireError: The arm is stopped or cannot be reached.
         """
         hardware = self.hardware
         self.lessons.refuse()
-        if len(set(names)) != len(names):
-            raise UsageError(f"a joint is named twice: {', '.join(names)}")
-        for field, values in fields.items():
-            if len(values) not in {0, len(names)}:
-                raise UsageError(f"{field} has {len(values)} values for {len(names)} names")
-            for joint, value in zip(names, values, strict=False):
-                if not math.isfinite(value):
-                    raise UsageError(f"the {field} of {joint} is {value}, not a number")
         shares: dict[str, dict[str, float]] = {}
-        for joint, angle in zip(names, fields["position"], strict=False):
+        for joint, angle in positions.items():
             owner = next((key for key, c in self.controllers.items() if joint in c.joints), None)
             if owner is None:
                 raise UsageError(f"no joint {joint!r}; there are {', '.join(self._all_joints())}")
@@ -236,11 +223,10 @@ class Arm:
             state, now = hardware.newest(), hardware.now()
             for key, share in shares.items():
                 self.controllers[key].check_set_points(share, state)
-            self._check_posture(dict(zip(names, fields["position"], strict=True)), state)
+            self._check_posture(positions, state)
             for key, share in shares.items():
                 self.controllers[key].set_points(share, state, now)
         hardware.deliver()
-        return tuple(field for field, values in fields.items() if field != "position" and any(values))
 
     # -- power and stop -------------------------------------------------------------------------------
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
     from .controller import TrajectoryController
-    from .published import PublishedState
+    from .known_state import KnownState
 
 __all__ = ["Hardware"]
 
@@ -95,7 +95,7 @@ class Hardware:
         publish_rate: float = 100.0,
         command_rate: float = 0.0,
         watchdog: float = 1.0,
-        on_state: Callable[[JointState, PublishedState], object] = lambda state, published: None,
+        on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
     ) -> None:

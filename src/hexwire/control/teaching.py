@@ -22,7 +22,7 @@ from hexwire.motion.teach import Taught
 from hexwire.new_file import OutputFile, make_folder
 
 from .goals import Point
-from .published import SampleClock
+from .known_state import SampleClock
 
 __all__ = ["TOLERANCE", "Teacher", "save", "to_points", "tolerance_of"]
 

@@ -37,7 +37,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from hexwire.control.arm import Arm
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.log_limiter import LogLimiter
-from hexwire.control.shutdown import Ending
+from hexwire.control.shutdown import Shutdown
 from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
@@ -48,8 +48,8 @@ from .stamps import StampClock
 from .values import order_of, set_points_of
 
 if TYPE_CHECKING:
+    from hexwire.control.known_state import KnownState
     from hexwire.control.outcomes import Progress
-    from hexwire.control.published import PublishedState
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
@@ -121,7 +121,7 @@ class HardwareInterface:
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
-        self._ending, self._ended = Ending(_LONGEST_END), threading.Event()
+        self._shutdown, self._ended = Shutdown(_LONGEST_END), threading.Event()
         self._log_limiter = LogLimiter()
         self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
         self._next_state = self._next_feedback = 0.0
@@ -135,28 +135,28 @@ class HardwareInterface:
         if rospy.get_param("/use_sim_time", False):
             _log.warning("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
         # Until it is connected nothing is there that must be made safe, and the wait for a board may be long.
-        self._ending.interrupts = True
-        self._ending.listen()
+        self._shutdown.interrupts = True
+        self._shutdown.listen()
         rospy.on_shutdown(self._on_ros_shutdown)
         try:
             self._joint_states = rospy.Publisher("joint_states", JointStateMessage, queue_size=_QUEUE)
             self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
             self._taught = rospy.Publisher("~taught", JointTrajectory, queue_size=1, latch=True)
             self._arm.connect()
-            self._ending.interrupts = False
+            self._shutdown.interrupts = False
             self._offer_controllers()
             self._goals.start()
             self._arm.start()
             self._offer_services()
             threading.Thread(target=self._watch_master, name="master", daemon=True).start()
             _log.info("%s is ready at %s", self._settings.model.name, self._settings.port)
-            while not self._ending.wait(_TICK) and not rospy.is_shutdown():
+            while not self._shutdown.wait(_TICK) and not rospy.is_shutdown():
                 self._tick()
         except KeyboardInterrupt:
             return 0
         finally:
-            self._ending.interrupts = False
-            self._ending.ask()
+            self._shutdown.interrupts = False
+            self._shutdown.request()
             ends_goals = self._goals.open
             self._arm.shutdown()
             self._goals.close()
@@ -274,7 +274,8 @@ class HardwareInterface:
 
     def _on_joint_commands(self, message: Any) -> None:
         try:
-            ignored = self._arm.set_points(message.name, set_points_of(message))
+            positions, ignored = set_points_of(message)
+            self._arm.set_points(positions)
         except HexwireError as error:
             self._warn(f"joint_commands refused: {error}")
         else:
@@ -288,7 +289,7 @@ class HardwareInterface:
 
     # -- what is published ----------------------------------------------------------------------------
 
-    def _publish_state(self, state: JointState, published: PublishedState) -> None:
+    def _publish_state(self, state: JointState, published: KnownState) -> None:
         message = JointStateMessage()
         message.header.stamp = _stamp(state.stamp - published.age)
         message.header.frame_id = self._settings.frame_id
@@ -351,12 +352,12 @@ class HardwareInterface:
         master = rosgraph.Master(rospy.get_name())
         # Its process id says nothing in a container, and that it knows our name says that we have logged a line.
         service = rospy.resolve_name("~stop")
-        while not self._ending.wait(_MASTER_PERIOD):
+        while not self._shutdown.wait(_MASTER_PERIOD):
             with suppress(*_MASTER_TROUBLE):
                 try:
                     master.lookupService(service)
                 except rosgraph.MasterError:
-                    if not self._ending.asked and not _replaced(master):
+                    if not self._shutdown.requested and not _replaced(master):
                         self._register_again()
 
     def _register_again(self) -> None:

@@ -5,10 +5,12 @@ Owns the reading of messages, whose classes it does not need. Must not know rosp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.errors import UsageError
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
 __all__ = ["order_of", "set_points_of", "tolerances_of"]
@@ -42,6 +44,24 @@ def tolerances_of(rows: Iterable[Any]) -> list[tuple[str, float, float, float]]:
     return [(row.name, row.position, row.velocity, row.acceleration) for row in rows]
 
 
-def set_points_of(message: Any) -> dict[str, tuple[float, ...]]:
-    """Values a joint of an osrf_msgs/JointCommands, by field."""
-    return {field: tuple(getattr(message, field)) for field in COMMAND_ARRAYS}
+def set_points_of(message: Any) -> tuple[dict[str, float], tuple[str, ...]]:
+    """What an osrf_msgs/JointCommands asks for.
+
+    Returns:
+        Positions by joint, radians, and the names of other fields that ask for something.
+
+    Raises:
+        UsageError: A joint is named twice, a field has the wrong length, or a value is not a finite number.
+    """
+    names = tuple(message.name)
+    if len(set(names)) != len(names):
+        raise UsageError(f"a joint is named twice: {', '.join(names)}")
+    for field in COMMAND_ARRAYS:
+        values = getattr(message, field)
+        if len(values) not in {0, len(names)}:
+            raise UsageError(f"{field} has {len(values)} values for {len(names)} names")
+        for joint, value in zip(names, values, strict=False):
+            if not math.isfinite(value):
+                raise UsageError(f"the {field} of {joint} is {value}, not a number")
+    others = tuple(field for field in COMMAND_ARRAYS if field != "position" and any(getattr(message, field)))
+    return dict(zip(names, message.position, strict=False)), others

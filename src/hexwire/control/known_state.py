@@ -1,7 +1,7 @@
-"""What of a robot's state may be published as sensor_msgs/JointState, and with which velocities.
+"""What is known of a robot's state, good enough to be passed on: fresh positions, velocities for all of them.
 
 Owns the choice of joints, the estimate of velocities that a driver does not give, and the rule that time stamps
-rise. Pure: time comes with the states. Must not know messages, drivers or clocks.
+rise. Pure: time comes with the states. Must not know who gets it, nor drivers or clocks.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["PublishedState", "SampleClock", "StateFilter"]
+__all__ = ["KnownState", "SampleClock", "StateFilter"]
 
 _WINDOW = 0.1
 """Seconds over which a velocity is estimated: short for a control loop, long against a count's worth of noise."""
@@ -27,7 +27,7 @@ _AGREE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class PublishedState:
+class KnownState:
     """The joints that are known, at one time.
 
     Attributes:
@@ -67,13 +67,13 @@ class SampleClock:
 
 
 class StateFilter:
-    """Turns the states of one robot into what is published.
+    """Turns the states of one robot into what is known of it.
 
     A joint is left out while its position is not known, and when its servo has been silent for too long: an old
     position under a new stamp would be a lie, and a NaN spoils every transform behind the joint.
 
     Args:
-        max_age: A silent joint is published for so long after its last sample, seconds.
+        max_age: A silent joint counts as known for so long after its last sample, seconds.
     """
 
     def __init__(self, max_age: float = 0.5) -> None:
@@ -94,14 +94,14 @@ class StateFilter:
         self._slopes.clear()
         self._newest = -math.inf
 
-    def take(self, state: JointState) -> PublishedState | None:
-        """The next state, as it is to be published.
+    def take(self, state: JointState) -> KnownState | None:
+        """What is known now.
 
         Args:
             state: Its stamp is not before that of the state before.
 
         Returns:
-            None if no joint is known, or if no sample is newer than what was published before.
+            None if no joint is known, or if no sample is newer than what was returned before.
         """
         when = self._clock.time(state)
         names, positions, velocities, ages = [], [], [], []
@@ -125,7 +125,7 @@ class StateFilter:
         if newest - self._newest < _SAME or stamp - self._stamp < _STEP:
             return None
         self._newest, self._stamp = newest, stamp
-        return PublishedState(tuple(names), tuple(positions), tuple(velocities), age)
+        return KnownState(tuple(names), tuple(positions), tuple(velocities), age)
 
 
 class _Slope:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.control.published import PublishedState, SampleClock, StateFilter
+from hexwire.control.known_state import KnownState, SampleClock, StateFilter
 from hexwire.model.state import JointFlag, JointState
 
 NAN = math.nan
@@ -40,22 +40,22 @@ def make_state(
     )
 
 
-def take(states: StateFilter, *args: object, **more: object) -> PublishedState:
-    published = states.take(make_state(*args, **more))  # type: ignore[arg-type]  # handed through
-    assert published is not None
-    return published
+def take(states: StateFilter, *args: object, **more: object) -> KnownState:
+    known = states.take(make_state(*args, **more))  # type: ignore[arg-type]  # handed through
+    assert known is not None
+    return known
 
 
-def test_what_is_known_is_published_as_it_is() -> None:
-    published = take(StateFilter(), 5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(0.02, 0.01))
-    assert published == PublishedState(("J1", "J2"), (0.1, 0.2), (1.0, -1.0), 0.01)
+def test_what_is_known_is_returned_as_it_is() -> None:
+    known = take(StateFilter(), 5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(0.02, 0.01))
+    assert known == KnownState(("J1", "J2"), (0.1, 0.2), (1.0, -1.0), 0.01)
 
 
 @pytest.mark.parametrize("bad", [NAN, math.inf, -math.inf])
 def test_a_joint_without_a_position_is_left_out(bad: float) -> None:
-    published = take(StateFilter(), 5.0, (bad, 0.2, 0.3), age=(0.0, 0.02, 0.03))
-    assert published.names == ("J2", "J3")
-    assert published.age == 0.02, "the age of what is published, not of what is left out"
+    known = take(StateFilter(), 5.0, (bad, 0.2, 0.3), age=(0.0, 0.02, 0.03))
+    assert known.names == ("J2", "J3")
+    assert known.age == 0.02, "the age of what is known, not of what is left out"
 
 
 def test_a_joint_that_was_never_sampled_is_left_out() -> None:
@@ -74,14 +74,14 @@ def test_an_answering_joint_stays_on_a_slow_line() -> None:
     assert take(StateFilter(), 5.0, (0.1, 0.2), age=(0.7, 0.0)).names == ("J1", "J2")
 
 
-def test_nothing_known_is_nothing_published() -> None:
+def test_without_a_known_joint_there_is_nothing() -> None:
     states = StateFilter()
     assert states.take(make_state(5.0, (NAN, NAN))) is None
     assert states.take(make_state(5.1, (0.1, 0.2), flags=(SILENT, SILENT), age=(0.6, 0.7))) is None
     assert states.take(make_state(5.2, ())) is None
 
 
-def test_the_same_sample_is_published_once() -> None:
+def test_the_same_sample_is_returned_once() -> None:
     states = StateFilter()
     take(states, 5.0, (0.1,))
     assert states.take(make_state(5.0, (0.1,))) is None
@@ -96,7 +96,7 @@ def test_the_board_tells_that_a_sample_is_the_same_though_the_line_jitters() -> 
     take(states, 5.012, (0.1,), board_time=100.010)
 
 
-def test_states_that_waited_together_are_not_published_with_one_stamp() -> None:
+def test_states_that_waited_together_do_not_share_a_stamp() -> None:
     states = StateFilter()
     take(states, 5.020, (0.1,), board_time=100.0)
     assert states.take(make_state(5.020, (0.2,), board_time=100.010)) is None
@@ -164,9 +164,9 @@ def test_the_board_clock_takes_the_jitter_of_the_line_out_of_velocities() -> Non
     states = StateFilter()
     late = [0.0, 0.008, 0.001, 0.009, 0.0, 0.004]
     for i, delay in enumerate(late):
-        published = states.take(make_state(1.0 + 0.01 * i + delay, (0.01 * i,), board_time=50.0 + 0.01 * i))
-        if published is not None and i:
-            assert published.velocity == pytest.approx((1.0,))
+        known = states.take(make_state(1.0 + 0.01 * i + delay, (0.01 * i,), board_time=50.0 + 0.01 * i))
+        if known is not None and i:
+            assert known.velocity == pytest.approx((1.0,))
 
 
 def test_the_clock_goes_by_the_board_where_it_can() -> None:
@@ -205,15 +205,15 @@ def histories(draw: st.DrawFn) -> list[JointState]:
 def test_whatever_comes_stamps_rise_and_values_are_numbers(history: list[JointState]) -> None:
     states, last = StateFilter(), -math.inf
     for state in history:
-        published = states.take(state)
-        if published is None:
+        known = states.take(state)
+        if known is None:
             continue
-        assert state.stamp - published.age > last
-        last = state.stamp - published.age
-        assert published.age >= 0
-        assert len(published.names) == len(published.position) == len(published.velocity) > 0
-        assert all(map(math.isfinite, (*published.position, *published.velocity, published.age)))
-        for name, position in zip(published.names, published.position, strict=True):
+        assert state.stamp - known.age > last
+        last = state.stamp - known.age
+        assert known.age >= 0
+        assert len(known.names) == len(known.position) == len(known.velocity) > 0
+        assert all(map(math.isfinite, (*known.position, *known.velocity, known.age)))
+        for name, position in zip(known.names, known.position, strict=True):
             joint = state[name]
             assert position == joint.position
             assert not (joint.flags & JointFlag.SILENT and joint.age > 0.5)
