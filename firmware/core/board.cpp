@@ -191,6 +191,7 @@ void Board::reply(uint8_t status, uint8_t size) {
   if (now_running_.proto == gen::PROTO_HEXWIRE) {
     const Request& request = now_running_;
     stored_.add(request, status, body(), size, ms_);
+    voided_.add_done(request, ms_);
     send(gen::PROTO_HEXWIRE, request.src, request.seq, request.cmd, gen::EXT_REPLY | status, size);
   }
   queue_.pop();

@@ -19,11 +19,24 @@ bool near(int16_t a, int16_t b) {
 
 }  // namespace
 
+void VoidedStore::put(const Request& request, uint32_t now_ms, uint8_t state) {
+  entries_[next_] = Entry{state, request.seq, request.cmd, static_cast<uint8_t>(request.src), hash(request),
+                          static_cast<uint16_t>(now_ms)};
+  next_ = static_cast<uint8_t>((next_ + 1) % kMost);
+}
+
+uint16_t VoidedStore::hash(const Request& request) {
+  uint8_t src[4];
+  put32(src, static_cast<uint32_t>(request.src));
+  return crc16(request.body, request.size, crc16(src, sizeof(src)));
+}
+
 void Board::stop(uint8_t mode) {
   board_flags_ |= gen::BOARD_FLAG_STOPPED;
   if (mode) board_flags_ |= gen::BOARD_FLAG_TORQUE_OFF_STOP;
   end_maintenance();
   stops_.want(mode);
+  voided_.stop();
   void_left_ = queue_.count();
   // A stop that goes on as it is wanted is left alone, however many more ask for it.
   if (job_.active && job_.owner == For::kStop && job_.argument >= mode) return;

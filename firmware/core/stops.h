@@ -78,15 +78,23 @@ class StopList {
   Asker askers_[kMost];
 };
 
-// Requests that a stop has made void: one that comes again is not done either.
+// Requests that a stop has made void: one that comes again is not done either. Those that end a stop, give torque or open
+// the servos' settings are kept from when they were done, since the next stop makes their repeats void as well.
 class VoidedStore {
  public:
   VoidedStore() : next_(0), checked_(0), entries_() {}
 
-  void add(const Request& request, uint32_t now_ms) {
-    entries_[next_] = Entry{true, request.seq, request.cmd, static_cast<uint8_t>(request.src), hash(request),
-                            static_cast<uint16_t>(now_ms)};
-    next_ = static_cast<uint8_t>((next_ + 1) % kMost);
+  void add(const Request& request, uint32_t now_ms) { put(request, now_ms, kVoid); }
+  void add_done(const Request& request, uint32_t now_ms) {
+    if (request.cmd == gen::CMD_RESUME || request.cmd == gen::CMD_TORQUE || request.cmd == gen::CMD_MAINTENANCE) {
+      put(request, now_ms, kDone);
+    }
+  }
+  // A stop came: what was done before it is not done again.
+  void stop() {
+    for (uint8_t i = 0; i < kMost; ++i) {
+      if (entries_[i].state == kDone) entries_[i].state = kVoid;
+    }
   }
   bool holds(const Frame& frame, uint32_t now_ms) const {
     const Request request = {frame.src, frame.proto, frame.seq, frame.cmd, frame.size, frame.body};
@@ -94,7 +102,7 @@ class VoidedStore {
     bool known = false;
     for (uint8_t i = 0; i < kMost; ++i) {
       const Entry& entry = entries_[i];
-      if (!entry.used || entry.seq != frame.seq || entry.cmd != frame.cmd || old(entry, now_ms)) continue;
+      if (entry.state != kVoid || entry.seq != frame.seq || entry.cmd != frame.cmd || old(entry, now_ms)) continue;
       if (!known) hashed = hash(request);
       known = true;
       if (entry.hash == hashed) return true;
@@ -103,20 +111,21 @@ class VoidedStore {
   }
   void forget(int32_t src) {
     for (uint8_t i = 0; i < kMost; ++i) {
-      if (entries_[i].src == static_cast<uint8_t>(src)) entries_[i].used = false;
+      if (entries_[i].src == static_cast<uint8_t>(src)) entries_[i].state = kFree;
     }
   }
   // To be called often: the times wrap. Looks at one entry.
   void age(uint32_t now_ms) {
     Entry& entry = entries_[checked_];
-    if (entry.used && old(entry, now_ms)) entry.used = false;
+    if (old(entry, now_ms)) entry.state = kFree;
     checked_ = static_cast<uint8_t>((checked_ + 1) % kMost);
   }
 
  private:
   static constexpr uint8_t kMost = 32;
+  static constexpr uint8_t kFree = 0, kDone = 1, kVoid = 2;
   struct Entry {
-    bool used;
+    uint8_t state;
     uint8_t seq;
     uint8_t cmd;
     uint8_t src;  // its low byte; the hash has the rest
@@ -124,14 +133,11 @@ class VoidedStore {
     uint16_t at_ms;
   };
 
+  void put(const Request& request, uint32_t now_ms, uint8_t state);
   static bool old(const Entry& entry, uint32_t now_ms) {
     return static_cast<uint16_t>(now_ms - entry.at_ms) > gen::REPEAT_WINDOW_MS;
   }
-  static uint16_t hash(const Request& request) {
-    uint8_t src[4];
-    put32(src, static_cast<uint32_t>(request.src));
-    return crc16(request.body, request.size, crc16(src, sizeof(src)));
-  }
+  static uint16_t hash(const Request& request);
 
   uint8_t next_;
   uint8_t checked_;

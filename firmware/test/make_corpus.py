@@ -76,6 +76,7 @@ def limits(low: int, speed: int) -> bytes:
     return do(10, low // 8, (speed - 100) // 16, then=LONG)
 
 
+STATS = do(0, 8, 0, then=SHORT)
 SLOW = packet(TRANSACT | ANSWERED, 9, PING, then=AT_ONCE)
 """A ping that nobody answers."""
 
@@ -100,6 +101,7 @@ SEEDS = {
     + stop()
     + resume()
     + again(2),
+    "done-comes-again": bytes((SETTLE, 0)) + stop() + resume() + stop() + STATS * 5 + again(6),
     "voided-torque-comes-again": bytes((SETTLE, 0)) + SLOW + torque(then=AT_ONCE) + stop() + resume() + again(2),
     "torque-in-maintenance": bytes((SETTLE | DIALECT_1, 0))
     + maintenance(1)

@@ -156,6 +156,27 @@ def test_a_repeat_of_what_was_void_is_answered_with_stopped_and_not_done(make: M
     assert board.client.ask(Command.JOINT_MOVE, move(2300)).status == Status.OK
 
 
+@pytest.mark.parametrize(
+    ("command", "body"), [(Command.RESUME, b""), (Command.TORQUE, b"\1\x7f\0"), (Command.MAINTENANCE, b"\0")]
+)
+def test_what_was_done_before_a_stop_is_not_done_again(make: Make, command: int, body: bytes) -> None:
+    board = make()
+    torque(board)
+    done = board.client.frame(command, body)
+    seq = board.client.seq
+    board.machine.send(done)
+    assert statuses(board.client.run(0.3), [seq]) == [Status.OK]
+    stop(board)
+    # More than the board keeps answers of.
+    for _ in range(6):
+        board.client.ask(Command.STATS)
+    before = flags(board)
+    board.machine.send(done)
+    assert statuses(board.client.run(0.3), [seq]) == [Status.STOPPED]
+    assert flags(board) == before
+    assert before & STOPPED
+
+
 def test_five_stops_in_a_row_find_room_when_everything_is_full(make: Make) -> None:
     board = make()
     torque(board)

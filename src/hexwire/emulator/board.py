@@ -230,7 +230,7 @@ class EmulatedBoard:
     def _stop(self, mode: int, request: Request | None) -> None:
         """A STOP came, or the watchdog tripped: what was asked before is void from here on."""
         self.state.latch(torque_off=mode == 1)
-        self.connection.forget_fragments()
+        self.connection.take_stop(self.time)
         void, self._tasks = list(self._tasks), deque()
         if self._task is not None and not self._task.stop:
             void.insert(0, self._cut())

@@ -288,9 +288,11 @@ class Connection(FrameMaker):
             self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
         self._replies.answered(frame, self._out[first:], now, voided=voided)
 
-    def forget_fragments(self) -> None:
-        """A stop came: what has begun to arrive was asked before it."""
+    def take_stop(self, now: float) -> None:
+        """A stop came: what has begun to arrive was asked before it, and what was done is not done again."""
         self._fragments_in.forget()
+        ext = EXT_REPLY | Status.STOPPED
+        self._replies.void(lambda f: self.build(PROTO_HEXWIRE, f.cmd, b"", f.seq, now, ext, dst=f.src), now)
 
     # -- sending ------------------------------------------------------------------------------------
 
