@@ -1,1 +1,1 @@
-"""The one owner of a moving robot. Knows neither ROS nor a terminal nor a page."""
+"""The one owner of a moving robot. Knows no front: no middleware, no terminal, no page."""

@@ -1,7 +1,7 @@
-"""Everything a node can be asked for: orders, set-points, poses, teaching, power, stop; and what it reports.
+"""Everything a front can ask an arm for: motions, set-points, poses, teaching, power, stop; and what it reports.
 
-Owns what is allowed when, across all controllers of an arm. Must not know ROS: requests come as plain values, and
-answers are words.
+Owns what is allowed when, across all controllers of an arm. Must not know who asks: requests come as plain values,
+and answers are words.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ _GRACE = 10.0
 
 
 class Arm:
-    """A robot as a node offers it. `connect`, then `start`; `shutdown` at the end.
+    """A robot as fronts use it. `connect`, then `start`; `shutdown` at the end.
 
     Args:
         robot: Not attached.
-        settings: The node's parameters.
+        settings: What the front has set.
         on_state: As in `Hardware`.
         on_taught: Called with what was taught, in the thread that ended it.
         clock: As in `Hardware`.

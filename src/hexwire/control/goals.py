@@ -1,6 +1,7 @@
-"""What a joint trajectory of ROS must be, how it becomes a spline, and how far the arm may be off it.
+"""What a joint trajectory must be, how it becomes a spline, and how far the arm may be off it.
 
-Owns the rules of ROS's joint trajectory controller. Values come in as plain numbers and time as seconds from now;
+Owns the rules, which are those of the usual joint trajectory controllers, as are the names of fields in texts.
+Values come in as plain numbers and time as seconds from now;
 must not know messages, clocks or robots.
 """
 
@@ -32,9 +33,9 @@ late for that: so many take about 0.1 s."""
 _MOST = 1e6
 """Positions, velocities and accelerations beyond it are garbage, and would overflow the polynomials."""
 _LONGEST = 2.0**31
-"""Seconds; where ROS's durations end."""
+"""Seconds; the most that a duration with signed 32-bit seconds holds."""
 _TICK = 1e-9
-"""Seconds; the resolution of ROS's times. Less than this from now is now."""
+"""Seconds; times are whole nanoseconds. Less than this from now is now."""
 _THERE = 1e-3
 """Radians; a first point that is due at once may be so far from where the arm is."""
 _SHOWN = 5
@@ -81,7 +82,7 @@ class Tolerances:
 
     Attributes:
         path: By joint, while it moves; every joint of the controller has a row.
-        goal: By joint, at the end; likewise. The velocity is what ROS calls `stopped_velocity_tolerance`.
+        goal: By joint, at the end; likewise. The velocity is that at which a joint counts as stopped.
         goal_time: Seconds after the end in which the goal must be reached; 0 is to wait for ever.
     """
 

@@ -1,7 +1,7 @@
-"""The one owner of a robot while a node runs: it reads, lets the controllers decide, writes, and reconnects.
+"""The one owner of a robot while a program runs: it reads, lets the controllers decide, writes, and reconnects.
 
 Owns the thread, the order read-update-write, and what happens when the robot fails: everything stops, goals end,
-and the robot is looked for until it is back. Must not know ROS, nor what is done with what it reports.
+and the robot is looked for until it is back. Must not know any front, nor what is done with what it reports.
 Over 500 lines because every way in which a robot fails ends in this one thread.
 """
 

@@ -1,6 +1,6 @@
 """What a front sets of the arm it controls: rates, tolerances, controllers, checks.
 
-Owns the values. Must not know where they come from: parameters of ROS, a file, a command line.
+Owns the values. Must not know where they come from: parameters, a file, a command line.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ class ControllerSettings:
 class Settings:
     """All settings of an owned arm, checked, and the arm they were checked against.
 
-    Attributes of the same name as a parameter are as in `hexwire.ros1.parameters`. Times are seconds, rates hertz,
-    angles radians, lengths metres.
+    Times are seconds, rates hertz, angles radians, lengths metres.
 
     Attributes:
         port: URL or device of the robot, wherever it came from.

@@ -1,6 +1,6 @@
 """Teaching by hand: an arm without torque, what is recorded meanwhile, and the torque given back.
 
-Owns when an arm is in somebody's hands, and what was taught last. Must not know ROS, nor who wants the arm
+Owns when an arm is in somebody's hands, and what was taught last. Must not know who wants the arm
 otherwise: that is the owner's business, who asks here first.
 """
 

@@ -180,7 +180,7 @@ def _open_cone(taught: Taught) -> tuple[list[float], list[float]]:
 
 
 def save(taught: Taught, folder: Path, when: datetime, *, tolerance: float = TOLERANCE) -> Path:
-    """Write a file that `hexwire play` takes: the points of `to_points` in the form of ROS's JointTrajectory.
+    """Write a file that `hexwire play` takes: the points of `to_points` in the form of a joint trajectory.
 
     A write that fails leaves nothing behind, and no other file is overwritten.
 
