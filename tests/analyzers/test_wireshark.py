@@ -17,7 +17,7 @@ from tests.analyzers.lines import assembled, readings_table
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.pcap import write_pcap, write_pcapng
-from hexwire.wire.command_frame import Command, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
 from hexwire.wire.commands import FragmentHead, Stats
 from hexwire.wire.servo_packet import make_read, make_status, make_sync_write
 
@@ -68,17 +68,19 @@ def frame(
 ) -> bytes:
     src, dst = (HOST, BOARD) if sent else (BOARD, HOST)
     return serialize_frame(
-        proto=proto,
-        cmd=cmd,
-        body=body,
-        seq=seq,
-        sn=seq,
-        src=src,
-        dst=dst,
-        type=3 if sent else 8,
-        time_sec=0,
-        time_nsec=nsec,
-        cmd_ext=ext,
+        Frame(
+            proto=proto,
+            cmd=cmd,
+            body=body,
+            seq=seq,
+            sn=seq,
+            src=src,
+            dst=dst,
+            type=3 if sent else 8,
+            time_sec=0,
+            time_nsec=nsec,
+            cmd_ext=ext,
+        )
     )
 
 

@@ -17,6 +17,7 @@ class Client:
         self.machine = machine
         self.seq = 0
         self.sn = 0
+        self.heard = bytearray()
         self._decoder = FrameDecoder()
 
     def frame(
@@ -34,22 +35,26 @@ class Client:
             self.seq = seq = (self.seq + 1) & 0xFF
         self.sn += 1
         return serialize_frame(
-            proto=proto,
-            cmd=cmd,
-            body=body,
-            seq=seq,
-            sn=self.sn,
-            src=HOST,
-            dst=dst,
-            type=3,
-            time_sec=1,
-            time_nsec=self.sn,
-            cmd_ext=cmd_ext,
+            Frame(
+                proto=proto,
+                cmd=cmd,
+                body=body,
+                seq=seq,
+                sn=self.sn,
+                src=HOST,
+                dst=dst,
+                type=3,
+                time_sec=1,
+                time_nsec=self.sn,
+                cmd_ext=cmd_ext,
+            )
         )
 
     def frames(self) -> list[Frame]:
         """What has come since the last call."""
-        self._decoder.receive(self.machine.take(), self.machine.now)
+        data = self.machine.take()
+        self.heard += data
+        self._decoder.receive(data, self.machine.now)
         found = []
         while (event := self._decoder.next_event()) is not None:
             if isinstance(event, Frame):

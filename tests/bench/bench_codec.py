@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 
 from hexwire.session.decoder import FrameDecoder
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.commands import JointReport
 from hexwire.wire.servo_packet import iter_status, make_read, make_status
 
@@ -47,7 +47,9 @@ def run() -> list[str]:
 
 def _frame(proto: int, cmd: int, body: bytes) -> bytes:
     return serialize_frame(
-        proto=proto, cmd=cmd, body=body, seq=1, sn=1, src=8, dst=7, type=8, time_sec=14, time_nsec=356_000_000
+        Frame(
+            proto=proto, cmd=cmd, body=body, seq=1, sn=1, src=8, dst=7, type=8, time_sec=14, time_nsec=356_000_000
+        )
     )
 
 

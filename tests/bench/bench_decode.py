@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from hexwire.trace.explain import Explainer
 from hexwire.trace.sources import read_traffic
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.servo_packet import make_status
 
 _MEGABYTES = (1, 2, 4, 8)
@@ -31,7 +31,7 @@ def run() -> list[str]:
 
 def _kinds() -> dict[str, Callable[[int], bytes]]:
     frame = serialize_frame(
-        proto=2, cmd=Command.STATS, body=b"", seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0
+        Frame(proto=2, cmd=Command.STATS, body=b"", seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
     )
     return {
         "blanks": _filled(b" ", end=b"x"),
@@ -71,7 +71,7 @@ def _lying(size: int) -> bytes:
     length = size - 44
     head = bytearray(
         serialize_frame(
-            proto=2, cmd=Command.STATS, body=b"", seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0
+            Frame(proto=2, cmd=Command.STATS, body=b"", seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
         )[:40]
     )
     head[28:32] = size.to_bytes(4, "little")

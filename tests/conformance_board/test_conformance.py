@@ -311,7 +311,7 @@ def test_reports(boards: Callable[..., Trio]) -> None:
         board.exchange(board.client.frame(Command.REPORT, b"\x32\0\x01"))
         reports = [f for f in board.client.run(1.0) if f.is_unsolicited]
         assert 18 <= len(reports) <= 21
-        assert all(f.cmd == Command.JOINT_STATE and f.header.dst == 7 for f in reports)
+        assert all(f.cmd == Command.JOINT_STATE and f.dst == 7 for f in reports)
         assert [f.seq for f in reports] == [(reports[0].seq + i) & 0xFF for i in range(len(reports))]
         board.exchange(board.client.frame(Command.IDENTIFY))
         board.advance(0.1)

@@ -34,7 +34,9 @@ class Bench:
         if seq is None:
             self.seq = seq = (self.seq + 1) & 0xFF
         data = serialize_frame(
-            proto=proto, cmd=cmd, body=body, seq=seq, sn=seq, src=HOST, dst=dst, type=3, time_sec=1, time_nsec=0
+            Frame(
+                proto=proto, cmd=cmd, body=body, seq=seq, sn=seq, src=HOST, dst=dst, type=3, time_sec=1, time_nsec=0
+            )
         )
         self.send_raw(data)
         return seq

@@ -108,7 +108,9 @@ def round_trip(packet: bytes, cmd: int, faults: tuple[str, ...] = ()) -> float:
     clock.advance(1.0)
     start = clock()
     link.write(
-        serialize_frame(proto=1, cmd=cmd, body=packet, seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
+        serialize_frame(
+            Frame(proto=1, cmd=cmd, body=packet, seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
+        )
     )
     while clock() < start + 1.0:
         decoder.receive(link.read(start + 1.0), clock())

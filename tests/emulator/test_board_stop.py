@@ -7,7 +7,7 @@ from tests.emulator.boards import Bench
 
 from hexwire.emulator.board_stop import StopQueue
 from hexwire.session.events import Request
-from hexwire.wire.command_frame import Command, Status, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, Status, parse_frame, serialize_frame
 from hexwire.wire.commands import FragmentHead, MoveRequest, MoveRow, parse_stop_reply
 
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
@@ -17,16 +17,18 @@ def request(seq: int) -> Request:
     return Request(
         parse_frame(
             serialize_frame(
-                proto=2,
-                cmd=Command.STOP,
-                body=b"\0",
-                seq=seq,
-                sn=seq,
-                src=7,
-                dst=8,
-                type=3,
-                time_sec=0,
-                time_nsec=0,
+                Frame(
+                    proto=2,
+                    cmd=Command.STOP,
+                    body=b"\0",
+                    seq=seq,
+                    sn=seq,
+                    src=7,
+                    dst=8,
+                    type=3,
+                    time_sec=0,
+                    time_nsec=0,
+                )
             )
         )
     )

@@ -28,7 +28,7 @@ from hexwire.errors import (
 from hexwire.link.open import make_link
 from hexwire.link.serial import SerialLink
 from hexwire.session.policy import ReconnectPolicy
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 
 
 class Loopback:
@@ -152,7 +152,7 @@ def test_reports_faster_than_the_line_are_left_out_not_queued() -> None:
     link.open()
     body = (5).to_bytes(2, "little") + b"\x3f"
     frame = {"proto": 2, "seq": 1, "sn": 1, "src": 7, "dst": 8, "type": 3, "time_sec": 0, "time_nsec": 0}
-    link.write(serialize_frame(cmd=Command.REPORT, body=body, **frame))
+    link.write(serialize_frame(Frame(cmd=Command.REPORT, body=body, **frame)))
     end = clock() + 20
     while clock() < end:
         link.read(end)
@@ -367,7 +367,7 @@ def test_what_nobody_reads_does_not_pile_up() -> None:
     try:
         body = (5).to_bytes(2, "little") + b"\x3f"
         frame = {"proto": 2, "seq": 1, "sn": 1, "src": 7, "dst": 8, "type": 3, "time_sec": 0, "time_nsec": 0}
-        os.write(fd, serialize_frame(cmd=Command.REPORT, body=body, **frame))
+        os.write(fd, serialize_frame(Frame(cmd=Command.REPORT, body=body, **frame)))
         end = time.monotonic() + 1.5
         while time.monotonic() < end:
             server.run_once(0.005)

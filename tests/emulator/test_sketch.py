@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 
 from hexwire.emulator.sketch import SketchFrame, SketchReceiver
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import serialize_frame
+from hexwire.wire.command_frame import Frame, serialize_frame
 
 
 def frame(cmd: int = 2, body: bytes = b"", nsec: int = 0) -> bytes:
     return serialize_frame(
-        proto=1, cmd=cmd, body=body, seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=nsec
+        Frame(proto=1, cmd=cmd, body=body, seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=nsec)
     )
 
 

@@ -15,7 +15,7 @@ from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.mistaken import find_board, find_servos
 from hexwire.ipc.session import Session
 from hexwire.session.negotiate import Negotiated
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_ping
 
@@ -157,7 +157,7 @@ def test_a_board_hears_next_to_nothing_of_the_look() -> None:
         sketch.put(heard_at(data, 1_000_000, BOARD_RATE), busy=False)
         assert sketch.next_frame() is None
     numbers = {"seq": 1, "sn": 1, "src": 7, "dst": 8, "type": 3, "time_sec": 1, "time_nsec": 1}
-    frame = serialize_frame(proto=1, cmd=Command.PING, body=make_ping(3), **numbers)
+    frame = serialize_frame(Frame(proto=1, cmd=Command.PING, body=make_ping(3), **numbers))
     sketch.put(frame, busy=False)
     found = sketch.next_frame()
     assert found is not None

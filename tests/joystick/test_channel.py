@@ -18,7 +18,7 @@ from hexwire.ipc.session import Session
 from hexwire.joystick.channel import JoystickReceiver, JoystickSender
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.memory import memory_pair
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import JoystickState
 
@@ -76,9 +76,9 @@ def datagrams() -> Iterator[Ends]:
 
 
 def frame(sn: int, body: bytes, *, cmd: int = Command.JOYSTICK, src: int = 1, proto: int = 2) -> bytes:
-    return serialize_frame(
+    return serialize_frame(Frame(
         proto=proto, cmd=cmd, body=body, seq=sn & 0xFF, sn=sn, src=src, dst=0, type=2, time_sec=0, time_nsec=0
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 def test_nothing_yet(ends: Ends) -> None:

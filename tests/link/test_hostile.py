@@ -26,7 +26,18 @@ from hexwire.wire.command_frame import Frame, serialize_frame
 
 def frame(number: int) -> bytes:
     return serialize_frame(
-        proto=2, cmd=1, body=bytes(8), seq=number & 0xFF, sn=number, src=0, dst=3, type=1, time_sec=0, time_nsec=0
+        Frame(
+            proto=2,
+            cmd=1,
+            body=bytes(8),
+            seq=number & 0xFF,
+            sn=number,
+            src=0,
+            dst=3,
+            type=1,
+            time_sec=0,
+            time_nsec=0,
+        )
     )
 
 
@@ -83,7 +94,7 @@ class EchoServer:
                     self.most_held = max(self.most_held, len(decoder._data))
                     while event := decoder.next_event() or decoder.handle_timeout(now):
                         if isinstance(event, Frame):
-                            peer.write(frame(event.header.sn), now + 1.0)
+                            peer.write(frame(event.sn), now + 1.0)
                     if self.listener._closing:
                         return
         except LinkError:

@@ -269,17 +269,19 @@ class Bench:
     def _framed(self, cmd: int, body: bytes) -> bytes:
         self._number += 1
         return serialize_frame(
-            proto=2,
-            cmd=cmd,
-            body=body,
-            seq=self._number & 0xFF,
-            sn=self._number,
-            src=_OTHER,
-            dst=_BOARD,
-            type=3,
-            time_sec=1,
-            time_nsec=self._number,
-            cmd_ext=0,
+            Frame(
+                proto=2,
+                cmd=cmd,
+                body=body,
+                seq=self._number & 0xFF,
+                sn=self._number,
+                src=_OTHER,
+                dst=_BOARD,
+                type=3,
+                time_sec=1,
+                time_nsec=self._number,
+                cmd_ext=0,
+            )
         )
 
 

@@ -11,7 +11,7 @@ from hexwire.errors import LocalProtocolError
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Reply, Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 
 MODULES = {Role.HOST: (7, 8), Role.BOARD: (8, 7)}
 BODIES = (b"\x01\x7f\x00", b"\x00\x7f\x00", b"\x01\x01\x00")
@@ -123,10 +123,10 @@ def _identify(host: Connection, board: Connection, now: float) -> tuple[list[tup
 
 FIELD = st.integers(0, 2**32 - 1) | st.integers(0, 20)
 FORGED = st.builds(
-    lambda proto, cmd, ext, seq, body, sn, sec, kind, src, dst: serialize_frame(
+    lambda proto, cmd, ext, seq, body, sn, sec, kind, src, dst: serialize_frame(Frame(
         proto=proto, cmd=cmd, cmd_ext=ext, seq=seq, body=body, sn=sn, src=src, dst=dst, type=kind,
         time_sec=sec, time_nsec=0,
-    ),
+    )),
     st.sampled_from((1, 2, 2, 2)),
     st.sampled_from([int(cmd) for cmd in Command]),
     st.sampled_from((0, 0, 0x40, 0x80, 0x85)),

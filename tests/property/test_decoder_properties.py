@@ -24,15 +24,17 @@ def frames(draw: st.DrawFn) -> bytes:
     fields: dict[str, Any] = {name: draw(U32) for name in ("time_sec", "time_nsec", "sn")}
     module = st.sampled_from((-1, 0, 7, 8))
     return serialize_frame(
-        proto=draw(st.sampled_from((1, 2))),
-        cmd=draw(st.integers(0, 255)),
-        cmd_ext=draw(st.sampled_from((0, 0x40, 0x80))),
-        seq=draw(st.integers(0, 255)),
-        body=draw(BODIES),
-        src=draw(module),
-        dst=draw(module),
-        type=draw(module),
-        **fields,
+        Frame(
+            proto=draw(st.sampled_from((1, 2))),
+            cmd=draw(st.integers(0, 255)),
+            cmd_ext=draw(st.sampled_from((0, 0x40, 0x80))),
+            seq=draw(st.integers(0, 255)),
+            body=draw(BODIES),
+            src=draw(module),
+            dst=draw(module),
+            type=draw(module),
+            **fields,
+        )
     )
 
 

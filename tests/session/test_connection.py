@@ -41,7 +41,7 @@ def reply_frame(request: Frame, **changes: Any) -> bytes:
         "proto": 2, "cmd": request.cmd, "body": b"", "seq": request.seq, "sn": 1, "src": 8, "dst": 7, "type": 8,
         "time_sec": 0, "time_nsec": 0, "cmd_ext": 0x80,
     }  # fmt: skip
-    return serialize_frame(**fields | changes)
+    return serialize_frame(Frame(**fields | changes))
 
 
 # --- asking and answering ----------------------------------------------------------------------------------
@@ -223,7 +223,7 @@ def test_limit_frame_only_ever_shrinks_and_not_to_nonsense() -> None:
 
 def request_frame(seq: int = 1, cmd: int = Command.JOINT_MOVE, body: bytes = b"b", **changes: int) -> bytes:
     fields = {"sn": 1, "src": 7, "dst": 8, "type": 3, "time_sec": 0, "time_nsec": 0} | changes
-    return serialize_frame(proto=2, cmd=cmd, body=body, seq=seq, **fields)
+    return serialize_frame(Frame(proto=2, cmd=cmd, body=body, seq=seq, **fields))
 
 
 def test_a_repeat_is_answered_from_store_with_a_new_number_and_time() -> None:
@@ -365,7 +365,7 @@ def test_the_chapters_log_byte_for_byte(request_row: dict[str, Any], reply_row: 
 def test_dialect_1_is_taken_whatever_its_dst_and_type() -> None:
     for dst in (8, 0, -1, 99):
         data = serialize_frame(
-            proto=1, cmd=2, body=b"", seq=1, sn=1, src=7, dst=dst, type=dst, time_sec=0, time_nsec=0
+            Frame(proto=1, cmd=2, body=b"", seq=1, sn=1, src=7, dst=dst, type=dst, time_sec=0, time_nsec=0)
         )
         assert len(ask(board(), data)) == 1
 
@@ -397,10 +397,10 @@ def test_an_unfinished_frame_is_noted_and_what_it_held_comes_out() -> None:
 CHUNKS = st.lists(
     st.binary(max_size=60)
     | st.builds(
-        lambda cmd, ext, body, seq, src: serialize_frame(
+        lambda cmd, ext, body, seq, src: serialize_frame(Frame(
             proto=2, cmd=cmd, body=body, seq=seq, sn=1, src=src, dst=15 - src, type=3, time_sec=0, time_nsec=0,
             cmd_ext=ext,
-        ),
+        )),
         st.sampled_from(list(Command)) | st.integers(0, 255),
         st.sampled_from((0, 0x80, 0x40, 0x85, 0xFF)),
         st.binary(max_size=20)

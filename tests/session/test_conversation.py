@@ -313,7 +313,9 @@ def test_identify_may_be_lost_either_way(talk: Talk) -> None:
 
 def test_dialect_1_is_not_obeyed_over_datagrams(talk: Talk) -> None:
     data = serialize_frame(
-        proto=1, cmd=Command.SYNC_WRITE, body=b"x", seq=1, sn=1, src=7, dst=8, type=3, time_sec=0, time_nsec=0
+        Frame(
+            proto=1, cmd=Command.SYNC_WRITE, body=b"x", seq=1, sn=1, src=7, dst=8, type=3, time_sec=0, time_nsec=0
+        )
     )
     assert talk.to_board(data) == []
     assert talk.done == []
@@ -365,7 +367,7 @@ def test_window() -> None:
 
 def test_what_is_a_stop() -> None:
     def frame(cmd: int, body: bytes, ext: int = 0) -> Frame:
-        return Frame(0, 0, 1, 7, 8, 3, 44, 2, 1, cmd, ext, body, 0)
+        return Frame(0, 0, 1, 7, 8, 3, 2, 1, cmd, body, ext)
 
     assert is_stop(frame(Command.STOP, b"\0"))
     assert is_stop(frame(Command.ROBOT_SIGNAL, b"\x01"))

@@ -17,7 +17,7 @@ SYNC = tables.SYNC_BYTES
 
 def make(body: bytes = b"\xff\xff\x00\x04\x02\x38\x02\xbf", proto: int = 1, **changes: int) -> bytes:
     fields = {"cmd": 2, "seq": 1, "sn": 1, "src": 8, "dst": 0, "type": 8, "time_sec": 14, "time_nsec": 0} | changes
-    return serialize_frame(proto=proto, body=body, **fields)  # type: ignore[arg-type]
+    return serialize_frame(Frame(proto=proto, body=body, **fields))  # type: ignore[arg-type]
 
 
 def events(decoder: FrameDecoder) -> list[Frame | BadFrame | Garbage]:

@@ -19,19 +19,19 @@ from hexwire.session.dialect1 import (
     match_reply,
 )
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
 
 READ = sp.make_read(0, 0x38, 2)
 MARK = 0x0A0D
 """0D 0A as a little-endian number."""
 
 
-def build(**changes: Any) -> tuple[bytes, int]:
+def build(**changes: Any) -> tuple[Frame, bytes]:
     fields: dict[str, Any] = {
         "proto": 1, "cmd": 2, "body": READ, "seq": 1, "sn": 1, "src": 7, "dst": 8, "type": 3,
-        "time_sec": 1752865499, "time_nsec": 5, "cmd_ext": 0, "max_frame": 253,
+        "time_sec": 1752865499, "time_nsec": 5,
     }  # fmt: skip
-    return clean_frame(**fields | changes)
+    return clean_frame(Frame(**fields | changes), 253)
 
 
 def marked(bits: int) -> st.SearchStrategy[int]:
@@ -64,16 +64,15 @@ def test_no_clock_and_no_count_can_put_the_marker_in(
     sec: int, nsec: int, sn: int, seq: int, proto_cmd: tuple[int, int], body: bytes, ids: tuple[int, int, int]
 ) -> None:
     (proto, cmd), (src, dst, kind) = proto_cmd, ids
-    data, used = clean_frame(proto, cmd, body, seq, sn, src, dst, kind, sec, nsec, 0, 253)
-    assert b"\r\n" not in data[4:-2]
-    frame = parse_frame(data)
-    # Nothing but the clock and the count may differ from what was asked.
-    assert (frame.proto, frame.cmd, frame.body, frame.seq) == (proto, cmd, body, seq)
-    assert (frame.src, frame.dst, frame.type, frame.cmd_ext) == (src, dst, kind, 0)
-    assert frame.sn == used
-    plain = serialize_frame(
+    asked = Frame(
         proto=proto, cmd=cmd, body=body, seq=seq, sn=sn, src=src, dst=dst, type=kind, time_sec=sec, time_nsec=nsec
     )
+    frame, data = clean_frame(asked, 253)
+    assert b"\r\n" not in data[4:-2]
+    assert parse_frame(data) == frame
+    # Nothing but the clock and the count may differ from what was asked.
+    assert frame == asked._replace(time_sec=frame.time_sec, time_nsec=frame.time_nsec, sn=frame.sn)
+    plain = serialize_frame(asked)
     if b"\r\n" not in plain[4:-2]:
         assert data == plain
     assert abs(frame.time_nsec - nsec) <= 70_000
@@ -86,17 +85,16 @@ def test_no_clock_and_no_count_can_put_the_marker_in(
 def test_every_place_in_every_field(shift: int, low: int) -> None:
     value = (MARK << shift) | (low & ((1 << shift) - 1))
     for name in ("time_sec", "time_nsec", "sn"):
-        data, sn = build(**{name: value})
+        frame, data = build(**{name: value})
         assert b"\r\n" not in data[4:-2], name
-        frame = parse_frame(data)
-        moved = {"time_sec": frame.time_sec, "time_nsec": frame.time_nsec, "sn": sn}[name] - value
+        moved = getattr(frame, name) - value
         # Nanoseconds by whole microseconds, the count forward, the clock never ahead.
         assert moved
         assert moved % 1000 == 0 if name == "time_nsec" else moved > 0 if name == "sn" else moved < 0
 
 
 def test_the_clock_stands_still_rather_than_jump() -> None:
-    times = [parse_frame(build(time_sec=(MARK << 8) + i)[0]).time_sec for i in range(-2, 260)]
+    times = [build(time_sec=(MARK << 8) + i)[0].time_sec for i in range(-2, 260)]
     assert times == sorted(times)
     assert max(b - a for a, b in itertools.pairwise(times)) <= 257
 
@@ -106,13 +104,13 @@ def test_the_clock_stands_still_rather_than_jump() -> None:
     [(0x0D000001, 10, 1), (1, 0x0D000003, 0x1230A), (1, 0x0D000003, 0x0A), (1, 1, 0x0D00000A), (1, 999_999_754, 1)],
 )
 def test_the_marker_across_two_fields(sec: int, nsec: int, sn: int) -> None:
-    assert b"\r\n" not in build(time_sec=sec, time_nsec=nsec, sn=sn)[0][4:-2]
+    assert b"\r\n" not in build(time_sec=sec, time_nsec=nsec, sn=sn)[1][4:-2]
 
 
 def test_the_last_sn_wraps() -> None:
-    data, sn = build(sn=0xFFFFFFFF)
-    assert sn == 0xFFFFFFFF
-    assert parse_frame(build(sn=0x0A0D0A0D)[0]).sn == sn_without(0x0A0D0A0D)
+    frame, data = build(sn=0xFFFFFFFF)
+    assert frame.sn == 0xFFFFFFFF
+    assert build(sn=0x0A0D0A0D)[0].sn == sn_without(0x0A0D0A0D)
     assert b"\r\n" not in data[4:-2]
 
 

@@ -10,7 +10,19 @@ from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
 def frame(sn: int) -> Frame:
     return parse_frame(
         serialize_frame(
-            proto=2, cmd=0x11, body=b"", seq=1, sn=sn, src=8, dst=7, type=8, time_sec=0, time_nsec=0, cmd_ext=0x40
+            Frame(
+                proto=2,
+                cmd=0x11,
+                body=b"",
+                seq=1,
+                sn=sn,
+                src=8,
+                dst=7,
+                type=8,
+                time_sec=0,
+                time_nsec=0,
+                cmd_ext=0x40,
+            )
         )
     )
 

@@ -10,11 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.session import events as e
-from hexwire.wire.command_frame import parse_frame, serialize_frame
+from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
 
 FRAME = parse_frame(
     serialize_frame(
-        proto=2, cmd=0x15, body=b"\0", seq=9, sn=1, src=7, dst=8, type=3, time_sec=0, time_nsec=0, cmd_ext=0x85
+        Frame(
+            proto=2, cmd=0x15, body=b"\0", seq=9, sn=1, src=7, dst=8, type=3, time_sec=0, time_nsec=0, cmd_ext=0x85
+        )
     )
 )
 

@@ -10,7 +10,7 @@ from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
 def frame(seq: int, *, src: int = 7, cmd: int = 0x13, body: bytes = b"b", sn: int = 0) -> Frame:
     return parse_frame(
         serialize_frame(
-            proto=2, cmd=cmd, body=body, seq=seq, sn=sn, src=src, dst=8, type=3, time_sec=sn, time_nsec=0
+            Frame(proto=2, cmd=cmd, body=body, seq=seq, sn=sn, src=src, dst=8, type=3, time_sec=sn, time_nsec=0)
         )
     )
 

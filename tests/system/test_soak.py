@@ -77,7 +77,7 @@ class LedgerBoard:
         self.connection.reply_dialect1(body, now)
 
     def _note(self, number: int, frame: Frame, body: bytes) -> None:
-        self.ledger[number] = Answered(frame.header.sn, frame.seq, body)
+        self.ledger[number] = Answered(frame.sn, frame.seq, body)
 
     def _report(self, number: int) -> bytes:
         mixed = [(number * 7919 + 31 * i) % 65521 - 32760 for i in range(JOINTS)]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explained, Explainer
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.commands import JointReport
 from hexwire.wire.servo_packet import make_read, make_status, make_sync_write, make_write
 
@@ -20,10 +20,10 @@ SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
 
 
 def frame(proto: int, cmd: int, body: bytes, *, src: int = 7, seq: int = 1, ext: int = 0) -> bytes:
-    return serialize_frame(
+    return serialize_frame(Frame(
         proto=proto, cmd=cmd, body=body, seq=seq, sn=seq, src=src, dst=15 - src, type=3,
         time_sec=1, time_nsec=0, cmd_ext=ext,
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 def explain(*transfers: tuple[Direction, bytes, float]) -> list[Explained]:

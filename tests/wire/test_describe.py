@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.describe import describe, describe_servo, describe_status
 from hexwire.wire.registers import Series
 
@@ -24,10 +24,10 @@ BY_NAME = {row["name"]: bytes.fromhex(row["hex"]) for row in COMMANDS + SESSIONS
 def frame_of(name: str) -> bytes:
     row = next(row for row in COMMANDS if row["name"] == name)
     src, dst, ext = (7, 8, 0) if row["part"] == "request" else (8, 7, 0x80)
-    return serialize_frame(
+    return serialize_frame(Frame(
         proto=2, cmd=Command[row["command"]], cmd_ext=ext, body=BY_NAME[name], seq=5, sn=1, src=src, dst=dst,
         type=3, time_sec=0, time_nsec=0,
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 HOST, BOARD = "ARM_7BOT_SERIAL_TRX", "ARM_7BOT_ARDUINO_TRX"
@@ -138,7 +138,19 @@ def test_what_nobody_knows_is_still_described() -> None:
     assert describe_servo(unknown, reply=False) == "instruction 0x77 to servo 3 01"
     assert describe_servo(b"\0\0", reply=False).startswith("bad servo packet, servo packet of 2 bytes")
     data = serialize_frame(
-        proto=2, cmd=0x7F, cmd_ext=0xBF, body=b"\1", seq=5, sn=1, src=99, dst=-1, type=0, time_sec=0, time_nsec=0
+        Frame(
+            proto=2,
+            cmd=0x7F,
+            cmd_ext=0xBF,
+            body=b"\1",
+            seq=5,
+            sn=1,
+            src=99,
+            dst=-1,
+            type=0,
+            time_sec=0,
+            time_nsec=0,
+        )
     )
     assert describe(data) == "module 99 -> INVALID_MODULE #1 dialect 2 command 0x7F reply, status 63, seq 5: 01"
 
@@ -175,7 +187,19 @@ def test_a_damaged_vector_is_one_line(data: bytes, changes: list[tuple[int, int]
 )
 def test_any_body_of_any_command_is_one_line(cmd: int, ext: int, body: bytes, proto: int, src: int) -> None:
     data = serialize_frame(
-        proto=proto, cmd=cmd, cmd_ext=ext, body=body, seq=5, sn=1, src=src, dst=8, type=3, time_sec=0, time_nsec=0
+        Frame(
+            proto=proto,
+            cmd=cmd,
+            cmd_ext=ext,
+            body=body,
+            seq=5,
+            sn=1,
+            src=src,
+            dst=8,
+            type=3,
+            time_sec=0,
+            time_nsec=0,
+        )
     )
     assert is_one_line(describe(data))
 

@@ -187,7 +187,7 @@ class JoystickReceiver:
 
     def _frame(self, frame: Frame, now: float) -> bool:
         """Take a state; False if it is none, or an old one."""
-        newer = self._sn is None or 0 < (frame.header.sn - self._sn) & 0xFFFFFFFF < 1 << 31
+        newer = self._sn is None or 0 < (frame.sn - self._sn) & 0xFFFFFFFF < 1 << 31
         known = frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.JOYSTICK
         if not known or frame.src != self.ipc.destination or not (newer or now - self._heard > _FORGET_ORDER):
             self.ignored += 1
@@ -197,7 +197,7 @@ class JoystickReceiver:
         except RemoteProtocolError:
             self.ignored += 1
             return False
-        self._sn = frame.header.sn
+        self._sn = frame.sn
         self._heard = now
         self.received += 1
         return True

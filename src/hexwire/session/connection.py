@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status, command_name, max_body
+from hexwire.wire.command_frame import Command, Frame, Status, command_name
 from hexwire.wire.commands import FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
@@ -27,6 +27,10 @@ from .policy import RetryPolicy
 from .reply_store import ReplyStore
 
 __all__ = ["Connection", "ConnectionCounters", "Role"]
+
+# Looking a member up in its enum takes longer than comparing it, and these are compared for every frame.
+_HOST, _BOARD = Role.HOST, Role.BOARD
+_IDENTIFY, _FRAGMENT, _FRAGMENT_MISSING = Command.IDENTIFY, Command.FRAGMENT, Command.FRAGMENT_MISSING
 
 
 @dataclass(slots=True)
@@ -159,7 +163,7 @@ class Connection(FrameMaker):
                 self.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
         self._chapter.handle_timeout(now)
         for body in self._fragments_in.handle_timeout(now):
-            self._send_frame(Command.FRAGMENT_MISSING, body, now)
+            self._send_frame(_FRAGMENT_MISSING, body, now)
         self._fragments_out.handle_timeout(now)
 
     @property
@@ -195,7 +199,7 @@ class Connection(FrameMaker):
             LocalProtocolError: The body cannot be sent in this dialect or over this link, or nobody has answered
                 IDENTIFY yet on a link of datagrams.
         """
-        if cmd != Command.IDENTIFY and not self.in_conversation:
+        if self.conversations is not None and cmd != _IDENTIFY and not self.in_conversation:
             raise LocalProtocolError(f"over datagrams IDENTIFY comes first: {command_name(cmd)} was not sent")
         self._ticket += 1
         self.counters.requests += 1
@@ -273,7 +277,7 @@ class Connection(FrameMaker):
         frame = request.frame
         ext = EXT_REPLY | status & EXT_STATUS_MASK
         if self.conversations is not None:
-            if frame.cmd == Command.IDENTIFY:
+            if frame.cmd == _IDENTIFY:
                 offer = self.conversations.offered_to(frame)
                 if offer is not None:
                     data = self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, frame.src, offer)
@@ -282,7 +286,7 @@ class Connection(FrameMaker):
             if not self.conversations.is_current(frame):
                 return
         first = len(self._out)
-        if len(body) > max_body(self.max_frame):
+        if len(body) > self._max_body:
             self._send_message(frame.cmd, ext, body, frame.seq, now, frame.src)
         else:
             self._out.append(self.build(PROTO_HEXWIRE, frame.cmd, body, frame.seq, now, ext, dst=frame.src))
@@ -300,13 +304,13 @@ class Connection(FrameMaker):
         pending.sent += 1
         pending.sent_at = now
         pending.deadline = now + pending.window
-        if len(pending.body) > max_body(self.max_frame):
+        if len(pending.body) > self._max_body:
             before = len(self._out)
             if pending.message_id is None:
                 pending.message_id = self._send_message(pending.cmd, 0, pending.body, pending.seq, now)
             else:
                 for chunk in self._fragments_out.remind(pending.message_id, pending.cmd, 0, pending.body, now):
-                    self._send_frame(Command.FRAGMENT, chunk, now)
+                    self._send_frame(_FRAGMENT, chunk, now)
             pending.frames = self._out[before:]
             return
         data = self.build(PROTO_HEXWIRE, pending.cmd, pending.body, pending.seq, now)
@@ -324,24 +328,24 @@ class Connection(FrameMaker):
     # -- receiving ----------------------------------------------------------------------------------
 
     def _receive_frame(self, frame: Frame, now: float) -> None:
-        if frame.proto != PROTO_CHAPTER and self.role is Role.BOARD and (frame.dst != self.local or frame.cmd_ext):
+        if frame.proto != PROTO_CHAPTER and self.role is _BOARD and (frame.dst != self.local or frame.cmd_ext):
             self._stale(frame, "not for this board")
         elif self.conversations is not None and (problem := self._judge(frame, now, self.conversations)):
             self.counters.refused += 1
             self._stale(frame, problem)
         elif frame.proto != PROTO_CHAPTER:
             self._take_frame(frame, now)
-        elif self.role is Role.BOARD:
+        elif self.role is _BOARD:
             self.add(Request(frame))
         else:
             self._receive_chapter(frame, now)
 
     def _judge(self, frame: Frame, now: float, conversations: Conversations) -> str:
         """Why a datagram is refused; empty if it is not."""
-        board = self.role is Role.BOARD
+        board = self.role is _BOARD
         if frame.proto == PROTO_CHAPTER:
             return "dialect 1 has no number to know an old datagram by" if board else ""
-        if frame.cmd != Command.IDENTIFY:
+        if frame.cmd != _IDENTIFY:
             begun = conversations.count
             problem = conversations.take(frame, now)
             if conversations.count != begun:
@@ -355,12 +359,12 @@ class Connection(FrameMaker):
 
     def _take_frame(self, frame: Frame, now: float) -> None:
         ext = frame.cmd_ext
-        if self.role is Role.HOST and ext & EXT_REPLY:
+        if self.role is _HOST and ext & EXT_REPLY:
             pending = self._pending.get(frame.seq)
             if pending is None or pending.cmd != frame.cmd or (frame.src, frame.dst) != (self.remote, self.local):
                 self._stale(frame, "answers nothing that was asked")
                 return
-            if frame.cmd == Command.IDENTIFY and self.conversations is not None:
+            if frame.cmd == _IDENTIFY and self.conversations is not None:
                 self.conversations.begin(frame, now)
             self._settle(pending)
             self.counters.replies += 1
@@ -375,9 +379,9 @@ class Connection(FrameMaker):
                     pending.sent,
                 )
             )
-        elif frame.cmd == Command.FRAGMENT or frame.cmd == Command.FRAGMENT_MISSING:
+        elif frame.cmd == _FRAGMENT or frame.cmd == _FRAGMENT_MISSING:
             self._receive_fragment(frame, now)
-        elif self.role is Role.HOST:
+        elif self.role is _HOST:
             if ext & EXT_UNSOLICITED:
                 self._receive_report(frame)
             else:
@@ -388,7 +392,7 @@ class Connection(FrameMaker):
     def _receive_chapter(self, frame: Frame, now: float) -> None:
         if self._chapter.receive(frame, now):
             return
-        identify = next((p for p in tuple(self._pending.values()) if p.cmd == Command.IDENTIFY), None)
+        identify = next((p for p in tuple(self._pending.values()) if p.cmd == _IDENTIFY), None)
         if identify is None or frame.body != UNKNOWN_COMMAND_PACKET:
             self._stale(frame, "dialect 1, and it answers nothing that was asked")
             return
@@ -398,10 +402,10 @@ class Connection(FrameMaker):
 
     def _receive_request(self, frame: Frame, now: float) -> None:
         if self.conversations is not None:
-            if frame.cmd == Command.IDENTIFY:
+            if frame.cmd == _IDENTIFY:
                 self.add(Request(frame))
                 return
-        elif frame.cmd == Command.IDENTIFY:
+        elif frame.cmd == _IDENTIFY:
             # A host that starts anew counts from the beginning.
             self._replies.forget(frame.src)
             self._fragments_in.forget()
@@ -422,11 +426,11 @@ class Connection(FrameMaker):
         self._events.add_report(Report(frame))
 
     def _receive_fragment(self, frame: Frame, now: float) -> None:
-        if self.role is Role.HOST and frame.src != self.remote:
+        if self.role is _HOST and frame.src != self.remote:
             self._stale(frame, "from another module")
             return
         try:
-            if frame.cmd == Command.FRAGMENT_MISSING:
+            if frame.cmd == _FRAGMENT_MISSING:
                 self._receive_missing(frame, now)
                 return
             head = FragmentHead.parse(frame.body)
@@ -436,7 +440,7 @@ class Connection(FrameMaker):
             self.add(BadFrame(str(error), frame.body[:64]))
             return
         for body in asks:
-            self._send_frame(Command.FRAGMENT_MISSING, body, now, frame.src)
+            self._send_frame(_FRAGMENT_MISSING, body, now, frame.src)
         seq = head.message_id & 0xFF
         if message is not None:
             self._receive_message(frame, message, now)
@@ -452,14 +456,14 @@ class Connection(FrameMaker):
     def _receive_missing(self, frame: Frame, now: float) -> None:
         message_id = parse_missing(frame.body)[0]
         for chunk in self._fragments_out.receive_missing(frame.body, now):
-            self._send_frame(Command.FRAGMENT, chunk, now, frame.src)
+            self._send_frame(_FRAGMENT, chunk, now, frame.src)
         pending = self._pending.get(message_id & 0xFF)
         if pending is not None and pending.message_id == message_id:
             # The peer is taking our message: its answer's window starts when it has it all.
             pending.deadline = now + pending.window
 
     def _receive_message(self, frame: Frame, message: Message, now: float) -> None:
-        if message.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING, Command.IDENTIFY):
+        if message.cmd in (_FRAGMENT, _FRAGMENT_MISSING, _IDENTIFY):
             self._stale(frame, "what may not come in fragments")
             return
         whole = frame._replace(

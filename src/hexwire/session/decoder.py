@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Frame, examine
-from hexwire.wire.session_header import SYNC_BYTES
+from hexwire.wire.tables import FRAME_OVERHEAD, SYNC_BYTES
 
 from .events import BadFrame, Garbage
 
@@ -98,7 +98,8 @@ class FrameDecoder:
             if self._skipped:
                 return self._garbage()
             if isinstance(result, Frame):
-                self._pos = start + result.size
+                # As `Frame.size`, without the call: it is done for every frame.
+                self._pos = start + FRAME_OVERHEAD + (len(result.body) + 3 & ~3)
                 self.counters.frames += 1
                 return result
             if isinstance(result, int):

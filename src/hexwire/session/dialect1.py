@@ -9,7 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
-from hexwire.wire.command_frame import BODY_OFFSET, Command, command_name, max_body, serialize_frame
+from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, max_body, serialize_frame
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
     BROADCAST_ID,
@@ -190,62 +190,36 @@ def _answer(data: bytes, pending: Pending1, header: bytes, params: int, sent: Co
     return packet if packet in data else make_legacy_ping_status(found.servo_id, found.error)
 
 
-def clean_frame(
-    proto: int,
-    cmd: int,
-    body: bytes,
-    seq: int,
-    sn: int,
-    src: int,
-    dst: int,
-    type: int,
-    time_sec: int,
-    time_nsec: int,
-    cmd_ext: int,
-    max_frame: int,
-) -> tuple[bytes, int]:
+def clean_frame(frame: Frame, max_frame: int) -> tuple[Frame, bytes]:
     """Build a frame without 0D 0A in bytes 4..len-3, changing what is free where it stands.
 
     Free are the nanoseconds (1 us more at a time), sn (the next without), and the seconds: those stand still at
     the last one without the marker, for 256 s at most on a clock of this century.
 
     Returns:
-        The frame and the sn it used.
+        The frame as it is sent, and its bytes.
 
     Raises:
-        LocalProtocolError: 0D 0A stands in what is not free: the body, or a module id.
+        LocalProtocolError: 0D 0A stands in what is not free: the body, or a module id; or the frame is too long.
     """
-    body_end = BODY_OFFSET + len(body)
-    step = 1000 if time_nsec < 999_000_000 else -1000
+    body_end = BODY_OFFSET + len(frame.body)
+    step = 1000 if frame.time_nsec < 999_000_000 else -1000
     for _ in range(_ATTEMPTS):
-        data = serialize_frame(
-            proto=proto,
-            cmd=cmd,
-            body=body,
-            seq=seq,
-            sn=sn,
-            src=src,
-            dst=dst,
-            type=type,
-            time_sec=time_sec,
-            time_nsec=time_nsec,
-            cmd_ext=cmd_ext,
-            max_frame=max_frame,
-        )
+        data = serialize_frame(frame, max_frame)
         at = data.find(TAIL, 4, -2)
         if at < 0:
-            return data, sn
+            return frame, data
         if at < _NSEC - 1:
             low = 8 * (at - _SEC)
-            time_sec = (time_sec >> low << low) - 1
+            frame = frame._replace(time_sec=(frame.time_sec >> low << low) - 1)
         elif at < _SN - 1 or body_end - 1 <= at <= body_end:
             # In the check of dialect 2 too: any other time gives another.
-            time_nsec += step
+            frame = frame._replace(time_nsec=frame.time_nsec + step)
         elif at < _SRC:
             low = 8 * max(at - _SN, 0)
-            sn = ((sn >> low) + 1 << low) & 0xFFFFFFFF
+            frame = frame._replace(sn=((frame.sn >> low) + 1 << low) & 0xFFFFFFFF)
         else:
             break
     raise LocalProtocolError(
-        f"{command_name(cmd)} has 0D 0A inside, where a dialect-{PROTO_CHAPTER} board would cut it"
+        f"{command_name(frame.cmd)} has 0D 0A inside, where a dialect-{PROTO_CHAPTER} board would cut it"
     )

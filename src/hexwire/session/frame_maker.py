@@ -10,7 +10,7 @@ from enum import Enum
 
 from hexwire.units import split_time
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, max_body, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, max_body, parse_frame, serialize_frame
 from hexwire.wire.commands import FRAGMENT_HEAD_SIZE
 from hexwire.wire.tables import EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
@@ -52,7 +52,6 @@ class FrameMaker:
         self.local = local
         self.remote = remote
         self.type = type
-        self.max_frame = max_frame
         self.epoch = epoch
         self.cautious = cautious
         self.sn = 0
@@ -61,7 +60,7 @@ class FrameMaker:
         self.counters = ConnectionCounters()
         self._out: list[bytes] = []
         self._message_count = 0
-        self._fragments_out = FragmentSender(max_body(max_frame) - FRAGMENT_HEAD_SIZE)
+        self._take_limit(max_frame)
 
     def build(
         self,
@@ -94,25 +93,14 @@ class FrameMaker:
         self.counters.frames_sent += 1
         sec, nsec = split_time(now + self.epoch)
         to = self.remote if dst is None else dst
+        frame = Frame(sec, nsec, sn, self.local, to, kind, proto, seq, cmd, body, ext)
         if self.cautious or (proto == PROTO_CHAPTER and self.role is Role.HOST):
             # Whatever the link takes, an old board behind it has a buffer of 254 bytes.
             longest = min(self.max_frame, tables.MAX_SERIAL_FRAME)
-            data, sn = clean_frame(proto, cmd, body, seq, sn, self.local, to, kind, sec, nsec, ext, longest)
+            frame, data = clean_frame(frame, longest)
+            sn = frame.sn
         else:
-            data = serialize_frame(
-                proto=proto,
-                cmd=cmd,
-                body=body,
-                seq=seq,
-                sn=sn,
-                src=self.local,
-                dst=to,
-                type=kind,
-                time_sec=sec,
-                time_nsec=nsec,
-                cmd_ext=ext,
-                max_frame=self.max_frame,
-            )
+            data = serialize_frame(frame, self.max_frame)
         self.sn = sn
         if self.conversations is not None:
             self.conversations.sent(cmd, sn)
@@ -128,20 +116,20 @@ class FrameMaker:
         self.sn = (self.sn + 1) & 0xFFFFFFFF
         sec, nsec = split_time(now + self.epoch)
         self.counters.frames_sent += 1
-        return serialize_frame(
-            proto=PROTO_CHAPTER,
-            cmd=Command.READ,
-            body=packet,
-            seq=self.sn & 0xFF,
+        frame = Frame(
+            time_sec=sec,
+            # The chapter's clock counts milliseconds, and so do its time stamps.
+            time_nsec=nsec // 1_000_000 * 1_000_000,
             sn=self.sn,
             src=self.local,
             dst=dst,
             type=self.type,
-            time_sec=sec,
-            # The chapter's clock counts milliseconds, and so do its time stamps.
-            time_nsec=nsec // 1_000_000 * 1_000_000,
-            max_frame=self.max_frame,
+            proto=PROTO_CHAPTER,
+            seq=self.sn & 0xFF,
+            cmd=Command.READ,
+            body=packet,
         )
+        return serialize_frame(frame, self.max_frame)
 
     # -- what waits to be written ------------------------------------------------------------------
 
@@ -195,5 +183,9 @@ class FrameMaker:
 
     def limit_frame(self, max_frame: int) -> None:
         """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""
-        self.max_frame = min(self.max_frame, max(max_frame, _SMALLEST_FRAME))
-        self._fragments_out = FragmentSender(max_body(self.max_frame) - FRAGMENT_HEAD_SIZE)
+        self._take_limit(min(self.max_frame, max(max_frame, _SMALLEST_FRAME)))
+
+    def _take_limit(self, max_frame: int) -> None:
+        self.max_frame = max_frame
+        self._max_body = max_body(max_frame)
+        self._fragments_out = FragmentSender(self._max_body - FRAGMENT_HEAD_SIZE)

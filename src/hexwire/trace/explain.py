@@ -14,7 +14,7 @@ from typing import Any
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, command_name, examine, status_name
+from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, examine, status_name
 from hexwire.wire.describe import describe_body, describe_servo
 from hexwire.wire.modules import module_name
 from hexwire.wire.registers import Series
@@ -27,8 +27,7 @@ from hexwire.wire.servo_packet import (
     parse_status,
     parse_sync_write,
 )
-from hexwire.wire.session_header import SYNC_BYTES
-from hexwire.wire.tables import PROTO_CHAPTER, TAIL
+from hexwire.wire.tables import PROTO_CHAPTER, SYNC_BYTES, TAIL
 
 from .reading import CEILING, answers, cut_packets, has_ceiling_hazard, read_frame, read_request, read_status
 
@@ -228,14 +227,16 @@ class Explainer:
         return Explained(direction, time, "frame", raw, str(frame), tuple(layers), problem, reading)
 
     def _session_layer(self, frame: Frame) -> Layer:
-        header = frame.header
         text = (
-            f"{module_name(frame.src)} -> {module_name(frame.dst)}, sn {frame.sn}, time {header.time:.6f} s, "
+            f"{module_name(frame.src)} -> {module_name(frame.dst)}, sn {frame.sn}, time {frame.time:.6f} s, "
             f"type {frame.type}, size {frame.size}"
         )
-        return Layer("session", text, header._asdict() | {"time": header.time})
+        fields = {name: getattr(frame, name) for name, _, _ in tables.HEADER_FIELDS if name != "sync"}
+        return Layer("session", text, fields | {"time": frame.time})
 
     def _command_layer(self, frame: Frame, raw: bytes) -> Layer:
+        at = BODY_OFFSET + len(frame.body)
+        check = int.from_bytes(raw[at : at + 2], "little")
         fields: dict[str, Any] = {
             "dialect": frame.proto,
             "seq": frame.seq,
@@ -243,13 +244,13 @@ class Explainer:
             "name": command_name(frame.cmd),
             "cmd_ext": frame.cmd_ext,
             "length": len(frame.body),
-            "check": f"{frame.check:04X}",
+            "check": f"{check:04X}",
         }
         text = (
             f"dialect {frame.proto}, {command_name(frame.cmd)}, seq {frame.seq}, {len(frame.body)} bytes of body, "
         )
         if frame.proto == PROTO_CHAPTER:
-            verdict = "not checked" if frame.check == tables.UNCHECKED else "of unknown kind, not verified"
+            verdict = "not checked" if check == tables.UNCHECKED else "of unknown kind, not verified"
             hazard = TAIL in raw[4:-2]
             if hazard:
                 verdict += "; 0D 0A inside: a board of the chapter cuts this frame"
@@ -262,7 +263,7 @@ class Explainer:
             elif frame.is_unsolicited:
                 text += "unsolicited, "
         fields["check_verdict"] = verdict
-        return Layer("command", f"{text}check {frame.check:04X} {verdict}", fields)
+        return Layer("command", f"{text}check {check:04X} {verdict}", fields)
 
     def _pair(self, frame: Frame, direction: Direction, time: float) -> _Asked | None:
         if direction is Direction.SENT:

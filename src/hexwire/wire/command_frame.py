@@ -1,7 +1,7 @@
 """The whole frame: session header, command header, body, check, pad and tail.
 
-Owns the layout of both dialects and the rules that make a frame good. Knows nothing of streams: finding a
-frame among other bytes is `session.decoder`, which calls `examine` here.
+Owns the frame as a value, the layout of both dialects and the rules that make a frame good. Knows nothing of
+streams: finding a frame among other bytes is `session.decoder`, which calls `examine` here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from . import tables
 from .checksum import frame_check
 from .modules import module_name
-from .session_header import SYNC_BYTES, SessionHeader
 from .tables import (
     EXT_REPLY,
     EXT_STATUS_MASK,
@@ -29,6 +28,7 @@ from .tables import (
     PROTO_CHAPTER,
     PROTO_HEXWIRE,
     SYNC,
+    SYNC_BYTES,
     TAIL,
     UNCHECKED,
 )
@@ -47,8 +47,10 @@ __all__ = [
 ]
 
 BODY_OFFSET = HEADER_SIZE + 8
-FRAME_HEAD = struct.Struct("<IIIIiiiIBBBBHBB")
-_CHECK = struct.Struct("<H")
+_HEAD = struct.Struct("<IIIIiiiIBBBBHBB")
+_pack_head = _HEAD.pack
+_unpack_head = _HEAD.unpack_from
+_pack_check = struct.Struct("<H").pack
 _PADS = tuple(bytes([tables.PAD_BYTE]) * n + TAIL for n in range(4))
 
 
@@ -115,10 +117,23 @@ def status_name(code: int) -> str:
 
 
 class Frame(NamedTuple):
-    """One whole frame, read or about to be written. Immutable; equal when every field is.
+    """One whole frame: what `serialize_frame` takes and what the decoder gives. Equal when every field is.
 
-    The header's fields come first, flat, because frames are made a hundred thousand times a second; `header`
-    gives them as a `SessionHeader`.
+    What follows from the fields (lengths, pad, check) is not stored. A flat tuple, because a hundred thousand of
+    them are made in a second.
+
+    Attributes:
+        time_sec: Whole seconds of the sender's clock.
+        time_nsec: Nanoseconds; the chapter's board sometimes sends 1,000,000,000 of them.
+        sn: The sender's frame counter.
+        src: Module id of the sender.
+        dst: Module id of the receiver.
+        type: 3 from a host on a serial line, 8 from a board; over datagrams the number of the conversation.
+        proto: Dialect, 1 or 2.
+        seq: Command counter; a reply in dialect 2 has that of its request.
+        cmd: Command code.
+        body: What the command carries.
+        cmd_ext: Flags and status, in dialect 2.
     """
 
     time_sec: int
@@ -127,18 +142,16 @@ class Frame(NamedTuple):
     src: int
     dst: int
     type: int
-    size: int
     proto: int
     seq: int
     cmd: int
-    cmd_ext: int
     body: bytes
-    check: int
+    cmd_ext: int = 0
 
     @property
-    def header(self) -> SessionHeader:
-        """The session header of this frame."""
-        return SessionHeader(*self[:7])
+    def size(self) -> int:
+        """Bytes of the whole frame."""
+        return FRAME_OVERHEAD + (len(self.body) + 3 & ~3)
 
     @property
     def time(self) -> float:
@@ -180,26 +193,13 @@ def max_body(max_frame: int) -> int:
     return (max_frame - FRAME_OVERHEAD) & ~3
 
 
-def serialize_frame(
-    *,
-    proto: int,
-    cmd: int,
-    body: bytes,
-    seq: int,
-    sn: int,
-    src: int,
-    dst: int,
-    type: int,
-    time_sec: int,
-    time_nsec: int,
-    cmd_ext: int = 0,
-    max_frame: int = MAX_NETWORK_FRAME,
-) -> bytes:
+def serialize_frame(frame: Frame, max_frame: int = MAX_NETWORK_FRAME) -> bytes:
     """Build a frame's bytes; the check is FF FF in dialect 1 and the CRC in dialect 2.
 
     Raises:
         LocalProtocolError: The frame would be longer than `max_frame`.
     """
+    sec, nsec, sn, src, dst, kind, proto, seq, cmd, body, ext = frame
     length = len(body)
     pad = -length & 3
     size = FRAME_OVERHEAD + length + pad
@@ -208,30 +208,12 @@ def serialize_frame(
             f"{command_name(cmd)} would need a frame of {size} bytes, the line takes {max_frame}"
         )
     data = (
-        FRAME_HEAD.pack(
-            SYNC,
-            time_sec,
-            time_nsec,
-            sn,
-            src,
-            dst,
-            type,
-            size,
-            FRAME_FLAG,
-            proto,
-            seq,
-            pad,
-            length,
-            cmd,
-            cmd_ext,
-        )
-        + body
+        _pack_head(SYNC, sec, nsec, sn, src, dst, kind, size, FRAME_FLAG, proto, seq, pad, length, cmd, ext) + body
     )
     check = frame_check(data) if proto == PROTO_HEXWIRE else UNCHECKED
-    return data + _CHECK.pack(check) + _PADS[pad]
+    return data + _pack_check(check) + _PADS[pad]
 
 
-_unpack_head = FRAME_HEAD.unpack_from
 _new_frame: Callable[..., Frame] = tuple.__new__
 
 
@@ -274,13 +256,11 @@ def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
             src,
             dst,
             kind,
-            size,
             proto,
             seq,
             cmd,
-            ext,
             data[start + BODY_OFFSET : body_end],
-            check,
+            ext,
         ),
     )
 

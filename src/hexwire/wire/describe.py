@@ -36,8 +36,7 @@ from .servo_packet import (
     parse_status,
     parse_sync_write,
 )
-from .session_header import SYNC_BYTES
-from .tables import MAX_NETWORK_FRAME, PROTO_CHAPTER
+from .tables import MAX_NETWORK_FRAME, PROTO_CHAPTER, SYNC_BYTES
 
 __all__ = ["describe", "describe_body", "describe_frame", "describe_servo", "describe_status"]
 
