@@ -42,7 +42,7 @@ def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
     bus, _device = make_bus()
     for _ in range(60):
         bus.sync_read("present_position", SEVEN)
-    plain, lose = bus._exchange, [True]
+    plain, lose = bus._line.exchange, [True]
 
     def lossy(data: bytes, window: float, nap: float = 0.0) -> bytes:
         heard = plain(data, window, nap)
@@ -56,7 +56,7 @@ def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
     start = bus.now()
     bus.sync_read("present_position", SEVEN)
     usual = bus.now() - start
-    bus._exchange = lossy
+    bus._line.exchange = lossy
     start = bus.now()
     assert bus.sync_read("present_position", SEVEN).ok
     assert bus.now() - start < 2 * usual + 0.02
@@ -76,7 +76,7 @@ def test_a_doubt_ends_by_itself() -> None:
     bus, device = make_bus((1,), retries=0)
     everyone, device.wire.servos = device.wire.servos, []
     bus.read(1, "present_voltage")
-    assert bus._doubtful
+    assert bus._machine.doubtful
     device.wire.servos = everyone
     bus.pause(1.1)
     assert bus.read(1, "present_voltage").ok
@@ -136,7 +136,7 @@ def _late(bus: ServoBus, held: bytes, seconds: float) -> None:
 
 def test_an_adapter_is_emptied_where_the_host_stood_still_until_a_doubt_was_over() -> None:
     bus, _ = make_bus((1,))
-    bus._doubt(1, 2, make_read(1, 58, 2), bus.now())
+    bus._machine.gave_up((1,), 2, make_read(1, 58, 2), bus.now(), bus.now())
     bus.pause(1.1)
     _late(bus, make_status(1, 0, b"\x34\x12"), 0.015)
     assert bus.read(1, "present_position").raw == 2048
@@ -158,5 +158,5 @@ def test_an_echo_with_a_wrong_byte_in_its_header_is_no_value_of_a_legacy_servo()
     for _ in range(80):
         bus.write_raw(1, "target_position", 2048)
     bus.pause(1.1)
-    bus._exchange = lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:]
+    bus._line.exchange = lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:]
     assert bus.read(1, "present_speed").raw is None

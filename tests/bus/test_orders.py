@@ -3,18 +3,10 @@ from __future__ import annotations
 import pytest
 from tests.bus.bus_bench import make_bus
 
-from hexwire.bus.orders import as_series, why
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.errors import NotSupportedError, UsageError
+from hexwire.errors import NotSupportedError
 from hexwire.link.memory import memory_pair
 from hexwire.wire.registers import Series
-
-
-def test_series_by_name() -> None:
-    assert as_series("hls") is Series.HLS
-    assert as_series(Series.SCS) is Series.SCS
-    with pytest.raises(UsageError, match="there are seven_bot, scs, sts_sms, hls"):
-        as_series("stx")
 
 
 def test_a_series_may_be_told_later() -> None:
@@ -50,8 +42,3 @@ def test_a_link_without_a_rate_cannot_change_it() -> None:
     link, _ = memory_pair()
     with pytest.raises(NotSupportedError, match="no line rate"):
         ServoBus(link).set_baud(115200)
-
-
-def test_reasons() -> None:
-    assert why("") == "no answer"
-    assert why("only the echo") == "no answer, but only the echo"

@@ -11,7 +11,7 @@ from hexwire.bus.servo_bus import ServoBus
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import LinkClosedError, NotSupportedError, ServoError, UsageError
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import ServoPacket, make_ping, make_read, make_status
+from hexwire.wire.servo_packet import ServoPacket, make_read, make_status
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
 ALL = (Series.SEVEN_BOT, Series.SCS, Series.STS_SMS, Series.HLS)
@@ -156,7 +156,7 @@ def test_only_the_missing_servo_is_asked_again() -> None:
     bus.sync_read("present_position", SEVEN)
     link = bus.link
     lost = iter([True])
-    plain = bus._exchange
+    plain = bus._line.exchange
 
     def lossy(data: bytes, window: float, nap: float = 0.0) -> bytes:
         heard = plain(data, window, nap)
@@ -166,7 +166,7 @@ def test_only_the_missing_servo_is_asked_again() -> None:
             return heard[:16] + heard[24:]
         return heard
 
-    bus._exchange = lossy
+    bus._line.exchange = lossy
     before = len(link.written)
     assert bus.sync_read("present_position", SEVEN).ok
     assert [packet[2:5] for packet in link.written[before:]] == [b"\xfe\x0b\x82", b"\x03\x04\x02"]
@@ -231,8 +231,8 @@ def test_an_answer_that_equals_its_request_is_believed_in_the_end() -> None:
     # The answer with error 2 and value 0x0238 to a 2-byte read at 0x38 is the request itself.
     request = bytes.fromhex("ff ff 01 04 02 38 02 be")
     assert make_status(1, 2, b"\x38\x02") == request
-    plain = bus._exchange
-    bus._exchange = lambda data, window, nap=0.0: request if data == request else plain(data, window, nap)
+    plain = bus._line.exchange
+    bus._line.exchange = lambda data, window, nap=0.0: request if data == request else plain(data, window, nap)
     reading = bus.read(1, "present_position")
     assert reading.raw == device.wire[1].registers.get("present_position")
 
@@ -273,34 +273,11 @@ def test_a_late_answer_never_answers_the_next_question() -> None:
     assert bus.counters.settled
 
 
-def test_an_acknowledgement_nobody_waits_for_is_never_an_answer() -> None:
-    bus, _device = make_bus((1,))
-    bus.set_acknowledges(1, False)
-    answer = bus.write_raw(1, "acceleration", 3)
-    assert answer.ok
-    assert not answer.confirmed
-    assert bus.read(1, "present_voltage").ok
-    bus.write_raw(1, "acceleration", 4)
-    assert bus.ping(1).ok
-    assert bus.counters.settled == 1
-
-
-def test_status_level_is_learned_from_a_servo_that_does_not_acknowledge() -> None:
-    bus, device = make_bus((1,))
-    device.wire[1].registers.put_stored("status_return_level", 0)
-    device.wire[1].registers.put("status_return_level", 0)
-    assert bus.write_raw(1, "acceleration", 3).confirmed is False
-    assert bus.acknowledges(1) is False
-    before = len(bus.link.written)
-    assert bus.write_raw(1, "acceleration", 4).ok
-    assert len(bus.link.written) == before + 1
-
-
 @given(st.binary(max_size=80))
 def test_any_noise_in_front_of_an_answer_costs_no_wrong_value(noise: bytes) -> None:
     bus, device = make_bus((1, 2))
-    plain = bus._exchange
-    bus._exchange = lambda data, window, nap=0.0: noise + plain(data, window, nap)
+    plain = bus._line.exchange
+    bus._line.exchange = lambda data, window, nap=0.0: noise + plain(data, window, nap)
     raw = bus.read(1, "present_position").raw
     genuine = device.wire[1].registers.get("present_position")
     assert raw in (None, genuine) or make_status(1, 0, b"")[:3] in noise
@@ -338,8 +315,8 @@ def test_a_rate_can_be_followed() -> None:
 
 def prefixed(bus: ServoBus, before: list[bytes]) -> None:
     """Let something be heard in front of what the next requests bring."""
-    plain = bus._exchange
-    bus._exchange = lambda data, window, nap=0.0: (before.pop(0) if before else b"") + plain(data, window, nap)
+    plain = bus._line.exchange
+    bus._line.exchange = lambda data, window, nap=0.0: (before.pop(0) if before else b"") + plain(data, window, nap)
 
 
 @pytest.mark.parametrize("copies", [1, 2, 3])
@@ -359,17 +336,6 @@ def test_the_echo_of_an_earlier_read_is_no_value() -> None:
     assert reading.raw == device.wire[5].registers.get("present_position")
 
 
-def test_the_echo_of_an_earlier_ping_is_no_acknowledgement() -> None:
-    bus, device = make_bus((5,), retries=0)
-    assert bus.ping(5).ok
-    assert bus.write_raw(5, "acceleration", 1).confirmed
-    bus._exchange = lambda data, window, nap=0.0: make_ping(5)
-    device.wire.servos = []
-    answer = bus.write_raw(5, "acceleration", 7)
-    assert not answer.confirmed
-    assert answer.error
-
-
 def test_how_long_an_answer_takes_is_never_learned_from_an_echo() -> None:
     bus, device = make_bus((1,), baud=38400)
     device.wire.echo = True
@@ -382,17 +348,6 @@ def test_how_long_an_answer_takes_is_never_learned_from_an_echo() -> None:
     for _ in range(50):
         assert bus.read(1, "present_position").ok
     assert bus.counters.lost == 0
-
-
-def test_a_servo_with_a_low_supply_acknowledges_in_the_bytes_of_a_ping() -> None:
-    bus, device = make_bus((1,))
-    device.wire[1].protection.forced |= 1
-    bus.pause(0.1)
-    assert bus.ping(1).faults == ("voltage",)
-    answer = bus.write_raw(1, "acceleration", 9)
-    assert answer.confirmed
-    assert answer.faults == ("voltage",)
-    assert device.wire[1].registers.get("acceleration") == 9
 
 
 def test_a_servo_at_568_with_error_2_can_be_read_behind_an_echo_too() -> None:
@@ -425,7 +380,7 @@ def test_a_servo_at_568_with_error_2_can_be_read_behind_an_echo_too() -> None:
 def test_an_interrupted_read_leaves_a_doubt() -> None:
     bus, device = make_bus((1,))
     bus.read(1, "present_position")
-    plain = bus._exchange
+    plain = bus._line.exchange
 
     def interrupted(data: bytes, window: float, nap: float = 0.0) -> bytes:
         bus.link.write(data)
@@ -436,17 +391,17 @@ def test_an_interrupted_read_leaves_a_doubt() -> None:
         lambda: bus.sync_read("present_position", (1,)),
         lambda: bus.sync_read_blocks(56, 2, (1,)),
     ):
-        bus._exchange = interrupted
+        bus._line.exchange = interrupted
         with pytest.raises(KeyboardInterrupt):
             call()
-        bus._exchange = plain
+        bus._line.exchange = plain
         device.wire[1].registers.put("goal_position", 1234)
         for _ in range(3):
             assert bus.read(1, "goal_position").raw == 1234
-    bus._exchange = interrupted
+    bus._line.exchange = interrupted
     with pytest.raises(KeyboardInterrupt):
         bus.write_raw(1, "acceleration", 3)
-    bus._exchange = plain
+    bus._line.exchange = plain
     device.wire.servos = []
     assert bus.ping(1).error
 
@@ -472,8 +427,8 @@ def test_what_is_sent_and_not_waited_for_is_no_answer_later() -> None:
 
 def test_an_adapter_that_adds_a_byte_is_read_by_asking_twice() -> None:
     bus, device = make_bus((1, 2))
-    plain = bus._exchange
-    bus._exchange = lambda data, window, nap=0.0: plain(data, window, nap) + b"\0"
+    plain = bus._line.exchange
+    bus._line.exchange = lambda data, window, nap=0.0: plain(data, window, nap) + b"\0"
     assert bus.read(1, "present_position").raw == device.wire[1].registers.get("present_position")
     assert bus.counters.repeats == 1
 
@@ -494,7 +449,7 @@ def test_an_answer_is_not_believed_before_what_has_come_behind_it_was_looked_at(
     forged = answer[:4] + answer[5:] + b"\x02"
     assert sum(forged[2:]) & 0xFF == 0xFF
     pieces = [b"\x9c\x38"]
-    bus._exchange = lambda data, window, nap=0.0: forged
+    bus._line.exchange = lambda data, window, nap=0.0: forged
     plain = bus.link.read
     bus.link.read = lambda deadline: pieces.pop() if pieces else plain(deadline)
     assert bus.read_block(1, 56, 3).data == b""
@@ -506,6 +461,6 @@ def test_a_line_that_never_stops_talking_does_not_hold_a_read_for_ever(noise: by
     bus, device = make_bus((1,), retries=0)
     position = device.wire[1].registers.get("present_position")
     heard = make_status(1, 0, position.to_bytes(2, "little")) if answers else noise
-    bus._exchange = lambda data, window, nap=0.0: make_read(1, 56, 2) + heard
+    bus._line.exchange = lambda data, window, nap=0.0: make_read(1, 56, 2) + heard
     bus.link.read = lambda deadline: noise
     assert bus.read(1, "present_position").raw in (None, position)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.bus.values import Answer, Reading, Readings, ServoBlock, fault_text, fault_words
+from hexwire.bus.values import Answer, Reading, Readings, ServoBlock, fault_text, fault_words, why
 from hexwire.errors import ServoError, UsageError
 from hexwire.wire.registers import Series
 
@@ -64,3 +64,21 @@ def test_blocks_decode_what_they_hold() -> None:
     assert math.isnan(block.value(STS.register("goal_position")))
     with pytest.raises(ServoError, match="registers from 56"):
         ServoBlock(1, 56, b"", 0, "no answer").check()
+
+
+def test_reasons() -> None:
+    assert why("") == "no answer"
+    assert why("only the echo") == "no answer, but only the echo"
+
+
+def test_single_readings_are_joined_with_their_ages_and_errors() -> None:
+    rows = [
+        Reading(4, POSITION, 5, 0, 0.0, "", 5),
+        Reading(2, POSITION, None, 0, 1.5, "no answer", 7),
+        Reading(9, POSITION, None, 0, math.inf, "no answer, but noise"),
+    ]
+    joined = Readings.joined(rows, 100.0)
+    assert joined.ids == (4, 2, 9)
+    assert list(joined) == rows
+    assert joined.missing == (2, 9)
+    assert joined.stamp == 100.0

@@ -40,6 +40,7 @@ class ReadPlan:
         register: The register that starts there, for `value`; None if it is about the bytes only.
 
     Attributes:
+        ids: The servo's id, alone.
         request: Bytes to send.
         length: Bytes of the answer.
         total: Bytes of both.
@@ -58,6 +59,7 @@ class ReadPlan:
         "address",
         "base",
         "count",
+        "ids",
         "latest",
         "length",
         "nap",
@@ -73,6 +75,7 @@ class ReadPlan:
         self, servo_id: int, series: Series, address: int, count: int, register: Register | None = None
     ) -> None:
         self.servo_id = servo_id
+        self.ids = (servo_id,)
         self.series = series
         self.address = address
         self.count = count

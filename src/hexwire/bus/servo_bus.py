@@ -1,7 +1,8 @@
 """`ServoBus`: bus servos on any byte link, without a board in between.
 
-Owns registers by name in SI units or raw counts, the series of each servo, and the fast path of reads and writes.
-What is slow or strange is `bus_line`'s; setting servos up is `servo_setup`'s. Must not know arms or joints.
+Owns registers by name in SI units or raw counts, and the fast path of reads and writes. It has a `BusLine`, which
+sends the plans and runs the conversations it is given; what is slow or strange is decided in `questions` and
+`writes`. Setting servos up is `setup`'s. Must not know arms or joints.
 
 A missing or troubled servo is data, not an exception: results carry status, age and error, and their `check()`
 raises for those who want that. Only the link raises by itself.
@@ -9,31 +10,34 @@ raises for those who want that. Only the link raises by itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
-from hexwire.errors import UsageError
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
+from hexwire.wire.servo_packet import BROADCAST_ID
 
-from .line import ADAPTER_TIME, MEASURED_EVERY
-from .orders import BusOrders, as_series, why
-from .plan import ReadPlan, SyncReadPlan, SyncWritePlan, WritePlan
-from .values import SILENT, Answer, Reading, Readings, ServoBlock
+from . import orders, questions, writes
+from .line import BusLine
+from .plan import ReadPlan, SyncReadPlan, WritePlan
+from .plan_cache import writable
+from .recent import RecentValues
+from .servos import KnownServos, as_series
+from .values import SILENT, Answer, Reading, Readings, ServoBlock, why
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
+    from hexwire.epochs import Epochs
     from hexwire.link.base import Link
+
+    from .counters import BusCounters
+    from .timing import LineTiming
 
 __all__ = ["ServoBus"]
 
 _new = tuple.__new__
-_LEGACY_READ = 2
-_MOST_PLANS = 512
 
 
-class ServoBus(BusOrders):
+class ServoBus:
     """Servos on one half-duplex wire behind a link. Constructing one does no I/O; `open` or ``with`` does.
 
     One bus object owns its link; several threads may use the object, one transaction at a time.
@@ -44,6 +48,9 @@ class ServoBus(BusOrders):
         servos: Series of single servos by id, on a wire with mixed series.
         baud: Bits a second on the wire; None takes the link's own rate, 0 if it has none.
         retries: How often a servo that did not answer is asked again within one call.
+
+    Raises:
+        UsageError: There is no such series, or fewer than 0 retries.
     """
 
     def __init__(
@@ -55,13 +62,12 @@ class ServoBus(BusOrders):
         baud: int | None = None,
         retries: int = 2,
     ) -> None:
-        super().__init__(link, series=series, servos=servos, baud=baud, retries=retries)
-        self._reads: dict[tuple[int, str], tuple[ReadPlan, Register]] = {}
-        self._syncs: dict[tuple[str, tuple[int, ...]], SyncReadPlan | None] = {}
-        self._blocks: dict[tuple[int, int, tuple[int, ...]], SyncReadPlan] = {}
-        self._sync_writes: dict[tuple[str, tuple[int, ...]], SyncWritePlan] = {}
-        self._recent: dict[tuple[str, int], tuple[int, float]] = {}
-        self._newest: dict[str, Readings] = {}
+        self._servos = KnownServos(series, servos)
+        self._line = BusLine(link, self._servos, baud=baud, retries=retries)
+        self._machine = self._line.machine
+        self._lock = self._line.lock
+        self._plans = self._machine.plans
+        self._recent = RecentValues()
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -84,31 +90,113 @@ class ServoBus(BusOrders):
     # --- opening -----------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the link and drop what had arrived before, or is in the adapter: another program's answers, say."""
-        self.link.open()
-        self._own_baud_again()
-        self.link.flush_input()
-        self._drain(ADAPTER_TIME)
+        """Open the link and drop what had arrived before, or is in the adapter: another program's answers, say.
+
+        Raises:
+            LinkError: The link cannot be opened; see `Link.open`.
+        """
+        self._line.open()
 
     def close(self) -> None:
         """Close the link. Harmless if it is closed."""
-        self.link.close()
+        self._line.link.close()
 
     def __enter__(self) -> Self:
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
         return f"<ServoBus {self.link.url} {self.series.value}>"
 
-    def _forget_plans(self) -> None:
-        for cache in (self._reads, self._syncs, self._blocks, self._sync_writes):
-            cache.clear()
+    # --- what is known -----------------------------------------------------------------------------------------
+
+    @property
+    def link(self) -> Link:
+        """The line to the adapter."""
+        return self._line.link
+
+    @property
+    def epochs(self) -> Epochs:
+        """The stops of the arm behind it, and what they void. A driver sets its own."""
+        return self._line.epochs
+
+    @epochs.setter
+    def epochs(self, epochs: Epochs) -> None:
+        self._line.epochs = epochs
+
+    @property
+    def retries(self) -> int:
+        """How often a servo that did not answer is asked again within one call; may be set at any time."""
+        return self._machine.retries
+
+    @retries.setter
+    def retries(self, retries: int) -> None:
+        self._machine.retries = retries
+
+    @property
+    def timing(self) -> LineTiming:
+        """Rate, windows and the adapter's measured overhead; another object after `set_baud`."""
+        return self._machine.timing
+
+    @property
+    def counters(self) -> BusCounters:
+        """What happened so far."""
+        return self._machine.counters
+
+    @property
+    def echo(self) -> bool | None:
+        """Whether the adapter hears itself; None until it is known. Learned by itself."""
+        return self._machine.echo
+
+    @property
+    def series(self) -> Series:
+        """What a servo is unless something else is known of it."""
+        return self._servos.default
+
+    def now(self) -> float:
+        """The link's clock: monotonic seconds."""
+        return self._line.clock()
+
+    def series_of(self, servo_id: int) -> Series:
+        """Series of a servo."""
+        return self._servos.series_of(servo_id)
+
+    def set_series(self, servo_id: int, series: Series | str) -> None:
+        """Say what a servo is.
+
+        Raises:
+            UsageError: There is no such series.
+        """
+        with self._lock:
+            self._servos.set_series(servo_id, series)
+            self._machine.forget_plans()
+
+    def set_return_delay(self, servo_id: int, seconds: float) -> None:
+        """Say how long a servo takes to begin its answer, seconds; `setup.identify` reads it."""
+        with self._lock:
+            self._servos.set_return_delay(servo_id, seconds)
+            self._machine.forget_plans()
+
+    def set_acknowledges(self, servo_id: int, acknowledges: bool) -> None:
+        """Say whether a servo answers writes (status_return_level 1). Learned by itself from a silent one."""
+        with self._lock:
+            self._servos.set_acknowledges(servo_id, acknowledges)
+
+    def acknowledges(self, servo_id: int) -> bool:
+        """Whether a servo answers writes, as far as is known."""
+        return self._servos.acknowledges(servo_id)
+
+    def set_baud(self, baud: int) -> None:
+        """Follow the servos to another rate, bits a second. The servos are not told.
+
+        Raises:
+            NotSupportedError: This link has no rate.
+        """
+        with self._lock:
+            self._line.set_baud(baud)
 
     # --- reading -----------------------------------------------------------------------------------------------
 
@@ -126,39 +214,32 @@ class ServoBus(BusOrders):
             UsageError: The servo's series has no such register.
             LinkError: The line is at fault.
         """
-        entry = self._reads.get((servo_id, name))
+        entry = self._plans.reads.get((servo_id, name))
         if entry is None:
-            entry = self._plan_read(servo_id, name)
+            entry = self._machine.plan_read(servo_id, name)
         plan, register = entry
+        line, machine = self._line, self._machine
         with self._lock:
-            if self._doubtful and self._doubted(servo_id, plan.count):
+            if machine.doubtful and line.doubted(plan.ids, plan.count):
                 return self._read_carefully(plan, register, None)
-            turn = self._turns = self._turns + 1
-            try:
-                if self._learning or self._busy_until or not turn % MEASURED_EVERY:
-                    data = self._exchange_measured(plan)
-                else:
-                    data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
-            except BaseException:
-                self._doubt(servo_id, plan.count, plan.request, self._clock())
-                raise
+            data = line.transact(plan)
             raw = plan.value(data)
             if raw is None:
                 return self._read_carefully(plan, register, data)
             plan.latest = raw
-            plan.stamp = self._clock()
+            plan.stamp = line.clock()
             return _new(Reading, (servo_id, register, raw, 0, 0.0, "", raw))
 
     def read_block(self, servo_id: int, address: int, count: int) -> ServoBlock:
-        """Read neighbouring registers. A legacy servo is asked for them two bytes at a time."""
-        if self.series_of(servo_id) is Series.SEVEN_BOT:
-            return self._read_by_pairs(servo_id, address, count)
-        packets.make_read(servo_id, address, count)
+        """Read neighbouring registers. A legacy servo is asked for them two bytes at a time.
+
+        Raises:
+            UsageError: There is no such block.
+            LinkError: The line is at fault.
+        """
         with self._lock:
-            status, _ = self._ask_block(servo_id, address, count)
-        if status is None:
-            return ServoBlock(servo_id, address, b"", 0, SILENT)
-        return ServoBlock(servo_id, address, status.params, status.error)
+            data, error = self._line.run(questions.ask_registers(self._machine, servo_id, address, count))
+        return ServoBlock(servo_id, address, data, error, "" if data else SILENT)
 
     def sync_read(self, name: str, servo_ids: Iterable[int]) -> Readings:
         """Read the same register of several servos: one request where they can, single reads where not.
@@ -175,57 +256,49 @@ class ServoBus(BusOrders):
             LinkError: The line is at fault.
         """
         ids = servo_ids if type(servo_ids) is tuple else tuple(servo_ids)
-        plan = self._syncs.get((name, ids))
+        plan = self._plans.syncs.get((name, ids))
         if plan is None:
-            plan = self._plan_sync(name, ids)
+            plan = self._plans.sync(name, ids)
             if plan is None:
                 return self._read_mixed(name, ids)
         register = plan.register
         assert register is not None
+        line, machine = self._line, self._machine
         with self._lock:
-            if self._mute or (self._doubtful and self._suspect(ids, plan.count)):
+            if machine.silent or (machine.doubtful and line.doubted(ids, plan.count)):
                 return self._sync_carefully(plan, register, None)
-            turn = self._turns = self._turns + 1
-            try:
-                if self._learning or self._busy_until or not turn % MEASURED_EVERY:
-                    data = self._exchange_measured(plan)
-                else:
-                    data = self._exchange(plan.request, plan.base + self.timing.allowance, plan.nap.seconds)
-                if len(data) < plan.length:
-                    data = self._rest(plan, data)
-            except BaseException:
-                self._give_up(plan)
-                raise
+            data = line.transact(plan)
             raw = plan.glance(data)
             if raw is None:
                 return self._sync_carefully(plan, register, data)
-            self._extra_answers += len(ids) - 1
-            readings = Readings(register, ids, raw, self._clock())
-            self._newest[name] = readings
+            machine.extra_answers += len(ids) - 1
+            readings = Readings(register, ids, raw, line.clock())
+            self._recent.syncs[name] = readings
             return readings
 
     def sync_read_blocks(self, address: int, count: int, servo_ids: Iterable[int]) -> list[ServoBlock]:
-        """Read neighbouring registers of several servos at once; single reads where they cannot sync read."""
+        """Read neighbouring registers of several servos at once; single reads where they cannot sync read.
+
+        Raises:
+            UsageError: There is no such block.
+            LinkError: The line is at fault.
+        """
         ids = tuple(servo_ids)
         able = tuple(i for i in ids if self.series_of(i).sync_read)
         found: dict[int, ServoBlock] = {}
         if able:
-            plan = self._block_plan(address, count, able)
+            plan = self._plans.block(address, count, able)
+            line, machine = self._line, self._machine
             with self._lock:
                 data = None
-                if not (self._mute or (self._doubtful and self._suspect(able, count))):
-                    self._turns += 1
-                    try:
-                        data = self._exchange_measured(plan)
-                    except BaseException:
-                        self._give_up(plan)
-                        raise
+                if not (machine.silent or (machine.doubtful and line.doubted(able, count))):
+                    data = line.transact(plan, timed=True)
                     rows = plan.blocks(data)
                     if rows is not None:
-                        self._extra_answers += len(able) - 1
+                        machine.extra_answers += len(able) - 1
                         found = {i: ServoBlock(i, address, row) for i, row in zip(able, rows, strict=True)}
                 if not found:
-                    for i, status in self._ask_many(plan, data).items():
+                    for i, status in line.run(questions.ask_many(machine, plan, data)).items():
                         found[i] = ServoBlock(i, address, status.params, status.error)
         for servo_id in ids:
             if servo_id not in found:
@@ -242,188 +315,174 @@ class ServoBus(BusOrders):
 
         Raises:
             UsageError: No such register, a read-only one, or a value that it cannot hold; nothing was sent.
+            LinkError: The line is at fault.
         """
-        register = self._writable(servo_id, name)
-        return self._write(servo_id, register, register.from_si(value))
+        register = writable(self.series_of(servo_id), servo_id, name)
+        return writes.write_register(self._line, servo_id, register, register.from_si(value))
 
     def write_raw(self, servo_id: int, name: str, raw: int) -> Answer:
         """Write a register as the servo counts it. See `write`."""
-        return self._write(servo_id, self._writable(servo_id, name), raw)
+        return writes.write_register(self._line, servo_id, writable(self.series_of(servo_id), servo_id, name), raw)
 
     def write_bytes(self, servo_id: int, address: int, data: bytes) -> Answer:
         """Write neighbouring registers. Nothing is checked but that it fits a packet."""
-        return self._acknowledged(
-            WritePlan(servo_id, self.series_of(servo_id), address, data), f"a write at {address}"
-        )
+        plan = WritePlan(servo_id, self.series_of(servo_id), address, data)
+        return writes.acknowledged(self._line, plan, f"a write at {address}")
 
     def reg_write(self, servo_id: int, name: str, value: float) -> Answer:
-        """Write a register in its SI unit, to take effect at `action`."""
-        register = self._writable(servo_id, name)
-        raw = self._in_range(servo_id, register, register.from_si(value))
+        """Write a register in its SI unit, to take effect at `action`. Raises as `write`."""
+        register = writable(self.series_of(servo_id), servo_id, name)
+        raw = writes.in_range(servo_id, register, register.from_si(value))
         request = packets.make_reg_write(servo_id, register.address, register.encode(raw))
-        return self._acknowledged(self._order(servo_id, request), f"a delayed write of {name}")
+        return writes.order(self._line, servo_id, request, f"a delayed write of {name}")
 
     def sync_write(self, name: str, values: Mapping[int, float]) -> None:
-        """Write a register of several servos in its SI unit: one packet a series, which nobody answers."""
-        self.sync_write_raw(name, {i: self._writable(i, name).from_si(value) for i, value in values.items()})
-
-    def sync_write_raw(self, name: str, values: Mapping[int, int]) -> None:
-        """Write a register of several servos as they count it: one packet a series, which nobody answers.
+        """Write a register of several servos in its SI unit: one packet a series, which nobody answers.
 
         Raises:
             UsageError: A value outside a register's range; nothing was sent.
+            LinkError: The line is at fault.
         """
+        raws = {i: writable(self.series_of(i), i, name).from_si(value) for i, value in values.items()}
+        self.sync_write_raw(name, raws)
+
+    def sync_write_raw(self, name: str, values: Mapping[int, int]) -> None:
+        """Write a register of several servos as they count it. See `sync_write`."""
         key = (name, tuple(values))
-        plan = self._sync_writes.get(key)
+        plan = self._plans.sync_writes.get(key)
         if plan is None:
-            plan = self._plan_sync_write(name, key[1])
+            plan = self._plans.sync_write(*key)
             if plan is None:
-                return self._sync_write_mixed(name, values)
+                return writes.sync_write_each(self._line, name, values)
         packet = plan.serialize(tuple(values.values()))
-        with self.epochs.calling(name), self._lock:
-            self._post(packet)
+        with self._line.epochs.calling(name), self._lock:
+            self._line.post(packet)
         return None
 
     def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:
         """Write neighbouring registers of several servos in one packet. Nothing is checked but that it fits."""
-        self._send(packets.make_sync_write(address, data))
+        self._line.send(packets.make_sync_write(address, data))
+
+    # --- the other instructions --------------------------------------------------------------------------------
+
+    def ping(self, servo_id: int) -> Answer:
+        """Ask a servo whether it is there."""
+        return orders.ping(self._line, servo_id)
+
+    def broadcast_ping(self, most: int = 254) -> tuple[tuple[int, ...], int]:
+        """Ping all servos at once. Only a lone servo is sure to be understood: several answer together.
+
+        Args:
+            most: How many answers to wait for.
+
+        Returns:
+            Ids heard, and the number of bytes that made no sense (a collision, for one).
+        """
+        return orders.broadcast_ping(self._line, most)
+
+    def restore(self, servo_id: int) -> Answer:
+        """Factory settings, id kept on Feetech servos.
+
+        Raises:
+            NotSupportedError: A legacy servo would lose its id; see `setup.factory_reset`.
+        """
+        return orders.restore(self._line, servo_id)
+
+    def reboot(self, servo_id: int) -> None:
+        """Restart a servo; unanswered. It is silent for 0.8 s, and its torque is off.
+
+        Raises:
+            NotSupportedError: Its series knows no such instruction.
+        """
+        orders.reboot(self._line, servo_id)
+
+    def backup(self, servo_id: int) -> Answer:
+        """Have a servo store its present settings as those of `restore`. Raises as `reboot`."""
+        return orders.backup(self._line, servo_id)
+
+    def reset_turns(self, servo_id: int) -> Answer:
+        """Clear a servo's turn counter. Raises as `reboot`."""
+        return orders.reset_turns(self._line, servo_id)
+
+    def calibrate(self, servo_id: int, position: int | None = None) -> Answer:
+        """Make the present position 2048, or the given count where the firmware takes one. Nothing moves.
+
+        Raises:
+            NotSupportedError: The series knows no such instruction.
+        """
+        return orders.calibrate(self._line, servo_id, position)
+
+    def action(self, servo_id: int = BROADCAST_ID) -> Answer | None:
+        """Let `reg_write` take effect, in one servo or, unanswered, in all."""
+        return orders.action(self._line, servo_id)
+
+    def ask(self, request: bytes, servo_id: int, params: int) -> tuple[packets.StatusPacket | None, str]:
+        """Send any packet once and take the answer of one servo.
+
+        Args:
+            request: The packet.
+            servo_id: Who answers.
+            params: Parameter bytes of the answer.
+
+        Returns:
+            The status packet or None, and in words what came instead; empty if nothing did.
+        """
+        return orders.ask(self._line, request, servo_id, params)
+
+    def raw(self, request: bytes, servo_ids: Sequence[int] = (), params: int = 0) -> dict[int, bytes]:
+        """Send any packet and return the parameters of the answers by servo id.
+
+        Args:
+            request: The packet.
+            servo_ids: Who answers, in order; nobody is waited for if it is empty.
+            params: Parameter bytes of each answer.
+        """
+        return orders.raw(self._line, request, servo_ids, params)
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass on this bus; what comes meanwhile is dropped."""
+        orders.pause(self._line, seconds)
 
     # --- inside ------------------------------------------------------------------------------------------------
 
-    def _new_read(self, servo_id: int, address: int, count: int, register: Register | None = None) -> ReadPlan:
-        plan = ReadPlan(servo_id, self.series_of(servo_id), address, count, register)
-        plan.base = self._base(plan.total, (servo_id,))
-        if plan.series is Series.SEVEN_BOT:
-            # Its echo, one byte of the header wrong, is a sound answer, and the fast path keeps no record.
-            self._sent.prepare(plan.request)
-        return plan
-
-    def _plan_read(self, servo_id: int, name: str) -> tuple[ReadPlan, Register]:
-        series = self.series_of(servo_id)
-        register = series.register(name)
-        count = _LEGACY_READ if series is Series.SEVEN_BOT else register.size
-        entry = (self._new_read(servo_id, register.address, count, register), register)
-        self._reads[servo_id, name] = entry
-        return entry
-
     def _read_carefully(self, plan: ReadPlan, register: Register, data: bytes | None) -> Reading:
-        servo_id = plan.servo_id
-        status, collector = self._ask_block(servo_id, plan.address, plan.count, base=plan.base, data=data)
-        now = self._clock()
+        servo_id, name, machine = plan.servo_id, register.name, self._machine
+        status, collector = self._line.run(
+            questions.ask_block(machine, servo_id, plan.address, plan.count, base=plan.base, data=data)
+        )
+        now = machine.now
         if status is None:
-            last = self._last(register.name, servo_id)
+            last = self._last(name, servo_id)
             age = float("inf") if last is None else now - last[1]
             error = why(collector.in_words())
             return Reading(servo_id, register, None, 0, age, error, None if last is None else last[0])
         raw = register.decode(status.params[: register.size])
-        self._recent[register.name, servo_id] = (raw, now)
+        self._recent.keep(name, servo_id, raw, now)
         return Reading(servo_id, register, raw, status.error, 0.0, "", raw)
 
     def _last(self, name: str, servo_id: int) -> tuple[int, float] | None:
         """Newest value of a register that was read, and when."""
-        last = self._recent.get((name, servo_id))
-        entry = self._reads.get((servo_id, name))
-        if entry is not None and entry[0].latest is not None and (last is None or entry[0].stamp > last[1]):
-            last = entry[0].latest, entry[0].stamp
-        newest = self._newest.get(name)
-        if newest is not None and servo_id in newest.ids:
-            raw = newest.raw[newest.ids.index(servo_id)]
-            if raw is not None and (last is None or newest.stamp > last[1]):
-                return raw, newest.stamp
-        return last
-
-    def _read_by_pairs(self, servo_id: int, address: int, count: int) -> ServoBlock:
-        data, error = b"", 0
-        for at in range(address, address + count, _LEGACY_READ):
-            with self._lock:
-                status, _ = self._ask_block(servo_id, at, _LEGACY_READ)
-            if status is None:
-                return ServoBlock(servo_id, address, b"", 0, SILENT)
-            data += status.params
-            error |= status.error
-        return ServoBlock(servo_id, address, data[:count], error)
-
-    def _exchange_measured(self, plan: ReadPlan | SyncReadPlan) -> bytes:
-        """The exchange of a prepared read, and how long it took; behind unanswered packets it may take longer."""
-        start = self._asked_at = self._clock()
-        window = plan.base + self.timing.allowance + self._backlog()
-        data = self._exchange(plan.request, window, plan.nap.seconds)
-        if len(data) < plan.length and isinstance(plan, SyncReadPlan):
-            data = self._rest(plan, data)
-        if plan.sound(data):
-            self._measure(plan, self._clock() - start)
-            self._asked_at = None
-        return data
-
-    def _give_up(self, plan: SyncReadPlan) -> None:
-        """The wait ended with an error or Ctrl-C; the answers may come all the same."""
-        now = self._clock()
-        for servo_id in plan.ids:
-            self._doubt(servo_id, plan.count, plan.request, now)
-
-    def _rest(self, plan: SyncReadPlan, data: bytes) -> bytes:
-        """Wait for the rest of the answers to a sync read, as long as it looks as if they were coming."""
-        share = plan.base / plan.length
-        while data and len(data) < plan.length and not plan.ended(data):
-            left = (plan.length - len(data)) * share + self.timing.allowance
-            more = self.link.read(self._clock() + left)
-            if not more:
-                break
-            data += more
-        return data
-
-    def _plan_sync(self, name: str, ids: tuple[int, ...]) -> SyncReadPlan | None:
-        """Plan of a sync read that all of them understand alike; None if there is none."""
-        if not ids:
-            raise UsageError("a sync read needs at least one servo id")
-        key = (name, ids)
-        if key in self._syncs:
-            return self._syncs[key]
-        kinds = {self.series_of(servo_id) for servo_id in ids}
-        registers = [self.series_of(servo_id).register(name) for servo_id in ids]
-        alike = len(kinds) == 1 and all(kind.sync_read for kind in kinds)
-        plan = None
-        if alike:
-            plan = SyncReadPlan(kinds.pop(), ids, registers[0].address, registers[0].size, registers[0])
-            plan.base = self._base(plan.total, ids)
-        self._syncs[key] = plan
-        return plan
-
-    def _sync_plan(self, plan: SyncReadPlan, servo_ids: tuple[int, ...], address: int, count: int) -> SyncReadPlan:
-        if plan.register is not None and (address, count) == (plan.address, plan.count):
-            again = self._plan_sync(plan.register.name, servo_ids)
-            if again is not None:
-                return again
-        return self._block_plan(address, count, servo_ids)
-
-    def _block_plan(self, address: int, count: int, ids: tuple[int, ...]) -> SyncReadPlan:
-        key = (address, count, ids)
-        plan = self._blocks.get(key)
-        if plan is None:
-            plan = SyncReadPlan(self.series_of(ids[0]), ids, address, count)
-            plan.base = self._base(plan.total, ids)
-            if len(self._blocks) >= _MOST_PLANS:
-                self._blocks.clear()
-            self._blocks[key] = plan
-        return plan
+        entry = self._plans.reads.get((servo_id, name))
+        return self._recent.last(name, servo_id, None if entry is None else entry[0])
 
     def _sync_carefully(self, plan: SyncReadPlan, register: Register, data: bytes | None) -> Readings:
         rows = None if data is None else plan.blocks(data)
-        name, ids = register.name, plan.ids
+        name, ids, machine = register.name, plan.ids, self._machine
         if rows is not None:
-            self._extra_answers += len(ids) - 1
+            machine.extra_answers += len(ids) - 1
             raws: tuple[int | None, ...] = tuple(register.decode(row) for row in rows)
-            readings = Readings(register, ids, raws, self._clock())
+            readings = Readings(register, ids, raws, self.now())
         else:
-            found = self._ask_many(plan, data)
-            now = self._clock()
+            found = self._line.run(questions.ask_many(machine, plan, data))
+            now = machine.now
             raws = tuple(register.decode(found[i].params) if i in found else None for i in ids)
             statuses = {i: status.error for i, status in found.items() if status.error}
             last = {i: value for i in ids if i not in found and (value := self._last(name, i)) is not None}
             readings = Readings(register, ids, raws, now, statuses, last)
             # A silent servo's newest value must outlive the readings that lack it.
-            self._recent.update({(name, i): value for i, value in last.items()})
-        self._newest[name] = readings
+            for servo_id, (raw, stamp) in last.items():
+                self._recent.keep(name, servo_id, raw, stamp)
+        self._recent.syncs[name] = readings
         return readings
 
     def _read_mixed(self, name: str, ids: tuple[int, ...]) -> Readings:
@@ -437,56 +496,4 @@ class ServoBus(BusOrders):
                 found.update((reading.servo_id, reading) for reading in self.sync_read(name, tuple(members)))
             else:
                 found.update((servo_id, self.read(servo_id, name)) for servo_id in members)
-        now = self._clock()
-        rows = [found[servo_id] for servo_id in ids]
-        return Readings(
-            [row.register for row in rows],
-            ids,
-            tuple(row.raw for row in rows),
-            now,
-            {row.servo_id: row.status for row in rows if row.status},
-            {row.servo_id: (row.last, now - row.age) for row in rows if row.raw is None and row.last is not None},
-            {row.servo_id: row.error for row in rows if row.error},
-        )
-
-    # --- inside: writing ---------------------------------------------------------------------------------------
-
-    def _writable(self, servo_id: int, name: str) -> Register:
-        register = self.series_of(servo_id).register(name)
-        if register.access != "rw":
-            raise UsageError(f"register {name} of servo {servo_id} can only be read")
-        return register
-
-    def _in_range(self, servo_id: int, register: Register, raw: int) -> int:
-        low, high = register.minimum, register.maximum
-        if (low is not None and raw < low) or (high is not None and raw > high):
-            raise UsageError(
-                f"{register.name} of servo {servo_id} takes {low}..{high}, not {raw}; nothing was sent"
-            )
-        return raw
-
-    def _write(self, servo_id: int, register: Register, raw: int) -> Answer:
-        data = register.encode(self._in_range(servo_id, register, raw))
-        plan = WritePlan(servo_id, self.series_of(servo_id), register.address, data)
-        return self._acknowledged(plan, f"a write of {register.name}")
-
-    def _plan_sync_write(self, name: str, ids: tuple[int, ...]) -> SyncWritePlan | None:
-        if not ids:
-            raise UsageError("a sync write needs at least one servo id")
-        registers = [self._writable(servo_id, name) for servo_id in ids]
-        if registers[0].size != 2 or any(register != registers[0] for register in registers):
-            return None
-        plan = SyncWritePlan(registers[0], ids)
-        self._sync_writes[name, ids] = plan
-        return plan
-
-    def _sync_write_mixed(self, name: str, values: Mapping[int, int]) -> None:
-        # By place and width: the byte order within is each servo's own.
-        rows: dict[tuple[int, int], dict[int, bytes]] = {}
-        for servo_id, value in values.items():
-            register = self._writable(servo_id, name)
-            data = register.encode(self._in_range(servo_id, register, value))
-            rows.setdefault((register.address, register.size), {})[servo_id] = data
-        with self.epochs.calling(name):
-            for (address, _), data_of in rows.items():
-                self._send(packets.make_sync_write(address, data_of))
+        return Readings.joined([found[servo_id] for servo_id in ids], self.now())

@@ -8,15 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from hexwire.errors import ServoError, UsageError
 from hexwire.wire.registers import Register
 from hexwire.wire.tables import STATUS_BITS
 
-__all__ = ["Answer", "Reading", "Readings", "ServoBlock", "fault_text", "fault_words"]
+__all__ = ["Answer", "Reading", "Readings", "ServoBlock", "fault_text", "fault_words", "why"]
 
 SILENT = "no answer"
+
+
+def why(instead: str) -> str:
+    """Why there is no answer, for an error text.
+
+    Args:
+        instead: In words what came instead; empty if nothing did.
+    """
+    return f"{SILENT}, but {instead}" if instead else SILENT
 
 
 def fault_words(status: int) -> tuple[str, ...]:
@@ -166,6 +175,24 @@ class Readings:
         self._statuses = statuses
         self._last = last
         self._errors = errors
+
+    @classmethod
+    def joined(cls, rows: Sequence[Reading], now: float) -> Self:
+        """Single readings as one result.
+
+        Args:
+            rows: One of each servo.
+            now: Clock (monotonic, seconds) when the last of them was in.
+        """
+        return cls(
+            [row.register for row in rows],
+            tuple(row.servo_id for row in rows),
+            tuple(row.raw for row in rows),
+            now,
+            {row.servo_id: row.status for row in rows if row.status},
+            {row.servo_id: (row.last, now - row.age) for row in rows if row.raw is None and row.last is not None},
+            {row.servo_id: row.error for row in rows if row.error},
+        )
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -69,8 +69,8 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
         LinkError: The port cannot be opened.
         WrongDeviceError: No servo answered what was asked meanwhile, since this is a controller board.
     """
-    from hexwire.bus.orders import as_series
     from hexwire.bus.servo_bus import ServoBus
+    from hexwire.bus.servos import as_series
     from hexwire.wire.registers import Series
 
     series = as_series(options.series) if options.series else Series.STS_SMS

@@ -87,7 +87,7 @@ def bus(
     until_eof: bool,
 ) -> None:
     """Emulate servos on a bus adapter: prints the port to open, and runs until it is stopped."""
-    from hexwire.bus.orders import as_series
+    from hexwire.bus.servos import as_series
     from hexwire.emulator.bus_device import make_servos
     from hexwire.emulator.faults import FaultPlan
     from hexwire.emulator.serve_bus import serve_bus

@@ -1,0 +1,289 @@
+"""Questions to servos: asked again if need be, and in another way where an answer would be ambiguous.
+
+Owns repeats, and which request is believed. A register is read with its neighbours, in a length that nothing on the
+way has. What has one length only (a ping, an acknowledgement, a legacy servo's two bytes) waits until another
+request to the same servo is answered: bytes keep their order on a link, so what was late is there by then.
+
+Each function is a conversation over a `BusMachine`; see there. No I/O and no clock here. Must not know registers by
+name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from hexwire.session.servo_answers import AnswerCollector
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import StatusPacket, make_ping, make_read
+
+from .blocks import BlockAnswers, places
+from .machine import ADAPTER_TIME, BusMachine, Conversation
+from .plan import SyncReadPlan
+from .plan_cache import LEGACY_READ
+
+__all__ = ["ask_block", "ask_many", "ask_one", "ask_registers", "is_there", "settle"]
+
+_ANY_REGISTER = Series.STS_SMS.register("present_temperature").address
+"""What is read where only the answer matters: at the same place, one byte wide, in every series."""
+
+
+def ask_one(
+    machine: BusMachine,
+    servo_id: int,
+    request: bytes,
+    params: int,
+    *,
+    base: float,
+    data: bytes | None = None,
+    header: bytes | None,
+    retries: int,
+) -> Conversation[tuple[StatusPacket | None, AnswerCollector]]:
+    """Ask one servo what is answered in one length only. Only for what may be done `1 + retries` times.
+
+    Args:
+        machine: The bus.
+        servo_id: Whom to ask.
+        request: What is asked.
+        params: Parameter bytes of the answer.
+        base: Seconds the answer takes without the adapter.
+        data: What has arrived, if the request is sent; None sends it.
+        header: First two bytes of the answer; None takes either kind.
+        retries: How often to ask again.
+
+    Returns:
+        The answer or None, and what came last.
+    """
+    late = data is None and (yield from machine.doubted(servo_id, params))
+    if late and not (yield from settle(machine, servo_id, params)):
+        machine.count.given_up += 1
+        return None, AnswerCollector(request, (servo_id,), params)
+    collector = yield from machine.collect(request, (servo_id,), params, base, data, header=header)
+    for attempt in range(1 + retries):
+        if attempt:
+            machine.count.repeats += 1
+            collector = yield from machine.collect(request, (servo_id,), params, base, header=header)
+        found = collector.answers.get(servo_id)
+        if found is not None:
+            machine.silent.pop(servo_id, None)
+            return found, collector
+        if servo_id in collector.copies:
+            # It may have answered; asking the same again is no help.
+            break
+    else:
+        machine.rest(servo_id, machine.now)
+    machine.count.given_up += 1
+    return None, collector
+
+
+def ask_block(
+    machine: BusMachine, servo_id: int, address: int, count: int, *, base: float = 0.0, data: bytes | None = None
+) -> Conversation[tuple[StatusPacket | None, AnswerCollector]]:
+    """Read registers of one servo, with their neighbours where an answer of that length could be another's.
+
+    Args:
+        machine: The bus.
+        servo_id: Whom to ask.
+        address: First register address.
+        count: Bytes wanted.
+        base: Seconds that takes, if it is asked already.
+        data: What has arrived, if it is; None asks.
+
+    Returns:
+        The answer with the bytes wanted, or None; and what came last.
+    """
+    series = machine.servos.series_of(servo_id)
+    collector = AnswerCollector(b"", (servo_id,), count)
+    block = BlockAnswers(address, count)
+    left, first = 1 + machine.retries, True
+    while left > 0:
+        left -= 1
+        place: tuple[int, int] | None = (address, count)
+        if data is None:
+            place = yield from _free_place(machine, (servo_id,), address, count)
+            if place is None and series is Series.SEVEN_BOT and (yield from settle(machine, servo_id, count)):
+                place = yield from _free_place(machine, (servo_id,), address, count)
+        if place is None:
+            break
+        request = make_read(servo_id, *place)
+        machine.count.repeats += not first
+        if data is None:
+            base = machine.base(len(request) + 6 + place[1], (servo_id,))
+        collector = yield from machine.collect(
+            request, (servo_id,), place[1], base, data, header=series.reply_header
+        )
+        data = None
+        found = block.take(collector, place).get(servo_id)
+        if found is not None:
+            machine.silent.pop(servo_id, None)
+            machine.count.settled += place != (address, count)
+            return found, collector
+        if first and servo_id in collector.copies:
+            # Not silence: it may have answered in the very bytes of an echo, and is asked otherwise.
+            left = max(left, 1)
+        first = False
+    else:
+        machine.rest(servo_id, machine.now)
+    machine.count.given_up += 1
+    return None, collector
+
+
+def ask_registers(machine: BusMachine, servo_id: int, address: int, count: int) -> Conversation[tuple[bytes, int]]:
+    """Read registers of one servo; of a legacy one, two bytes at a time.
+
+    Returns:
+        The bytes, empty if a question was not answered, and all error bits that came.
+
+    Raises:
+        UsageError: There are no such registers.
+    """
+    legacy = machine.servos.series_of(servo_id) is Series.SEVEN_BOT
+    step = LEGACY_READ if legacy else count
+    if not legacy:
+        make_read(servo_id, address, count)  # a block that makes no sense has no neighbours either
+    data, error = b"", 0
+    for at in range(address, address + count, step):
+        status, _ = yield from ask_block(machine, servo_id, at, step)
+        if status is None:
+            return b"", 0
+        data += status.params
+        error |= status.error
+    return data[:count], error
+
+
+def ask_many(machine: BusMachine, plan: SyncReadPlan, data: bytes | None) -> Conversation[dict[int, StatusPacket]]:
+    """Answers to a sync read, asking again those only that did not answer.
+
+    Args:
+        machine: The bus.
+        plan: The sync read.
+        data: What has arrived, if it is sent; None sends it.
+
+    Returns:
+        Answers with the bytes wanted, by servo id.
+    """
+    header = plan.series.reply_header
+    block = BlockAnswers(plan.address, plan.count)
+    found: dict[int, StatusPacket] = {}
+    begin, silent = machine.now, machine.silent
+    wanted: list[int] = list(plan.ids)
+    if data is None and silent:
+        # Whoever was silent goes first: the others' answers then end the wait.
+        wanted.sort(key=lambda servo_id: servo_id not in silent)
+    attempt, attempts = 0, 1 + machine.retries
+    while attempt < attempts:
+        if attempt:
+            wanted = [i for i in plan.ids if i not in found and silent.get(i, 0.0) <= begin]
+            if not wanted:
+                break
+            machine.count.repeats += 1
+        place: tuple[int, int] | None = (plan.address, plan.count)
+        if data is None:
+            place, wanted = yield from _place_for_most(machine, wanted, plan.address, plan.count)
+        if place is None:
+            break
+        if len(wanted) == 1 and attempt:
+            request = make_read(wanted[0], *place)
+            base = machine.base(len(request) + 6 + place[1], wanted)
+        else:
+            asked = plan if data is not None else machine.plans.part(plan, tuple(wanted), *place)
+            request, base = asked.request, asked.base
+        collector = yield from machine.collect(request, wanted, place[1], base, data, header=header)
+        data = None
+        for servo_id, status in block.take(collector, place).items():
+            found[servo_id] = status
+            machine.count.settled += place[1] != plan.count
+            silent.pop(servo_id, None)
+        if not attempt and collector.copies:
+            attempts = max(attempts, 2)  # as in `ask_block`
+        attempt += 1
+    for servo_id in plan.ids:
+        if servo_id not in found:
+            machine.count.given_up += 1
+            if silent.get(servo_id, 0.0) <= begin:
+                machine.rest(servo_id, begin)
+    return found
+
+
+def is_there(machine: BusMachine, servo_id: int) -> Conversation[tuple[StatusPacket | None, AnswerCollector]]:
+    """Ask a servo of a kind that can be asked in any length whether it is there."""
+    found, collector = yield from ask_block(machine, servo_id, _ANY_REGISTER, 1)
+    machine.count.settled += found is not None
+    return found, collector
+
+
+def settle(machine: BusMachine, servo_id: int, params: int) -> Conversation[bool]:
+    """Make sure that no answer of that length is on the way from a servo; False if it does not answer at all.
+
+    A request that is answered in another length does that.
+    """
+    if machine.servos.series_of(servo_id) is Series.SEVEN_BOT:
+        settled = yield from _settle_legacy(machine, servo_id)
+    else:
+        found, _ = yield from is_there(machine, servo_id)
+        settled = found is not None
+    if settled:
+        machine.doubts.settled(servo_id, params)
+    else:
+        machine.rest(servo_id, machine.now)
+    return settled
+
+
+def _settle_legacy(machine: BusMachine, servo_id: int) -> Conversation[bool]:
+    """Ask a servo that knows only two lengths in the other one, and once more after a pause.
+
+    Nothing but order keeps its answers apart. The pause is for a line that is not as strict about it.
+    """
+    header = Series.SEVEN_BOT.reply_header
+    for _ in range(1 + machine.retries):
+        if not (yield from machine.doubted(servo_id, 0)):
+            params, request = 0, make_ping(servo_id)
+        elif not (yield from machine.doubted(servo_id, LEGACY_READ)):
+            params, request = LEGACY_READ, make_read(servo_id, _ANY_REGISTER, LEGACY_READ)
+        else:
+            break
+        base = machine.base(len(request) + 6 + params, (servo_id,))
+        collector = yield from machine.collect(request, (servo_id,), params, base, header=header)
+        if servo_id not in collector.answers:
+            continue
+        yield from machine.drain(ADAPTER_TIME)
+        collector = yield from machine.collect(request, (servo_id,), params, base, header=header)
+        if servo_id in collector.answers:
+            machine.count.settled += 1
+            return True
+    return False
+
+
+# --- blocks of registers ------------------------------------------------------------------------------------------
+
+
+def _places(machine: BusMachine, servo_id: int, address: int, count: int) -> Iterable[tuple[int, int]]:
+    most = machine.servos.series_of(servo_id).max_read
+    return places(address, count, machine.servos.end_of(servo_id), most)
+
+
+def _free_place(
+    machine: BusMachine, servo_ids: Sequence[int], address: int, count: int
+) -> Conversation[tuple[int, int] | None]:
+    """The shortest block around some registers whose answers cannot be late ones; None if there is none."""
+    for place in _places(machine, servo_ids[0], address, count):
+        if not (yield from machine.any_doubted(servo_ids, place[1])):
+            return place
+    return None
+
+
+def _place_for_most(
+    machine: BusMachine, servo_ids: list[int], address: int, count: int
+) -> Conversation[tuple[tuple[int, int] | None, list[int]]]:
+    """A block for all of them, or one that suits the most, and those."""
+    place = yield from _free_place(machine, servo_ids, address, count)
+    if place is not None:
+        return place, servo_ids
+    best: list[int] = []
+    for candidate in _places(machine, servo_ids[0], address, count):
+        suited = []
+        for servo_id in servo_ids:
+            if not (yield from machine.doubted(servo_id, candidate[1])):
+                suited.append(servo_id)  # noqa: PERF401 (no comprehension may yield)
+        if len(suited) > len(best):
+            place, best = candidate, suited
+    return place, best

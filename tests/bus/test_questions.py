@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.bus.conversations import Play, make_machine
+
+from hexwire.bus import questions
+from hexwire.bus.doubts import AFTERMATH, LATEST
+from hexwire.bus.machine import BusMachine
+from hexwire.errors import UsageError
+from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_legacy_ping_status, make_ping, make_read, make_status
+
+MEMORY = bytes(range(100, 356 - 156)) + bytes(156)
+
+
+class Servos:
+    """What some servos say: their memory, 256 bytes alike."""
+
+    def __init__(self, *ids: int, legacy: bool = False) -> None:
+        self.ids = ids
+        self.legacy = legacy
+        self.asked: list[tuple[int, ...]] = []
+
+    def __call__(self, packet: bytes) -> list[tuple[float, bytes]]:
+        servo_id, instruction, params = packet[2], packet[4], packet[5:-1]
+        if instruction == 0x82:
+            first, count, *asked = params
+        else:
+            first, count, asked = *(params[:2] or (0, 0)), [servo_id]
+        self.asked.append((*asked, first, count))
+        answers = []
+        for one in asked:
+            if one in self.ids:
+                if instruction == 1:
+                    data = make_legacy_ping_status(one) if self.legacy else make_status(one)
+                else:
+                    data = make_status(one, 0, MEMORY[first : first + count], legacy=self.legacy)
+                answers.append((0.0005, data))
+        return answers
+
+
+def doubt(machine: BusMachine, servo_id: int, params: int) -> None:
+    machine.gave_up((servo_id,), params, b"something else", machine.now, machine.now)
+
+
+def test_a_register_in_doubt_is_read_with_its_neighbours() -> None:
+    machine, servos = make_machine(), Servos(1)
+    doubt(machine, 1, 2)
+    doubt(machine, 1, 3)
+    found, _ = Play(machine, servos)(questions.ask_block(machine, 1, 56, 2))
+    assert found is not None
+    assert found.params == MEMORY[56:58]
+    assert servos.asked == [(1, 56, 4)]
+    assert machine.counters.settled == 1
+
+
+# Later than AFTERMATH after an answer to something else, a line would have to change the order of its bytes.
+@given(st.floats(0.0, AFTERMATH - 0.02), st.integers(1, 7))
+def test_an_answer_that_comes_late_is_no_answer_to_a_later_question(after: float, cut: int) -> None:
+    machine, servos = make_machine(), Servos(1)
+    late = make_status(1, 0, b"\xaa\x55")
+    play = Play(machine, lambda _: [])
+    assert play(questions.ask_block(machine, 1, 70, 2))[0] is None
+    begin = machine.now
+    play._coming = [(begin + after, late[:cut]), (begin + after + 0.0001, late[cut:])]
+    play.answering = servos
+    while machine.now < begin + LATEST:
+        found, _ = play(questions.ask_block(machine, 1, 56, 2))
+        assert found is None or found.params == MEMORY[56:58]
+        machine.now += 0.01
+    found, _ = play(questions.ask_block(machine, 1, 56, 2))
+    assert found is not None
+    assert found.params == MEMORY[56:58]
+    assert servos.asked[-1] == (1, 56, 2)
+
+
+@pytest.mark.parametrize("retries", [0, 2])
+def test_a_servo_that_is_silent_is_asked_so_often_and_then_left_alone(retries: int) -> None:
+    machine, servos = make_machine(retries=retries), Servos()
+    found, collector = Play(machine, servos)(questions.ask_block(machine, 1, 56, 2))
+    assert found is None
+    assert collector.missing == (1,)
+    assert len(servos.asked) == 1 + retries
+    assert machine.counters.repeats == retries
+    assert machine.counters.given_up == 1
+    assert machine.silent[1] > machine.now
+
+
+def test_only_the_missing_are_asked_again_and_one_alone_by_a_plain_read() -> None:
+    machine, servos = make_machine(retries=1), Servos(1, 2, 3)
+    plan = machine.plans.block(56, 2, (1, 2, 3))
+    first = [True]
+
+    def answering(packet: bytes) -> list[tuple[float, bytes]]:
+        answers = servos(packet)
+        return answers[:2] if first and first.pop() else answers
+
+    found = Play(machine, answering)(questions.ask_many(machine, plan, None))
+    assert {i: status.params for i, status in found.items()} == dict.fromkeys((1, 2, 3), MEMORY[56:58])
+    # The answer that did not come may still come: in that length none is believed.
+    assert servos.asked == [(1, 2, 3, 56, 2), (3, 56, 3)]
+
+
+def test_who_was_silent_goes_first_in_a_sync_read() -> None:
+    machine, servos = make_machine(), Servos(1, 2)
+    plan = machine.plans.block(56, 2, (1, 2, 3))
+    machine.rest(3, machine.now)
+    found = Play(machine, servos)(questions.ask_many(machine, plan, None))
+    assert set(found) == {1, 2}
+    assert servos.asked == [(3, 1, 2, 56, 2)]
+
+
+def test_a_ping_in_doubt_waits_for_another_answer() -> None:
+    machine, servos = make_machine(), Servos(1)
+    doubt(machine, 1, 0)
+    play = Play(machine, servos)
+    request = make_ping(1)
+    asking = questions.ask_one(machine, 1, request, 0, base=0.001, header=None, retries=0)
+    assert play(asking)[0] is not None
+    assert servos.asked[0][2] == 1, "one byte of any register first"
+    assert play.sent[1] == request
+    servos.ids = ()
+    doubt(machine, 1, 0)
+    asking = questions.ask_one(machine, 1, request, 0, base=0.001, header=None, retries=0)
+    assert play(asking)[0] is None
+    assert play.sent[-1] != request, "it is not even sent where nothing else is answered"
+
+
+def test_a_legacy_servo_in_doubt_is_asked_in_its_other_length_twice() -> None:
+    machine, servos = make_machine(Series.SEVEN_BOT), Servos(1, legacy=True)
+    doubt(machine, 1, 2)
+    play = Play(machine, servos)
+    found, _ = play(questions.ask_block(machine, 1, 56, 2))
+    assert found is not None
+    assert found.params == MEMORY[56:58]
+    assert play.sent == [make_ping(1), make_ping(1), make_read(1, 56, 2)]
+
+
+def test_a_legacy_servo_with_both_lengths_in_doubt_is_not_believed() -> None:
+    machine, servos = make_machine(Series.SEVEN_BOT), Servos(1, legacy=True)
+    doubt(machine, 1, 2)
+    doubt(machine, 1, 0)
+    play = Play(machine, servos)
+    assert play(questions.ask_block(machine, 1, 56, 2))[0] is None
+    assert play.sent == []
+
+
+def test_many_registers_of_a_legacy_servo_are_read_in_pairs() -> None:
+    machine, servos = make_machine(Series.SEVEN_BOT), Servos(1, legacy=True)
+    assert Play(machine, servos)(questions.ask_registers(machine, 1, 56, 5)) == (MEMORY[56:61], 0)
+    assert servos.asked == [(1, 56, 2), (1, 58, 2), (1, 60, 2)]
+    assert Play(machine, Servos())(questions.ask_registers(machine, 1, 56, 5)) == (b"", 0)
+
+
+def test_registers_that_cannot_be_are_refused() -> None:
+    machine = make_machine()
+    with pytest.raises(UsageError):
+        Play(machine, Servos(1))(questions.ask_registers(machine, 1, 300, 2))
+
+
+def test_whether_a_servo_is_there_is_asked_in_one_byte() -> None:
+    machine, servos = make_machine(), Servos(1)
+    found, _ = Play(machine, servos)(questions.is_there(machine, 1))
+    assert found is not None
+    assert servos.asked[0][2] == 1
+    assert machine.counters.settled == 1
