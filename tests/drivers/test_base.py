@@ -11,6 +11,7 @@ import pytest
 
 from hexwire.drivers.base import JointProbe, ProbeReport, RobotDriver, Signal, StopCause, StopLatch, StopMode
 from hexwire.errors import DeviceError, NotSupportedError, UsageError
+from hexwire.link.diagnose import Level
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
 
@@ -184,6 +185,15 @@ def test_signals_are_the_verbs_by_number() -> None:
     assert robot.said == ["stop HOLD", "stop TORQUE_OFF", "resume", "torque True", "torque False"]
     with pytest.raises(UsageError, match="no signal 9; there are 1 STOP, "):
         robot.signal(9)
+
+
+def test_a_plain_robot_is_examined_by_its_probe_and_its_state() -> None:
+    robot = Plain()
+    robot.attach()
+    said = [(finding.level, finding.about, finding.text) for finding in robot.examine()]
+    assert said[:2] == [(Level.OK, "board", "plain"), (Level.OK, "servos", "all 1 answer")]
+    assert Level.BAD not in [level for level, _, _ in said]
+    assert robot.explain_silence() == []
 
 
 # -- watched --------------------------------------------------------------------------------------------

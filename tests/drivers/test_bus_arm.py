@@ -188,6 +188,17 @@ def test_probe_names_who_is_missing_or_wrong(monkeypatch: pytest.MonkeyPatch) ->
     assert report.counters["requests"] > 0
 
 
+def test_what_an_arm_on_a_bus_says_of_itself(arm: BusArm) -> None:
+    ids = [joint.servo_id for joint in arm.model.joints]
+    assert [arm.ping(servo_id) for servo_id in (*ids, 99)] == [0] * len(ids) + [None]
+    assert (arm.has_watchdog, arm.reports_states) == (False, False)
+    with pytest.raises(NotSupportedError, match="stops it when this program falls silent"):
+        arm.watchdog(1.0)
+    assert arm.host_counters()["requests"] > len(ids)
+    assert arm.probe().unprotected == "no watchdog, no limits: servos without a board"
+    assert arm.read().stamp <= arm.now()
+
+
 def test_an_arm_without_a_board_has_no_pump(arm: BusArm) -> None:
     with pytest.raises(NotSupportedError, match="no pump and no valve"):
         arm.ioctl(Command.IO, bytes((1, 1)))

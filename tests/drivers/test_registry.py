@@ -19,6 +19,12 @@ def test_an_unknown_robot_lists_the_known() -> None:
         registry.load_driver("r2d2")
 
 
+def test_an_arm_on_a_servo_bus_and_one_that_is_none() -> None:
+    assert registry.load_bus_arm("so101") is registry.load_driver("so101")
+    with pytest.raises(UsageError, match="puma260 is no arm on a servo bus"):
+        registry.load_bus_arm("puma260")
+
+
 def test_an_entry_point_that_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("bad", "pathlib:Path", "hexwire.robots")
     monkeypatch.setattr(registry, "entry_points", lambda group: [point])

@@ -219,12 +219,9 @@ def calibrate(
     The torque is switched off: hold the arm. Put it in the middle of its range, press Enter, then move every joint
     through its range and press Enter again.
     """
-    from hexwire.drivers.bus_arm import BusArm
-    from hexwire.drivers.registry import load_driver
+    from hexwire.drivers.registry import load_bus_arm
 
-    driver = load_driver(robot)
-    if not issubclass(driver, BusArm):
-        raise UsageError(f"{robot} is no arm on a servo bus")
+    driver = load_bus_arm(robot)
     with OutputFile(file, force=force) as out:
         found = _calibration(driver, robot, lerobot, seconds, options)
         out.file.write(found.serialize().encode())

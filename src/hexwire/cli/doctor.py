@@ -1,8 +1,8 @@
 """`hexwire doctor`: everything that is known to go wrong, looked at in order, each with what to do.
 
 Owns which ports are looked at, the order and the printing. Looks only, unless --fix is given, which writes a udev
-rule and nothing else. What is good and bad is judged in `ipc.diagnose`, `drivers.checkup` and
-`drivers.bus_checkup`.
+rule and nothing else. What is good and bad is judged in `link.diagnose` and by `RobotDriver.examine` and
+`RobotDriver.explain_silence`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from hexwire.errors import (
     DeviceError,
     HexwireError,
     LinkError,
-    NotSupportedError,
     ReplyTimeoutError,
     UsageError,
     WrongDeviceError,
@@ -28,15 +27,11 @@ from .common import RobotOptions, attached, json_option, make_robot, robot_optio
 from .output import print_json, say, say_document
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver
-    from hexwire.drivers.bus_arm import BusArm
     from hexwire.link.ports import PortInfo
 
 __all__ = ["doctor"]
 
 _MARKS = {Level.OK: "ok  ", Level.HINT: "hint", Level.BAD: "BAD ", Level.UNKNOWN: "?   "}
-_BOARD_RATES = (57_600, 250_000, 500_000, 1_000_000)
-_BOARD_PATIENCE = 0.6
 
 
 @click.command()
@@ -48,12 +43,12 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
 
     Looks at the port that --port names, else at all there are. Ends with status 1 if something is BAD.
     """
-    from hexwire.drivers.bus_arm import BusArm
     from hexwire.drivers.registry import load_driver
     from hexwire.link.diagnose import diagnose_system, udev_rule, write_udev_rule
     from hexwire.link.ports import list_ports
 
-    on_bus = issubclass(load_driver(options.robot), BusArm)
+    what = load_driver(options.robot).port_leads_to
+    on_bus = what == "adapter"
     if options.port:
         device = _device(options.port)
         ports = _found([device]) if device else []
@@ -65,7 +60,6 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
             likely = port.likely_adapter if on_bus else port.likely_board
             rows = _look(replace(options, port=port.device), port, on_bus, ask=likely)
             findings += [replace(row, port=port.device) for row in rows]
-        what = "adapter" if on_bus else "board"
         if not any(port.likely_adapter if on_bus else port.likely_board for port in ports):
             text = f"no likely {what} among the serial ports" if ports else "no serial port here"
             advice = f"plug the {what} in; try another cable; or name its --port"
@@ -132,89 +126,20 @@ def _ask(options: RobotOptions) -> list[Finding]:
     Raises:
         UsageError: The options make no sense.
     """
-    from hexwire.drivers.bus_arm import BusArm
-
     robot = make_robot(options)
     try:
         with attached(robot):
-            return _examine_bus(robot) if isinstance(robot, BusArm) else _examine(robot)
+            return robot.examine()
     except UsageError:
         raise
     except WrongDeviceError as error:
         return [Finding(Level.BAD, "device", str(error))]
     except ReplyTimeoutError as error:
         try:
-            return _why_silent(robot) or [Finding(Level.BAD, "board", str(error))]
+            return robot.explain_silence() or [Finding(Level.BAD, "board", str(error))]
         except LinkError as lost:
             return [Finding(Level.BAD, "link", str(lost))]
     except LinkError as error:
         return [Finding(Level.BAD, "link", str(error))]
     except HexwireError as error:
         return [Finding(Level.BAD, "board", str(error))]
-
-
-def _examine(robot: RobotDriver) -> list[Finding]:
-    from hexwire.drivers.checkup import judge_board, judge_probe, judge_state
-
-    report, state = robot.probe(), robot.read()
-    findings = judge_board(report) + judge_probe(report)
-    shaky = [joint.name for joint in report.joints if joint.present and joint.name in state.silent]
-    if shaky:
-        advice = "contacts, ground, supply of these servos"
-        findings.append(Finding(Level.BAD, ", ".join(shaky), "answered once, but not again", advice))
-    return findings + judge_state(state, report.joints)
-
-
-def _examine_bus(arm: BusArm) -> list[Finding]:
-    from hexwire.drivers.bus_checkup import explain_missing, judge_traffic
-    from hexwire.drivers.checkup import judge_probe, judge_state
-    from hexwire.link.adapter import inspect_adapter
-
-    report, state, bus = arm.probe(), arm.read(), arm.bus
-    silent = {joint.name for joint in report.joints if not joint.present} | set(state.silent)
-    lost = explain_missing(bus, arm.model, [arm.model.joint(name) for name in arm.model.names if name in silent])
-    findings = [Finding(Level.OK, "bus", f"{report.robot} at {bus.timing.baud} baud")]
-    findings += judge_probe(report, missing=False) + lost + judge_state(state, report.joints)
-    if not lost:
-        # Who is missing is not the adapter's fault.
-        findings += judge_traffic(bus, arm.model)
-    device = getattr(bus.link, "device", None)
-    if isinstance(device, str):
-        advice = inspect_adapter(device, bus.timing.overhead, bus.timing.holds_back).advice
-        if advice and bus.timing.holds_back:
-            findings.append(Finding(Level.HINT, "adapter", "it holds answers back", advice))
-    return findings
-
-
-def _why_silent(robot: RobotDriver) -> list[Finding]:
-    """Look further where nobody answers."""
-    from hexwire.drivers.bus_arm import BusArm
-    from hexwire.drivers.bus_checkup import SERVO_RATES, explain_chatter, explain_silence
-    from hexwire.drivers.hex7bot import Hex7BotDriver
-    from hexwire.ipc.mistaken import find_board, find_servos, is_servo_bus
-
-    if isinstance(robot, BusArm):
-        with robot.bus as bus:
-            return explain_silence(bus, robot.model)
-    if not isinstance(robot, Hex7BotDriver):
-        return []
-    link = robot.session.ipc.link
-    if not hasattr(link, "set_baud"):
-        return []
-    with link:
-        chatter = explain_chatter(link)
-        if chatter is not None:
-            return [chatter]
-        for baud in _BOARD_RATES:
-            try:
-                board = find_board(link, baud=baud, patience=_BOARD_PATIENCE)
-            except (UsageError, NotSupportedError):
-                continue
-            if board is not None:
-                text = f"the board speaks at {baud} baud"
-                return [Finding(Level.BAD, "rate", text, f"name it: --baud {baud}")]
-        for baud in SERVO_RATES:
-            servo_ids = find_servos(link, baud=baud)
-            if servo_ids:
-                return [Finding(Level.BAD, "device", str(is_servo_bus(link.url, servo_ids, baud=baud)))]
-    return []

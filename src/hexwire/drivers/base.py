@@ -10,7 +10,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from hexwire.epochs import Epochs
 from hexwire.errors import HexwireError, NotSupportedError, UsageError
@@ -20,6 +20,7 @@ from .values import JointProbe, ProbeReport, Signal, StopCause, StopLatch, StopM
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
 
@@ -39,9 +40,12 @@ class RobotDriver(ABC):
 
     Attributes:
         model: The arm's joints and limits.
+        port_leads_to: What is plugged in where a serial port leads to the robot: a controller board, or an adapter
+            to a servo bus.
     """
 
     model: ArmModel
+    port_leads_to: ClassVar[Literal["board", "adapter"]] = "board"
     sessions: tuple[Any, ...] = ()
 
     def __init__(self) -> None:
@@ -313,6 +317,26 @@ class RobotDriver(ABC):
             self.stop(StopMode.HOLD if signal is Signal.STOP else StopMode.TORQUE_OFF)
         else:
             self.torque(signal is Signal.TORQUE_ON)
+
+    # -- what is wrong with it ------------------------------------------------------------------------
+
+    def examine(self) -> list[Finding]:
+        """What is good and bad about the attached robot, each finding with what to do. Nothing moves.
+
+        Raises:
+            HexwireError: As `probe` and `read`.
+        """
+        from .checkup import examine
+
+        return examine(self)
+
+    def explain_silence(self) -> list[Finding]:
+        """Why `attach` found nobody, looked for further down; empty if no more is known. Nothing moves.
+
+        Raises:
+            LinkError: The port cannot be opened.
+        """
+        return []
 
     # -- losing it ------------------------------------------------------------------------------------
 

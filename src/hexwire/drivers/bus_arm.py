@@ -14,7 +14,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from hexwire.bus import setup as servo_setup
 from hexwire.bus.servo_bus import ServoBus
@@ -38,19 +38,21 @@ from hexwire.motion.limits import check_target
 from hexwire.session.effects import packet_only_reads
 from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
-from hexwire.wire.tables import DEFAULT_CEILING
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
-from .base import JointProbe, ProbeReport, StopMode
+from .base import ProbeReport, StopMode
+from .bus_goals import SPEED_UNIT, BusGoals
+from .bus_probe import probe_joint
 from .replies import torque_flag
 from .session_driver import SessionDriver
 from .stop_memory import StopMemory
 
+if TYPE_CHECKING:
+    from hexwire.link.diagnose import Finding
+
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
 
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
-_PHASE_SPEED_UNIT = 0x04
-"""Bit of STS register phase: speeds count single steps instead of 50."""
 _RESERVED_FAULTS = int(JointFlag(0xFF).faults) & ~int(JointFlag.SILENT)
 _MIN_DURATION = 0.02
 _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
@@ -68,6 +70,7 @@ class BusArm(SessionDriver):
         calibration: Middles and limits in place of the arm's own.
     """
 
+    port_leads_to = "adapter"
     profile: ClassVar[str] = "chain"
     _file: ClassVar[Path | None] = None
 
@@ -92,8 +95,7 @@ class BusArm(SessionDriver):
         # A goal switches torque on: one that was judged before torque off must not follow it. A stop waits for
         # neither, and a signal handler may call either in the middle of the other.
         self._powering = threading.RLock()
-        self._speed_units: dict[int, float] = {}
-        self._ceilings: dict[int, int] = {}
+        self._goals = BusGoals(self.bus)
         self._positions: dict[str, float] = {}
         self._sampled: dict[str, float] = {}
 
@@ -128,7 +130,7 @@ class BusArm(SessionDriver):
                 ids = ", ".join(str(joint.servo_id) for joint in self.model.joints)
                 raise ReplyTimeoutError(f"pings of servos {ids}", attempts=1 + bus.retries, advice=_ADVICE)
             for joint in here:
-                self._learn(joint)
+                self._goals.learn(joint)
             for i, joint in enumerate(self.model.joints):
                 self._torque[i] = self._read_torque(joint) if joint in here else None
         except BaseException:
@@ -147,32 +149,14 @@ class BusArm(SessionDriver):
         finally:
             self.bus.close()
 
-    def _learn(self, joint: JointModel) -> None:
-        bus, servo_id = self.bus, joint.servo_id
-        series = Series(joint.series)
-        if series is Series.STS_SMS:
-            phase = bus.read(servo_id, "phase").raw
-            self._speed_units[servo_id] = 1.0 if phase is not None and phase & _PHASE_SPEED_UNIT else 50.0
-        elif series is Series.HLS:
-            self._ceilings[servo_id] = bus.read(servo_id, "protection_current").raw or DEFAULT_CEILING
-
     def probe(self) -> ProbeReport:
         self._check_attached()
         rows = []
         for i, joint in enumerate(self.model.joints):
-            info = servo_setup.identify(self.bus, joint.servo_id)
-            if info is None:
-                rows.append(JointProbe(joint.name, joint.servo_id, "unknown", False))
-                continue
-            series = "unknown" if info.series is None else info.series.value
-            notes = [] if series == joint.series else [f"answers as {series}, the arm's file says {joint.series}"]
-            notes += self._at_odds(joint)
-            model = f"{info.model_name} {info.firmware}" if info.firmware else ""
-            supply, hottest = self._ratings(joint.servo_id)
-            rows.append(
-                JointProbe(joint.name, joint.servo_id, series, True, ", ".join(notes), model, supply, hottest)
-            )
-            self._torque[i] = self._read_torque(joint)
+            probe = probe_joint(self.bus, joint, self.calibration)
+            rows.append(probe)
+            if probe.present:
+                self._torque[i] = self._read_torque(joint)
         return ProbeReport(
             robot=self.model.name,
             link=self.bus.link.url,
@@ -197,26 +181,17 @@ class BusArm(SessionDriver):
         found = self.bus.ping(servo_id)
         return None if found.error else found.status
 
-    def _ratings(self, servo_id: int) -> tuple[tuple[float, float] | None, float | None]:
-        """Volts and degrees that a servo has stored as its limits."""
-        if "max_voltage" not in self.bus.series_of(servo_id).registers:
-            return None, None
-        low, high, hottest = (
-            self.bus.read(servo_id, name) for name in ("min_voltage", "max_voltage", "max_temperature")
-        )
-        told = low.raw is not None and high.raw is not None and low.raw < high.raw
-        supply = (low.value, high.value) if told else None
-        return supply, hottest.value if hottest.raw else None
+    def examine(self) -> list[Finding]:
+        from .bus_checkup import examine_bus
 
-    def _at_odds(self, joint: JointModel) -> list[str]:
-        """A servo whose stored offset is not the one it was calibrated with gives positions that are all wrong."""
-        rows = () if self.calibration is None else self.calibration.joints
-        for row in rows:
-            if row.name == joint.name and row.servo_offset is not None:
-                now = self.bus.read(joint.servo_id, "position_offset").raw
-                if now != row.servo_offset:
-                    return [f"its offset is {now}, but it was calibrated with {row.servo_offset}: calibrate again"]
-        return []
+        report, state = self.probe(), self.read()
+        return examine_bus(self.bus, self.model, report, state)
+
+    def explain_silence(self) -> list[Finding]:
+        from .bus_checkup import explain_silence
+
+        with self.bus as bus:
+            return explain_silence(bus, self.model)
 
     # -- reading ------------------------------------------------------------------------------------
 
@@ -263,7 +238,7 @@ class BusArm(SessionDriver):
         step = joint.scale / registers["present_position"].si_factor
         speed = block.value(registers["present_speed"])
         if joint.series == "sts_sms":
-            speed *= self._speed_units.get(joint.servo_id, 50.0) / 50.0
+            speed *= self._goals.speed_unit(joint) / SPEED_UNIT
         values = [
             joint.sign * step * speed,
             joint.sign * block.value(registers["present_load"]),
@@ -321,30 +296,10 @@ class BusArm(SessionDriver):
         packets: dict[int, dict[int, bytes]] = {}
         for name, counts in goals.items():
             joint = self.model.joint(name)
-            address, data = self._goal(joint, counts, duration)
+            address, data = self._goals.make(joint, counts, duration, self._positions.get(name))
             packets.setdefault(address << 8 | len(data), {})[joint.servo_id] = data
         for key, rows in packets.items():
             self.bus.sync_write_bytes(key >> 8, rows)
-
-    def _goal(self, joint: JointModel, counts: int, duration: float) -> tuple[int, bytes]:
-        """Address and bytes that send a servo to a position in a time."""
-        series = Series(joint.series)
-        milliseconds = min(round(duration * 1000), 0x7FFE)
-        if series is Series.SEVEN_BOT:
-            position, time = series.register("target_position"), series.register("run_time")
-            return position.address, position.encode(max(counts, 0)) + time.encode(max(milliseconds, 9))
-        position = series.register("goal_position")
-        if series is Series.SCS:
-            # Position, time, speed: neighbours, and the speed is not used where there is a time.
-            goal = position.encode(max(counts, 0)) + series.register("goal_time").encode(milliseconds)
-            return position.address, goal + b"\0\0"
-        start = self._positions.get(joint.name)
-        distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0
-        unit = self._speed_units.get(joint.servo_id, 50.0)
-        speed = min(max(1, math.ceil(distance / duration / unit)), 0x7FFF)
-        ceiling = self._ceilings.get(joint.servo_id, DEFAULT_CEILING) if series is Series.HLS else 0
-        data = b"\0" + position.encode(counts) + ceiling.to_bytes(2, "little")
-        return series.register("acceleration").address, data + series.register("goal_speed").encode(speed)
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         self._check_attached()
@@ -407,7 +362,7 @@ class BusArm(SessionDriver):
         if counts is None:
             return False
         self._positions[joint.name] = joint.counts_to_angle(counts)
-        address, data = self._goal(joint, counts, _MIN_DURATION)
+        address, data = self._goals.make(joint, counts, _MIN_DURATION, self._positions[joint.name])
         if joint.series == "seven_bot":
             # Goal and time count as one only in a sync write.
             bus.sync_write_bytes(address, {servo_id: data})

@@ -12,16 +12,22 @@ from typing import TYPE_CHECKING
 
 from hexwire.bus import setup as servo_setup
 from hexwire.errors import NotSupportedError, UsageError
+from hexwire.link.adapter import inspect_adapter
 from hexwire.link.diagnose import Finding, Level
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import iter_status, make_ping, strip_echo
+
+from .checkup import judge_probe, judge_state
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.link.base import Link
     from hexwire.model.arm import ArmModel, JointModel
+    from hexwire.model.state import JointState
 
-__all__ = ["SERVO_RATES", "explain_chatter", "explain_missing", "explain_silence", "judge_traffic"]
+    from .base import ProbeReport
+
+__all__ = ["SERVO_RATES", "examine_bus", "explain_chatter", "explain_missing", "explain_silence", "judge_traffic"]
 
 SERVO_RATES = tuple(Series.STS_SMS.baud_codes.values())
 """Rates that a servo may be set to; those of every series are among them."""
@@ -32,6 +38,30 @@ _NOISE_PINGS = 3
 _ROUNDS = 30
 _OK_LOST, _BAD_LOST = 0.01, 0.05
 """Shares of answers lost: a machine that stalls for a moment costs one or two of 180."""
+
+
+def examine_bus(bus: ServoBus, model: ArmModel, report: ProbeReport, state: JointState) -> list[Finding]:
+    """What is good and bad about an arm on a bus, each finding with what to do.
+
+    Args:
+        bus: The open bus.
+        model: The arm.
+        report: What a probe of it found.
+        state: As read.
+    """
+    silent = {joint.name for joint in report.joints if not joint.present} | set(state.silent)
+    lost = explain_missing(bus, model, [model.joint(name) for name in model.names if name in silent])
+    findings = [Finding(Level.OK, "bus", f"{report.robot} at {bus.timing.baud} baud")]
+    findings += judge_probe(report, missing=False) + lost + judge_state(state, report.joints)
+    if not lost:
+        # Who is missing is not the adapter's fault.
+        findings += judge_traffic(bus, model)
+    device = getattr(bus.link, "device", None)
+    if isinstance(device, str):
+        advice = inspect_adapter(device, bus.timing.overhead, bus.timing.holds_back).advice
+        if advice and bus.timing.holds_back:
+            findings.append(Finding(Level.HINT, "adapter", "it holds answers back", advice))
+    return findings
 
 
 def explain_silence(bus: ServoBus, model: ArmModel) -> list[Finding]:

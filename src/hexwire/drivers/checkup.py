@@ -1,7 +1,7 @@
 """What is wrong with a robot: its probe and its state, judged, each finding with what to do.
 
-Owns the judgement. Talks to nobody, and says nothing about what was not read. What a servo bus takes to be looked
-into further is `bus_checkup`'s; ports are `hexwire.link.diagnose`'s.
+Owns the judgement. Only probes and reads, and says nothing about what was not read. What a line takes to be looked
+into further is `bus_checkup`'s and `board_checkup`'s; ports are `hexwire.link.diagnose`'s.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from hexwire.model.state import JointFlag
 if TYPE_CHECKING:
     from hexwire.model.state import JointReading, JointState
 
-    from .base import JointProbe, ProbeReport
+    from .base import JointProbe, ProbeReport, RobotDriver
 
-__all__ = ["judge_board", "judge_probe", "judge_state", "together"]
+__all__ = ["examine", "judge_board", "judge_probe", "judge_state", "together"]
 
 _FRESH_BOOT = 3.0
 _SUPPLY = (5.0, 8.4)
@@ -38,10 +38,21 @@ _FAULT_ADVICE = {
 }
 
 
+def examine(robot: RobotDriver) -> list[Finding]:
+    """What is good and bad about an attached robot behind a controller."""
+    report, state = robot.probe(), robot.read()
+    findings = judge_board(report) + judge_probe(report)
+    shaky = [joint.name for joint in report.joints if joint.present and joint.name in state.silent]
+    if shaky:
+        advice = "contacts, ground, supply of these servos"
+        findings.append(Finding(Level.BAD, ", ".join(shaky), "answered once, but not again", advice))
+    return findings + judge_state(state, report.joints)
+
+
 def judge_board(report: ProbeReport) -> list[Finding]:
     """What a controller says of itself: its dialect, its start, a stop, its own counts of failures."""
     firmware = f", firmware {report.firmware}" if report.firmware else ""
-    text = f"{report.robot}, dialect {report.dialect}{firmware}"
+    text = report.robot + (f", dialect {report.dialect}" if report.dialect else "") + firmware
     if report.dialect == 1:
         findings = [
             Finding(Level.HINT, "board", text, "it speaks the chapter's dialect only; `hexwire firmware flash`")

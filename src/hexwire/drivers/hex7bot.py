@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import NotSupportedError, UsageError
 from hexwire.ipc.handle import IpcHandle
@@ -31,6 +31,9 @@ from .board1 import Board1
 from .board2 import Board2
 from .session_driver import SessionDriver
 from .stop_memory import StopMemory
+
+if TYPE_CHECKING:
+    from hexwire.link.diagnose import Finding
 
 __all__ = ["Hex7BotDriver"]
 
@@ -293,6 +296,11 @@ class Hex7BotDriver(SessionDriver):
 
     def ping(self, servo_id: int) -> int | None:
         return self._attached().ping(servo_id)
+
+    def explain_silence(self) -> list[Finding]:
+        from .board_checkup import explain_no_board
+
+        return explain_no_board(self.session.ipc.link)
 
     # -- settings -----------------------------------------------------------------------------------
 

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import os
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 
 from .base import RobotDriver
 
-__all__ = ["PORT_VARIABLE", "connect", "load_driver", "robot_names"]
+if TYPE_CHECKING:
+    from .bus_arm import BusArm
+
+__all__ = ["PORT_VARIABLE", "connect", "load_bus_arm", "load_driver", "robot_names"]
 
 PORT_VARIABLE = "HEXWIRE_PORT"
 """Environment variable with the port to use where none is given."""
@@ -47,6 +50,20 @@ def load_driver(name: str) -> type[RobotDriver]:
                 raise UsageError(f"entry point {point.value!r} of robot {name!r} is no RobotDriver class")
             return driver
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
+
+
+def load_bus_arm(name: str) -> type[BusArm]:
+    """The driver class of an arm on a servo bus; arguments and errors as `load_driver`.
+
+    Raises:
+        UsageError: It is no arm on a servo bus.
+    """
+    from .bus_arm import BusArm
+
+    driver = load_driver(name)
+    if not issubclass(driver, BusArm):
+        raise UsageError(f"{name} is no arm on a servo bus")
+    return driver
 
 
 def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> RobotDriver:

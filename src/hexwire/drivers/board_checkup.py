@@ -1,0 +1,54 @@
+"""Why no board answers on a port: looked for on the line, each cause in one line with what to do.
+
+Owns the order of the looks: something that sends unasked, a board at another rate, servos without a board. Only
+asks; nothing is written and nothing moves. Must not know which ports there are.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexwire.errors import NotSupportedError, UsageError
+from hexwire.ipc.mistaken import find_board, find_servos, is_servo_bus
+from hexwire.link.diagnose import Finding, Level
+
+from .bus_checkup import SERVO_RATES, explain_chatter
+
+if TYPE_CHECKING:
+    from hexwire.link.base import Link
+
+__all__ = ["explain_no_board"]
+
+_BOARD_RATES = (57_600, 250_000, 500_000, 1_000_000)
+_PATIENCE = 0.6
+"""Seconds for a board to answer at a rate."""
+
+
+def explain_no_board(link: Link) -> list[Finding]:
+    """Why no board answers; one finding, or none if no more is known.
+
+    Args:
+        link: Closed; opened for this and closed again.
+
+    Raises:
+        LinkError: It cannot be opened.
+    """
+    if not hasattr(link, "set_baud"):
+        return []
+    with link:
+        chatter = explain_chatter(link)
+        if chatter is not None:
+            return [chatter]
+        for baud in _BOARD_RATES:
+            try:
+                board = find_board(link, baud=baud, patience=_PATIENCE)
+            except (UsageError, NotSupportedError):
+                continue
+            if board is not None:
+                text = f"the board speaks at {baud} baud"
+                return [Finding(Level.BAD, "rate", text, f"name it: --baud {baud}")]
+        for baud in SERVO_RATES:
+            servo_ids = find_servos(link, baud=baud)
+            if servo_ids:
+                return [Finding(Level.BAD, "device", str(is_servo_bus(link.url, servo_ids, baud=baud)))]
+    return []

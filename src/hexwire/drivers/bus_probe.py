@@ -1,0 +1,58 @@
+"""Who a servo on a bus is, and whether it is the one that an arm's file and calibration mean.
+
+Owns these questions to one servo. Reads only. Must not know the arm as a whole.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexwire.bus import setup as servo_setup
+
+from .values import JointProbe
+
+if TYPE_CHECKING:
+    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.model.arm import JointModel
+    from hexwire.model.calibration import Calibration
+
+__all__ = ["probe_joint"]
+
+
+def probe_joint(bus: ServoBus, joint: JointModel, calibration: Calibration | None = None) -> JointProbe:
+    """Ask the servo of a joint who it is.
+
+    Args:
+        bus: Open.
+        joint: As the arm's file says.
+        calibration: What the arm was calibrated with, if it was.
+    """
+    info = servo_setup.identify(bus, joint.servo_id)
+    if info is None:
+        return JointProbe(joint.name, joint.servo_id, "unknown", False)
+    series = "unknown" if info.series is None else info.series.value
+    notes = [] if series == joint.series else [f"answers as {series}, the arm's file says {joint.series}"]
+    notes += _at_odds(bus, joint, calibration)
+    model = f"{info.model_name} {info.firmware}" if info.firmware else ""
+    supply, hottest = _ratings(bus, joint.servo_id)
+    return JointProbe(joint.name, joint.servo_id, series, True, ", ".join(notes), model, supply, hottest)
+
+
+def _ratings(bus: ServoBus, servo_id: int) -> tuple[tuple[float, float] | None, float | None]:
+    """Volts and degrees that a servo has stored as its limits."""
+    if "max_voltage" not in bus.series_of(servo_id).registers:
+        return None, None
+    low, high, hottest = (bus.read(servo_id, name) for name in ("min_voltage", "max_voltage", "max_temperature"))
+    told = low.raw is not None and high.raw is not None and low.raw < high.raw
+    supply = (low.value, high.value) if told else None
+    return supply, hottest.value if hottest.raw else None
+
+
+def _at_odds(bus: ServoBus, joint: JointModel, calibration: Calibration | None) -> list[str]:
+    """A servo whose stored offset is not the one it was calibrated with gives positions that are all wrong."""
+    for row in () if calibration is None else calibration.joints:
+        if row.name == joint.name and row.servo_offset is not None:
+            now = bus.read(joint.servo_id, "position_offset").raw
+            if now != row.servo_offset:
+                return [f"its offset is {now}, but it was calibrated with {row.servo_offset}: calibrate again"]
+    return []

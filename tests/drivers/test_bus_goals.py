@@ -1,0 +1,67 @@
+"""The bytes of goals, by series, from what the vendors' memory tables say."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from tests.bus.bus_bench import make_bus
+
+from hexwire.drivers.bus_goals import SPEED_UNIT, BusGoals
+from hexwire.model.arm import JointModel
+from hexwire.wire.registers import Series
+
+
+def joint(series: str, servo_id: int = 1) -> JointModel:
+    return JointModel("a", servo_id, series, 0, 1, 0.0, 0.001, -9.0, 9.0, 9.0)
+
+
+def test_an_sts_goal_is_acceleration_position_nothing_and_speed() -> None:
+    goals = BusGoals(make_bus((1,))[0])
+    # From 0 to 1000 counts in a second is 1000 counts/s: 20 units.
+    assert goals.make(joint("sts_sms"), 1000, 1.0, 0.0) == (41, bytes.fromhex("00 E8 03 00 00 14 00"))
+
+
+def test_speed_counts_single_steps_where_the_servo_says_so() -> None:
+    bus, _ = make_bus((1,))
+    goals, arm = BusGoals(bus), joint("sts_sms")
+    assert goals.speed_unit(arm) == SPEED_UNIT
+    goals.learn(arm)
+    before = goals.speed_unit(arm)
+    phase = bus.read(1, "phase").raw
+    assert phase is not None
+    bus.write_raw(1, "lock", 0)
+    bus.write_raw(1, "phase", phase ^ 0x04)
+    goals.learn(arm)
+    assert {before, goals.speed_unit(arm)} == {1.0, SPEED_UNIT}
+
+
+def test_an_hls_goal_has_the_servos_own_current_ceiling() -> None:
+    bus, _ = make_bus((4,), (Series.HLS,))
+    goals, arm = BusGoals(bus), joint("hls", 4)
+    goals.learn(arm)
+    ceiling = bus.read(4, "protection_current").raw
+    assert ceiling
+    address, data = goals.make(arm, 100, 0.5, 0.0)
+    assert (address, data[3:5]) == (41, ceiling.to_bytes(2, "little"))
+
+
+def test_a_legacy_goal_is_position_and_time() -> None:
+    goals = BusGoals(make_bus((1,), (Series.SEVEN_BOT,))[0])
+    assert goals.make(joint("seven_bot"), 0x123, 0.5, None) == (0x2A, bytes.fromhex("01 23 01 F4"))
+    # Below 9 ms such a servo does not move.
+    assert goals.make(joint("seven_bot"), -4, 0.0, None)[1] == bytes.fromhex("00 00 00 09")
+
+
+def test_from_where_nobody_knows_a_goal_is_as_slow_as_can_be() -> None:
+    goals = BusGoals(make_bus((1,))[0])
+    _, data = goals.make(joint("sts_sms"), 4000, 0.1, None)
+    assert int.from_bytes(data[5:], "little") == 1
+
+
+@pytest.mark.parametrize("duration", [1e-6, 1e9])
+def test_no_time_is_too_short_or_too_long(duration: float) -> None:
+    goals = BusGoals(make_bus((1,))[0])
+    for series in ("sts_sms", "scs", "hls", "seven_bot"):
+        _, data = goals.make(joint(series), 4000, duration, -math.pi)
+        assert data[-2:] != b"\0\0" or series == "scs"
