@@ -16,7 +16,8 @@ APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr clang g++ gcc gcc-avr
 # The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` takes another.
 PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
     $(shell $(p) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $(p))))
-PYTEST_ARGS ?= -n auto
+# Workers begin with neighbouring tests, which share what their fixtures start.
+PYTEST_ARGS ?= -n auto --dist worksteal
 # The same examples in every run, so that a failure belongs to the change that it meets;
 # `make tests HYPOTHESIS_PROFILE=default` draws new ones, `=thorough` fifty times as many.
 export HYPOTHESIS_PROFILE ?= ci

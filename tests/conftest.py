@@ -33,6 +33,11 @@ settings.register_profile("thorough", max_examples=5000, **_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "default"))
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Two workers for each processor: half of the time the tests wait for a process, a line or a servo."""
+    return 2 * len(os.sched_getaffinity(0))
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
     """Leave out the docstrings of tests, which `--markdown-docs` searches: that takes a third of the collection."""

@@ -1,4 +1,7 @@
-"""One master, one emulated arm and one node for all tests of a worker; a test that breaks more has its own."""
+"""One master, one emulated arm and one node for the tests of a module; a test that breaks more has its own.
+
+They end with the module: a node that publishes takes a tenth of a processor from all tests after it.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ POSES = {"home": {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, 
 CONSTRAINTS = {"goal_time": 3.0, "stopped_velocity_tolerance": 0.2}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     with made(tmp_path_factory.mktemp("ros")) as world:
         yield world
@@ -31,7 +34,7 @@ def own_world(tmp_path: Path) -> Iterator[World]:
             print(world.report())
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def shared_arm(world: World) -> Iterator[Arm]:
     board = PtyBoard(world.folder / "shared")
     try:
