@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
 from hexwire.drivers.registry import connect, load_driver, robot_names
@@ -36,12 +36,17 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def drivers() -> str:
+    """The blocks of the page up to the second driver, without what is tried in between."""
+    blocks = re.findall(r"```python[^\n]*\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    last = next(i for i, block in enumerate(blocks) if "class SwingDriver" in block)
+    return "\n".join(block for block in blocks[: last + 1] if not block.startswith("with "))
+
+
 def test_the_robot_of_the_page_is_found(page: Path) -> None:
-    text = PAGE.read_text()
-    blocks = re.findall(r"```python[^\n]*\n(.*?)```", text, re.DOTALL)
-    entry = re.search(r'^swing = "(.*)"$', text, re.MULTILINE)
+    entry = re.search(r'^swing = "(.*)"$', PAGE.read_text(), re.MULTILINE)
     assert entry is not None
-    install(page, f"swing = {entry[1]}", "\n".join(blocks[:2]))
+    install(page, f"swing = {entry[1]}", drivers())
     assert {"hex7bot", "puma260", "swing"} <= set(robot_names())
     driver = load_driver("swing")
     assert (driver.__name__, driver.model.names) == ("SwingDriver", ("J1", "J2"))
@@ -50,6 +55,22 @@ def test_the_robot_of_the_page_is_found(page: Path) -> None:
     assert (result.exit_code, "/dev/none" in result.stderr) == (1, True)
     with pytest.raises(LinkNotFoundError):
         connect("/dev/none", robot="swing")
+
+
+def test_a_robot_without_a_session_works_with_the_command_line(page: Path) -> None:
+    install(page, "pretend = swing.driver:PretendDriver", drivers())
+    run = CliRunner()
+
+    def hexwire(*words: str) -> Result:
+        return run.invoke(cli, ["--robot", "pretend", *words, "--port", "nowhere"])
+
+    for words in (["state"], ["probe"], ["torque", "on"], ["stop"], ["resume"], ["doctor"]):
+        result = hexwire(*words)
+        assert (result.exit_code, result.exception) == (0, None), (words, result.output)
+    assert "J1" in hexwire("state").stdout
+    refused = hexwire("ping")
+    assert refused.exit_code == 1
+    assert "no servos that can be asked one by one" in str(refused.stderr)
 
 
 def test_what_is_no_driver_is_refused(page: Path) -> None:

@@ -11,10 +11,9 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING
 
 from hexwire.errors import NotSupportedError, UsageError
-from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
@@ -85,11 +84,6 @@ class Hex7BotDriver(SessionDriver):
         self._arming_due = False
         self._tripped = False
         self._memory = StopMemory("")
-
-    @classmethod
-    def from_url(cls, url: str, **options: Any) -> Self:
-        """A driver over the link that `url` names; not attached yet. Options as in the constructor."""
-        return cls(Session(IpcHandle.from_url(url)), **options)
 
     @property
     def dialect(self) -> int:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
+
+from hexwire.ipc.handle import IpcHandle
+from hexwire.ipc.session import Session
 
 from .base import RobotDriver
 
 if TYPE_CHECKING:
     from hexwire.epochs import Epochs
-    from hexwire.ipc.session import Session
 
 __all__ = ["SessionDriver"]
 
@@ -37,6 +39,11 @@ class SessionDriver(RobotDriver):
         # A stop voids what waits at any of them.
         for other in self.sessions[1:]:
             other.share_stops(session)
+
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        """A driver over one session on the link that `url` names; options as in the constructor."""
+        return cls(Session(IpcHandle.from_url(url)), **options)
 
     @property
     def url(self) -> str:
