@@ -1,4 +1,4 @@
-"""Robots and their owner for the tests of `Hardware`: in simulated time, and with threads over a real line."""
+"""Robots and their owner for the tests of `RobotOwner`: in simulated time, and with threads over a real line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
 from hexwire.control.known_state import KnownState
-from hexwire.control.owner import Hardware
+from hexwire.control.owner import RobotOwner
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
@@ -44,7 +44,7 @@ class Bench:
         self.robot, self.clock = robot, clock
         self.published: list[tuple[float, KnownState]] = []
         self.writes: list[float] = []
-        self.hardware = Hardware(robot, on_state=self.note, clock=clock, sleep=clock.sleep, **options)
+        self.hardware = RobotOwner(robot, on_state=self.note, clock=clock, sleep=clock.sleep, **options)
         names = robot.model.names
         shares = (names[:3], names[3:]) if split else (names,)
         self.controllers = tuple(make_controller(robot.model, share, period) for share in shares)
@@ -183,7 +183,7 @@ class Threaded:
 
     def __init__(self, served: Served, **options: Any) -> None:
         self.driver = Hex7BotDriver.from_url(served.url)
-        self.hardware = Hardware(self.driver, **({"watchdog": 20.0} | options))
+        self.hardware = RobotOwner(self.driver, **({"watchdog": 20.0} | options))
         self.hardware.connect(10.0)
         self.controller = make_controller(self.driver.model, period=0.5)
         self.hardware.start((self.controller,))

@@ -401,7 +401,7 @@ def test_whoever_waits_for_a_pose_hears_of_its_end(how: str) -> None:
         bench.ask(lambda: bench.arm.enable(False))
     else:
         bench.arm.shutdown()
-    words = {"stop": "stopped: test", "lost": "was lost", "shutdown": "node ends", "off": "torque was taken away"}
+    words = {"stop": "stopped: test", "lost": "was lost", "shutdown": "program ends", "off": "torque was taken"}
     with pytest.raises(UsageError, match=words[how]):
         service.answer()
     assert free(bench)

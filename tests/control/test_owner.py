@@ -1,4 +1,4 @@
-"""`Hardware` against emulated robots in simulated time: states, targets, torque, jobs."""
+"""`RobotOwner` against emulated robots in simulated time: states, targets, torque, jobs."""
 
 from __future__ import annotations
 

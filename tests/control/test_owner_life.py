@@ -1,4 +1,4 @@
-"""`Hardware` begins and ends: in simulated time, then with its thread over a real line."""
+"""`RobotOwner` begins and ends: in simulated time, then with its thread over a real line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from tests.control.owner_bench import BoardBench, Served, Threaded, moving, wait_for
 
 from hexwire.control.known_state import KnownState
-from hexwire.control.owner import Hardware
+from hexwire.control.owner import RobotOwner
 from hexwire.errors import (
     DeviceError,
     HexwireError,
@@ -124,7 +124,7 @@ def test_the_end_at_rest_leaves_the_board_as_it_was() -> None:
 def test_the_end_on_the_way_stops_the_arm() -> None:
     bench, told = moving()
     bench.hardware.shutdown()
-    assert told.words == "aborted: stopped: the node ends"
+    assert told.words == "aborted: stopped: the program ends"
     state = bench.board.state
     assert (state.stopped, state.watchdog_timeout, state.report_due) == (True, 0.0, None)
     assert bench.arm.torques() == [True] * 7
@@ -146,7 +146,7 @@ def test_the_end_without_a_robot() -> None:
     bench.hardware.shutdown(torque_off=True)
     bench.hardware.shutdown()
     assert len(told.ends) == 1
-    Hardware(bench.robot).shutdown()
+    RobotOwner(bench.robot).shutdown()
 
 
 # -- with threads, over a real line -------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_a_life_with_its_own_thread(served: Served) -> None:
     told = node.go_slowly()
     hardware.shutdown()
     assert not hardware.alive
-    assert told.words == "aborted: stopped: the node ends"
+    assert told.words == "aborted: stopped: the program ends"
     state = served.board.state
     assert (state.stopped, state.watchdog_timeout, state.report_due) == (True, 0.0, None)
 
@@ -255,10 +255,10 @@ def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> Non
     broken.set()
     wait_for(lambda: not hardware.alive)
     assert isinstance(hardware.crash, RuntimeError)
-    assert told.words == "aborted: stopped: the node failed: a fault of the program"
+    assert told.words == "aborted: stopped: the program failed: a fault of the program"
     assert served.board.state.stopped
     for call in (hardware.newest, hardware.reset):
-        with pytest.raises(DeviceError, match="the node failed: a fault"):
+        with pytest.raises(DeviceError, match="the program failed: a fault"):
             call()
     hardware.shutdown()
     state = served.board.state
@@ -282,7 +282,7 @@ def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
     stick.set()
     assert stuck.wait(30)
     node.hardware.shutdown()
-    assert told.words == "aborted: stopped: the node ends"
+    assert told.words == "aborted: stopped: the program ends"
     # It was told before anybody waited for the thread.
     assert served.board.state.stopped
     assert node.hardware.alive

@@ -1,4 +1,4 @@
-"""`Hardware` loses its robot, or the robot its memory; in simulated time."""
+"""`RobotOwner` loses its robot, or the robot its memory; in simulated time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Hardware` stops the arm, and a stop is reset; in simulated time."""
+"""`RobotOwner` stops the arm, and a stop is reset; in simulated time."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def test_where_nothing_is_reported_nothing_is_dropped() -> None:
 def test_restarts_of_the_board() -> None:
     arm, reader = make()
     read(reader, 3)
-    assert reader.restarts == 0
+    assert arm.driver.restarts == 0
     arm.board.reset(arm.clock.time)
     read(reader, 3)
-    assert reader.restarts == 1
+    assert arm.driver.restarts == 1

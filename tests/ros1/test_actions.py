@@ -175,7 +175,7 @@ def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(actions: Actions
     wait_for(lambda: handle.said)
     actions.bench.arm.shutdown()
     actions.goals.close()
-    assert handle.said == ["accepted", ("aborted", -1, "stopped: the node ends")]
+    assert handle.said == ["accepted", ("aborted", -1, "stopped: the program ends")]
 
 
 def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_id(actions: Actions) -> None:

@@ -19,7 +19,7 @@ from hexwire.motion.teach import approach
 from .controller import TrajectoryController
 from .diagnostics import Facts
 from .outcomes import Reason
-from .owner import Hardware
+from .owner import RobotOwner
 from .teach_mode import Lessons, switch_torque
 from .waiting import Alone, Waiter
 
@@ -49,9 +49,9 @@ class Arm:
     Args:
         robot: Not attached.
         settings: What the front has set.
-        on_state: As in `Hardware`.
+        on_state: As in `RobotOwner`.
         on_taught: Called with what was taught, in the thread that ended it.
-        clock: As in `Hardware`.
+        clock: As in `RobotOwner`.
         sleep: Likewise.
 
     Attributes:
@@ -71,7 +71,7 @@ class Arm:
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.settings = settings
-        self.hardware = Hardware(
+        self.hardware = RobotOwner(
             robot,
             publish_rate=settings.publish_rate,
             command_rate=settings.command_rate,
@@ -88,7 +88,7 @@ class Arm:
     # -- coming and going ---------------------------------------------------------------------------
 
     def connect(self) -> None:
-        """Find the robot and make its controllers; as `Hardware.connect`."""
+        """Find the robot and make its controllers; as `RobotOwner.connect`."""
         settings, hardware = self.settings, self.hardware
         hardware.connect(settings.connect_timeout)
         if settings.kinematics is not None:

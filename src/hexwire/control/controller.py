@@ -119,6 +119,16 @@ class TrajectoryController:
         return self._active is not None or self._pending is not None or not self.follower.done
 
     @property
+    def moving(self) -> bool:
+        """It sends its joints somewhere."""
+        return not self.follower.done
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Why it is stopped, or None."""
+        return self.follower.reason
+
+    @property
     def words(self) -> str:
         """What it does, for people."""
         if self.follower.mode is Mode.STOPPED:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason
@@ -16,9 +16,47 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.fence import Fence
 
-    from .controller import TrajectoryController
+    from .outcomes import Ended, Goal
 
-__all__ = ["ControllerGroup"]
+__all__ = ["Controller", "ControllerGroup"]
+
+
+class Controller(Protocol):
+    """What decides where some joints of an arm go. Time comes in as an argument, seconds; angles are radians."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names."""
+
+    @property
+    def busy(self) -> bool:
+        """It sends its joints somewhere, or will, or somebody still waits for the end of that."""
+
+    @property
+    def moving(self) -> bool:
+        """It sends its joints somewhere."""
+
+    @property
+    def reason(self) -> StopReason | None:
+        """Why it is stopped, or None."""
+
+    def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
+        """Compare a state that was just read with what was meant; velocities are those of all the arm's joints."""
+
+    def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
+        """What to send now, for so many seconds ahead; or why to stop the arm; or None to leave it alone."""
+
+    def stop(self, reason: StopReason) -> None:
+        """Latch a stop."""
+
+    def reset(self) -> None:
+        """End a stop. Nothing moves by it."""
+
+    def release(self, why: str) -> None:
+        """The joints are no longer held: what was commanded is forgotten."""
+
+    def take_ended(self) -> list[tuple[Goal, Ended]]:
+        """Goals that have ended since the last call."""
 
 
 class ControllerGroup:
@@ -31,7 +69,7 @@ class ControllerGroup:
         stops: How often a stop was asked for or found necessary, whether one was latched already or not.
     """
 
-    def __init__(self, members: Sequence[TrajectoryController] = ()) -> None:
+    def __init__(self, members: Sequence[Controller] = ()) -> None:
         self.members = members
         self.lock = threading.RLock()
         self.fence: Fence | None = None
@@ -45,17 +83,17 @@ class ControllerGroup:
     @property
     def moving(self) -> bool:
         """One of them sends its joints somewhere."""
-        return any(not controller.follower.done for controller in self.members)
+        return any(controller.moving for controller in self.members)
 
     @property
     def reason(self) -> StopReason | None:
         """Why the arm is stopped, or None."""
-        return next((c.follower.reason for c in self.members if c.follower.reason), None)
+        return next((c.reason for c in self.members if c.reason), None)
 
     @property
     def blamed(self) -> frozenset[str]:
         """Joints that stops are blamed on."""
-        return frozenset(c.follower.reason.joint for c in self.members if c.follower.reason)
+        return frozenset(c.reason.joint for c in self.members if c.reason)
 
     def cycle(
         self, state: JointState, speeds: Sequence[float], now: float, lead: float, *, due: bool
@@ -88,7 +126,7 @@ class ControllerGroup:
         self.deliver()
         if reason is not None:
             return reason
-        return JointTarget(positions, lead) if positions else None
+        return JointTarget(positions, max(target.duration for target in targets)) if positions else None
 
     def _outside(self, state: JointState, target: Mapping[str, float]) -> StopReason | None:
         """Each controller checks its own way, with the joints of the others where they were then."""

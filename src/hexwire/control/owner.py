@@ -1,19 +1,20 @@
-"""The one owner of a robot while a program runs: it reads, lets the controllers decide, writes, and reconnects.
+"""The one owner of a moving robot: it reads, lets the controllers decide, and writes.
 
-Owns the thread, the order read-update-write, and what happens when the robot fails: everything stops, goals end,
-and the robot is looked for until it is back. Must not know any front, nor what is done with what it reports.
-Over 500 lines because every way in which a robot fails ends in this one thread.
+Owns the order read-update-write, the watchdog while that goes on, and what happens when the robot fails: everything
+stops and goals end. It runs in a thread of its own and reconnects, or in the caller's thread with a robot that is
+the caller's. Must not know who asks, nor what is done with what it reports.
+Over 500 lines because every way in which a robot fails ends here.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING, TypeVar
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING, Self, TypeVar
 
+from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     CommandRefusedError,
     DeviceError,
@@ -21,7 +22,6 @@ from hexwire.errors import (
     LinkError,
     LinkLostError,
     LinkPermissionError,
-    NotSupportedError,
     PreemptedError,
     ReplyTimeoutError,
     StoppedError,
@@ -29,7 +29,6 @@ from hexwire.errors import (
 )
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.motion.safety import StopReason, board_stop
-from hexwire.session.policy import ReconnectPolicy
 
 from .calls import Jobs, of_now
 from .group import ControllerGroup
@@ -39,13 +38,16 @@ from .reader import StateReader
 from .waiting import join_or_hang_up
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from hexwire.drivers.base import ProbeReport, RobotDriver
-    from hexwire.model.state import JointState
+    from hexwire.model.state import JointState, SentTarget
 
-    from .controller import TrajectoryController
+    from .group import Controller
     from .known_state import KnownState
+    from .loop import RateLoop
 
-__all__ = ["Hardware"]
+__all__ = ["RobotOwner"]
 
 _log = logging.getLogger(__name__)
 
@@ -63,18 +65,24 @@ _PATIENCE, _PATIENCE_LOST = 5.0, 2.0
 """Seconds until the owner is hung up on at the end: with a robot, and while it looks for one."""
 
 
-class Hardware:
-    """A robot, and the thread that alone reads and moves it.
+class RobotOwner:
+    """A robot, and the one that alone reads and moves it.
 
-    `connect` once, then `start` or call `turn` oneself; `shutdown` at the end. Any thread may call the others.
+    `connect` once, then `start` a thread or call `turn` oneself; `shutdown` at the end. Any thread may call the
+    others.
 
     Args:
-        robot: Not attached.
+        robot: Not attached, unless it is borrowed.
+        borrowed: The robot is attached, and stays so at the end. It is asked for a state before every target, and a
+            failure stops the arm and comes out of `turn`. Else `connect` attaches it, it reports states by itself
+            where it can, and it is looked for when it was lost.
         publish_rate: States a second; less where the line gives less.
         command_rate: Targets a second; what the robot's line takes if 0.
         watchdog: Seconds of silence after which the board stops by itself; 0 for never.
+        watchdog_mode: What the board does then.
         on_state: Called with every new state and what is to be published of it, in the owner's thread.
-        clock: Monotonic seconds; the clock of the robot's link.
+        on_sent: Called with what was really sent, in the owner's thread.
+        clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for so many seconds; until `shutdown` at the latest if None.
 
     Attributes:
@@ -82,21 +90,24 @@ class Hardware:
         group: The controllers, which decide; `start` fills it.
         connected: The robot answers.
         error: Why not; empty if it does.
-        reconnects: How often it was back.
+        reconnects: Number of reconnections.
         probe: What the robot said of itself when it was found last.
-        watchdog: In force, seconds; 0 where there is none.
         crash: What ended the thread, if that was a fault of the program.
+        observers: Called with every state, in the owner's thread.
     """
 
     def __init__(
         self,
         robot: RobotDriver,
         *,
+        borrowed: bool = False,
         publish_rate: float = 100.0,
         command_rate: float = 0.0,
         watchdog: float = 1.0,
+        watchdog_mode: StopMode = StopMode.HOLD,
         on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
-        clock: Callable[[], float] = time.monotonic,
+        on_sent: Callable[[SentTarget], object] = lambda sent: None,
+        clock: Callable[[], float] | None = None,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.robot = robot
@@ -105,21 +116,27 @@ class Hardware:
         self.error = "not connected yet"
         self.reconnects = 0
         self.probe: ProbeReport | None = None
-        self.watchdog = 0.0
         self.crash: BaseException | None = None
         self.observers: list[Callable[[JointState], object]] = []
-        self._publish_rate, self._command_rate, self._wanted_watchdog = publish_rate, command_rate, watchdog
+        self._borrowed = borrowed
+        self._publish_rate, self._command_rate = publish_rate, command_rate
+        self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
         self._ending = threading.Event()
-        self._on_state, self._clock, self._sleep = on_state, clock, sleep or self._ending.wait
+        self._on_state, self._on_sent = on_state, on_sent
+        self._clock, self._sleep = clock or robot.now, sleep or self._ending.wait
         self._reader: StateReader | None = None
         self._restarts, self._clamped = 0, frozenset[str]()
         self._latest = LatestState(publish_rate)
         self._raster = Raster()
         self._jobs = Jobs()
         self._thread: threading.Thread | None = None
-        # Whoever owns a robot decides what a lost link means; a session that reconnects by itself would hide it.
-        for session in robot.sessions:
-            session.reconnect = ReconnectPolicy(enabled=False)
+        # Whose turn it is: what this thread wants done is done at once.
+        self._turning = 0
+        # The last stop that the controllers know of. What they were told before a newer one must not be sent.
+        self._known_stop = robot.epochs.mark()
+        if not borrowed:
+            # Whoever owns a robot decides what a lost link means; one that reconnects by itself would hide it.
+            robot.auto_reconnect(on=False)
 
     # -- coming and going ---------------------------------------------------------------------------
 
@@ -133,6 +150,10 @@ class Hardware:
             LinkError: The port cannot be opened.
             DeviceError: Nobody answers, or not what was expected.
         """
+        self._turning = threading.get_ident()
+        if self._borrowed:
+            self._begin(self.robot.read())
+            return
         deadline, said = self._clock() + timeout, ""
         while not self.connected:
             try:
@@ -146,10 +167,10 @@ class Hardware:
                     _log.info("%s; waiting for it", said)
                 self._sleep(_RETRY)
 
-    def start(self, controllers: Sequence[TrajectoryController]) -> None:
+    def start(self, controllers: Sequence[Controller]) -> None:
         """Run `turn` in a thread of its own until `shutdown`."""
         self.group.members = controllers
-        self._thread = threading.Thread(target=self._run, name="hardware", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="owner", daemon=True)
         self._thread.start()
 
     def shutdown(self, *, torque_off: bool = False) -> None:
@@ -160,29 +181,35 @@ class Hardware:
         """
         self._ending.set()
         moving = self.group.moving
-        self.group.stop(StopReason("asked", "the node ends"))
+        self.group.stop(StopReason("asked", "the program ends"))
         with suppress(HexwireError):
             if self.connected and moving:
                 self.robot.stop()
         self._end_thread()
-        self._jobs.fail(LinkLostError("the node ends"))
+        self._jobs.fail(LinkLostError("the program ends"))
         with suppress(HexwireError):
             if not self.alive:
                 self._close_reader()
-            if self.connected and self.watchdog:
-                self._arm_watchdog(0.0)
-        with suppress(HexwireError):
-            self.robot.detach(torque_off=torque_off and self.connected)
-        self.connected, self.error = False, "the node has ended"
+            if self.connected:
+                self._watched.close()
+        if not self._borrowed:
+            with suppress(HexwireError):
+                self.robot.detach(torque_off=torque_off and self.connected)
+        self.connected, self.error = False, "the program has ended"
+
+    def __enter__(self) -> Self:
+        self.connect()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.shutdown()
 
     def _end_thread(self) -> None:
-        def hang_up() -> None:
-            for session in self.robot.sessions:
-                session.close()
-
         patience = _PATIENCE if self.connected else _PATIENCE_LOST
-        if self._thread is not None and not join_or_hang_up(self._thread, patience, hang_up, _PATIENCE):
-            _log.error("the hardware thread does not end")
+        if self._thread is not None and not join_or_hang_up(self._thread, patience, self.robot.abort, _PATIENCE):
+            _log.error("the owner's thread does not end")
 
     @property
     def alive(self) -> bool:
@@ -198,6 +225,16 @@ class Hardware:
     def lead(self) -> float:
         """Seconds ahead for which a target is sent: a period and a half, so that a late cycle is no pause."""
         return 1.5 * self.command_period
+
+    @property
+    def watchdog(self) -> float:
+        """Seconds of silence after which the board stops the arm by itself; 0 where nothing is armed."""
+        return self._wanted_watchdog if self.robot.watchdog_armed else 0.0
+
+    @property
+    def timing(self) -> RateLoop | None:
+        """The loop behind the turns, where the robot is asked for its states; None where it reports them."""
+        return self._reader.timing if self._reader is not None else None
 
     @property
     def rate(self) -> float:
@@ -249,10 +286,10 @@ class Hardware:
             DeviceError: It was not done in time, or the owner is gone.
             HexwireError: What the job raised.
         """
-        if threading.current_thread() is self._thread:
-            return job()
         self._check_reachable()
-        return self._jobs.call(of_now(job, getattr(self.robot, "epochs", None)))
+        if threading.get_ident() == self._turning:
+            return job()
+        return self._jobs.call(of_now(job, self.robot.epochs))
 
     def stop(self, why: str) -> tuple[str, ...]:
         """Latched stop, ahead of everything else; the joints hold.
@@ -311,8 +348,15 @@ class Hardware:
     # -- the owner's turn -------------------------------------------------------------------------------
 
     def turn(self) -> None:
-        """One state and what follows from it, or one try to find a lost robot."""
+        """One state and what follows from it, or one try to find a lost robot.
+
+        Raises:
+            HexwireError: A borrowed robot failed; it was told to stop, if it could be.
+        """
+        self._turning = threading.get_ident()
         if not self.connected:
+            if self._borrowed:
+                raise LinkLostError(self.error)
             self._find_again()
             return
         try:
@@ -321,7 +365,8 @@ class Hardware:
             state = self._reader.next()
             if state is not None:
                 self._take(state)
-                self._see_restarts(self._reader.restarts)
+                if not self._borrowed:
+                    self._see_restarts()
                 self._update(state)
             self._jobs.run()
         except PreemptedError:
@@ -329,6 +374,8 @@ class Hardware:
             self._close_reader()
         except HexwireError as error:
             self._lose(error)
+            if self._borrowed:
+                raise
 
     def _run(self) -> None:
         try:
@@ -336,10 +383,10 @@ class Hardware:
                 self.turn()
         except BaseException as error:  # noqa: BLE001  # handed on in `crash`
             # A fault of the program: whoever watches this thread must hear of it, and the arm must not go on.
-            _log.exception("the hardware thread failed")
+            _log.exception("the owner's thread failed")
             self.crash = error
-            self.group.stop(StopReason("lost", f"the node failed: {error}"))
-            self._jobs.fail(DeviceError(f"the node failed: {error}"))
+            self.group.stop(StopReason("lost", f"the program failed: {error}"))
+            self._jobs.fail(DeviceError(f"the program failed: {error}"))
             with suppress(HexwireError):
                 self.robot.stop()
 
@@ -347,7 +394,7 @@ class Hardware:
         self.robot.attach()
         try:
             probe = self.robot.probe()
-            if self.probe is not None and probe.dialect != self.probe.dialect:
+            if self.probe is not None and not probe.same_kind(self.probe):
                 # What the arm may be told how often, and when it counts as lost, is of the one that was there.
                 raise DeviceError(
                     f"a board of dialect {probe.dialect} is there, where one of dialect {self.probe.dialect} was; "
@@ -359,32 +406,34 @@ class Hardware:
             with suppress(HexwireError):
                 self.robot.detach()
             raise
+        self._begin(state)
+
+    def _begin(self, state: JointState) -> None:
         self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
-        self._reader, self.watchdog = None, 0.0
-        self.connected, self.error = True, ""
+        self._reader, self.connected, self.error = None, True, ""
         self._take(state)
 
     def _begin_reading(self) -> StateReader:
         # First, since arming a watchdog makes the board forget that it tripped.
         if self.state is not None and (found := board_stop(self.state)) is not None:
             self.group.stop(found)
-            _log.warning("%s; reset it before it is to move", found)
+            self._tell(logging.WARNING, "%s; reset it before it is to move", found)
         # Only now: between `connect` and the first turn nobody feeds a watchdog.
-        if self._wanted_watchdog:
-            self._arm_watchdog(self._wanted_watchdog)
-        # Every target needs a state, however seldom states are published.
-        rate = max(self._publish_rate, 1.0 / self.command_period, _FEEDS / self.watchdog if self.watchdog else 0.0)
-        reader = StateReader(self.robot, rate, clock=self._clock, sleep=self._sleep)
+        self._arm_watchdog()
+        rate = 1.0 / self.command_period
+        if not self._borrowed:
+            # Every target needs a state, however seldom states are published.
+            rate = max(self._publish_rate, rate, _FEEDS / self.watchdog if self.watchdog else 0.0)
+        reader = StateReader(self.robot, rate, ask=self._borrowed, clock=self._clock, sleep=self._sleep)
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
-        self._restarts = reader.restarts
+        self._restarts = self.robot.restarts
         return reader
 
-    def _arm_watchdog(self, seconds: float) -> None:
-        watchdog = getattr(self.robot, "watchdog", None)
-        if watchdog is not None:
-            with suppress(NotSupportedError):
-                watchdog(seconds)
-                self.watchdog = seconds
+    def _arm_watchdog(self) -> None:
+        if self._wanted_watchdog:
+            # Whoever borrows a robot may leave a stop to be looked into; an owner for good has just noted it.
+            watched = self.robot.watched(self._wanted_watchdog, self._watchdog_mode, always=not self._borrowed)
+            self._watched.enter_context(watched)
 
     def _find_again(self) -> None:
         self._fail_jobs()
@@ -400,31 +449,40 @@ class Hardware:
 
     def _lose(self, error: HexwireError) -> None:
         # At the end of everything an emulated board ends as well.
-        _log.log(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
+        self._tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_jobs()
         with suppress(HexwireError):
             self.robot.stop()
         self._close_reader()
-        with suppress(HexwireError):
-            self.robot.detach()
+        if not self._borrowed:
+            with suppress(HexwireError):
+                self.robot.detach()
+            # Only now, when nothing can be sent any more: a board that did not hear the stop must stop by itself.
+            with suppress(HexwireError):
+                self._watched.close()
+
+    def _tell(self, level: int, text: str, *values: object) -> None:
+        """Log, unless the caller hears of it anyway."""
+        _log.log(logging.DEBUG if self._borrowed else level, text, *values)
 
     def _fail_jobs(self) -> None:
         self._jobs.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
 
     def _check_reachable(self) -> None:
         if self.crash is not None:
-            raise DeviceError(f"the node failed: {self.crash}")
+            raise DeviceError(f"the program failed: {self.crash}")
         if not self.connected or self._ending.is_set():
-            raise LinkLostError(f"the robot cannot be reached: {self.error or 'the node ends'}")
+            raise LinkLostError(f"the robot cannot be reached: {self.error or 'the program ends'}")
 
     def _close_reader(self) -> None:
         if self._reader is not None:
             self._reader.close()
 
-    def _see_restarts(self, restarts: int) -> None:
+    def _see_restarts(self) -> None:
         """A board that was reset has forgotten its stop, and its servos may have been without power."""
+        restarts = self.robot.restarts
         if restarts == self._restarts:
             return
         self._restarts = restarts
@@ -444,29 +502,42 @@ class Hardware:
 
     def _update(self, state: JointState) -> None:
         """Judge at every state, decide and write at the raster of commands."""
+        # Right before anything is decided: a stop that comes from here on voids the target, resumed or not.
+        asked = self.robot.epochs.mark()
+        if asked.epoch is not self._known_stop.epoch:
+            self._known_stop = asked
+            if self.group.moving and self.group.reason is None:
+                self.group.stop(StopReason("board", "a stop came from elsewhere"))
         now = self._clock()
-        due = self._raster.due(now, self.command_period)
+        # A robot that is asked for its states is asked at the raster.
+        due = self._raster.due(now, self.command_period) or self._borrowed
         order = self.group.cycle(state, self._latest.speeds(state.names), now, self.lead, due=due)
         if isinstance(order, StopReason):
             self._stop(order)
         elif order is not None:
             self._raster.done(now)
-            self._write(order)
+            with self.robot.epochs.using(asked):
+                self._write(order)
 
     def _write(self, target: JointTarget) -> None:
         try:
-            clamped = frozenset(self.robot.write(target).clamped)
+            sent = self.robot.write(target)
         except StoppedError:
             # States that wait to be read may be of a time before, as after a stall in which the watchdog tripped.
             self.group.stop(board_stop(self.robot.read()) or StopReason("board", "the board has stopped the arm"))
         except (CommandRefusedError, UsageError) as error:
+            if self._borrowed:
+                raise
             # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
             _log.error("%s", error)
             self.group.release(str(error))
         else:
+            clamped = frozenset(sent.clamped)
             if not clamped <= self._clamped:
-                _log.warning("the board's own limits are tighter: it kept %s within them", ", ".join(clamped))
+                text = "the board's own limits are tighter: it kept %s within them"
+                self._tell(logging.WARNING, text, ", ".join(clamped))
             self._clamped = clamped
+            self._on_sent(sent)
 
     def _reset(self, stops: int) -> None:
         suspects = [joint for joint in self.robot.read() if joint.name in self.group.blamed]
@@ -483,6 +554,7 @@ class Hardware:
             # Whoever stopped it last must not find it ready to move.
             self.robot.stop()
             raise UsageError("the arm was stopped again meanwhile; reset it again")
+        self._known_stop = self.robot.epochs.mark()
         self._look_again()
 
     def _look_again(self) -> None:
@@ -493,11 +565,11 @@ class Hardware:
         self._take(state)
 
     def _stop(self, reason: StopReason) -> None:
-        _log.error("stopped: %s", reason)
+        self._tell(logging.ERROR, "stopped: %s", reason)
         self.group.stop(reason)
         confirmed = self.robot.stop()
         if missing := [name for name in self.robot.model.names if name not in confirmed]:
-            _log.error("%s did not confirm the stop", ", ".join(missing))
+            self._tell(logging.ERROR, "%s did not confirm the stop", ", ".join(missing))
 
     def deliver(self) -> None:
         """Tell goals that have ended so; after every change from outside."""

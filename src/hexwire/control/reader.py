@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from hexwire.errors import HexwireError, NotSupportedError
+from hexwire.errors import HexwireError
 
 from .loop import RateLoop
 
@@ -35,8 +35,13 @@ class StateReader:
     Args:
         robot: The robot.
         rate: States a second, as far as the line gives them.
+        ask: Ask for every state, though the robot could report it.
         clock: Monotonic seconds.
         sleep: Waits for so many seconds.
+
+    Attributes:
+        period: Seconds between two states.
+        timing: The loop that asks for states; None where the robot reports them, and before the first.
     """
 
     def __init__(
@@ -44,10 +49,13 @@ class StateReader:
         robot: RobotDriver,
         rate: float,
         *,
+        ask: bool = False,
         clock: Callable[[], float],
         sleep: Callable[[float], object],
     ) -> None:
-        self.period = min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
+        self.period = 1.0 / rate if ask else min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
+        self.timing: RateLoop | None = None
+        self._ask = ask
         self._robot, self._clock, self._sleep = robot, clock, sleep
         self._states: Generator[JointState, None, None] | None = None
         self._reports = False
@@ -76,8 +84,7 @@ class StateReader:
             LinkError: The line is lost.
         """
         if self._reports:
-            for session in self._robot.sessions:
-                session.poll_reports()
+            self._robot.discard_reports()
 
     def close(self) -> None:
         """Have the robot end its reports, if it can still be told."""
@@ -86,20 +93,11 @@ class StateReader:
             with suppress(HexwireError):
                 states.close()
 
-    @property
-    def restarts(self) -> int:
-        """How often the robot's board was reset while the port stayed open, as far as that showed."""
-        return sum(session.board_restarts for session in self._robot.sessions)
-
     def _read(self) -> Generator[JointState, None, None]:
-        self._reports = False
-        stream = getattr(self._robot, "stream", None)
-        if stream is not None:
-            try:
-                self._reports = True
-                yield from stream(self.period, _SILENCE, slow=_SLOW)
-                return
-            except NotSupportedError:
-                self._reports = False
-        for _ in RateLoop(1.0 / self.period, clock=self._clock, sleep=self._sleep).ticks():
+        self._reports = self._robot.reports_states and not self._ask
+        if self._reports:
+            yield from self._robot.stream(self.period, _SILENCE, slow=_SLOW)
+            return
+        self.timing = RateLoop(1.0 / self.period, clock=self._clock, sleep=self._sleep)
+        for _ in self.timing.ticks():
             yield self._robot.read()

@@ -20,7 +20,7 @@ from .teaching import Teacher, save, tolerance_of
 if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
 
-    from .owner import Hardware
+    from .owner import RobotOwner
 
 __all__ = ["Lessons", "switch_torque"]
 
@@ -28,11 +28,11 @@ _TREMOR = 0.1
 """Seconds to either side over which taught positions are smoothed."""
 
 
-def switch_torque(hardware: Hardware, on: bool, names: Sequence[str]) -> None:
+def switch_torque(hardware: RobotOwner, on: bool, names: Sequence[str]) -> None:
     """Torque on or off, confirmed by every joint.
 
     Raises:
-        HexwireError: As `Hardware.torque`; or a joint did not confirm it, and the text names it.
+        HexwireError: As `RobotOwner.torque`; or a joint did not confirm it, and the text names it.
     """
     confirmed = hardware.torque(on, names)
     missing = [name for name in names if name not in confirmed]
@@ -53,7 +53,7 @@ class Lessons:
         power: Held by whoever switches torque and looks first whether that is right.
     """
 
-    def __init__(self, hardware: Hardware, folder: str, on_taught: Callable[[Taught], object]) -> None:
+    def __init__(self, hardware: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
         self.taught: Taught | None = None
         self.power = threading.Lock()
         self._hardware, self._folder, self._on_taught = hardware, folder, on_taught

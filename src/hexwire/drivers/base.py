@@ -137,15 +137,19 @@ class RobotDriver(ABC):
         raise NotSupportedError(f"nothing behind {self.model.name} stops it when this program falls silent")
 
     @contextmanager
-    def watched(self, timeout: float = 1.0, mode: StopMode = StopMode.HOLD) -> Iterator[bool]:
+    def watched(
+        self, timeout: float = 1.0, mode: StopMode = StopMode.HOLD, *, always: bool = False
+    ) -> Iterator[bool]:
         """While this lasts, the board stops the arm if this program dies or stalls; around everything that moves.
 
         Whatever is sent feeds the watchdog, so that who sends nothing for `timeout` seconds is stopped. At the end
-        it is off again; one that was armed before stays. Where the arm is stopped, nothing is armed.
+        it is off again; one that was armed before stays. Where the arm is stopped, nothing is armed
+        unless `always`.
 
         Args:
             timeout: Seconds of silence.
             mode: What the board does then.
+            always: Arm it though the arm is stopped; the board forgets then that its watchdog has tripped.
 
         Yields:
             Whether somebody stands by; False where the robot has nobody who could.
@@ -153,7 +157,7 @@ class RobotDriver(ABC):
         if not self.has_watchdog:
             yield False
             return
-        armed = not self.watchdog_armed and not self.read().stopped
+        armed = not self.watchdog_armed and (always or not self.read().stopped)
         if armed:
             self.watchdog(timeout, mode)
         try:
