@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from hexwire.cli import demo as demo_module
-from hexwire.cli.demo import PlainView, Sample, turning_pose
+from hexwire.cli.demo import turning_pose
 from hexwire.errors import LimitError
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointState
 
 ARM = ("--port", "/dev/ttyARM", "--yes-move-the-arm")
 
@@ -193,27 +192,3 @@ def test_an_arm_outside_its_limits_is_not_moved() -> None:
     pose = tuple(joint.maximum + 0.1 for joint in HEX7BOT.joints)
     with pytest.raises(LimitError, match=r"J1=.* outside its limits"):
         turning_pose(HEX7BOT, pose)
-
-
-def test_the_plain_view_prints_a_line_a_second(capsys: pytest.CaptureFixture[str]) -> None:
-    nan = (math.nan,)
-    state = JointState(
-        names=("J1",),
-        position=(0.1,),
-        velocity=nan,
-        load=nan,
-        current=nan,
-        voltage=nan,
-        temperature=nan,
-        flags=(0,),
-        age=(0.0,),
-        stamp=0.0,
-    )
-    view = PlainView()
-    for tenths in range(25):
-        view.show(Sample(tenths / 10, 3.0, state, (0.0,), 10.0, 0.01, 0))
-    assert capsys.readouterr().out.splitlines() == [
-        "  0.0 s: J1 5.7 deg, off by at most 5.7",
-        "  1.0 s: J1 5.7 deg, off by at most 5.7",
-        "  2.0 s: J1 5.7 deg, off by at most 5.7",
-    ]

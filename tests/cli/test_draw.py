@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
-from hexwire.cli.demo import Sample
+from hexwire.cli.demo_view import Sample
 from hexwire.cli.draw import JointTable, LiveView, SafeConsole, progress
 from hexwire.model.state import JointFlag, JointState
 

@@ -12,9 +12,8 @@ from hexwire.emulator.sketch import SketchReceiver
 from hexwire.emulator.uart import heard_at
 from hexwire.errors import ReplyTimeoutError, WrongDeviceError
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.mistaken import find_board, find_servos
+from hexwire.ipc.mistaken import find_servos
 from hexwire.ipc.session import Session
-from hexwire.session.negotiate import Negotiated
 from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_ping
@@ -178,30 +177,3 @@ def test_links_without_a_rate_are_left_alone() -> None:
     link.open()
     assert find_servos(link) == ()
     assert link.written == []
-
-
-@pytest.mark.parametrize("dialect", [1, 2])
-def test_a_board_is_found_from_another_rate(dialect: int) -> None:
-    link = board_link(dialect=dialect, rate=1_000_000)
-    link.open()
-    found = find_board(link)
-    assert isinstance(found, Negotiated)
-    assert found.dialect == dialect
-    assert link.baud == 1_000_000
-
-
-@pytest.mark.parametrize("boot", [0.5, 1.2])
-def test_a_board_that_boots_is_waited_for(boot: float) -> None:
-    link = board_link(f"boot:{boot}", rate=1_000_000)
-    link.open()
-    assert find_board(link) is not None
-
-
-def test_servos_are_no_board() -> None:
-    link = bus_link((1, 2, 3), rate=1_000_000)
-    link.open()
-    assert find_board(link) is None
-    assert link.baud == 1_000_000
-    # And they are as they were.
-    link.set_baud(BOARD_RATE)
-    assert find_servos(link) == (1, 2, 3)

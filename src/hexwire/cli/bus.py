@@ -1,169 +1,29 @@
 """`bus`: servos on a bus adapter, without a board in between. Finding, reading and writing them.
 
-Owns the group and what its commands share: which port, which series. The commands that set servos up are in
-`bus_setup`, those that go on for a while in `bus_live`. Must not know packets.
+Owns these commands and the list of the modules that have the others: those that set servos up are in `bus_setup`,
+those that go on for a while in `bus_live`. Must not know packets.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import ServoError, StoppedError, UsageError
-from hexwire.units import decimal
+from hexwire.errors import ServoError, UsageError
 
-from .common import confirm, group_port_option, json_option, on_terminal, port_option, resolve_url
+from . import bus_live, bus_setup  # noqa: F401  # their commands join the group on import
+from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped, with_unit
+from .common import confirm, json_option, on_terminal
 from .exits import note
-from .output import answer, plain, print_json, say, say_table
+from .output import answer, print_json, say, say_table
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.bus.setup import Found, ServoInfo
 
-__all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "refuse_if_stopped", "with_unit"]
-
-
-@dataclass(frozen=True, slots=True)
-class BusOptions:
-    """Which bus, and what is on it.
-
-    Attributes:
-        port: URL or path; the only likely adapter if None.
-        series: What every servo is; they are asked if None.
-        baud: Line rate; the series' usual one if None and the URL names none.
-    """
-
-    port: str | None
-    series: str | None
-    baud: int | None
-
-
-def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--port``, ``--series`` and ``--baud``; the command gets them as ``options: BusOptions``."""
-
-    @functools.wraps(command)
-    def packed(*args: Any, port: str | None, series: str | None, baud: int | None, **rest: Any) -> Any:
-        return command(*args, options=BusOptions(port, series, baud), **rest)
-
-    baud_option = click.option(
-        "--baud", type=click.IntRange(min=1), metavar="N", help="Line rate (1000000; 115200 for seven_bot)."
-    )
-    series_option = click.option(
-        "--series", metavar="S", help="sts, sms, scs, hls or seven_bot. Not needed: servos are asked."
-    )
-    return port_option(series_option(baud_option(packed)))
-
-
-@contextmanager
-def open_bus(options: BusOptions) -> Iterator[ServoBus]:
-    """Open the bus that the options name.
-
-    Raises:
-        UsageError: The port or series makes no sense.
-        LinkError: The port cannot be opened.
-        WrongDeviceError: No servo answered what was asked meanwhile, since this is a controller board.
-    """
-    from hexwire.bus.servo_bus import ServoBus
-    from hexwire.bus.servos import as_series
-    from hexwire.wire.registers import Series
-
-    series = as_series(options.series) if options.series else Series.STS_SMS
-    url = resolve_url(options.port or _only_adapter(), options.baud)
-    with ServoBus.from_url(url, series=series) as opened:
-        try:
-            yield opened
-        except ServoError:
-            if not opened.counters.answers:
-                _look_for_board(opened)
-            raise
-        _warn_of_latency(opened)
-
-
-def refuse_if_stopped(opened: ServoBus, what: str) -> None:
-    """A stop of this user's holds here too: no bus keeps one, and a single write can move a servo.
-
-    Raises:
-        StoppedError: The arm on this bus is stopped.
-    """
-    from hexwire.drivers.stop_memory import StopMemory
-    from hexwire.wire.command_frame import Status
-
-    if StopMemory(opened.link.url).stopped:
-        raise StoppedError.unsent(what, Status.STOPPED, "the arm is stopped; `hexwire resume` ends that")
-
-
-def _look_for_board(opened: ServoBus) -> None:
-    """Nobody answered: say so if that is because a controller board is there.
-
-    Raises:
-        WrongDeviceError: It is.
-    """
-    from hexwire.ipc.mistaken import find_board, is_board
-
-    board = find_board(opened.link)
-    if board is not None:
-        raise is_board(opened.link.url, board)
-
-
-def _only_adapter() -> str:
-    from hexwire.errors import LinkNotFoundError
-    from hexwire.link.ports import list_ports
-
-    found = [port for port in list_ports() if port.likely_adapter]
-    if len(found) == 1:
-        return found[0].device
-    if found:
-        raise UsageError(f"several likely adapters: {', '.join(map(str, found))}; name one with --port")
-    raise LinkNotFoundError("no likely servo adapter here: plug it in, or name a port with --port")
-
-
-def _warn_of_latency(opened: ServoBus) -> None:
-    from hexwire.link.adapter import inspect_adapter
-
-    device = getattr(opened.link, "device", None)
-    if isinstance(device, str):
-        report = inspect_adapter(device, opened.timing.overhead, opened.timing.holds_back)
-        if report.advice:
-            note(f"warning: {report.advice}")
-
-
-def known_servo(opened: ServoBus, servo_id: int, options: BusOptions) -> None:
-    """Ask a servo what it is, unless the user said so.
-
-    Raises:
-        ServoError: It does not answer.
-    """
-    if options.series:
-        return
-    from hexwire.bus.setup import identify
-
-    if identify(opened, servo_id) is None:
-        raise ServoError(
-            f"servo {servo_id} does not answer: check cable, power, id and --baud; `hexwire bus scan` looks "
-            "for it everywhere",
-            servo_id=servo_id,
-        )
-
-
-def with_unit(value: float, unit: str) -> str:
-    """A value for a person: angles in degrees, the rest in SI."""
-    import math
-
-    if unit.startswith("rad"):
-        return f"{decimal(math.degrees(value))} deg{unit[3:]}"
-    return f"{decimal(value)} {unit}".rstrip() if unit != "fraction" else f"{plain(100 * value, 1)}%"
-
-
-@click.group()
-@group_port_option
-def bus(port: str | None) -> None:
-    """Talk to bus servos through an adapter: find, read, write, set up, watch, test."""
+__all__ = ["bus"]
 
 
 @bus.command()
@@ -413,7 +273,3 @@ def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
         print_json(data)
     else:
         say_table(("", "at", "register", "raw", "value", "default", "access", "area"), rows, keys=3)
-
-
-# The other commands join the group on import.
-from . import bus_live, bus_setup  # noqa: E402, F401

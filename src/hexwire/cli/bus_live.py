@@ -18,7 +18,7 @@ import click
 from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 
-from .bus import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
+from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
 from .common import FiniteFloat, confirm, json_option, on_terminal
 from .exits import note, shielded
 from .output import answer, format_table, line_width, plain, print_json, say, say_table

@@ -15,7 +15,7 @@ import click
 from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
-from .bus import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped
+from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped
 from .common import confirm, force_option, json_option, resolve_url
 from .exits import note
 from .output import answer, format_table, print_json, say, say_table

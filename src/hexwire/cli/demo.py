@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,18 +18,16 @@ from hexwire.errors import HexwireError, ServoError, UsageError
 
 from .board_process import board_process
 from .common import FiniteFloat, attached, early_port, on_terminal, raise_if_silent, resolve_url
+from .demo_view import PlainView, Sample, View, in_degrees
 from .exits import note, shielded
-from .output import say
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
     from hexwire.control.loop import RateLoop
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["PlainView", "Sample", "View", "demo", "turning_pose"]
+__all__ = ["demo", "turning_pose"]
 
 _SWING = math.radians(30.0)
 _RATES = {1: 1.5, 2: 20.0}
@@ -38,61 +36,6 @@ _WATCHDOG = 1.0
 """Seconds of silence after which the board takes the torque away by itself."""
 _SETTLE = 1.0
 _BACK_WITHIN = math.radians(3.0)
-
-
-class Sample(NamedTuple):
-    """One cycle, for the view. Angles in radians, loads as fractions, times in seconds.
-
-    Attributes:
-        time: Since the start of the motion.
-        duration: Of the whole motion.
-        state: The joints as they are.
-        target: Where each of them should be at that time.
-        rate: Achieved cycles a second.
-        round_trip: Of the last request.
-        retries: Since the start of the motion.
-    """
-
-    time: float
-    duration: float
-    state: JointState
-    target: tuple[float, ...]
-    rate: float
-    round_trip: float
-    retries: int
-
-
-class View(Protocol):
-    """Somebody who watches the demo."""
-
-    def say(self, phase: str, text: str) -> None:
-        """A phase is done."""
-
-    def moving(self) -> AbstractContextManager[object]:
-        """While the arm moves."""
-
-    def show(self, sample: Sample) -> None:
-        """A cycle is done."""
-
-
-class PlainView:
-    """Plain lines for a log: one a phase, and one a second while the arm moves."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-
-    def say(self, phase: str, text: str) -> None:
-        say(f"{phase}: {text}", flush=True)
-
-    def moving(self) -> AbstractContextManager[object]:
-        return nullcontext()
-
-    def show(self, sample: Sample) -> None:
-        if sample.time < self._next:
-            return
-        self._next = math.floor(sample.time) + 1.0
-        error = max(abs(a - b) for a, b in zip(sample.state.position, sample.target, strict=True))
-        self.say(f"{sample.time:5.1f} s", f"{_pose(sample.state)} deg, off by at most {math.degrees(error):.1f}")
 
 
 @click.command()
@@ -191,7 +134,7 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
         view.say("pinged", f"{len(ids) - len(silent)} of {len(ids)} servos answer")
         raise_if_silent([(i, joint.name) for i in silent if (joint := robot.model.by_servo(i))])
         state = robot.read()
-        view.say("read", f"{_pose(state)} deg")
+        view.say("read", f"{in_degrees(state)} deg")
         goal = turning_pose(robot.model, state.position)
         # The arm is made safe before the drawing ends: a terminal that takes nothing must not delay it.
         pace = rate or _RATES[report.dialect]
@@ -309,7 +252,3 @@ def _torque_off(robot: Hex7BotDriver) -> None:
     left = [name for name in robot.model.names if name not in off]
     if left:
         raise ServoError(f"{', '.join(left)} did not confirm that the torque is off")
-
-
-def _pose(state: JointState) -> str:
-    return "  ".join(f"{joint.name} {math.degrees(joint.position):.1f}" for joint in state)

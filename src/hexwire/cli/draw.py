@@ -21,7 +21,7 @@ from rich.text import Text
 from .output import plain, shown, split_columns
 
 if TYPE_CHECKING:
-    from .demo import Sample
+    from .demo_view import Sample
 
 __all__ = ["JointTable", "LiveView", "SafeConsole", "live", "progress"]
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hexwire.errors import NotSupportedError, UsageError
-from hexwire.ipc.mistaken import find_board, find_servos, is_servo_bus
+from hexwire.ipc.board_search import find_board
+from hexwire.ipc.mistaken import find_servos, is_servo_bus
 from hexwire.link.diagnose import Finding, Level
 
 from .bus_checkup import SERVO_RATES, explain_chatter

@@ -27,8 +27,9 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
+from hexwire.ipc.board_search import find_board
 from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.mistaken import find_board, is_board
+from hexwire.ipc.mistaken import is_board
 from hexwire.ipc.session import Session
 from hexwire.link.serial import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel

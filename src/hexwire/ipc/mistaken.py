@@ -1,7 +1,7 @@
 """Is it the other kind of device? A servo bus where a board was meant, or a board where servos were meant.
 
-Owns two short looks at an open link that did not answer as expected, and the error that says what is there. Both
-leave the link at the rate it had. Must not know joints, nor who asks.
+Owns a short look for servos on an open link where no board answers, and the errors that say what is there. It
+leaves the link at the rate it had. Must not know joints, nor who asks.
 
 The look for servos is a few pings at their factory rate. They harm nobody: servos only answer them, and a board at
 its own, slower rate hears a byte or two of noise a ping, outside any frame. It is for a line that is silent: a
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from hexwire.errors import DeviceError, UsageError, WrongDeviceError
+from hexwire.errors import UsageError, WrongDeviceError
 from hexwire.session.negotiate import Negotiated
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import BROADCAST_ID, iter_status, make_ping
@@ -22,10 +22,7 @@ from hexwire.wire.servo_packet import BROADCAST_ID, iter_status, make_ping
 if TYPE_CHECKING:
     from hexwire.link.base import Link
 
-__all__ = ["BOARD_PATIENCE", "find_board", "find_servos", "is_board", "is_servo_bus"]
-
-BOARD_PATIENCE = 1.5
-"""Seconds to wait for a board that the opening of its port may have reset."""
+__all__ = ["find_servos", "is_board", "is_servo_bus"]
 
 _SERVO_RATE = Series.STS_SMS.baud
 _NEAR = 0.1
@@ -95,35 +92,6 @@ def _listen(link: Link, until: float, clock: Callable[[], float]) -> bytes:
         data += more
         if not more or clock() >= until:
             return data
-
-
-def find_board(link: Link, *, baud: int = 0, patience: float = BOARD_PATIENCE) -> Negotiated | None:
-    """Look for a controller board.
-
-    Args:
-        link: An open link.
-        baud: At which rate, where the link has one; 0 is the usual one of boards.
-        patience: Seconds to go on asking.
-    """
-    from hexwire.link.serial import DEFAULT_BAUD
-
-    from .handle import IpcHandle
-    from .session import Session
-
-    set_baud = getattr(link, "set_baud", None)
-    before = getattr(link, "baud", 0)
-    if set_baud is not None:
-        set_baud(baud or DEFAULT_BAUD)
-    try:
-        link.flush_input()
-        session = Session(IpcHandle.from_link(link), clock=getattr(link, "clock", None))
-        return session.negotiate(boot_window=patience, look=False)
-    except DeviceError:
-        return None
-    finally:
-        if set_baud is not None and before:
-            set_baud(before)
-        link.flush_input()
 
 
 def is_servo_bus(url: str, servo_ids: Iterable[int], *, baud: int = 0) -> WrongDeviceError:
