@@ -15,12 +15,13 @@ from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
 from hexwire.control.outcomes import Ended, Outcome, Reason
+from hexwire.control.setting import Faults
 from hexwire.control.settings import ControllerSettings
+from hexwire.control.settings_reader import read_settings
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits, StopReason
 from hexwire.motion.teach import Taught
-from hexwire.ros1.settings import load_settings
 
 _T = TypeVar("_T")
 
@@ -191,7 +192,7 @@ class Bench:
     def __init__(self, *, dialect: int = 2, faults: tuple[str, ...] = (), **params: Any) -> None:
         self.emulated = EmulatedArm(dialect, 0, faults, attach=False)
         self.clock, self.board, self.link = self.emulated.clock, self.emulated.board, self.emulated.link
-        settings, _ = load_settings({"port": "/dev/null", **params})
+        settings, _ = read_settings({"port": "/dev/null", **params}, Faults())
         self.taught: list[Taught] = []
         self.arm = Arm(
             self.emulated.driver, settings, on_taught=self.taught.append, clock=self.clock, sleep=self.clock.sleep

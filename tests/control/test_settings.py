@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import pytest
 
+from hexwire.control.setting import Faults
 from hexwire.control.settings import Settings
+from hexwire.control.settings_reader import read_settings
 from hexwire.motion.safety import SafetyLimits
-from hexwire.ros1.settings import load_settings
 
 
 @pytest.fixture(scope="module")
 def settings() -> Settings:
-    return load_settings({"port": "/dev/null", "table_height": 0.02})[0]
+    return read_settings({"port": "/dev/null", "table_height": 0.02}, Faults())[0]
 
 
 def test_a_table_is_checked_where_it_is_asked_for_and_the_arm_has_a_geometry(settings: Settings) -> None:

@@ -21,8 +21,7 @@ from hexwire.model.geometry import kinematics_or_none, make_kinematics
 from hexwire.model.urdf import make_urdf
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.optimal import time_optimal
-from hexwire.ros1.parameters import PARAMETERS
-from hexwire.ros1.settings import load_settings
+from hexwire.ros1.parameters import PARAMETERS, load_parameters
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"
@@ -297,7 +296,8 @@ def test_every_robot_that_is_offered_has_its_parameters() -> None:
 @pytest.mark.parametrize("file", NODE_FILES)
 def test_parameters_are_ones_that_the_node_takes(file: str) -> None:
     params = _config(file)
-    settings, driver = load_settings({**params, "port": "/dev/ttyUSB0"})
+    parameters, driver = load_parameters({**params, "port": "/dev/ttyUSB0"})
+    settings = parameters.settings
     assert settings.robot == params["robot"] == file.removesuffix(".yaml").removesuffix("_moveit")
     assert set(settings.poses) == set(params["poses"])
     assert driver.model.name == settings.robot
@@ -315,14 +315,14 @@ def test_parameters_of_a_launch_are_ones_that_the_node_takes(args: list[str], ro
             for folder in folders[1:]:
                 place = place.setdefault(folder, {})
             place[last] = value
-    settings, _ = load_settings(own)
+    settings = load_parameters(own)[0].settings
     assert settings.robot == args[0]
     assert set(own) <= {row.name for row in PARAMETERS}
 
 
 @pytest.mark.parametrize("file", NODE_FILES)
 def test_arm_may_go_from_every_pose_to_every_other(file: str) -> None:
-    settings, _ = load_settings({**_config(file), "port": "/dev/ttyUSB0"})
+    settings = load_parameters({**_config(file), "port": "/dev/ttyUSB0"})[0].settings
     arm = settings.model
     # The sevenbot has the hex7bot's joints, whose geometry it may be judged by.
     kinematics = settings.kinematics or kinematics_or_none(
@@ -341,7 +341,7 @@ def test_arm_may_go_from_every_pose_to_every_other(file: str) -> None:
 
 @pytest.mark.parametrize("robot", ["hex7bot", "puma260"])
 def test_arm_with_a_geometry_may_be_told_to_rest_near_the_table_but_not_on_it(robot: str) -> None:
-    settings, _ = load_settings({**_config(f"{robot}.yaml"), "port": "/dev/ttyUSB0"})
+    settings = load_parameters({**_config(f"{robot}.yaml"), "port": "/dev/ttyUSB0"})[0].settings
     assert settings.kinematics is not None
     for name, pose in settings.poses.items():
         points = settings.kinematics.points(settings.kinematics.from_joints(pose))

@@ -1,17 +1,44 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 
 import pytest
 
-from hexwire.errors import UsageError
-from hexwire.ros1.parameters import PARAMETERS, Faults, Parameter
+from hexwire.drivers import registry
+from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.link import ports
+from hexwire.ros1.parameters import FOREIGN, OWN, PARAMETERS, Parameters, default_text, load_parameters
 
-RATE = Parameter("rate", 5.0, "", "Hz", low=0.0, high=100.0, above=True)
-PAUSE = Parameter("pause", 1.0, "", "s", low=0.05, high=60.0, zero=True)
-FREE = Parameter("free", 0.0, "")
-SHARE = Parameter("share", 0.0, "", low=0.0)
+ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
+
+
+@pytest.fixture(autouse=True)
+def boards(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The likely boards of this machine; none at first, and each look for one leaves a mark."""
+    found: list[str] = []
+    monkeypatch.delenv(registry.PORT_VARIABLE, raising=False)
+    monkeypatch.setattr(
+        ports, "list_ports", lambda: [ports.PortInfo(name, likely_board=True, guess="a board") for name in found]
+    )
+    return found
+
+
+def load(**params: object) -> Parameters:
+    return load_parameters({"port": "/dev/ttyUSB0", **params})[0]
+
+
+def faults(**params: object) -> list[str]:
+    """What is wrong with parameters, one text each, in order."""
+    with pytest.raises(UsageError) as told:
+        load(**params)
+    text = str(told.value)
+    assert "\n" not in text
+    head, _, rest = text.partition(": ")
+    found = rest.split("; ~")
+    assert head == (f"{len(found)} parameters are wrong" if len(found) > 1 else "1 parameter is wrong")
+    return [found[0], *(f"~{part}" for part in found[1:])]
 
 
 def test_rows_are_whole() -> None:
@@ -28,7 +55,7 @@ def test_rows_are_whole() -> None:
 
 
 def test_defaults_as_a_parameter_file_has_them() -> None:
-    texts = {row.name: row.default_text for row in PARAMETERS}
+    texts = {row.name: default_text(row) for row in PARAMETERS}
     assert texts["port"] == '""'
     assert texts["robot"] == "hex7bot"
     assert texts["publish_rate"] == "100.0"
@@ -37,96 +64,136 @@ def test_defaults_as_a_parameter_file_has_them() -> None:
     assert texts["poses"] == "{}"
 
 
-@pytest.mark.parametrize(
-    ("row", "words", "good", "bad"),
-    [
-        (RATE, "above 0 and at most 100", [0.1, 100], [0.0, -1.0, 100.1]),
-        (PAUSE, "0, or 0.05 to 60", [0, 0.05, 60.0], [0.01, -0.05, 61]),
-        (SHARE, "0 or more", [0, 1e9], [-1e-9]),
-        (FREE, "", [-1e9, 0, 1e9], []),
-    ],
-)
-def test_bounds(row: Parameter, words: str, good: list[float], bad: list[float]) -> None:
-    assert row.bounds == words
-    assert [value for value in good if not row.allows(value)] == []
-    assert [value for value in bad if row.allows(value)] == []
+def test_own_parameters() -> None:
+    given = load()
+    for row in OWN:
+        assert getattr(given, row.name) == row.default
+    given = load(frame_id="base_link", hardware_id="7-01", diagnostics_rate=2)
+    assert (given.frame_id, given.hardware_id, given.diagnostics_rate) == ("base_link", "7-01", 2.0)
 
 
-def test_a_good_value_of_every_kind() -> None:
-    faults = Faults()
-    assert faults.number("rate", 7, RATE) == 7.0
-    assert isinstance(faults.number("rate", 7, RATE), float)
-    assert faults.text("port", "/dev/ttyUSB0") == "/dev/ttyUSB0"
-    assert faults.switch("check", True) is True
-    assert faults.names("joints", ["J2", "J1"]) == ("J2", "J1")
-    assert faults.table("poses", {"home": {}}) == {"home": {}}
-    faults.check()
+def test_the_only_likely_board(boards: list[str]) -> None:
+    boards.append("/dev/ttyACM3")
+    assert load(port="").settings.port == "/dev/ttyACM3"
+    boards.append("/dev/ttyACM4")
+    (text,) = faults(port="")
+    assert text.startswith("~port: several likely boards: /dev/ttyACM3 (a board), /dev/ttyACM4")
+    assert "--port" not in text
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0, "0 must be above 0 and at most 100 Hz"),
-        (1e3, "1000 must be above 0 and at most 100 Hz"),
-        (math.nan, "nan is not a number that makes sense here"),
-        (-math.inf, "-inf is not a number that makes sense here"),
-        (10**400, "inf is not a number that makes sense here"),
-        (True, "must be a number, not true"),
-        ("0.5", "must be a number, not the text '0.5'"),
-        ([1.0], "must be a number, not the list [1.0]"),
-        ({"a": 1}, "must be a number, not a table"),
-        (None, "must be a number, not None"),
-        ("x" * 100, f"must be a number, not the text '{'x' * 56}..."),
-    ],
-)
-def test_what_is_no_number(value: object, text: str) -> None:
-    faults = Faults()
-    assert faults.number("rate", value, RATE) == 5.0
-    assert faults.texts == [f"~rate: {text}"]
+def test_no_board_is_told_only_if_all_else_is_right() -> None:
+    assert faults(port="", pose_speed=2) == ["~pose_speed: 2 must be above 0 and at most 1"]
+    assert faults(port="", poses={"up": {"J8": 0}}) == [f"~poses/up/J8: no joint 'J8', there are {', '.join(ALL)}"]
+    with pytest.raises(LinkNotFoundError, match="no serial port on this machine") as told:
+        load(port="")
+    assert "~port" in str(told.value)
+    assert "--port" not in str(told.value)
 
 
-def test_other_kinds_and_their_defaults() -> None:
-    faults = Faults()
-    assert faults.text("id", 1234, "x") == "x"
-    assert faults.text("id", False, "x") == "x"
-    assert faults.switch("check", 1, default=True) is True
-    assert faults.names("joints", "J1") == ()
-    assert faults.names("joints", ["J1", 2]) == ()
-    assert faults.names("joints", ["J1", "J2", "J1", "J1"]) == ("J1", "J2")
-    assert faults.table("poses", [1]) == {}
-    assert faults.texts == [
-        '~id: 1234 must be text: in quotes, or with type="str" in a launch file',
-        "~id: must be text, not false",
-        "~check: must be true or false, not 1",
-        "~joints: must be a list of names, not the text 'J1'",
-        "~joints: must be a list of names, not the list ['J1', 2]",
-        "~joints: J1 is there twice",
-        "~poses: must be a table of names and values, not the list [1]",
-    ]
+def test_parameters_of_ros_control_are_a_warning_that_names_ours() -> None:
+    warned = load(
+        joint_state_controller={"publish_rate": 50},
+        controllers={
+            "arm": {
+                "type": "position_controllers/JointTrajectoryController",
+                "joints": ["J1", "J2"],
+                "gains": {"J1": {"p": 100}},
+                "state_publish_rate": 25,
+                "stop_trajectory_duration": 0.5,
+            }
+        },
+    ).warnings
+    assert warned == (
+        "~joint_state_controller: a parameter of ros_control without effect here; ours is ~publish_rate",
+        "~controllers/arm/type: a parameter of ros_control without effect here; this node is the controller",
+        (
+            "~controllers/arm/gains: a parameter of ros_control without effect here; the servos close the loop "
+            "themselves; their gains are registers, see `hexwire bus table`"
+        ),
+        (
+            "~controllers/arm/state_publish_rate: a parameter of ros_control without effect here; ours is "
+            "~state_publish_rate, of the whole node"
+        ),
+        (
+            "~controllers/arm/stop_trajectory_duration: a parameter of ros_control without effect here; "
+            "what slows down does so within the speed limits"
+        ),
+    )
+    assert load().warnings == ()
 
 
-def test_an_unknown_name_suggests_the_nearest() -> None:
-    faults = Faults()
-    faults.unknown("wacthdog", ["watchdog", "port"])
-    faults.unknown("arm/goul", ["trajectory", "goal"])
-    faults.unknown("arm/xyz", ["trajectory", "goal"])
-    faults.unknown("qqq", ["watchdog", "port"])
-    assert faults.texts == [
+def test_a_name_of_ros_control_elsewhere_is_a_fault() -> None:
+    assert faults(constraints={"gains": 1}, safety={"type": 1}) != []
+    for name, text in FOREIGN.items():
+        assert name not in {row.name for row in PARAMETERS} - {"state_publish_rate", "action_monitor_rate"}, text
+        for ours in re.findall(r"ours is ~(\w+)", text):
+            assert ours in {row.name for row in PARAMETERS}
+
+
+def test_all_faults_at_once() -> None:
+    assert faults(
+        port="my port",
+        publish_rate=0,
+        poses={"home": {"J9": 0.0}},
+        wacthdog=1.0,
+        qqq=1,
+        frame_id=7,
+        links="C",
+        joints=["J1", "J8"],
+        safety={"load": -1},
+        constraints={"J1": {"goal": "0.1"}},
+    ) == [
+        '~frame_id: 7 must be text: in quotes, or with type="str" in a launch file',
         "~wacthdog: unknown, did you mean ~watchdog?",
-        "~arm/goul: unknown, did you mean ~arm/goal?",
-        "~arm/xyz: unknown, there are trajectory, goal",
         "~qqq: unknown, 'hexwire-ros1 --help' lists them",
+        "~publish_rate: 0 must be above 0 and at most 1000 Hz",
+        "~port: 'my port' is not a link address: it is empty or has blanks in it",
+        "~links: no link set 'C'; there are A, B, V1, or name a TOML file",
+        f"~poses/home/J9: no joint 'J9', there are {', '.join(ALL)}",
+        "~safety/load: -1 must be above 0",
+        f"~joints: no joint 'J8', there are {', '.join(ALL)}",
+        "~constraints/J1/goal: must be a number, not the text '0.1'",
     ]
 
 
-def test_all_faults_on_one_line() -> None:
-    faults = Faults()
-    faults.check()
-    faults.add("port", "is\n  wrong")
-    with pytest.raises(UsageError) as one:
-        faults.check()
-    assert str(one.value) == "1 parameter is wrong: ~port: is wrong"
-    faults.add("robot", ValueError("no robot"))
-    with pytest.raises(UsageError) as two:
-        faults.check()
-    assert str(two.value) == "2 parameters are wrong: ~port: is wrong; ~robot: no robot"
+def test_names_that_ros_does_not_take() -> None:
+    assert faults(
+        poses={"2nd": {"J1": 0.0}, "a-b": {"J1": 0.0}, "Up_2": {"J1": 0.0}},
+        controllers={
+            "no-name": {"joints": ["J3"]},
+            "left/arm": {"joints": ["J4"]},
+            "d": ["J5"],
+            "e/f": {"joints": ["J6"]},
+            "e": {"f": {"joints": ["J7"]}},
+        },
+    ) == [
+        "~poses/2nd: no name for a service: a letter first, then letters, digits and _ only",
+        "~poses/a-b: no name for a service: a letter first, then letters, digits and _ only",
+        "~controllers/d: must be a table of names and values, not the list ['J5']",
+        "~controllers/e/f: is there twice",
+        "~controllers/no-name: no name that ROS takes: a letter first, then letters, digits, _ and / only",
+        "~controllers/d/joints: a controller needs at least one joint",
+    ]
+
+
+def test_a_name_with_a_slash_is_a_table_of_tables() -> None:
+    # As the parameter server keeps left/hand.
+    nested = load(controllers={"arm": {"joints": ["J1"]}, "left": {"hand": {"joints": ["J7"]}}})
+    assert [row.name for row in nested.settings.controllers] == ["arm", "left/hand"]
+    flat = load(controllers={"left/hand": {"joints": ["J7"]}})
+    assert [row.name for row in flat.settings.controllers] == ["left/hand"]
+
+
+def test_texts_name_other_parameters_as_ros_does() -> None:
+    assert faults(robot="so101", table_height=0.1) == [
+        "~table_height: so101 has no geometry to check it with; set ~check_table to false"
+    ]
+    (text,) = faults(watchdog=0.5, command_rate=2)
+    assert text.startswith("~watchdog: 0.5 s is less than two cycles of ~command_rate 2 Hz, 1 s")
+
+
+def test_what_is_no_table_is_told() -> None:
+    assert faults(poses=1, controllers=2) == [
+        "~poses: must be a table of names and values, not 1",
+        "~controllers: must be a table of names and values, not 2",
+    ]

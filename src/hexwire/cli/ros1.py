@@ -22,7 +22,7 @@ from .exits import ends_like_ctrl_c, run
 from .output import say, say_document
 
 if TYPE_CHECKING:
-    from hexwire.ros1.parameters import Parameter
+    from hexwire.control.setting import Setting
 
 __all__ = ["PROGRAM", "environment", "main", "package_path"]
 
@@ -152,9 +152,9 @@ def _start(args: list[str]) -> int | None:
 
 
 def _help() -> str:
-    from hexwire.ros1.parameters import PARAMETERS
+    from hexwire.ros1.parameters import PARAMETERS, default_text
 
-    rows = [(f"_{row.name}:={row.default_text}", _describe(row)) for row in PARAMETERS]
+    rows = [(f"_{row.name}:={default_text(row)}", _describe(row)) for row in PARAMETERS]
     width = max(len(name) for name, _ in rows) + 4
     lines = []
     for name, text in rows:
@@ -163,7 +163,7 @@ def _help() -> str:
     return _HELP.format(parameters="\n".join(lines)).rstrip()
 
 
-def _describe(row: Parameter) -> str:
+def _describe(row: Setting) -> str:
     limits = f"{row.bounds} {row.unit}".strip()
     return f"{row.help} ({limits})" if limits else row.help
 

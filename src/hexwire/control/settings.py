@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 from hexwire.motion.safety import SafetyLimits
 
 from .goals import Tolerances
+from .setting import Setting, rate_setting
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
 
-__all__ = ["ControllerSettings", "Settings"]
+__all__ = ["CONTROLLER_SETTINGS", "SETTINGS", "ControllerSettings", "Settings"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,6 @@ class Settings:
         controllers: At least one.
         model: The arm.
         kinematics: With limits for motion; None for an arm without geometry.
-        warnings: What was given to no effect, a line each.
     """
 
     port: str
@@ -58,9 +58,6 @@ class Settings:
     connect_timeout: float
     publish_rate: float
     command_rate: float
-    state_publish_rate: float
-    action_monitor_rate: float
-    diagnostics_rate: float
     watchdog: float
     command_timeout: float
     links: str
@@ -68,8 +65,6 @@ class Settings:
     check_table: bool
     enable_on_start: bool
     torque_off_at_exit: bool
-    frame_id: str
-    hardware_id: str
     poses: Mapping[str, Mapping[str, float]]
     pose_speed: float
     teach_directory: str
@@ -77,7 +72,6 @@ class Settings:
     controllers: tuple[ControllerSettings, ...]
     model: ArmModel
     kinematics: KinematicModel | None
-    warnings: tuple[str, ...] = ()
 
     @property
     def table(self) -> float | None:
@@ -87,3 +81,57 @@ class Settings:
     def safety_at(self, rate: float) -> SafetyLimits:
         """Thresholds at `rate` set-points a second: on a slow line, what was not given is widened."""
         return SafetyLimits.at_period(1.0 / rate, **self.safety)
+
+
+SETTINGS = (
+    Setting("port", "", "URL or device of the robot; empty is HEXWIRE_PORT, else the only likely board"),
+    Setting("robot", "hex7bot", "name of the robot, or the TOML file of an arm on a servo bus"),
+    Setting("connect_timeout", 10.0, "how long to try to reach the robot at the start", "s", low=0.0, high=3600.0),
+    rate_setting("publish_rate", 100.0, "joint states a second, where the link allows it"),
+    Setting(
+        "command_rate",
+        0.0,
+        "set-points a second; 0 is what the robot's line allows",
+        "Hz",
+        low=1.0,
+        high=200.0,
+        zero=True,
+    ),
+    Setting(
+        "watchdog",
+        1.0,
+        "silence after which the board stops the arm by itself; 0 is never",
+        "s",
+        low=0.05,
+        high=60.0,
+        zero=True,
+    ),
+    Setting(
+        "command_timeout",
+        0.5,
+        "the arm holds when streamed set-points stay away for this long; 0 is never",
+        "s",
+        low=0.05,
+        high=60.0,
+        zero=True,
+    ),
+    Setting("links", "A", "link set of the 7Bot: A, B, V1, or the TOML file of one's own"),
+    Setting("table_height", 0.0, "height of the table above the arm's base", "m", low=-2.0, high=2.0),
+    Setting("check_table", True, "refuse a trajectory that would touch the table"),
+    Setting("enable_on_start", False, "give torque at the start; nothing moves by it"),
+    Setting("torque_off_at_exit", False, "take the torque away at the end: the arm may fall"),
+    Setting("poses", {}, "poses by name, each with angles by joint", "rad"),
+    Setting(
+        "pose_speed", 0.3, "speed on the way to a pose, as a share of the limits", low=0.0, high=1.0, above=True
+    ),
+    Setting("teach_directory", "", "folder in which what was taught is saved; empty is not to save it"),
+    Setting("safety", {}, "thresholds at which the arm stops by itself, by name"),
+    Setting("joints", (), "joints of the only controller, in its order; empty is all"),
+    Setting("allow_partial_joints_goal", False, "a trajectory may leave joints out; they stay where they are"),
+    Setting("constraints", {}, "tolerances: goal_time, stopped_velocity_tolerance, JOINT/trajectory, JOINT/goal"),
+    Setting("controllers", {}, "several controllers by name, each with its own of the three above"),
+)
+"""Every setting, in the order in which people read of them."""
+
+CONTROLLER_SETTINGS = ("joints", "allow_partial_joints_goal", "constraints")
+"""Settings of a controller, by name; where there is only one, they stand beside the others."""

@@ -43,7 +43,7 @@ from hexwire.errors import DeviceError, HexwireError, UsageError
 
 from .actions import ActionGoal, ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
-from .settings import load_settings
+from .parameters import load_parameters
 from .stamps import StampClock
 from .values import order_of, set_points_of
 
@@ -114,23 +114,23 @@ class HardwareInterface:
     """The node. `run` does everything; the rest are callbacks."""
 
     def __init__(self) -> None:
-        self._params = rospy.get_param("~", {})
+        self._given = rospy.get_param("~", {})
         self._description = rospy.get_param("robot_description", None)
-        settings, robot = load_settings(self._params)
-        self._settings = settings
+        self._parameters, robot = load_parameters(self._given)
+        self._settings = settings = self._parameters.settings
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
         self._shutdown, self._ended = Shutdown(_LONGEST_END), threading.Event()
         self._log_limiter = LogLimiter()
-        self._watch = ChangeWatch(1.0 / settings.diagnostics_rate)
+        self._watch = ChangeWatch(1.0 / self._parameters.diagnostics_rate)
         self._next_state = self._next_feedback = 0.0
         self._control = control_msgs()
         self._goals = ActionGoals(self._arm, self._control.FollowJointTrajectoryResult, rospy.Time.now)
 
     def run(self) -> int:
         """Connect, offer everything, and end when told to."""
-        for text in self._settings.warnings:
+        for text in self._parameters.warnings:
             _log.warning("%s", text)
         if rospy.get_param("/use_sim_time", False):
             _log.warning("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
@@ -185,7 +185,7 @@ class HardwareInterface:
         if self._watch.due(rows, time.monotonic()):
             message = DiagnosticArray()
             message.header.stamp = rospy.Time.now()
-            message.status = [self._status(row, self._settings.hardware_id or facts.url) for row in rows]
+            message.status = [self._status(row, self._parameters.hardware_id or facts.url) for row in rows]
             self._diagnostics.publish(message)
 
     @staticmethod
@@ -292,17 +292,17 @@ class HardwareInterface:
     def _publish_state(self, state: JointState, published: KnownState) -> None:
         message = JointStateMessage()
         message.header.stamp = _stamp(state.stamp - published.age)
-        message.header.frame_id = self._settings.frame_id
+        message.header.frame_id = self._parameters.frame_id
         message.name = published.names
         message.position = published.position
         message.velocity = published.velocity
         self._joint_states.publish(message)
         now = time.monotonic()
         if now >= self._next_state:
-            self._next_state = max(self._next_state + 1.0 / self._settings.state_publish_rate, now)
+            self._next_state = max(self._next_state + 1.0 / self._parameters.state_publish_rate, now)
             self._publish_controllers()
         if now >= self._next_feedback:
-            self._next_feedback = max(self._next_feedback + 1.0 / self._settings.action_monitor_rate, now)
+            self._next_feedback = max(self._next_feedback + 1.0 / self._parameters.action_monitor_rate, now)
             self._publish_feedback()
 
     def _publish_controllers(self) -> None:
@@ -362,7 +362,7 @@ class HardwareInterface:
 
     def _register_again(self) -> None:
         _log.warning("the master does not know us, was it restarted? Registering everything again")
-        rospy.set_param("~", self._params)
+        rospy.set_param("~", self._given)
         if self._description is not None and not rospy.has_param("robot_description"):
             rospy.set_param("robot_description", self._description)
         topics, services = registration.get_topic_manager(), registration.get_service_manager()

@@ -1,140 +1,42 @@
-"""The node's parameters as a table, and reading one value of the parameter server: strictly, noting every fault.
+"""The node's private parameters: those of every arm that is controlled, and those that only ROS needs.
 
-Owns names, defaults, units and bounds, and the wording of faults. Must not know arms, nor what a value is for.
+Owns the latter, what they are in ROS's words, and which names of ros_control have no effect here. Must not know
+rospy: values come in as the parameter server has them.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from difflib import get_close_matches
-from types import MappingProxyType
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from hexwire.errors import UsageError
+from hexwire.control.setting import Faults, Setting, rate_setting
+from hexwire.control.settings import CONTROLLER_SETTINGS, SETTINGS
+from hexwire.control.settings_reader import read_settings
+from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.link.ports import find_only_board
 
-__all__ = ["FOREIGN", "PARAMETERS", "Default", "Faults", "Parameter"]
+if TYPE_CHECKING:
+    from hexwire.control.settings import Settings
+    from hexwire.drivers.base import RobotDriver
 
-Default = str | float | bool | tuple[str, ...] | Mapping[str, object]
+__all__ = ["FOREIGN", "OWN", "PARAMETERS", "Parameters", "default_text", "load_parameters"]
 
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """One private parameter of the node.
-
-    Attributes:
-        name: Without the ``~``.
-        default: What holds where it is not given; its type is that of the parameter. Numbers are floats.
-        help: What it does, in one line.
-        unit: Of a number; empty if it has none.
-        low: Least value of a number.
-        high: Greatest value of a number.
-        above: The least value itself is not allowed.
-        zero: 0 is allowed as well, below `low`.
-    """
-
-    name: str
-    default: Default
-    help: str
-    unit: str = ""
-    low: float = -math.inf
-    high: float = math.inf
-    above: bool = False
-    zero: bool = False
-
-    @property
-    def default_text(self) -> str:
-        """The default as a parameter file has it."""
-        if isinstance(self.default, bool):
-            return str(self.default).lower()
-        if isinstance(self.default, str):
-            return f'"{self.default}"' if not self.default else self.default
-        if isinstance(self.default, float):
-            return str(self.default)
-        return "{}" if isinstance(self.default, Mapping) else "[]"
-
-    @property
-    def bounds(self) -> str:
-        """What a number must be, in words; empty where every one will do."""
-        if self.high == math.inf:
-            words = (
-                "" if self.low == -math.inf else f"above {self.low:g}" if self.above else f"{self.low:g} or more"
-            )
-        elif self.above:
-            words = f"above {self.low:g} and at most {self.high:g}"
-        else:
-            words = f"{self.low:g} to {self.high:g}"
-        return f"0, or {words}" if self.zero else words
-
-    def allows(self, value: float) -> bool:
-        """Whether a number is within the bounds."""
-        if self.zero and value == 0.0:
-            return True
-        return (self.low < value if self.above else self.low <= value) and value <= self.high
-
-
-def _rate(name: str, default: float, text: str, high: float = 1000.0) -> Parameter:
-    return Parameter(name, default, text, "Hz", low=0.0, high=high, above=True)
-
-
-PARAMETERS = (
-    Parameter("port", "", "URL or device of the robot; empty is HEXWIRE_PORT, else the only likely board"),
-    Parameter("robot", "hex7bot", "name of the robot, or the TOML file of an arm on a servo bus"),
-    Parameter(
-        "connect_timeout", 10.0, "how long to try to reach the robot at the start", "s", low=0.0, high=3600.0
-    ),
-    _rate("publish_rate", 100.0, "joint states a second, where the link allows it"),
-    Parameter(
-        "command_rate",
-        0.0,
-        "set-points a second; 0 is what the robot's line allows",
-        "Hz",
-        low=1.0,
-        high=200.0,
-        zero=True,
-    ),
-    _rate("state_publish_rate", 50.0, "controller states a second"),
-    _rate("action_monitor_rate", 20.0, "feedback messages a second while a goal is followed"),
-    _rate("diagnostics_rate", 1.0, "diagnostics a second; a change is published at once", high=100.0),
-    Parameter(
-        "watchdog",
-        1.0,
-        "silence after which the board stops the arm by itself; 0 is never",
-        "s",
-        low=0.05,
-        high=60.0,
-        zero=True,
-    ),
-    Parameter(
-        "command_timeout",
-        0.5,
-        "the arm holds when streamed set-points stay away for this long; 0 is never",
-        "s",
-        low=0.05,
-        high=60.0,
-        zero=True,
-    ),
-    Parameter("links", "A", "link set of the 7Bot: A, B, V1, or the TOML file of one's own"),
-    Parameter("table_height", 0.0, "height of the table above the arm's base", "m", low=-2.0, high=2.0),
-    Parameter("check_table", True, "refuse a trajectory that would touch the table"),
-    Parameter("enable_on_start", False, "give torque when the node starts; nothing moves by it"),
-    Parameter("torque_off_at_exit", False, "take the torque away when the node ends: the arm may fall"),
-    Parameter("frame_id", "", "frame in the headers of joint states"),
-    Parameter("hardware_id", "", "serial number in the diagnostics; empty is the URL of its link"),
-    Parameter("poses", {}, "poses by name, each with angles by joint, for the services ~go_to/NAME", "rad"),
-    Parameter(
-        "pose_speed", 0.3, "speed on the way to a pose, as a share of the limits", low=0.0, high=1.0, above=True
-    ),
-    Parameter("teach_directory", "", "folder in which what was taught is saved; empty is not to save it"),
-    Parameter("safety", {}, "thresholds at which the arm stops by itself, by name"),
-    Parameter("joints", (), "joints of the only controller, in its order; empty is all"),
-    Parameter("allow_partial_joints_goal", False, "a trajectory may leave joints out; they stay where they are"),
-    Parameter("constraints", {}, "tolerances: goal_time, stopped_velocity_tolerance, JOINT/trajectory, JOINT/goal"),
-    Parameter("controllers", {}, "several controllers by name, each with its own of the three above"),
+OWN = (
+    rate_setting("state_publish_rate", 50.0, "controller states a second"),
+    rate_setting("action_monitor_rate", 20.0, "feedback messages a second while a goal is followed"),
+    rate_setting("diagnostics_rate", 1.0, "diagnostics a second; a change is published at once", high=100.0),
+    Setting("frame_id", "", "frame in the headers of joint states"),
+    Setting("hardware_id", "", "serial number in the diagnostics; empty is the URL of its link"),
 )
+"""Parameters that only this node has."""
+
+PARAMETERS = (*SETTINGS, *OWN)
 """Every parameter of the node, in the order in which people read of them."""
 
-
+_POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+_GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
 _SERVO_LOOP = "the servos close the loop themselves; their gains are registers, see `hexwire bus table`"
 _SLOWS_DOWN = "what slows down does so within the speed limits"
 
@@ -159,123 +61,117 @@ FOREIGN = {
 """Parameters of ros_control and its trajectory controller without effect here, and what stands in their place."""
 
 
-@dataclass(slots=True)
-class Faults:
-    """Collects what is wrong, so that all of it can be told at once.
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The node's parameters, checked.
 
     Attributes:
-        texts: Each as in ``~watchdog: -1 must be 0, or 0.05 to 60``.
-        warnings: What was given to no effect, in the same form.
+        settings: Those of the controlled arm.
+        state_publish_rate: Controller states a second.
+        action_monitor_rate: Feedback messages a second.
+        diagnostics_rate: Diagnostics a second.
+        frame_id: In the headers of joint states.
+        hardware_id: In the diagnostics; empty is the URL of the link.
+        warnings: What was given to no effect, a line each.
     """
 
-    texts: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-    def add(self, name: str, text: object) -> None:
-        """Note a fault of the parameter `name`; for one deep in a table, names with slashes between."""
-        # Texts of other origin may have several lines.
-        self.texts.append(f"~{name}: {' '.join(str(text).split())}")
-
-    def check(self) -> None:
-        """Tell all faults.
-
-        Raises:
-            UsageError: There are some.
-        """
-        if self.texts:
-            n = len(self.texts)
-            raise UsageError(f"{n} parameter{'s are' if n > 1 else ' is'} wrong: {'; '.join(self.texts)}")
-
-    # -- one value each; what is wrong becomes a fault, and the default is returned in its place ---------
-
-    def number(self, name: str, value: object, row: Parameter) -> float:
-        """A finite number within the row's bounds; no text, no switch."""
-        default = row.default if isinstance(row.default, float) else 0.0
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self.wrong_kind(name, value, "a number")
-            return default
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            self.add(name, f"{number} is not a number that makes sense here")
-            return default
-        if not row.allows(number):
-            self.add(name, f"{number:g} must be {row.bounds}{f' {row.unit}' if row.unit else ''}")
-            return default
-        return number
-
-    def text(self, name: str, value: object, default: str = "") -> str:
-        """A text."""
-        if isinstance(value, str):
-            return value
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            # roslaunch makes numbers of all that looks like one.
-            self.add(name, f'{value} must be text: in quotes, or with type="str" in a launch file')
-        else:
-            self.wrong_kind(name, value, "text")
-        return default
-
-    def switch(self, name: str, value: object, default: bool = False) -> bool:
-        """True or false; no 0 or 1."""
-        if isinstance(value, bool):
-            return value
-        self.wrong_kind(name, value, "true or false")
-        return default
-
-    def names(self, name: str, value: object) -> tuple[str, ...]:
-        """A list of texts, none of them twice."""
-        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
-            self.wrong_kind(name, value, "a list of names")
-            return ()
-        twice = [item for i, item in enumerate(value) if item in value[:i]]
-        for item in dict.fromkeys(twice):
-            self.add(name, f"{item} is there twice")
-        return tuple(dict.fromkeys(value))
-
-    def table(self, name: str, value: object) -> dict[str, object]:
-        """Values by name."""
-        if not isinstance(value, Mapping):
-            self.wrong_kind(name, value, "a table of names and values")
-            return {}
-        return {str(key): item for key, item in value.items()}
-
-    def unknown(self, name: str, known: Iterable[str], foreign: Mapping[str, str] = MappingProxyType({})) -> None:
-        """A name that is none of the `known` ones, which lie at the same depth.
-
-        Args:
-            name: With slashes between, as in ``safety/patience``.
-            known: Names there are.
-            foreign: Names of ros_control that only get a warning, each with what stands in its place.
-        """
-        above, slash, last = name.rpartition("/")
-        if last in foreign:
-            self.warnings.append(f"~{name}: a parameter of ros_control without effect here; {foreign[last]}")
-            return
-        others = tuple(known)
-        near = get_close_matches(last, others, n=1)
-        if near:
-            self.add(name, f"unknown, did you mean ~{above}{slash}{near[0]}?")
-        elif slash:
-            self.add(name, f"unknown, there are {', '.join(others)}")
-        else:
-            self.add(name, "unknown, 'hexwire-ros1 --help' lists them")
-
-    def wrong_kind(self, name: str, value: object, wanted: str) -> None:
-        """A value of another type than is wanted."""
-        if isinstance(value, bool):
-            got = str(value).lower()
-        elif isinstance(value, str):
-            got = f"the text {_short(repr(value))}"
-        elif isinstance(value, Mapping):
-            got = "a table"
-        elif isinstance(value, list | tuple):
-            got = f"the list {_short(str(list(value)))}"
-        else:
-            got = _short(str(value))
-        self.add(name, f"must be {wanted}, not {got}")
+    settings: Settings
+    state_publish_rate: float
+    action_monitor_rate: float
+    diagnostics_rate: float
+    frame_id: str
+    hardware_id: str
+    warnings: tuple[str, ...]
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriver]:
+    """Check the node's private parameters and build the robot's driver; nothing is opened.
+
+    Args:
+        params: Values by name without the ``~``, tables as nested mappings, as the parameter server returns them.
+
+    Returns:
+        The parameters, and the driver, which is not attached.
+
+    Raises:
+        UsageError: With every parameter that is wrong.
+        LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
+    """
+    faults = _ParameterFaults()
+    given = faults.table("", params)
+    own = {row.name: faults.read(row, given.pop(row.name, row.default)) for row in OWN}
+    warnings = _take_foreign(given)
+    known = [row.name for row in PARAMETERS]
+    for name in [name for name in given if name not in known]:
+        faults.unknown(name, known)
+        del given[name]
+    poses, controllers = given.get("poses"), given.get("controllers")
+    for name in poses if isinstance(poses, Mapping) else ():
+        if not _POSE_NAME.fullmatch(str(name)):
+            faults.add(f"poses/{name}", "no name for a service: a letter first, then letters, digits and _ only")
+    if isinstance(controllers, Mapping):
+        given["controllers"] = flat = _flattened(controllers, faults)
+        for name, table in flat.items():
+            if not _GRAPH_NAME.fullmatch(name):
+                text = "no name that ROS takes: a letter first, then letters, digits, _ and / only"
+                faults.add(f"controllers/{name}", text)
+            warnings += _take_foreign(table, f"controllers/{name}/")
+    settings, driver = read_settings(given, faults, find_port=_find_port)
+    return Parameters(settings=settings, **own, warnings=tuple(warnings)), driver
+
+
+def default_text(row: Setting) -> str:
+    """A default as a parameter file has it."""
+    if isinstance(row.default, bool):
+        return str(row.default).lower()
+    if isinstance(row.default, str):
+        return row.default or '""'
+    if isinstance(row.default, float):
+        return str(row.default)
+    return "{}" if isinstance(row.default, Mapping) else "[]"
+
+
+class _ParameterFaults(Faults):
+    """Faults in ROS's words."""
+
+    noun = "parameter"
+    mark = "~"
+    # roslaunch makes numbers of all that looks like one.
+    quoting = 'in quotes, or with type="str" in a launch file'
+    listing = "'hexwire-ros1 --help' lists them"
+
+
+def _take_foreign(table: dict[str, object], above: str = "") -> list[str]:
+    """Take what has no effect out of a table; returns a warning each."""
+    foreign = [name for name in table if name in FOREIGN]
+    for name in foreign:
+        del table[name]
+    return [f"~{above}{name}: a parameter of ros_control without effect here; {FOREIGN[name]}" for name in foreign]
+
+
+def _flattened(table: Mapping[str, object], faults: Faults, above: str = "") -> dict[str, dict[str, object]]:
+    """Controllers by full name: the parameter server makes a table of every part of a name with a slash."""
+    found: dict[str, dict[str, object]] = {}
+    for key, value in table.items():
+        name = f"{above}{key}"
+        inner = faults.table(f"controllers/{name}", value)
+        is_namespace = inner and not inner.keys() & set(CONTROLLER_SETTINGS) and _are_tables(inner)
+        for full, content in (_flattened(inner, faults, f"{name}/") if is_namespace else {name: inner}).items():
+            if full in found:
+                faults.add(f"controllers/{full}", "is there twice")
+            found[full] = content
+    return found
+
+
+def _are_tables(table: Mapping[str, object]) -> bool:
+    return all(isinstance(value, Mapping) for value in table.values())
+
+
+def _find_port() -> str:
+    """The only likely board; the texts of the search are for people at a command line."""
+    try:
+        return find_only_board()
+    except LinkNotFoundError as error:
+        raise LinkNotFoundError(str(error).replace("--port", "the parameter ~port")) from None
+    except UsageError as error:
+        raise UsageError(f"1 parameter is wrong: ~port: {str(error).replace('with --port', 'with it')}") from None

@@ -1,70 +1,69 @@
-"""The node's settings: typed, closed, every mistake told at once.
+"""Reading the settings of an arm: typed, closed, every mistake told at once.
 
-Owns what the parameters mean together and with the arm: joints, poses, tolerances, controllers. Builds the driver
-but opens nothing. Must not know rospy: the values come in as the parameter server has them.
+Owns what settings mean together and with the arm: joints, poses, tolerances, controllers. Builds the driver but
+opens nothing. Must not know where the values come from, nor what the front calls them.
 """
 
 from __future__ import annotations
 
 import math
 import os
-import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.arrival import Tolerance
-from hexwire.control.goals import Tolerances
-from hexwire.control.settings import ControllerSettings, Settings
 from hexwire.drivers.registry import PORT_VARIABLE, load_driver
-from hexwire.errors import HexwireError, LimitError, LinkNotFoundError, UsageError
+from hexwire.errors import HexwireError, LimitError, UsageError
+from hexwire.link.ports import find_only_board
 from hexwire.model.geometry import ROBOTS, kinematics_or_none
 from hexwire.motion.safety import SafetyLimits
 
-from .parameters import FOREIGN, PARAMETERS, Faults, Parameter
+from .arrival import Tolerance
+from .goals import Tolerances
+from .setting import Faults, Setting
+from .settings import CONTROLLER_SETTINGS, SETTINGS, ControllerSettings, Settings
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel, JointModel
     from hexwire.model.kinematics import KinematicModel
 
-__all__ = ["load_settings"]
+__all__ = ["read_settings"]
 
-_ROWS = {row.name: row for row in PARAMETERS}
-_POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
-_GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
-_CONTROLLER_KEYS = ("joints", "allow_partial_joints_goal", "constraints")
+_ROWS = {row.name: row for row in SETTINGS}
 _JOINT_CONSTRAINTS = ("trajectory", "goal")
-# Rows of numbers in tables. The defaults are those of the joint trajectory controller of ROS, but for the speed at
+# Rows of numbers in tables. The defaults are those of the usual joint trajectory controller, but for the speed at
 # which a joint counts as standing: its 0.01 is less than the flicker of one count of 4096 within the tenth
 # of a second that speeds are taken over, and a goal with goal_time 0 would never end.
-_GOAL_TIME = Parameter("goal_time", 0.0, "", "s", low=0.0, high=3600.0)
-_STOPPED = Parameter("stopped_velocity_tolerance", 0.05, "", "rad/s", low=0.0)
-_TOLERANCE = Parameter("tolerance", 0.0, "", "rad", low=0.0)
-_ANGLE = Parameter("angle", 0.0, "", "rad")
-_THRESHOLD = Parameter("threshold", 1.0, "", low=0.0, above=True)
+_GOAL_TIME = Setting("goal_time", 0.0, "", "s", low=0.0, high=3600.0)
+_STOPPED = Setting("stopped_velocity_tolerance", 0.05, "", "rad/s", low=0.0)
+_TOLERANCE = Setting("tolerance", 0.0, "", "rad", low=0.0)
+_ANGLE = Setting("angle", 0.0, "", "rad")
+_THRESHOLD = Setting("threshold", 1.0, "", low=0.0, above=True)
 _THRESHOLDS = tuple(field.name for field in fields(SafetyLimits) if field.name != "faults")
 
 
-def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
-    """Check the node's private parameters and build the robot's driver; nothing is opened.
+def read_settings(
+    given: Mapping[str, object], faults: Faults, *, find_port: Callable[[], str] = find_only_board
+) -> tuple[Settings, RobotDriver]:
+    """Check settings and build the robot's driver; nothing is opened.
 
     Args:
-        params: Values by name without the ``~``, tables as nested mappings, as the parameter server returns them.
+        given: Values by name; tables are nested mappings.
+        faults: What is wrong is added to it.
+        find_port: Finds the port if none is given, and only if nothing is wrong.
 
     Returns:
         The settings, and the driver, which is not attached.
 
     Raises:
-        UsageError: With every parameter that is wrong.
-        LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
+        UsageError: With all faults.
+        LinkNotFoundError: All settings are right, but no port is given and none is found.
     """
-    faults = Faults()
-    given = faults.table("", params)
-    values = {row.name: _read(row, given.get(row.name, row.default), faults) for row in PARAMETERS}
+    values = {row.name: faults.read(row, given.get(row.name, row.default)) for row in SETTINGS}
     for name in given:
         if name not in _ROWS:
-            faults.unknown(name, _ROWS, FOREIGN)
+            faults.unknown(name, _ROWS)
     driver, model = _make_driver(values, faults)
     values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, faults)
     values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
@@ -73,24 +72,10 @@ def load_settings(params: Mapping[str, object]) -> tuple[Settings, RobotDriver]:
     _check_together(values, model, faults)
     faults.check()
     if driver is None:
-        driver = load_driver(values["robot"]).from_url(_find_board(values))
+        values["port"] = url = find_port()
+        driver = load_driver(values["robot"]).from_url(url)
     values["model"] = driver.model
-    values["warnings"] = tuple(faults.warnings)
     return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
-
-
-def _read(row: Parameter, value: object, faults: Faults) -> Any:
-    """A value of the type that the row's default has."""
-    default = row.default
-    if isinstance(default, bool):
-        return faults.switch(row.name, value, default)
-    if isinstance(default, float):
-        return faults.number(row.name, value, row)
-    if isinstance(default, str):
-        return faults.text(row.name, value, default)
-    if isinstance(default, tuple):
-        return faults.names(row.name, value)
-    return faults.table(row.name, value)
 
 
 # -- the robot ------------------------------------------------------------------------------------------
@@ -118,19 +103,6 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
         if not url:
             faults.add("port", f"{values['robot']} needs one ({error})")
         return None, None
-
-
-def _find_board(values: dict[str, Any]) -> str:
-    from hexwire.link.ports import find_only_board
-
-    # Those texts are for people on a command line.
-    try:
-        values["port"] = url = find_only_board()
-    except LinkNotFoundError as error:
-        raise LinkNotFoundError(str(error).replace("--port", "the parameter ~port")) from None
-    except UsageError as error:
-        raise UsageError(f"1 parameter is wrong: ~port: {str(error).replace('with --port', 'with it')}") from None
-    return url
 
 
 def _make_kinematics(values: dict[str, Any], faults: Faults) -> KinematicModel | None:
@@ -164,8 +136,6 @@ def _make_poses(
     poses = {}
     for name, value in table.items():
         path = f"poses/{name}"
-        if not _POSE_NAME.fullmatch(name):
-            faults.add(path, "no name for a service: a letter first, then letters, digits and _ only")
         rows = faults.table(path, value)
         if isinstance(value, Mapping) and not rows:
             faults.add(path, "names no joint")
@@ -222,21 +192,20 @@ def _make_thresholds(table: Mapping[str, object], faults: Faults) -> dict[str, f
 def _make_controllers(
     values: dict[str, Any], model: ArmModel | None, faults: Faults
 ) -> tuple[ControllerSettings, ...]:
-    several = _flattened(values["controllers"], faults)
+    several: dict[str, object] = values["controllers"]
     if not several:
         return (_make_controller("", values, model, faults),)
-    both = [name for name in _CONTROLLER_KEYS if values[name] != _ROWS[name].default]
+    both = [name for name in CONTROLLER_SETTINGS if values[name] != _ROWS[name].default]
     if both:
         faults.add("controllers", f"stands in place of {', '.join(both)}: give those inside each controller")
     controllers = []
     owners: dict[str, str] = {}
-    for name, table in several.items():
+    for name, content in several.items():
         path = f"controllers/{name}"
-        if not _GRAPH_NAME.fullmatch(name):
-            faults.add(path, "no name that ROS takes: a letter first, then letters, digits, _ and / only")
+        table = faults.table(path, content)
         for key in table:
-            if key not in _CONTROLLER_KEYS:
-                faults.unknown(f"{path}/{key}", _CONTROLLER_KEYS, FOREIGN)
+            if key not in CONTROLLER_SETTINGS:
+                faults.unknown(f"{path}/{key}", CONTROLLER_SETTINGS)
         read: dict[str, Any] = {
             "joints": faults.names(f"{path}/joints", table.get("joints", ())),
             "allow_partial_joints_goal": faults.switch(
@@ -252,24 +221,6 @@ def _make_controllers(
                 faults.add(f"{path}/joints", f"{joint} is in the controller {owners[joint]} already")
             owners.setdefault(joint, name)
     return tuple(controllers)
-
-
-def _flattened(table: Mapping[str, object], faults: Faults, above: str = "") -> dict[str, dict[str, object]]:
-    """Controllers by full name: the parameter server makes a table of every part of a name with a slash."""
-    found: dict[str, dict[str, object]] = {}
-    for key, value in table.items():
-        name = f"{above}{key}"
-        inner = faults.table(f"controllers/{name}", value)
-        is_namespace = inner and not inner.keys() & set(_CONTROLLER_KEYS) and _are_tables(inner)
-        for full, content in (_flattened(inner, faults, f"{name}/") if is_namespace else {name: inner}).items():
-            if full in found:
-                faults.add(f"controllers/{full}", "is there twice")
-            found[full] = content
-    return found
-
-
-def _are_tables(table: Mapping[str, object]) -> bool:
-    return all(isinstance(value, Mapping) for value in table.values())
 
 
 def _make_controller(
@@ -321,8 +272,9 @@ def _make_tolerances(
 def _check_together(values: Mapping[str, Any], model: ArmModel | None, faults: Faults) -> None:
     robot = values["robot"]
     if values["table_height"] and values["check_table"] and model is not None and robot not in ROBOTS:
-        faults.add("table_height", f"{robot} has no geometry to check it with; set ~check_table to false")
+        switch = f"{faults.mark}check_table"
+        faults.add("table_height", f"{robot} has no geometry to check it with; set {switch} to false")
     rate, watchdog = values["command_rate"], values["watchdog"]
     if rate and 0.0 < watchdog < 2.0 / rate:
-        least = f"two cycles of ~command_rate {rate:g} Hz, {2.0 / rate:.3g} s"
+        least = f"two cycles of {faults.mark}command_rate {rate:g} Hz, {2.0 / rate:.3g} s"
         faults.add("watchdog", f"{watchdog:g} s is less than {least}: the board would stop the arm again and again")

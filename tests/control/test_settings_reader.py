@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,9 @@ from typing import Any
 import pytest
 
 from hexwire.control.arrival import Tolerance
-from hexwire.control.settings import Settings
+from hexwire.control.setting import Faults
+from hexwire.control.settings import SETTINGS, Settings
+from hexwire.control.settings_reader import read_settings
 from hexwire.drivers import registry
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -18,8 +19,6 @@ from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link import ports
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.motion.safety import SafetyLimits
-from hexwire.ros1.parameters import FOREIGN, PARAMETERS
-from hexwire.ros1.settings import load_settings
 
 ALL = ("J1", "J2", "J3", "J4", "J5", "J6", "J7")
 
@@ -35,31 +34,29 @@ def boards(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return found
 
 
-def load(**params: object) -> Settings:
-    return load_settings({"port": "/dev/ttyUSB0", **params})[0]
+def load(**given: object) -> Settings:
+    return read_settings({"port": "/dev/ttyUSB0", **given}, Faults())[0]
 
 
-def faults(**params: object) -> list[str]:
-    """What is wrong with parameters, one text each, in order."""
+def faults(**given: object) -> list[str]:
+    """What is wrong with settings, one text each, in order."""
+    found = Faults()
     with pytest.raises(UsageError) as told:
-        load(**params)
-    text = str(told.value)
-    assert "\n" not in text
-    head, _, rest = text.partition(": ")
-    found = rest.split("; ~")
-    assert head == (f"{len(found)} parameters are wrong" if len(found) > 1 else "1 parameter is wrong")
-    return [found[0], *(f"~{part}" for part in found[1:])]
+        read_settings({"port": "/dev/ttyUSB0", **given}, found)
+    assert "\n" not in str(told.value)
+    assert all(text in str(told.value) for text in found.texts)
+    return found.texts
 
 
-# -- what holds without parameters ----------------------------------------------------------------------
+# -- what holds without settings ------------------------------------------------------------------------
 
 
-def test_every_parameter_has_a_default() -> None:
-    settings, driver = load_settings({"port": "/dev/ttyUSB0"})
+def test_every_setting_has_a_default() -> None:
+    settings, driver = read_settings({"port": "/dev/ttyUSB0"}, Faults())
     assert isinstance(driver, Hex7BotDriver)
     assert not driver.session.is_open
     assert settings.model is driver.model
-    for row in PARAMETERS:
+    for row in SETTINGS:
         if row.name not in {"port", "safety", "joints", "allow_partial_joints_goal", "constraints", "controllers"}:
             assert getattr(settings, row.name) == row.default, row.name
     assert settings.safety_at(20.0) == SafetyLimits()
@@ -71,18 +68,16 @@ def test_every_parameter_has_a_default() -> None:
     assert only.tolerances.goal == dict.fromkeys(ALL, Tolerance(velocity=0.05))
 
 
-def test_each_parameter_is_a_field_or_goes_into_the_controllers() -> None:
+def test_each_setting_is_a_field_or_goes_into_the_controllers() -> None:
     names = {field.name for field in fields(Settings)}
-    assert {row.name for row in PARAMETERS} - names == {"joints", "allow_partial_joints_goal", "constraints"}
+    assert {row.name for row in SETTINGS} - names == {"joints", "allow_partial_joints_goal", "constraints"}
 
 
 def test_plain_values_come_through() -> None:
-    settings = load(
-        publish_rate=50, watchdog=0, check_table=False, table_height=-0.02, frame_id="base_link", hardware_id="7-01"
-    )
+    settings = load(publish_rate=50, watchdog=0, check_table=False, table_height=-0.02)
     assert (settings.publish_rate, settings.watchdog, settings.table) == (50.0, 0.0, None)
     assert isinstance(settings.publish_rate, float)
-    assert (settings.table_height, settings.frame_id, settings.hardware_id) == (-0.02, "base_link", "7-01")
+    assert settings.table_height == -0.02
 
 
 # -- faults ---------------------------------------------------------------------------------------------
@@ -99,29 +94,29 @@ def test_all_faults_at_once() -> None:
         safety={"load": -1},
         constraints={"J1": {"goal": "0.1"}},
     ) == [
-        "~publish_rate: 0 must be above 0 and at most 1000 Hz",
-        "~wacthdog: unknown, did you mean ~watchdog?",
-        "~port: 'my port' is not a link address: it is empty or has blanks in it",
-        "~links: no link set 'C'; there are A, B, V1, or name a TOML file",
-        f"~poses/home/J9: no joint 'J9', there are {', '.join(ALL)}",
-        "~safety/load: -1 must be above 0",
-        f"~joints: no joint 'J8', there are {', '.join(ALL)}",
-        "~constraints/J1/goal: must be a number, not the text '0.1'",
+        "publish_rate: 0 must be above 0 and at most 1000 Hz",
+        "wacthdog: unknown, did you mean watchdog?",
+        "port: 'my port' is not a link address: it is empty or has blanks in it",
+        "links: no link set 'C'; there are A, B, V1, or name a TOML file",
+        f"poses/home/J9: no joint 'J9', there are {', '.join(ALL)}",
+        "safety/load: -1 must be above 0",
+        f"joints: no joint 'J8', there are {', '.join(ALL)}",
+        "constraints/J1/goal: must be a number, not the text '0.1'",
     ]
 
 
-@pytest.mark.parametrize("row", PARAMETERS, ids=lambda row: str(row.name))
-def test_every_parameter_refuses_another_type(row: Any) -> None:
+@pytest.mark.parametrize("row", SETTINGS, ids=lambda row: str(row.name))
+def test_every_setting_refuses_another_type(row: Any) -> None:
     other = 3 if isinstance(row.default, str | bool | tuple) else "text"
-    found = [text for text in faults(**{row.name: other}) if text.startswith(f"~{row.name}: ")]
+    found = [text for text in faults(**{row.name: other}) if text.startswith(f"{row.name}: ")]
     assert len(found) == 1
     assert "must be" in found[0]
 
 
-@pytest.mark.parametrize("row", [row for row in PARAMETERS if isinstance(row.default, float)], ids=lambda r: r.name)
+@pytest.mark.parametrize("row", [row for row in SETTINGS if isinstance(row.default, float)], ids=lambda r: r.name)
 def test_every_number_has_bounds(row: Any) -> None:
     for value in (math.nan, math.inf, -1e9, 1e9, True):
-        assert [text.partition(":")[0] for text in faults(**{row.name: value})] == [f"~{row.name}"]
+        assert [text.partition(":")[0] for text in faults(**{row.name: value})] == [f"{row.name}"]
 
 
 # -- robot and port -------------------------------------------------------------------------------------
@@ -129,12 +124,12 @@ def test_every_number_has_bounds(row: Any) -> None:
 
 def test_an_unknown_robot_is_one_fault_whatever_needs_its_joints() -> None:
     (text,) = faults(robot="r2d2", poses={"home": {"K1": 0.0}}, constraints={"K1": {"goal": 0.1}}, links="C")
-    assert text.startswith("~robot: no robot 'r2d2'; installed are")
+    assert text.startswith("robot: no robot 'r2d2'; installed are")
 
 
 def test_a_robot_that_is_a_file(tmp_path: Path) -> None:
     file = tmp_path / "arm.toml"
-    assert faults(robot=str(file)) == [f"~robot: {file}: cannot be read: No such file or directory"]
+    assert faults(robot=str(file)) == [f"robot: {file}: cannot be read: No such file or directory"]
     file.write_text('name = "mine"\nbase = "so101"\n', encoding="utf-8")
     settings = load(robot=str(file))
     assert settings.model.name == "mine"
@@ -148,28 +143,18 @@ def test_the_port_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     assert load(port="/dev/ttyS9").port == "/dev/ttyS9"
     monkeypatch.setenv(registry.PORT_VARIABLE, "tcp://10.0.0.7")
     (text,) = faults(port="")
-    assert text.startswith("~port: ")
+    assert text.startswith("port: ")
     assert text.endswith("(from HEXWIRE_PORT)")
 
 
-def test_the_only_likely_board(boards: list[str]) -> None:
-    boards.append("/dev/ttyACM3")
-    settings, driver = load_settings({})
+def test_the_port_is_looked_for_only_if_all_else_is_right() -> None:
+    settings, driver = read_settings({}, Faults(), find_port=lambda: "/dev/ttyACM3")
     assert settings.port == "/dev/ttyACM3"
     assert settings.model is driver.model
-    boards.append("/dev/ttyACM4")
-    (text,) = faults(port="")
-    assert text.startswith("~port: several likely boards: /dev/ttyACM3 (a board), /dev/ttyACM4")
-    assert "--port" not in text
-
-
-def test_no_board_is_told_only_if_all_else_is_right() -> None:
-    assert faults(port="", pose_speed=2) == ["~pose_speed: 2 must be above 0 and at most 1"]
-    assert faults(port="", poses={"up": {"J8": 0}}) == [f"~poses/up/J8: no joint 'J8', there are {', '.join(ALL)}"]
-    with pytest.raises(LinkNotFoundError, match="no serial port on this machine") as told:
+    assert faults(port="", pose_speed=2) == ["pose_speed: 2 must be above 0 and at most 1"]
+    assert faults(port="", poses={"up": {"J8": 0}}) == [f"poses/up/J8: no joint 'J8', there are {', '.join(ALL)}"]
+    with pytest.raises(LinkNotFoundError, match="no serial port on this machine"):
         load(port="")
-    assert "~port" in str(told.value)
-    assert "--port" not in str(told.value)
 
 
 class _OwnScheme(Hex7BotDriver):
@@ -184,18 +169,18 @@ def test_a_robot_that_no_serial_port_can_be(monkeypatch: pytest.MonkeyPatch) -> 
     def own(name: str) -> type[RobotDriver]:
         return _OwnScheme
 
-    monkeypatch.setattr("hexwire.ros1.settings.load_driver", own)
+    monkeypatch.setattr("hexwire.control.settings_reader.load_driver", own)
     assert load(robot="own", port="tcp://h:1").model.names == ALL
-    assert faults(robot="own", port="") == ["~port: own needs one (only tcp:// will do)"]
-    assert faults(robot="own", port="udp://h:1") == ["~port: only tcp:// will do"]
+    assert faults(robot="own", port="") == ["port: own needs one (only tcp:// will do)"]
+    assert faults(robot="own", port="udp://h:1") == ["port: only tcp:// will do"]
 
 
 def test_a_plugin_that_cannot_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     def gone(name: str) -> type[RobotDriver]:
         raise ImportError("No module named 'their_arm'")
 
-    monkeypatch.setattr("hexwire.ros1.settings.load_driver", gone)
-    assert faults(robot="theirs") == ["~robot: No module named 'their_arm'"]
+    monkeypatch.setattr("hexwire.control.settings_reader.load_driver", gone)
+    assert faults(robot="theirs") == ["robot: No module named 'their_arm'"]
 
 
 # -- geometry -------------------------------------------------------------------------------------------
@@ -209,19 +194,17 @@ def test_kinematics_are_those_for_motion() -> None:
 
 
 def test_the_puma() -> None:
-    settings, driver = load_settings({"robot": "puma260", "port": "tcp://127.0.0.1:15030", "links": "A"})
+    settings, driver = read_settings({"robot": "puma260", "port": "tcp://127.0.0.1:15030", "links": "A"}, Faults())
     assert isinstance(driver, Puma260Driver)
     assert settings.kinematics is not None
     assert settings.kinematics.name == "puma260"
 
 
 def test_robots_without_link_sets_or_geometry() -> None:
-    assert faults(robot="puma260", links="B") == [
-        "~links: only the hex7bot has link sets; leave it out for puma260"
-    ]
+    assert faults(robot="puma260", links="B") == ["links: only the hex7bot has link sets; leave it out for puma260"]
     assert faults(robot="so101", links="V1", table_height=0.1) == [
-        "~links: only the hex7bot has link sets; leave it out for so101",
-        "~table_height: so101 has no geometry to check it with; set ~check_table to false",
+        "links: only the hex7bot has link sets; leave it out for so101",
+        "table_height: so101 has no geometry to check it with; set check_table to false",
     ]
     settings = load(robot="so101", table_height=0.1, check_table=False)
     assert (settings.kinematics, settings.table) == (None, None)
@@ -230,10 +213,10 @@ def test_robots_without_link_sets_or_geometry() -> None:
 
 def test_a_file_of_links(tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
-    assert faults(links=str(file)) == [f"~links: {file}: cannot be read: No such file or directory"]
+    assert faults(links=str(file)) == [f"links: {file}: cannot be read: No such file or directory"]
     file.write_text("a=120\nz=1\n", encoding="utf-8")
     (text,) = faults(links=str(file))
-    assert text.startswith(f"~links: {file}:2: z is no key of a link set")
+    assert text.startswith(f"links: {file}:2: z is no key of a link set")
 
 
 # -- poses ----------------------------------------------------------------------------------------------
@@ -247,29 +230,25 @@ def test_poses() -> None:
 def test_poses_that_cannot_be() -> None:
     assert faults(
         poses={
-            "2nd": {"J1": 0.0},
-            "a-b": {"J1": 0.0},
             "none": {},
             "flat": 0.5,
             "far": {"J1": 1.4, "J2": 90, "J3": "0.5", "J4": math.nan, "j5": 0.0},
         }
     ) == [
-        "~poses/2nd: no name for a service: a letter first, then letters, digits and _ only",
-        "~poses/a-b: no name for a service: a letter first, then letters, digits and _ only",
-        "~poses/none: names no joint",
-        "~poses/flat: must be a table of names and values, not 0.5",
-        "~poses/far/J1: 1.4 rad is outside its limits -1.484 to 1.309 rad",
-        "~poses/far/J2: 90 rad is outside its limits -0.4363 to 2.531 rad; angles are radians",
-        "~poses/far/J3: must be a number, not the text '0.5'",
-        "~poses/far/J4: nan is not a number that makes sense here",
-        f"~poses/far/j5: no joint 'j5', there are {', '.join(ALL)}",
+        "poses/none: names no joint",
+        "poses/flat: must be a table of names and values, not 0.5",
+        "poses/far/J1: 1.4 rad is outside its limits -1.484 to 1.309 rad",
+        "poses/far/J2: 90 rad is outside its limits -0.4363 to 2.531 rad; angles are radians",
+        "poses/far/J3: must be a number, not the text '0.5'",
+        "poses/far/J4: nan is not a number that makes sense here",
+        f"poses/far/j5: no joint 'j5', there are {', '.join(ALL)}",
     ]
 
 
 def test_a_whole_pose_that_the_elbow_forbids() -> None:
     folded = {"J1": 0.0, "J2": -0.2, "J3": -1.3, "J4": 0.0, "J5": 0.0, "J6": 0.0}
     (text,) = faults(poses={"folded": folded})
-    assert text.startswith("~poses/folded: elbow open 63.4 deg too far")
+    assert text.startswith("poses/folded: elbow open 63.4 deg too far")
     # With one joint less, it is the arm's place at that time that tells.
     del folded["J6"]
     assert load(poses={"folded": folded}).poses == {"folded": folded}
@@ -289,16 +268,16 @@ def test_thresholds_that_were_chosen_stay_and_others_follow_the_rate() -> None:
 def test_thresholds_that_make_no_sense() -> None:
     thresholds = [field.name for field in fields(SafetyLimits) if field.name != "faults"]
     assert faults(safety={"lod": 1, "load": 0, "faults": 3, "lag": False}) == [
-        "~safety/lod: unknown, did you mean ~safety/load?",
-        "~safety/load: 0 must be above 0",
-        f"~safety/faults: unknown, there are {', '.join(thresholds)}",
-        "~safety/lag: must be a number, not false",
+        "safety/lod: unknown, did you mean safety/load?",
+        "safety/load: 0 must be above 0",
+        f"safety/faults: unknown, there are {', '.join(thresholds)}",
+        "safety/lag: must be a number, not false",
     ]
 
 
 def test_a_watchdog_that_the_rate_cannot_feed() -> None:
     (text,) = faults(watchdog=0.5, command_rate=2)
-    assert text.startswith("~watchdog: 0.5 s is less than two cycles of ~command_rate 2 Hz, 1 s")
+    assert text.startswith("watchdog: 0.5 s is less than two cycles of command_rate 2 Hz, 1 s")
     assert load(watchdog=1, command_rate=2).watchdog == 1.0
     assert load(watchdog=0, command_rate=1).watchdog == 0.0
 
@@ -307,8 +286,8 @@ def test_times_of_which_zero_is_never() -> None:
     settings = load(watchdog=0, command_timeout=0)
     assert (settings.watchdog, settings.command_timeout) == (0.0, 0.0)
     assert faults(watchdog=0.01, command_timeout=-1) == [
-        "~watchdog: 0.01 must be 0, or 0.05 to 60 s",
-        "~command_timeout: -1 must be 0, or 0.05 to 60 s",
+        "watchdog: 0.01 must be 0, or 0.05 to 60 s",
+        "command_timeout: -1 must be 0, or 0.05 to 60 s",
     ]
 
 
@@ -343,12 +322,12 @@ def test_constraints_that_make_no_sense() -> None:
             "J3": {"goal": 0.1},
         },
     ) == [
-        "~constraints/goal_time: -1 must be 0 to 3600 s",
-        "~constraints/stopped_velocity: unknown, did you mean ~constraints/stopped_velocity_tolerance?",
-        "~constraints/J1/goul: unknown, did you mean ~constraints/J1/goal?",
-        "~constraints/J1/goal: -1 must be 0 or more rad",
-        "~constraints/J2: must be a table of names and values, not 0.1",
-        "~constraints/J3: no joint 'J3' here, there are J1, J2",
+        "constraints/goal_time: -1 must be 0 to 3600 s",
+        "constraints/stopped_velocity: unknown, did you mean constraints/stopped_velocity_tolerance?",
+        "constraints/J1/goul: unknown, did you mean constraints/J1/goal?",
+        "constraints/J1/goal: -1 must be 0 or more rad",
+        "constraints/J2: must be a table of names and values, not 0.1",
+        "constraints/J3: no joint 'J3' here, there are J1, J2",
     ]
 
 
@@ -356,55 +335,13 @@ def test_several_controllers() -> None:
     arm, hand = load(
         controllers={
             "arm_controller": {"joints": ["J1", "J2"], "constraints": {"goal_time": 1, "J2": {"goal": 0.1}}},
-            # As the parameter server keeps left/hand.
-            "left": {"hand": {"joints": ["J7"], "allow_partial_joints_goal": True}},
+            "left/hand": {"joints": ["J7"], "allow_partial_joints_goal": True},
         }
     ).controllers
     assert (arm.name, arm.joints, arm.allow_partial) == ("arm_controller", ("J1", "J2"), False)
     assert arm.tolerances.goal["J2"] == Tolerance(0.1, 0.05)
     assert (hand.name, hand.joints, hand.allow_partial) == ("left/hand", ("J7",), True)
     assert hand.tolerances.goal == {"J7": Tolerance(velocity=0.05)}
-    assert load(controllers={"left/hand": {"joints": ["J7"]}}).controllers[0].name == "left/hand"
-
-
-def test_parameters_of_ros_control_are_a_warning_that_names_ours() -> None:
-    warned = load(
-        joint_state_controller={"publish_rate": 50},
-        controllers={
-            "arm": {
-                "type": "position_controllers/JointTrajectoryController",
-                "joints": ["J1", "J2"],
-                "gains": {"J1": {"p": 100}},
-                "state_publish_rate": 25,
-                "stop_trajectory_duration": 0.5,
-            }
-        },
-    ).warnings
-    assert warned == (
-        "~joint_state_controller: a parameter of ros_control without effect here; ours is ~publish_rate",
-        "~controllers/arm/type: a parameter of ros_control without effect here; this node is the controller",
-        (
-            "~controllers/arm/gains: a parameter of ros_control without effect here; the servos close the loop "
-            "themselves; their gains are registers, see `hexwire bus table`"
-        ),
-        (
-            "~controllers/arm/state_publish_rate: a parameter of ros_control without effect here; ours is "
-            "~state_publish_rate, of the whole node"
-        ),
-        (
-            "~controllers/arm/stop_trajectory_duration: a parameter of ros_control without effect here; "
-            "what slows down does so within the speed limits"
-        ),
-    )
-    assert load().warnings == ()
-
-
-def test_a_name_of_ros_control_elsewhere_is_a_fault() -> None:
-    assert faults(constraints={"gains": 1}, safety={"type": 1}) != []
-    for name, text in FOREIGN.items():
-        assert name not in {row.name for row in PARAMETERS} - {"state_publish_rate", "action_monitor_rate"}, text
-        for ours in re.findall(r"ours is ~(\w+)", text):
-            assert ours in {row.name for row in PARAMETERS}
 
 
 def test_controllers_that_make_no_sense() -> None:
@@ -414,24 +351,19 @@ def test_controllers_that_make_no_sense() -> None:
         controllers={
             "a": {"joints": ["J1", "J2", "J1"]},
             "b": {"joints": ["J2", "J9"], "constraints": {"J9": {"goal": 1}, "goal_time": "1"}},
-            "no-name": {"joints": ["J3"]},
             "c": {"jonts": ["J4"]},
             "d": ["J5"],
-            "e/f": {"joints": ["J6"]},
-            "e": {"f": {"joints": ["J7"]}},
         },
     ) == [
-        "~controllers/d: must be a table of names and values, not the list ['J5']",
-        "~controllers/e/f: is there twice",
-        "~controllers: stands in place of joints, allow_partial_joints_goal: give those inside each controller",
-        "~controllers/a/joints: J1 is there twice",
-        f"~controllers/b/joints: no joint 'J9', there are {', '.join(ALL)}",
-        "~controllers/b/constraints/goal_time: must be a number, not the text '1'",
-        "~controllers/b/joints: J2 is in the controller a already",
-        "~controllers/no-name: no name that ROS takes: a letter first, then letters, digits, _ and / only",
-        "~controllers/c/jonts: unknown, did you mean ~controllers/c/joints?",
-        "~controllers/c/joints: a controller needs at least one joint",
-        "~controllers/d/joints: a controller needs at least one joint",
+        "controllers: stands in place of joints, allow_partial_joints_goal: give those inside each controller",
+        "controllers/a/joints: J1 is there twice",
+        f"controllers/b/joints: no joint 'J9', there are {', '.join(ALL)}",
+        "controllers/b/constraints/goal_time: must be a number, not the text '1'",
+        "controllers/b/joints: J2 is in the controller a already",
+        "controllers/c/jonts: unknown, did you mean controllers/c/joints?",
+        "controllers/c/joints: a controller needs at least one joint",
+        "controllers/d: must be a table of names and values, not the list ['J5']",
+        "controllers/d/joints: a controller needs at least one joint",
     ]
 
 

@@ -1,0 +1,206 @@
+"""One setting as a row of a table, and reading its value: strictly, noting every fault.
+
+Owns kinds of values, bounds and the wording of faults. Must not know arms, nor what a setting is for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any, ClassVar
+
+from hexwire.errors import UsageError
+
+__all__ = ["Default", "Faults", "Setting", "rate_setting"]
+
+Default = str | float | bool | tuple[str, ...] | Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One setting.
+
+    Attributes:
+        name: As people write it.
+        default: What holds where it is not given; its type is that of the setting. Numbers are floats.
+        help: What it does, in one line.
+        unit: Of a number; empty if it has none.
+        low: Least value of a number.
+        high: Greatest value of a number.
+        above: The least value itself is not allowed.
+        zero: 0 is allowed as well, below `low`.
+    """
+
+    name: str
+    default: Default
+    help: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    zero: bool = False
+
+    @property
+    def bounds(self) -> str:
+        """What a number must be, in words; empty where every one will do."""
+        if self.high == math.inf:
+            words = (
+                "" if self.low == -math.inf else f"above {self.low:g}" if self.above else f"{self.low:g} or more"
+            )
+        elif self.above:
+            words = f"above {self.low:g} and at most {self.high:g}"
+        else:
+            words = f"{self.low:g} to {self.high:g}"
+        return f"0, or {words}" if self.zero else words
+
+    def allows(self, value: float) -> bool:
+        """Whether a number is within the bounds."""
+        if self.zero and value == 0.0:
+            return True
+        return (self.low < value if self.above else self.low <= value) and value <= self.high
+
+
+def rate_setting(name: str, default: float, text: str, high: float = 1000.0) -> Setting:
+    """A rate above 0, hertz."""
+    return Setting(name, default, text, "Hz", low=0.0, high=high, above=True)
+
+
+@dataclass(slots=True)
+class Faults:
+    """Collects what is wrong, so that all of it can be told at once.
+
+    A front whose settings look different makes a class of its own.
+
+    Attributes:
+        texts: Each as in ``watchdog: -1 must be 0, or 0.05 to 60``.
+    """
+
+    noun: ClassVar[str] = "setting"
+    """What the front calls a setting."""
+    mark: ClassVar[str] = ""
+    """What stands before the name of a setting."""
+    quoting: ClassVar[str] = "in quotes"
+    """How people write a number that is meant as text."""
+    listing: ClassVar[str] = ""
+    """Where people find all names; empty to list them."""
+
+    texts: list[str] = field(default_factory=list)
+
+    def add(self, name: str, text: object) -> None:
+        """Note a fault of the setting `name`; for one deep in a table, names with slashes between."""
+        # Texts of other origin may have several lines.
+        self.texts.append(f"{self.mark}{name}: {' '.join(str(text).split())}")
+
+    def check(self) -> None:
+        """Tell all faults.
+
+        Raises:
+            UsageError: There are some.
+        """
+        if self.texts:
+            n = len(self.texts)
+            raise UsageError(f"{n} {self.noun}{'s are' if n > 1 else ' is'} wrong: {'; '.join(self.texts)}")
+
+    # -- one value each; what is wrong becomes a fault, and the default is returned in its place ---------
+
+    def read(self, row: Setting, value: object) -> Any:
+        """A value of the type that the row's default has."""
+        default = row.default
+        if isinstance(default, bool):
+            return self.switch(row.name, value, default)
+        if isinstance(default, float):
+            return self.number(row.name, value, row)
+        if isinstance(default, str):
+            return self.text(row.name, value, default)
+        if isinstance(default, tuple):
+            return self.names(row.name, value)
+        return self.table(row.name, value)
+
+    def number(self, name: str, value: object, row: Setting) -> float:
+        """A finite number within the row's bounds; no text, no switch."""
+        default = row.default if isinstance(row.default, float) else 0.0
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.wrong_kind(name, value, "a number")
+            return default
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.add(name, f"{number} is not a number that makes sense here")
+            return default
+        if not row.allows(number):
+            self.add(name, f"{number:g} must be {row.bounds}{f' {row.unit}' if row.unit else ''}")
+            return default
+        return number
+
+    def text(self, name: str, value: object, default: str = "") -> str:
+        """A text."""
+        if isinstance(value, str):
+            return value
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            self.add(name, f"{value} must be text: {self.quoting}")
+        else:
+            self.wrong_kind(name, value, "text")
+        return default
+
+    def switch(self, name: str, value: object, default: bool = False) -> bool:
+        """True or false; no 0 or 1."""
+        if isinstance(value, bool):
+            return value
+        self.wrong_kind(name, value, "true or false")
+        return default
+
+    def names(self, name: str, value: object) -> tuple[str, ...]:
+        """A list of texts, none of them twice."""
+        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
+            self.wrong_kind(name, value, "a list of names")
+            return ()
+        twice = [item for i, item in enumerate(value) if item in value[:i]]
+        for item in dict.fromkeys(twice):
+            self.add(name, f"{item} is there twice")
+        return tuple(dict.fromkeys(value))
+
+    def table(self, name: str, value: object) -> dict[str, object]:
+        """Values by name."""
+        if not isinstance(value, Mapping):
+            self.wrong_kind(name, value, "a table of names and values")
+            return {}
+        return {str(key): item for key, item in value.items()}
+
+    def unknown(self, name: str, known: Iterable[str]) -> None:
+        """A name that is none of the `known` ones, which lie at the same depth.
+
+        Args:
+            name: With slashes between, as in ``safety/patience``.
+            known: Names there are.
+        """
+        above, slash, last = name.rpartition("/")
+        others = tuple(known)
+        near = get_close_matches(last, others, n=1)
+        if near:
+            self.add(name, f"unknown, did you mean {self.mark}{above}{slash}{near[0]}?")
+        elif slash or not self.listing:
+            self.add(name, f"unknown, there are {', '.join(others)}")
+        else:
+            self.add(name, f"unknown, {self.listing}")
+
+    def wrong_kind(self, name: str, value: object, wanted: str) -> None:
+        """A value of another type than is wanted."""
+        if isinstance(value, bool):
+            got = str(value).lower()
+        elif isinstance(value, str):
+            got = f"the text {_short(repr(value))}"
+        elif isinstance(value, Mapping):
+            got = "a table"
+        elif isinstance(value, list | tuple):
+            got = f"the list {_short(str(list(value)))}"
+        else:
+            got = _short(str(value))
+        self.add(name, f"must be {wanted}, not {got}")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."

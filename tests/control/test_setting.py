@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hexwire.control.setting import Faults, Setting, rate_setting
+from hexwire.errors import UsageError
+
+RATE = rate_setting("rate", 5.0, "", high=100.0)
+PAUSE = Setting("pause", 1.0, "", "s", low=0.05, high=60.0, zero=True)
+FREE = Setting("free", 0.0, "")
+SHARE = Setting("share", 0.0, "", low=0.0)
+
+
+@pytest.mark.parametrize(
+    ("row", "words", "good", "bad"),
+    [
+        (RATE, "above 0 and at most 100", [0.1, 100], [0.0, -1.0, 100.1]),
+        (PAUSE, "0, or 0.05 to 60", [0, 0.05, 60.0], [0.01, -0.05, 61]),
+        (SHARE, "0 or more", [0, 1e9], [-1e-9]),
+        (FREE, "", [-1e9, 0, 1e9], []),
+    ],
+)
+def test_bounds(row: Setting, words: str, good: list[float], bad: list[float]) -> None:
+    assert row.bounds == words
+    assert [value for value in good if not row.allows(value)] == []
+    assert [value for value in bad if row.allows(value)] == []
+
+
+def test_a_good_value_of_every_kind() -> None:
+    faults = Faults()
+    assert faults.number("rate", 7, RATE) == 7.0
+    assert isinstance(faults.number("rate", 7, RATE), float)
+    assert faults.text("port", "/dev/ttyUSB0") == "/dev/ttyUSB0"
+    assert faults.switch("check", True) is True
+    assert faults.names("joints", ["J2", "J1"]) == ("J2", "J1")
+    assert faults.table("poses", {"home": {}}) == {"home": {}}
+    faults.check()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0 must be above 0 and at most 100 Hz"),
+        (1e3, "1000 must be above 0 and at most 100 Hz"),
+        (math.nan, "nan is not a number that makes sense here"),
+        (-math.inf, "-inf is not a number that makes sense here"),
+        (10**400, "inf is not a number that makes sense here"),
+        (True, "must be a number, not true"),
+        ("0.5", "must be a number, not the text '0.5'"),
+        ([1.0], "must be a number, not the list [1.0]"),
+        ({"a": 1}, "must be a number, not a table"),
+        (None, "must be a number, not None"),
+        ("x" * 100, f"must be a number, not the text '{'x' * 56}..."),
+    ],
+)
+def test_what_is_no_number(value: object, text: str) -> None:
+    faults = Faults()
+    assert faults.number("rate", value, RATE) == 5.0
+    assert faults.texts == [f"rate: {text}"]
+
+
+def test_other_kinds_and_their_defaults() -> None:
+    faults = Faults()
+    assert faults.text("id", 1234, "x") == "x"
+    assert faults.text("id", False, "x") == "x"
+    assert faults.switch("check", 1, default=True) is True
+    assert faults.names("joints", "J1") == ()
+    assert faults.names("joints", ["J1", 2]) == ()
+    assert faults.names("joints", ["J1", "J2", "J1", "J1"]) == ("J1", "J2")
+    assert faults.table("poses", [1]) == {}
+    assert faults.texts == [
+        "id: 1234 must be text: in quotes",
+        "id: must be text, not false",
+        "check: must be true or false, not 1",
+        "joints: must be a list of names, not the text 'J1'",
+        "joints: must be a list of names, not the list ['J1', 2]",
+        "joints: J1 is there twice",
+        "poses: must be a table of names and values, not the list [1]",
+    ]
+
+
+def test_an_unknown_name_suggests_the_nearest() -> None:
+    faults = Faults()
+    faults.unknown("wacthdog", ["watchdog", "port"])
+    faults.unknown("arm/goul", ["trajectory", "goal"])
+    faults.unknown("arm/xyz", ["trajectory", "goal"])
+    faults.unknown("qqq", ["watchdog", "port"])
+    assert faults.texts == [
+        "wacthdog: unknown, did you mean watchdog?",
+        "arm/goul: unknown, did you mean arm/goal?",
+        "arm/xyz: unknown, there are trajectory, goal",
+        "qqq: unknown, there are watchdog, port",
+    ]
+
+
+def test_all_faults_on_one_line() -> None:
+    faults = Faults()
+    faults.check()
+    faults.add("port", "is\n  wrong")
+    with pytest.raises(UsageError) as one:
+        faults.check()
+    assert str(one.value) == "1 setting is wrong: port: is wrong"
+    faults.add("robot", ValueError("no robot"))
+    with pytest.raises(UsageError) as two:
+        faults.check()
+    assert str(two.value) == "2 settings are wrong: port: is wrong; robot: no robot"
+
+
+class _Ours(Faults):
+    noun = "option"
+    mark = "--"
+    quoting = "as id=text"
+    listing = "see --help"
+
+
+def test_a_front_has_its_own_words() -> None:
+    faults = _Ours()
+    faults.unknown("wacthdog", ["watchdog"])
+    faults.unknown("qqq", ["watchdog"])
+    faults.text("id", 7)
+    assert faults.texts == [
+        "--wacthdog: unknown, did you mean --watchdog?",
+        "--qqq: unknown, see --help",
+        "--id: 7 must be text: as id=text",
+    ]
+    with pytest.raises(UsageError, match=r"^3 options are wrong: "):
+        faults.check()
+
+
+def test_a_value_is_read_as_what_its_default_is() -> None:
+    faults = Faults()
+    rows = [("", "x"), (1.0, 2), (False, True), ((), ["J1"]), ({}, {"a": 1})]
+    read = [faults.read(Setting("s", default, ""), value) for default, value in rows]
+    assert read == ["x", 2.0, True, ("J1",), {"a": 1}]
+    for default, _ in rows:
+        faults.read(Setting("s", default, ""), None)
+    assert len(faults.texts) == len(rows)
