@@ -10,13 +10,12 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .kinematics import numpy_or_none
+from . import puma260_links
+from .kinematics import KinematicModel, numpy_or_none
 from .pose import Pose
 
 if TYPE_CHECKING:
-    from .hex7bot_kinematics import Hex7BotModel
-    from .kinematics import KinematicModel
-    from .puma260 import Puma260Model
+    from .hex7bot_links import LinkSet
 
 __all__ = ["hex7bot_forward_many", "hex7bot_inverse_many", "puma260_forward_many", "puma260_inverse_many"]
 
@@ -62,12 +61,11 @@ def _turn(np: Any, axis: int, angle: Any) -> Any:
     return m
 
 
-def hex7bot_forward_many(model: Hex7BotModel, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
+def hex7bot_forward_many(model: KinematicModel, k: LinkSet, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
     """Positions and rotations of the tip at servo angles (N, 6)."""
     np = numpy_or_none()
     if np is None:
         return _forward_one_by_one(model, angles)
-    k = model.links
     t0, t1, t2, t3, t4, t5 = np.moveaxis(np.asarray(angles, float).reshape(-1, 6), 1, 0)
     p = t2 - k.offset
     rho = k.d + k.a * np.cos(t1) + k.h * np.sin(p) + k.c * np.cos(p)
@@ -78,12 +76,11 @@ def hex7bot_forward_many(model: Hex7BotModel, angles: Sequence[Sequence[float]])
     return wrist + k.f * rotation[..., 2], rotation
 
 
-def hex7bot_inverse_many(model: Hex7BotModel, positions: Any, rotations: Any) -> Any:
+def hex7bot_inverse_many(model: KinematicModel, k: LinkSet, positions: Any, rotations: Any) -> Any:
     """Servo angles (N, 8, 6) of tip poses."""
     np = numpy_or_none()
     if np is None:
         return _inverse_one_by_one(model, positions, rotations)
-    k = model.links
     rotation = np.asarray(rotations, float).reshape(-1, 3, 3)
     x, y, z = np.moveaxis(np.asarray(positions, float).reshape(-1, 3) - k.f * rotation[..., 2], 1, 0)
     from_axis, long = np.hypot(x, y), k.forearm
@@ -117,13 +114,12 @@ def hex7bot_inverse_many(model: Hex7BotModel, positions: Any, rotations: Any) ->
     return np.arctan2(np.sin(table), np.cos(table))
 
 
-def puma260_forward_many(model: Puma260Model, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
+def puma260_forward_many(model: KinematicModel, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
     """Positions and rotations of the flange at joint angles (N, 6)."""
-    from . import puma260 as k
-
     np = numpy_or_none()
     if np is None:
         return _forward_one_by_one(model, angles)
+    k = puma260_links
     q1, q2, q3, q4, q5, q6 = np.moveaxis(np.asarray(angles, float).reshape(-1, 6), 1, 0)
     ahead = k.UPPER * np.cos(q2) + k.DROP * np.sin(q2) - k.FOREARM * np.sin(q2 + q3)
     up = k.SHOULDER - k.UPPER * np.sin(q2) + k.DROP * np.cos(q2) - k.FOREARM * np.cos(q2 + q3)
@@ -133,13 +129,12 @@ def puma260_forward_many(model: Puma260Model, angles: Sequence[Sequence[float]])
     return wrist + k.FLANGE * rotation[..., 0], rotation
 
 
-def puma260_inverse_many(model: Puma260Model, positions: Any, rotations: Any) -> Any:
+def puma260_inverse_many(model: KinematicModel, positions: Any, rotations: Any) -> Any:
     """Joint angles (N, 8, 6) of flange poses."""
-    from . import puma260 as k
-
     np = numpy_or_none()
     if np is None:
         return _inverse_one_by_one(model, positions, rotations)
+    k = puma260_links
     rotation = np.asarray(rotations, float).reshape(-1, 3, 3)
     x, y, z = np.moveaxis(np.asarray(positions, float).reshape(-1, 3) - k.FLANGE * rotation[..., 0], 1, 0)
     upper, lean = math.hypot(k.UPPER, k.DROP), math.atan2(k.DROP, k.UPPER)

@@ -131,7 +131,7 @@ class Hex7BotModel(KinematicModel):
         return _plus(pose.position, column(pose.rotation, 0), -self.links.g)
 
     def forward_many(self, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
-        return hex7bot_forward_many(self, angles)
+        return hex7bot_forward_many(self, self.links, angles)
 
     # -- inverse ------------------------------------------------------------------------------------
 
@@ -155,7 +155,7 @@ class Hex7BotModel(KinematicModel):
         return self._sorted(solutions)
 
     def inverse_many(self, positions: Any, rotations: Any) -> Any:
-        return hex7bot_inverse_many(self, positions, rotations)
+        return hex7bot_inverse_many(self, self.links, positions, rotations)
 
     def _wrist_of(self, pose: Pose) -> Vector:
         return _plus(pose.position, column(pose.rotation, 2), -self.links.f)

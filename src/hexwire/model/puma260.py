@@ -1,9 +1,8 @@
 """`PUMA260` and `Puma260Model`: the arm's joints, encoders and limits, and its kinematics in closed form.
 
-Owns the constants and where each comes from. Angles are radians about the zero pose in which the forearm hangs
-down: axes z, y, y, z, y, x, and with inches 13 z up to the shoulder, then 7.8 x - 4.9 y - 0.75 z to the elbow,
--8 z to the wrist, 2.2 x to the flange (GeneralRoboticsToolbox's model with its first axis put right). Another
-laboratory's model has its zero with the forearm up. Knows no wire.
+Owns the constants of joints and encoders and where each comes from. Angles are radians about the zero pose in which
+the forearm hangs down: axes z, y, y, z, y, x, between them the links of `puma260_links`. Another laboratory's model
+has its zero with the forearm up. Knows no wire.
 """
 
 from __future__ import annotations
@@ -29,17 +28,9 @@ from .pose import (
     rotation_z,
     transpose,
 )
+from .puma260_links import DROP, FLANGE, FOREARM, SHOULDER, SIDE, UPPER
 
 __all__ = ["PUMA260", "Puma260Model", "angles_to_counts", "counts_to_angles"]
-
-INCH = 0.0254
-SHOULDER = 13.0 * INCH
-"""Shoulder axis above the base."""
-UPPER = 7.8 * INCH
-SIDE = -4.9 * INCH
-DROP = -0.75 * INCH
-FOREARM = 8.0 * INCH
-FLANGE = 2.2 * INCH
 
 # Degrees; the same source as the model.
 _LIMITS = ((-5, 313), (-256, 76), (-214, 34), (-384, 194), (-32, 212), (-267, 267))

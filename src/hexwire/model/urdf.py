@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from hexwire.errors import UsageError
 
-from . import puma260
+from . import puma260, puma260_links
 from .hex7bot_kinematics import Hex7BotModel
 from .kinematics import KinematicModel
 from .pose import Vector
@@ -173,19 +173,19 @@ def _puma260(out: _Writer) -> None:
     names = ("trunk", "upper_arm", "forearm", "roll", "hand", "flange")
     places: tuple[Vector, ...] = (
         (0.0, 0.0, 0.0),
-        (0.0, 0.0, puma260.SHOULDER),
-        (puma260.UPPER, puma260.SIDE, puma260.DROP),
-        (0.0, 0.0, -puma260.FOREARM),
+        (0.0, 0.0, puma260_links.SHOULDER),
+        (puma260_links.UPPER, puma260_links.SIDE, puma260_links.DROP),
+        (0.0, 0.0, -puma260_links.FOREARM),
         (0.0, 0.0, 0.0),
         (0.0, 0.0, 0.0),
     )
     rods: tuple[tuple[float, Vector, Vector, float], ...] = (
-        (2.0, (0.0, 0.0, 0.05), (0.0, 0.0, puma260.SHOULDER), 0.05),
-        (1.5, (0.0, puma260.SIDE, 0.0), (puma260.UPPER, puma260.SIDE, puma260.DROP), 0.03),
-        (0.8, (0.0, 0.0, 0.0), (0.0, 0.0, -0.8 * puma260.FOREARM), 0.025),
+        (2.0, (0.0, 0.0, 0.05), (0.0, 0.0, puma260_links.SHOULDER), 0.05),
+        (1.5, (0.0, puma260_links.SIDE, 0.0), (puma260_links.UPPER, puma260_links.SIDE, puma260_links.DROP), 0.03),
+        (0.8, (0.0, 0.0, 0.0), (0.0, 0.0, -0.8 * puma260_links.FOREARM), 0.025),
         (0.1, (0.0, 0.0, 0.01), (0.0, 0.0, 0.0), 0.02),
         (0.1, (0.0, 0.0, 0.0), (0.01, 0.0, 0.0), 0.018),
-        (0.1, (0.02, 0.0, 0.0), (puma260.FLANGE, 0.0, 0.0), 0.015),
+        (0.1, (0.02, 0.0, 0.0), (puma260_links.FLANGE, 0.0, 0.0), 0.015),
     )
     out.link("base", 4.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.05), 0.08)
     parent = "base"
@@ -194,7 +194,7 @@ def _puma260(out: _Writer) -> None:
         out.joint(joint.name, parent, name, place, (0.0, 0.0, 0.0), axis, limits)
         out.link(name, *rod)
         parent = name
-    out.joint("tool_mount", parent, TIP_LINK, (puma260.FLANGE, 0.0, 0.0))
+    out.joint("tool_mount", parent, TIP_LINK, (puma260_links.FLANGE, 0.0, 0.0))
     out.frame(TIP_LINK)
 
 

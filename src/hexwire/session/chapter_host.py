@@ -1,21 +1,21 @@
 """The host's half of dialect 1: one request outstanding, pauses where an old board needs them.
 
 Owns the queue of dialect-1 requests, their deadlines and retries, and the quiet times in which what arrives is
-stale. Works for a `Connection`, which builds the frames and keeps the counters. Sans I/O; time comes as `now`.
+stale. Sans I/O; time comes in as `now`. Must not know dialect 2, nor who owns it.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
 
 from hexwire.wire.command_frame import Frame, Status
 
+from .decoder import FrameDecoder
 from .dialect1 import Pending1, match_reply
+from .event_queue import EventQueue
 from .events import Reply, TimedOut
-
-if TYPE_CHECKING:
-    from .connection import Connection
+from .frame_maker import FrameMaker
+from .policy import RetryPolicy
 
 __all__ = ["ChapterHost"]
 
@@ -24,10 +24,20 @@ _MOST_SENT = 64
 
 
 class ChapterHost:
-    """Dialect-1 requests of one host connection."""
+    """Dialect-1 requests of one host connection.
 
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
+    Args:
+        maker: Builds the frames, holds them until they are taken, and counts.
+        decoder: Of what arrives; it is reset when an answer's window is over.
+        events: Where answers and time-outs go.
+        policy: Deadlines and retries.
+    """
+
+    def __init__(self, maker: FrameMaker, decoder: FrameDecoder, events: EventQueue, policy: RetryPolicy) -> None:
+        self._maker = maker
+        self._decoder = decoder
+        self._events = events
+        self._policy = policy
         self._queue: deque[Pending1] = deque()
         self._current: Pending1 | None = None
         self._quiet_until = 0.0
@@ -45,7 +55,7 @@ class ChapterHost:
         urgent: bool,
     ) -> None:
         """Queue a request; see `Connection.request`."""
-        pending = Pending1(ticket, cmd, body, window or self._connection.policy.dialect1_window, attempts)
+        pending = Pending1(ticket, cmd, body, window or self._policy.dialect1_window, attempts)
         pending.urgent = urgent
         if urgent:
             self._queue.appendleft(pending)
@@ -59,14 +69,13 @@ class ChapterHost:
         packet = match_reply(frame.body, pending, self._sent) if pending is not None else None
         if pending is None or packet is None:
             return False
-        connection = self._connection
         self._current = None
-        connection.counters.replies += 1
+        self._maker.counters.replies += 1
         if pending.sent > 1:
             # An answer to the earlier sending may still come, and could pass for the next request's.
             self._quiet_until = now + pending.window
         rtt = now - pending.sent_at
-        connection.add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, rtt, pending.sent))
+        self._events.add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, rtt, pending.sent))
         self._pump(now)
         return True
 
@@ -87,7 +96,7 @@ class ChapterHost:
             left = self._give_up()
         elif self._posted is not None and self._posted.ticket == ticket:
             # A stop may have come from a signal handler just before its frame was put with those to be sent.
-            left = self._connection.withhold(self._posted.frame)
+            left = self._maker.withhold(self._posted.frame)
         return left
 
     def void(self) -> list[bytes]:
@@ -103,7 +112,7 @@ class ChapterHost:
         pending, self._current = self._current, None
         if pending is None:
             return False
-        left = self._connection.withhold(pending.frame) or pending.sent > 1
+        left = self._maker.withhold(pending.frame) or pending.sent > 1
         if left:
             self._quiet_until = pending.deadline
         return left
@@ -126,17 +135,17 @@ class ChapterHost:
     def handle_timeout(self, now: float) -> None:
         """Ask again, give up, or send what had to wait."""
         pending = self._current
-        connection = self._connection
+        counters = self._maker.counters
         if pending is not None and pending.deadline <= now:
-            connection.decoder.reset()
+            self._decoder.reset()
             if pending.sent < pending.attempts:
-                connection.counters.retries += 1
+                counters.retries += 1
                 self._transmit(pending, now)
             else:
                 self._current = None
                 self._quiet_until = now + pending.window
-                connection.counters.timeouts += 1
-                connection.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+                counters.timeouts += 1
+                self._events.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
         self._pump(now)
 
     def _pump(self, now: float) -> None:
@@ -150,11 +159,11 @@ class ChapterHost:
                 self._current = pending
             else:
                 self._posted = pending
-                self._quiet_until = now + self._connection.policy.dialect1_holdoff
-                self._connection.add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
+                self._quiet_until = now + self._policy.dialect1_holdoff
+                self._events.add(Reply(pending.ticket, pending.cmd, Status.OK, b"", None, 0.0, 1))
 
     def _transmit(self, pending: Pending1, now: float) -> None:
-        pending.frame = self._connection.send_chapter(pending.cmd, pending.body, now)
+        pending.frame = self._maker.send_chapter(pending.cmd, pending.body, now)
         pending.sent += 1
         pending.sent_at = now
         pending.deadline = now + pending.window

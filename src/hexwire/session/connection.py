@@ -101,7 +101,7 @@ class Connection(FrameMaker):
         self._events = EventQueue(self.counters)
         self._ticket = 0
         self._pending: dict[int, _Pending] = {}
-        self._chapter = ChapterHost(self)
+        self._chapter = ChapterHost(self, self.decoder, self._events, self.policy)
         self._replies = ReplyStore()
         self._fragments_in = FragmentReceiver()
 
@@ -160,7 +160,7 @@ class Connection(FrameMaker):
             else:
                 self._settle(pending)
                 self.counters.timeouts += 1
-                self.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
+                self._events.add(TimedOut(pending.ticket, pending.cmd, pending.sent, pending.instead))
         self._chapter.handle_timeout(now)
         for body in self._fragments_in.handle_timeout(now):
             self._send_frame(_FRAGMENT_MISSING, body, now)
@@ -336,7 +336,7 @@ class Connection(FrameMaker):
         elif frame.proto != PROTO_CHAPTER:
             self._take_frame(frame, now)
         elif self.role is _BOARD:
-            self.add(Request(frame))
+            self._events.add(Request(frame))
         else:
             self._receive_chapter(frame, now)
 
@@ -398,12 +398,14 @@ class Connection(FrameMaker):
             return
         self._settle(identify)
         rtt = now - identify.sent_at
-        self.add(Reply(identify.ticket, identify.cmd, Status.UNKNOWN_COMMAND, b"", frame, rtt, identify.sent))
+        self._events.add(
+            Reply(identify.ticket, identify.cmd, Status.UNKNOWN_COMMAND, b"", frame, rtt, identify.sent)
+        )
 
     def _receive_request(self, frame: Frame, now: float) -> None:
         if self.conversations is not None:
             if frame.cmd == _IDENTIFY:
-                self.add(Request(frame))
+                self._events.add(Request(frame))
                 return
         elif frame.cmd == _IDENTIFY:
             # A host that starts anew counts from the beginning.
@@ -419,7 +421,7 @@ class Connection(FrameMaker):
             self._stale(frame, "it was done already, and its answer is no longer kept")
             return
         self._replies.asked(frame, now)
-        self.add(Request(frame))
+        self._events.add(Request(frame))
 
     def _receive_report(self, frame: Frame) -> None:
         self.counters.reports += 1
@@ -437,7 +439,7 @@ class Connection(FrameMaker):
             done = self._fragments_in.is_done(head.message_id, now)
             message, asks = self._fragments_in.receive(frame.body, now)
         except RemoteProtocolError as error:
-            self.add(BadFrame(str(error), frame.body[:64]))
+            self._events.add(BadFrame(str(error), frame.body[:64]))
             return
         for body in asks:
             self._send_frame(_FRAGMENT_MISSING, body, now, frame.src)
@@ -476,14 +478,10 @@ class Connection(FrameMaker):
         for pending in tuple(self._pending.values()):
             pending.instead = str(frame)
         self._chapter.note(str(frame))
-        self.add(Stale(frame, reason))
+        self._events.add(Stale(frame, reason))
 
     def _note(self, event: BadFrame | Garbage) -> None:
         for pending in tuple(self._pending.values()):
             pending.instead = str(event)
         self._chapter.note(str(event))
-        self.add(event)
-
-    def add(self, event: Event) -> None:
-        """Queue an event for `next_event`. For this machine and its dialect-1 half only."""
         self._events.add(event)
