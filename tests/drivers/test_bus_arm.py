@@ -45,7 +45,6 @@ def _make(
     bus, device = make_bus(tuple(ids), series, faults=FaultPlan(faults) if faults else None, baud=baud)
     bus.close()
     monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
-    monkeypatch.setattr("hexwire.ipc.handle.make_link", lambda url: bus.link, raising=False)
     arm = kind.from_url("/dev/ttyTEST", **options)
     arm.attach()
     return arm, device
@@ -222,7 +221,6 @@ def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
     bus.close()
     device.wire.servos = []
     monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
-    monkeypatch.setattr("hexwire.ipc.handle.make_link", lambda url: bus.link, raising=False)
     arm = ChainArm.from_url("/dev/ttyTEST")
     with pytest.raises(ReplyTimeoutError, match="pings of servos 1, 2, 3"):
         arm.attach()

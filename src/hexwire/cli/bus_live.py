@@ -200,8 +200,7 @@ def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator
     """The servo as an arm of one joint, limited to the wave and to the servo's own limits."""
     from hexwire.drivers.arm_file import BusArmFile
     from hexwire.drivers.bus_arm import BusArm
-    from hexwire.ipc.handle import IpcHandle
-    from hexwire.ipc.session import Session
+    from hexwire.link.open import make_link
     from hexwire.model.arm import ArmModel, JointModel
 
     with open_bus(options) as opened:
@@ -235,7 +234,7 @@ def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator
         )
         url, baud = opened.link.url, opened.timing.baud
     arm = BusArmFile(ArmModel("one servo", (joint,)), baud)
-    driver = BusArm(Session(IpcHandle.from_url(url)), arm=arm)
+    driver = BusArm(make_link(url), arm=arm)
     with driver:
         yield driver
 

@@ -28,9 +28,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.ipc.board_search import find_board
-from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.mistaken import is_board
-from hexwire.ipc.session import Session
 from hexwire.link.serial import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
@@ -41,14 +39,14 @@ from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.registers import Series
 
 from .arm_file import BusArmFile, load_arm_file, load_profile
-from .base import ProbeReport, StopMode
+from .base import ProbeReport, RobotDriver, StopMode
 from .bus_goals import SPEED_UNIT, BusGoals
 from .bus_probe import probe_joint
 from .replies import torque_flag
-from .session_driver import SessionDriver
 from .stop_memory import StopMemory
 
 if TYPE_CHECKING:
+    from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
 
 __all__ = ["BusArm", "ChainArm", "SevenBotArm", "So100Arm", "So101Arm", "arm_class"]
@@ -59,14 +57,14 @@ _MIN_DURATION = 0.02
 _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 
 
-class BusArm(SessionDriver):
+class BusArm(RobotDriver):
     """An arm on a servo bus.
 
     `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus knows how long) and a servo
     packet, and returns the parameters of the answer.
 
     Args:
-        session: Holds the link; nothing but the link is used of it.
+        link: Leads to the adapter.
         arm: What the arm is; the class's profile if None.
         calibration: Middles and limits in place of the arm's own.
     """
@@ -76,20 +74,19 @@ class BusArm(SessionDriver):
     _file: ClassVar[Path | None] = None
 
     def __init__(
-        self, session: Session, *, arm: BusArmFile | None = None, calibration: Calibration | None = None
+        self, link: Link, *, arm: BusArmFile | None = None, calibration: Calibration | None = None
     ) -> None:
-        super().__init__(session)
+        super().__init__()
         if arm is None:
             arm = load_profile(self.profile) if self._file is None else load_arm_file(self._file)
         calibration = calibration or arm.calibration
         self.model: ArmModel = arm.model if calibration is None else calibration.apply(arm.model)
         self.calibration = calibration
-        link = session.ipc.link
         # A link that was not told a rate has the serial ports' usual one.
         self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
         self.bus = ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
         # One arm, one set of stops: what waits at the bus is void after one too.
-        self.bus.epochs = session.epochs
+        self.bus.epochs = self.epochs
         self._memory = StopMemory(link.url)
         self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
@@ -106,7 +103,20 @@ class BusArm(SessionDriver):
         unknown = set(options) - {"arm", "calibration"}
         if unknown:
             raise UsageError(f"an arm on a servo bus has no option {', '.join(sorted(unknown))}")
-        return cls(Session(IpcHandle.from_url(url)), **options)
+        from hexwire.link.open import make_link
+
+        return cls(make_link(url), **options)
+
+    @property
+    def url(self) -> str:
+        return self.bus.link.url
+
+    @property
+    def is_attached(self) -> bool:
+        return self.bus.link.is_open
+
+    def abort(self) -> None:
+        self.bus.close()
 
     # -- coming and going ---------------------------------------------------------------------------
 
@@ -160,7 +170,7 @@ class BusArm(SessionDriver):
                 self._torque[i] = self._read_torque(joint)
         return ProbeReport(
             robot=self.model.name,
-            link=self.bus.link.url,
+            link=self.url,
             dialect=0,
             firmware="",
             boot_id=None,
