@@ -34,7 +34,6 @@ class BusCli:
         self.device: BusDevice = device
         self.urls: list[str] = []
         monkeypatch.setattr(ipc_open, "make_link", self._make_link)
-        monkeypatch.setattr("hexwire.ipc.handle.make_link", self._make_link, raising=False)
         clock = self.link.clock
         fake = SimpleNamespace(monotonic=clock, perf_counter=clock, sleep=clock.advance)
         monkeypatch.setattr(bus_live, "time", fake)

@@ -185,9 +185,8 @@ def test_the_probe_tells_of_a_stop_until_there_is_a_state() -> None:
 
 
 def test_boards_that_do_not_watch_over_the_arm() -> None:
-    one = replace(PROBE, dialect=1)
+    one = replace(PROBE, unprotected="no watchdog, no limits on this board")
     assert verdict("board", probe=one) == (Level.WARNING, "no watchdog, no limits on this board")
-    assert verdict("board", probe=replace(PROBE, dialect=0))[0] is Level.WARNING
     assert verdict("board", probe=one, stopped="lost J1", stop_kind="lost") == (
         Level.ERROR,
         "stopped: lost J1; no watchdog, no limits on this board",

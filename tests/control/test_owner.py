@@ -383,7 +383,6 @@ def test_nobody_waits_for_a_robot_that_was_lost_that_moment() -> None:
 def bus_bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     bus, _ = make_bus(tuple(range(1, 7)), baud=1_000_000)
     bus.close()
-    monkeypatch.setattr("hexwire.ipc.handle.make_link", lambda url: bus.link, raising=False)
     from hexwire.link import open as ipc_open
 
     monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
@@ -426,7 +425,8 @@ def test_robots_without_a_watchdog(which: str, request: pytest.FixtureRequest) -
     assert hardware.group.reason is None
     told = bench.go(joint, -0.1, 3.0)
     bench.turn(1.0)
-    link = bench.robot.session.ipc.link
+    robot = bench.robot
+    link = robot.bus.link if isinstance(robot, So101Arm) else robot.session.ipc.link
     link.lost = True
     bench.until(lambda: told.ends)
     assert "unplugged" in told.words

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["demo", "turning_pose"]
 
 _SWING = math.radians(30.0)
-_RATES = {1: 1.5, 2: 20.0}
-"""Cycles a second by dialect: at 115200 baud a cycle takes 0.03 s in dialect 2, and 0.6 s in dialect 1."""
 _WATCHDOG = 1.0
 """Seconds of silence after which the board takes the torque away by itself."""
 _SETTLE = 1.0
@@ -137,7 +135,7 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
         view.say("read", f"{in_degrees(state)} deg")
         goal = turning_pose(robot.model, state.position)
         # The arm is made safe before the drawing ends: a terminal that takes nothing must not delay it.
-        pace = rate or _RATES[report.dialect]
+        pace = rate or robot.command_rate
         silence = max(_WATCHDOG, 4 / pace)
         with view.moving(), robot.watched(silence, StopMode.TORQUE_OFF) as covered, _torque_safe(robot):
             summary = _move(robot, state.position, goal, duration, pace, covered, view)
@@ -170,17 +168,16 @@ def _move(
     def pose(t: float) -> tuple[float, ...]:
         return there.position(t) if t < leg else back.position(t - leg)
 
-    session, loop = robot.session, RateLoop(rate)
-    session.rtts.clear()
+    loop = RateLoop(rate)
     before = _counters(robot)
-    began = session.now()
+    began = robot.now()
 
     def cycle(t: float) -> JointState:
         state = robot.read()
         retries = robot.host_counters()["retries"] - before["retries"]
         # Where the joints should have been when they were sampled, not where they are sent next.
         target = pose(state.stamp - began)
-        view.show(Sample(t, 2 * leg, state, target, loop.achieved, session.rtts[-1], retries))
+        view.show(Sample(t, 2 * leg, state, target, loop.achieved, robot.round_trips[-1], retries))
         return state
 
     for t in loop.ticks(2 * leg):
@@ -207,9 +204,9 @@ def _away(state: JointState, pose: tuple[float, ...]) -> str:
 
 
 def _summary(robot: Hex7BotDriver, loop: RateLoop, before: dict[str, int]) -> str:
-    trips = sorted(robot.session.rtts)
-    p50, p99 = (1000 * trips[min(int(share * len(trips)), len(trips) - 1)] for share in (0.50, 0.99))
     count = {name: value - before[name] for name, value in _counters(robot).items()}
+    trips = sorted(list(robot.round_trips)[-count["requests"] :])
+    p50, p99 = (1000 * trips[min(int(share * len(trips)), len(trips) - 1)] for share in (0.50, 0.99))
     cycles = loop.counters
     return (
         f"dialect {robot.dialect}, {cycles.cycles} cycles at {loop.achieved:.2f} Hz ({cycles.late} late, "
@@ -219,10 +216,10 @@ def _summary(robot: Hex7BotDriver, loop: RateLoop, before: dict[str, int]) -> st
 
 
 def _counters(robot: Hex7BotDriver) -> dict[str, int]:
-    """Retries of this side, and frames that either side dropped; an old board does not tell."""
+    """Questions and retries of this side, and frames that either side dropped; an old board does not tell."""
     host, board = robot.host_counters(), robot.board_counters()
     dropped = host["bad_frames"] + host["stale_frames"] + board.get("bad_checks", 0) + board.get("bad_frames", 0)
-    return {"retries": host["retries"], "dropped": dropped}
+    return {"requests": host["requests"], "retries": host["retries"], "dropped": dropped}
 
 
 @contextmanager

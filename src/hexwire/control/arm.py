@@ -346,8 +346,7 @@ class Arm:
             "stalls_of_the_loop": sum(c.follower.counters.slips for c in self.controllers.values()),
             "set_points_lost": sum(c.follower.counters.lost for c in self.controllers.values()),
         }
-        counters = getattr(self.hardware.robot, "host_counters", None)
-        return own | (counters() if counters is not None and self.hardware.connected else {})
+        return own | (self.hardware.robot.host_counters() if self.hardware.connected else {})
 
     # -- helpers --------------------------------------------------------------------------------------
 

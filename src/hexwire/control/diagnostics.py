@@ -205,10 +205,8 @@ def _judge_board(facts: Facts) -> Verdict:
         verdicts.append((Level.WARNING if asked else Level.ERROR, f"stopped: {reason}"))
     if probe is None:
         verdicts.append((Level.STALE, "not probed yet"))
-    elif probe.dialect == 1:
-        verdicts.append((Level.WARNING, "no watchdog, no limits on this board"))
-    elif probe.dialect == 0:
-        verdicts.append((Level.WARNING, "no watchdog, no limits: servos without a board"))
+    elif probe.unprotected:
+        verdicts.append((Level.WARNING, probe.unprotected))
     level = max((level for level, _ in verdicts), default=Level.OK)
     return level, "; ".join(text for _, text in verdicts) or "ok", values
 

@@ -46,7 +46,6 @@ class RobotDriver(ABC):
 
     model: ArmModel
     port_leads_to: ClassVar[Literal["board", "adapter"]] = "board"
-    sessions: tuple[Any, ...] = ()
 
     def __init__(self) -> None:
         self._epochs = Epochs()

@@ -61,7 +61,7 @@ class Board1:
 
     dialect = 1
     command_rate = 1.5
-    """Where a state of seven joints is seven questions."""
+    """A state of seven joints is seven questions: at 115200 baud a cycle takes 0.6 s."""
     has_watchdog = False
     reports_states = False
     keeps_stop = False
