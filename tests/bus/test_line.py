@@ -72,6 +72,18 @@ def test_what_is_still_on_the_line_is_waited_for() -> None:
     assert bus.counters.lost == 0
 
 
+def test_what_the_line_carries_first_is_no_time_that_an_answer_took() -> None:
+    bus, _ = make_bus((1,), baud=38400)
+    for _ in range(200):
+        bus.sync_write_raw("goal_position", {1: 2048})
+        bus.sync_write_raw("goal_position", {1: 2048})
+        assert bus.sync_read("present_position", (1,)).ok
+    assert bus.counters.lost == 0
+    assert bus.timing.answers > 60
+    # Two goals take 5.7 ms on this line.
+    assert bus.timing.overhead < 0.001
+
+
 def test_a_doubt_ends_by_itself() -> None:
     bus, device = make_bus((1,), retries=0)
     everyone, device.wire.servos = device.wire.servos, []

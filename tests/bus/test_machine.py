@@ -210,10 +210,25 @@ def test_every_transaction_is_timed_at_the_beginning() -> None:
     machine = make_machine()
     plan, _ = machine.plan_read(1, "present_position")
     for _ in range(63):
-        machine.took(plan, 0.001)
+        machine.asked_at = 100.0
+        machine.took(plan, 100.001)
+        assert machine.asked_at is None
         assert machine.learning
-    machine.took(plan, 0.001)
+    machine.asked_at = 100.0
+    machine.took(plan, 100.001)
     assert not machine.learning
+    assert machine.timing.overhead == pytest.approx(0.001 - 16 * 10e-6)
+
+
+def test_a_transaction_that_is_not_timed_teaches_nothing() -> None:
+    machine = make_machine()
+    plan, _ = machine.plan_read(1, "present_position")
+    machine.took(plan, 100.0)
+    assert machine.timing.answers == 0
+    # A line that is quicker than its rate says: what was before it is not counted, nor is less than nothing.
+    machine.asked_at = 100.3
+    machine.took(plan, 100.1)
+    assert machine.timing.overhead == 0.0
 
 
 def test_the_echo_of_a_legacy_servos_read_is_known_before_it_is_sent() -> None:

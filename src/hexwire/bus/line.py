@@ -21,6 +21,7 @@ from .plan import SyncReadPlan
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from hexwire.epochs import Token
     from hexwire.link.base import Link
 
     from .plan import ReadPlan
@@ -30,6 +31,7 @@ __all__ = ["BusLine"]
 
 _WRITE_TIME = 1.0
 """Seconds after which a line that takes no bytes is given up."""
+_WHAT = "a servo packet"
 _T = TypeVar("_T")
 
 
@@ -94,7 +96,7 @@ class BusLine:
 
     def calling(self, request: bytes) -> AbstractContextManager[object]:
         """The call that a packet belongs to: void if a stop comes before it has left."""
-        return nullcontext() if packet_only_reads(request) else self.epochs.calling("a servo packet")
+        return nullcontext() if packet_only_reads(request) else self.epochs.calling(_WHAT)
 
     def check_call(self) -> None:
         """Send nothing more of a call that was made before a stop.
@@ -104,7 +106,7 @@ class BusLine:
         """
         token = self.epochs.of_this_call
         if token is not None:
-            self.epochs.check(token, "a servo packet")
+            self.epochs.check(token, _WHAT)
 
     # --- transactions -----------------------------------------------------------------------------------------
 
@@ -147,6 +149,8 @@ class BusLine:
     def transact(self, plan: ReadPlan | SyncReadPlan, *, timed: bool = False) -> bytes:
         """Send a prepared read and take what comes at once: the fast path. What it says is the caller's to see.
 
+        Where `machine.asked_at` is set afterwards, and the answers are sound, `machine.took` learns from it.
+
         Args:
             plan: What is asked.
             timed: Learn from this one how long answers take, in any case.
@@ -156,23 +160,23 @@ class BusLine:
         """
         machine = self.machine
         turn = machine.turns = machine.turns + 1
-        machine.asked_at = start = None
+        window, nap, left = plan.base + machine.timing.allowance, plan.nap.seconds, 0.0
+        machine.asked_at = None
         try:
-            if timed or machine.learning or machine.busy_until or not turn % MEASURED_EVERY:
-                machine.asked_at = start = self.clock()
-                window = plan.base + machine.timing.allowance + machine.backlog(start)
-            else:
-                window = plan.base + machine.timing.allowance
-            data = self.exchange(plan.request, window, plan.nap.seconds)
+            if machine.busy_until:
+                left = machine.backlog(self.clock())
+                window += left
+                if nap:
+                    nap += left
+            if timed or machine.learning or not turn % MEASURED_EVERY:
+                machine.asked_at = self.clock() + left
+            data = self.exchange(plan.request, window, nap)
             if len(data) < plan.length and isinstance(plan, SyncReadPlan):
                 data = self._rest(plan, data)
         except BaseException:
             now = self.clock()
             machine.gave_up(plan.ids, plan.count, plan.request, now, now)
             raise
-        if start is not None and plan.sound(data):
-            machine.took(plan, self.clock() - start)
-            machine.asked_at = None
         return data
 
     def _rest(self, plan: SyncReadPlan, data: bytes) -> bytes:
@@ -185,19 +189,24 @@ class BusLine:
             data += more
         return data
 
-    def post(self, packet: bytes) -> None:
+    def post(self, packet: bytes, token: Token | None) -> None:
         """Send what nobody answers.
+
+        Args:
+            packet: The packet.
+            token: The call that it belongs to, if it belongs to one.
 
         Raises:
             StoppedError: A stop came since the call was made; nothing was sent.
             PreemptedError: It came as the packet was sent.
         """
-        self.check_call()
+        epochs = self.epochs
+        if token is not None and not epochs.holds(token):
+            epochs.check(token, _WHAT)
         now = self.clock()
         self.machine.posted(packet, now)
         self.link.write(packet, now + _WRITE_TIME)
-        token = self.epochs.of_this_call
-        if token is not None and not self.epochs.holds(token):
+        if token is not None and not epochs.holds(token):
             raise PreemptedError("a stop came as a servo packet was sent: it may have been done at that time")
 
     def send(self, packet: bytes) -> None:
@@ -208,4 +217,4 @@ class BusLine:
             PreemptedError: As `post`.
         """
         with self.calling(packet), self.lock:
-            self.post(packet)
+            self.post(packet, self.epochs.of_this_call)

@@ -105,7 +105,7 @@ class BusMachine:
         busy_until: When the line has carried what was sent and is not answered; 0.0 if that is over.
         turns: Transactions begun on the fast path.
         extra_answers: Answers taken there beyond one for each of them.
-        asked_at: When the fast path sent what the careful path goes on with; None if it was not timed.
+        asked_at: When the line was free for what the fast path sent last; None if that is not timed, or done.
     """
 
     def __init__(self, servos: KnownServos, baud: int, retries: int) -> None:
@@ -191,8 +191,15 @@ class BusMachine:
         busy = self.busy_until
         self.busy_until = (busy if busy > now else now) + len(packet) * self.timing.byte_time
 
-    def took(self, plan: ReadPlan | SyncReadPlan | WritePlan, elapsed: float) -> None:
-        """Learn how long a transaction took, seconds. Its answers were sound: an echo would teach a wrong time."""
+    def took(self, plan: ReadPlan | SyncReadPlan | WritePlan, now: float) -> None:
+        """Learn how long the transaction begun at `asked_at` took, if it is timed.
+
+        Its answers were sound: an echo would teach a wrong time.
+        """
+        if self.asked_at is None:
+            return
+        # The line may have carried what was sent before sooner than its rate says.
+        elapsed, self.asked_at = max(0.0, now - self.asked_at), None
         self.timing.measured(elapsed, plan.total)
         plan.nap.measured(elapsed)
         self.learning = self.timing.answers < _LEARNING

@@ -164,7 +164,7 @@ def raw(line: BusLine, request: bytes, servo_ids: Sequence[int], params: int) ->
     machine = line.machine
     with line.calling(request), line.lock:
         if not servo_ids:
-            line.post(request)
+            line.post(request, line.epochs.of_this_call)
             now = line.clock()
             for servo_id, length in _answers_of(request):
                 machine.gave_up((servo_id,), length, request, now, now)

@@ -24,6 +24,10 @@ from .timing import Nap
 __all__ = ["ReadPlan", "SyncReadPlan", "SyncWritePlan", "WritePlan"]
 
 
+_LANES_OF_A_PACKET = 0x0001_0001_0001_0001
+"""Times this, each 16-bit lane becomes the sum of itself and the three lanes below it."""
+
+
 def _sound_sum(header: bytes) -> int:
     """Low byte of the sum of all bytes of a sound packet: the header, and FF for the rest."""
     return (sum(header) + 0xFF) & 0xFF
@@ -37,7 +41,7 @@ class ReadPlan:
         series: Its series.
         address: First register address.
         count: Bytes to read.
-        register: The register that starts there, for `value`; None if it is about the bytes only.
+        register: The register that starts there; its value is wanted.
 
     Attributes:
         ids: The servo's id, alone.
@@ -71,19 +75,16 @@ class ReadPlan:
         "total",
     )
 
-    def __init__(
-        self, servo_id: int, series: Series, address: int, count: int, register: Register | None = None
-    ) -> None:
+    def __init__(self, servo_id: int, series: Series, address: int, count: int, register: Register) -> None:
         self.servo_id = servo_id
         self.ids = (servo_id,)
         self.series = series
         self.address = address
         self.count = count
         self.register = register
-        self._end = 5 + (count if register is None else register.size)
+        self._end = 5 + register.size
         self._order: Literal["big", "little"] = "big" if series.byte_order == "big" else "little"
-        sign = None if register is None else register.sign_bit
-        self._positive = 0xFFFF if sign is None else (1 << sign) - 1
+        self._positive = 0xFFFF if register.sign_bit is None else (1 << register.sign_bit) - 1
         self.request = make_read(servo_id, address, count)
         self.length = 6 + count
         self.total = len(self.request) + self.length
@@ -95,23 +96,8 @@ class ReadPlan:
         self.latest: int | None = None
         self.stamp = 0.0
 
-    def glance(self, data: bytes) -> bytes | None:
-        """The register bytes if `data` is exactly one sound answer without an error, else None."""
-        if (
-            len(data) == self.length
-            and data[:5] == self._head
-            and sum(data) & 0xFF == self._sum
-            and data != self.request
-        ):
-            return data[5 : self._end]
-        return None
-
-    def sound(self, data: bytes) -> bool:
-        """Whether `data` is exactly the answer."""
-        return self.glance(data) is not None
-
     def value(self, data: bytes) -> int | None:
-        """The register's raw value under the same conditions. Written out again: a call more would be felt."""
+        """The register's raw value if `data` is exactly one sound answer without an error, else None."""
         if (
             len(data) == self.length
             and data[:5] == self._head
@@ -121,7 +107,7 @@ class ReadPlan:
             raw = int.from_bytes(data[5 : self._end], self._order)
             if raw <= self._positive:
                 return raw
-            return None if self.register is None else self.register.decode(data[5 : self._end])
+            return self.register.decode(data[5 : self._end])
         return None
 
 
@@ -251,12 +237,10 @@ class SyncReadPlan:
         number = int.from_bytes(data, "little")
         if number & mask != heads:
             return None
-        # Pairs, then fours, then eights of bytes: the top lane of each packet ends with the sum of all eight,
-        # at most 2040, so no lane runs over into the next.
+        # Pairs of bytes, then the sum of each lane and the three below it: the top lane of each packet ends with
+        # the sum of all eight bytes, at most 2040, so no lane runs over into the next.
         lanes = (number & bytes_mask) + (number >> 8 & bytes_mask)
-        lanes += lanes << 16
-        lanes += lanes << 32
-        if lanes & sum_mask != whole:
+        if lanes * _LANES_OF_A_PACKET & sum_mask != whole:
             return None
         return self._values.unpack(data)  # type: ignore[union-attr]  # made together with the masks
 
@@ -272,10 +256,6 @@ class SyncReadPlan:
             rows.append(packet[5:-1])
             at += size
         return rows
-
-    def sound(self, data: bytes) -> bool:
-        """Whether `data` is exactly their answers."""
-        return self.glance(data) is not None or self.blocks(data) is not None
 
     def ended(self, data: bytes) -> bool:
         """Whether the last servo's answer stands at the end of `data`: then nothing more will come."""
@@ -295,7 +275,7 @@ class SyncWritePlan:
         most: Greatest raw value taken.
     """
 
-    __slots__ = ("_count", "_fixed_sum", "_pack", "_template", "ids", "least", "most", "register")
+    __slots__ = ("_fixed_sum", "_pack", "_sum_at", "_template", "ids", "least", "most", "register")
 
     def __init__(self, register: Register, ids: Sequence[int]) -> None:
         if register.size != 2:
@@ -303,10 +283,13 @@ class SyncWritePlan:
         self.register = register
         self.ids = tuple(ids)
         packet = make_sync_write(register.address, [(servo_id, b"\0\0") for servo_id in ids])
-        self._template = bytearray(packet)
+        # One integer, its first byte the lowest; the checksum is the highest.
+        self._template = int.from_bytes(packet[:-1], "little")
+        self._sum_at = 8 * (len(packet) - 1)
         self._fixed_sum = sum(packet[2:-1])
-        self._count = len(self.ids)
-        self._pack = Struct((">" if register.byte_order == "big" else "<") + "H" * self._count).pack
+        # The values where they stand in the packet, and 0 everywhere else.
+        order, before = (">" if register.byte_order == "big" else "<"), len(packet) - 1 - 3 * len(self.ids)
+        self._pack = Struct(f"{order}{before}x" + "xH" * len(self.ids) + "x").pack
         self.least = register.fits[0] if register.minimum is None else register.minimum
         self.most = register.fits[-1] if register.maximum is None else register.maximum
 
@@ -316,18 +299,17 @@ class SyncWritePlan:
         Raises:
             UsageError: A value is outside the register's range; nothing is built.
         """
-        if min(values) < self.least or max(values) > self.most:
+        least = min(values)
+        if least < self.least or max(values) > self.most:
             low, high = self.least, self.most
             servo_id, value = next(p for p in zip(self.ids, values, strict=True) if not low <= p[1] <= high)
             raise UsageError(
                 f"{self.register.name} of servo {servo_id} takes {low}..{high}, not {value}; nothing was sent"
             )
         sign = self.register.sign_bit
-        if sign is not None and min(values) < 0:
+        if least < 0 and sign is not None:
             values = [value if value >= 0 else -value | 1 << sign for value in values]
         data = self._pack(*values)
-        packet = self._template.copy()
-        packet[8:-1:3] = data[0::2]
-        packet[9:-1:3] = data[1::2]
-        packet[-1] = ~(self._fixed_sum + sum(data)) & 0xFF
-        return bytes(packet)
+        checksum = ~(self._fixed_sum + sum(data)) & 0xFF
+        packet = int.from_bytes(data, "little") | self._template | checksum << self._sum_at
+        return packet.to_bytes(len(data), "little")

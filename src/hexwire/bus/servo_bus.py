@@ -68,6 +68,7 @@ class ServoBus:
         self._lock = self._line.lock
         self._plans = self._machine.plans
         self._recent = RecentValues()
+        self._newest = self._recent.syncs
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -227,7 +228,9 @@ class ServoBus:
             if raw is None:
                 return self._read_carefully(plan, register, data)
             plan.latest = raw
-            plan.stamp = line.clock()
+            plan.stamp = now = line.clock()
+            if machine.asked_at is not None:
+                machine.took(plan, now)
             return _new(Reading, (servo_id, register, raw, 0, 0.0, "", raw))
 
     def read_block(self, servo_id: int, address: int, count: int) -> ServoBlock:
@@ -271,9 +274,11 @@ class ServoBus:
             raw = plan.glance(data)
             if raw is None:
                 return self._sync_carefully(plan, register, data)
+            now = line.clock()
+            if machine.asked_at is not None:
+                machine.took(plan, now)
             machine.extra_answers += len(ids) - 1
-            readings = Readings(register, ids, raw, line.clock())
-            self._recent.syncs[name] = readings
+            readings = self._newest[name] = Readings(register, ids, raw, now)
             return readings
 
     def sync_read_blocks(self, address: int, count: int, servo_ids: Iterable[int]) -> list[ServoBlock]:
@@ -295,6 +300,7 @@ class ServoBus:
                     data = line.transact(plan, timed=True)
                     rows = plan.blocks(data)
                     if rows is not None:
+                        machine.took(plan, line.clock())
                         machine.extra_answers += len(able) - 1
                         found = {i: ServoBlock(i, address, row) for i, row in zip(able, rows, strict=True)}
                 if not found:
@@ -355,8 +361,10 @@ class ServoBus:
             if plan is None:
                 return writes.sync_write_each(self._line, name, values)
         packet = plan.serialize(tuple(values.values()))
-        with self._line.epochs.calling(name), self._lock:
-            self._line.post(packet)
+        line = self._line
+        token = line.epochs.token(name)
+        with self._lock:
+            line.post(packet, token)
         return None
 
     def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:
@@ -469,9 +477,11 @@ class ServoBus:
         rows = None if data is None else plan.blocks(data)
         name, ids, machine = register.name, plan.ids, self._machine
         if rows is not None:
+            now = self.now()
+            machine.took(plan, now)
             machine.extra_answers += len(ids) - 1
             raws: tuple[int | None, ...] = tuple(register.decode(row) for row in rows)
-            readings = Readings(register, ids, raws, self.now())
+            readings = Readings(register, ids, raws, now)
         else:
             found = self._line.run(questions.ask_many(machine, plan, data))
             now = machine.now
@@ -482,7 +492,7 @@ class ServoBus:
             # A silent servo's newest value must outlive the readings that lack it.
             for servo_id, (raw, stamp) in last.items():
                 self._recent.keep(name, servo_id, raw, stamp)
-        self._recent.syncs[name] = readings
+        self._newest[name] = readings
         return readings
 
     def _read_mixed(self, name: str, ids: tuple[int, ...]) -> Readings:

@@ -59,7 +59,7 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
     with line.epochs.calling(what), line.lock:
         plan.base = machine.base(plan.total, (servo_id,))
         if not servos.acknowledges(servo_id):
-            line.post(plan.request)
+            line.post(plan.request, line.epochs.of_this_call)
             # If it does answer after all, that must not pass for the answer to the next ping or write.
             now = line.clock()
             machine.gave_up((servo_id,), 0, plan.request, now, now)
@@ -89,8 +89,8 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
 def _exchange(line: BusLine, plan: WritePlan) -> bytes | None:
     """Send a write; None if what comes at once is its acknowledgement, else what comes."""
     machine = line.machine
-    start = line.clock()
     line.check_call()
+    start = line.clock()
     machine.sent.add(plan.request, start)
     try:
         data = line.exchange(plan.request, plan.base + machine.timing.allowance)
@@ -100,7 +100,8 @@ def _exchange(line: BusLine, plan: WritePlan) -> bytes | None:
     machine.turns += 1
     if data != plan.acknowledgement:
         return data
-    machine.took(plan, line.clock() - start)
+    machine.asked_at = start
+    machine.took(plan, line.clock())
     return None
 
 
