@@ -291,18 +291,6 @@ def test_only_the_link_raises() -> None:
         bus.read(1, "present_position")
 
 
-def test_blocks() -> None:
-    bus, device = make_bus((1, 2, 3), (Series.STS_SMS, Series.SCS, Series.HLS), paced=False)
-    blocks = bus.sync_read_blocks(56, 8, (3, 1, 2))
-    assert [block.servo_id for block in blocks] == [3, 1, 2]
-    for block in blocks:
-        register = bus.series_of(block.servo_id).register("present_voltage")
-        assert block.raw(register) == device.wire[block.servo_id].registers.get("present_voltage")
-        assert block.raw(bus.series_of(1).register("lock")) is None
-    legacy, _ = make_bus((1,), (Series.SEVEN_BOT,))
-    assert legacy.read_block(1, 56, 4).data[:2] == (2047).to_bytes(2, "big")
-
-
 def test_a_rate_can_be_followed() -> None:
     bus, _device = make_bus((1,))
     assert bus.ping(1).ok

@@ -95,7 +95,7 @@ class PlanCache:
         return plan
 
     def block(self, address: int, count: int, ids: tuple[int, ...]) -> SyncReadPlan:
-        """Plan of a sync read of neighbouring registers. The servos are of one series."""
+        """Plan of a sync read of neighbouring registers. All of the servos can sync read."""
         key = (address, count, ids)
         plan = self._blocks.get(key)
         if plan is None:

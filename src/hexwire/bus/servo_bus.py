@@ -17,13 +17,13 @@ from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 from hexwire.wire.servo_packet import BROADCAST_ID
 
-from . import orders, questions, writes
+from . import block_reads, orders, questions, writes
 from .line import BusLine
 from .plan import ReadPlan, SyncReadPlan, WritePlan
 from .plan_cache import writable
 from .recent import RecentValues
 from .servos import KnownServos, as_series
-from .values import SILENT, Answer, Reading, Readings, ServoBlock, why
+from .values import Answer, Reading, Readings, ServoBlock, why
 
 if TYPE_CHECKING:
     from hexwire.epochs import Epochs
@@ -240,9 +240,7 @@ class ServoBus:
             UsageError: There is no such block.
             LinkError: The line is at fault.
         """
-        with self._lock:
-            data, error = self._line.run(questions.ask_registers(self._machine, servo_id, address, count))
-        return ServoBlock(servo_id, address, data, error, "" if data else SILENT)
+        return block_reads.read_block(self._line, servo_id, address, count)
 
     def sync_read(self, name: str, servo_ids: Iterable[int]) -> Readings:
         """Read the same register of several servos: one request where they can, single reads where not.
@@ -288,31 +286,7 @@ class ServoBus:
             UsageError: There is no such block.
             LinkError: The line is at fault.
         """
-        ids = tuple(servo_ids)
-        able = tuple(i for i in ids if self.series_of(i).sync_read)
-        found: dict[int, ServoBlock] = {}
-        if able:
-            plan = self._plans.block(address, count, able)
-            line, machine = self._line, self._machine
-            with self._lock:
-                data = None
-                if not (machine.silent or (machine.doubtful and line.doubted(able, count))):
-                    data = line.transact(plan, timed=True)
-                    rows = plan.blocks(data)
-                    if rows is not None:
-                        machine.took(plan, line.clock())
-                        machine.extra_answers += len(able) - 1
-                        found = {i: ServoBlock(i, address, row) for i, row in zip(able, rows, strict=True)}
-                if not found:
-                    for i, status in line.run(questions.ask_many(machine, plan, data)).items():
-                        found[i] = ServoBlock(i, address, status.params, status.error)
-        for servo_id in ids:
-            if servo_id not in found:
-                if servo_id in able:
-                    found[servo_id] = ServoBlock(servo_id, address, b"", 0, SILENT)
-                else:
-                    found[servo_id] = self.read_block(servo_id, address, count)
-        return [found[servo_id] for servo_id in ids]
+        return block_reads.sync_read_blocks(self._line, address, count, tuple(servo_ids))
 
     # --- writing -----------------------------------------------------------------------------------------------
 
