@@ -53,7 +53,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup system-packages demo test check lint types imports schema tests soak bench analyzers lock clean
+.PHONY: help mutants setup system-packages demo test check lint types imports schema tests soak bench analyzers lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -70,6 +70,10 @@ analyzers: ## the folders to copy into Wireshark, sigrok and Logic 2: build/anal
 
 bench: setup ## how fast it is, as ratios against a bare reference
 	@$(BIN)/python tests/bench
+
+mutants: setup ## how many random faults in the code the tests notice; takes a quarter of an hour
+	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) --group mutants </dev/null
+	@$(BIN)/python tests/mutation.py $(MUTANTS_ARGS)
 
 setup: $(READY) ## the environment in .venv, from uv.lock
 

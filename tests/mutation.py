@@ -1,0 +1,264 @@
+"""How strong the tests are: a sample of mutants of each room, and how many of them a test notices.
+
+    python tests/mutation.py [--count 40] [--seed 1] [ROOM...]
+
+Owns which mutants count and the table at the end. mutmut makes them and runs each against the tests that call the
+function it is in. A mutant counts if it changes what code does; texts, `__repr__`, type hints and what a `raise`
+says do not count. `mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its
+reason. Ends with status 1 if a room kills less than 95 %, or a survivor has no reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import difflib
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import textwrap
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+WORK = ROOT / "build/mutants"
+REASONS = Path(__file__).with_name("mutation_survivors.toml")
+ROOMS = ("wire", "session", "link", "bus", "control", "motion")
+GENERATED = ("src/hexwire/wire/tables.py",)
+LEAST = 0.95
+# Exit codes of mutmut: no test calls it; a test noticed, that is, it failed, crashed or hung.
+_UNTESTED = 33
+_NOTICED = frozenset({1, 3, 24, 36, 152, 255, -9, -11, -24, -6})
+
+CONFIG = """
+[tool.mutmut]
+source_paths = ["src"]
+only_mutate = ["src/hexwire/{room}/*.py"]
+do_not_mutate = {generated}
+also_copy = ["conftest.py", "vectors", "schema", "docs", "README.md", "PROTOCOL.md"]
+pytest_add_cli_args = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
+pytest_add_cli_args_test_selection = ["tests/{room}"]
+timeout_multiplier = 5.0
+timeout_constant = 10.0
+use_setproctitle = false
+"""
+
+
+@dataclass
+class Mutant:
+    """One change to one function.
+
+    Attributes:
+        name: mutmut's.
+        place: Module and function.
+        change: The lines that differ, as in a diff.
+        exit_code: Of the tests; None if it was not run.
+    """
+
+    name: str
+    place: str
+    change: tuple[str, ...]
+    exit_code: int | None = None
+
+
+@dataclass
+class Score:
+    """Of one room."""
+
+    room: str
+    total: int
+    meaningful: int
+    mutants: list[Mutant] = field(default_factory=list)
+
+    @property
+    def killed(self) -> int:
+        """How many a test noticed."""
+        return sum(mutant.exit_code in _NOTICED for mutant in self.mutants)
+
+
+class _Meaning(ast.NodeTransformer):
+    """Takes out of a function what does not change what it does."""
+
+    def visit_Constant(self, node: ast.Constant) -> ast.AST:
+        return ast.copy_location(ast.Constant(""), node) if isinstance(node.value, str) else node
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.AST:
+        return ast.copy_location(ast.Constant(""), node)
+
+    def visit_Raise(self, node: ast.Raise) -> ast.AST:
+        if isinstance(node.exc, ast.Call):
+            node.exc = node.exc.func
+        return node
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        node.annotation = ast.Name("object")
+        return self.generic_visit(node)
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST:
+        call = node.value
+        logs = isinstance(call, ast.Call) and ast.unparse(call.func).startswith(("_log.", "logging."))
+        return ast.Pass() if logs else self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        if isinstance(node.func, ast.Name) and node.func.id == "cast":
+            return self.visit(node.args[-1])
+        # Checks of the program against itself.
+        node.keywords = [keyword for keyword in node.keywords if keyword.arg != "strict"]
+        return self.generic_visit(node)
+
+
+def is_meaningful(original: str, mutated: str) -> bool:
+    """Whether two versions of a function differ in what they do."""
+    try:
+        before, after = ast.parse(original), ast.parse(mutated)
+    except SyntaxError:
+        return False
+    if before.body and getattr(before.body[0], "name", "") in {"__repr__", "__str__"}:
+        return False
+    return ast.dump(_Meaning().visit(before)) != ast.dump(_Meaning().visit(after))
+
+
+def changed_lines(original: str, mutated: str) -> tuple[str, ...]:
+    """The lines that differ, with - and + before them."""
+    diff = difflib.unified_diff(original.splitlines(), mutated.splitlines(), lineterm="", n=0)
+    return tuple(line[0] + line[1:].strip() for line in diff if line[:1] in "+-" and line[:3] not in ("+++", "---"))
+
+
+def functions_of(path: Path) -> dict[str, str]:
+    """Source of each function of a file that mutmut has written, by its name there, without that name."""
+    text = path.read_text()
+    lines = text.splitlines(keepends=True)
+    found: dict[str, str] = {}
+    for node in _functions(ast.parse(text)):
+        source = "".join(lines[node.lineno - 1 : node.end_lineno])
+        plain = textwrap.dedent(source)
+        found[node.name] = plain.replace(node.name, _plain_name(node.name), 1)
+    return found
+
+
+def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+    for node in tree.body:
+        for inner in node.body if isinstance(node, ast.ClassDef) else [node]:
+            if isinstance(inner, ast.FunctionDef):
+                yield inner
+
+
+def _plain_name(name: str) -> str:
+    return name.partition("__mutmut_")[0].removeprefix("x_").rpartition("ǁ")[2]
+
+
+def prepare(room: str) -> Path:
+    """A folder of its own for a room, with the project as it is now."""
+    folder = WORK / room
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for name in ("src", "tests", "vectors", "schema", "docs", "conftest.py", "README.md", "PROTOCOL.md"):
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, folder / name)
+    config = CONFIG.format(room=room, generated=json.dumps(list(GENERATED)))
+    (folder / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text() + config)
+    return folder
+
+
+def mutmut(folder: Path, names: Iterable[str], jobs: int) -> None:
+    """Run mutants, which first makes all of them; no names make them only."""
+    environment = os.environ | {"HYPOTHESIS_PROFILE": "ci", "PYTHONPATH": ""}
+    names = list(names)
+    command = [sys.executable, "-m", "mutmut", "run", "--max-children", str(jobs), *(names or ["none"])]
+    with (folder / "mutmut.log").open("w") as log:
+        done = subprocess.run(command, cwd=folder, env=environment, stdout=log, stderr=log, check=False)
+    # It refuses to run none, after it has made all.
+    if names and done.returncode != 0:
+        print((folder / "mutmut.log").read_text().replace("\r", "\n")[-2000:], file=sys.stderr)
+        raise SystemExit(f"mutmut failed in {folder}")
+
+
+def find_mutants(folder: Path, room: str) -> tuple[int, list[Mutant]]:
+    """All mutants of a room, and those that count."""
+    total, found = 0, []
+    for path in sorted((folder / "mutants/src/hexwire" / room).glob("*.py")):
+        meta = path.with_name(path.name + ".meta")
+        codes = json.loads(meta.read_text())["exit_code_by_key"] if meta.is_file() else {}
+        if not codes:
+            continue
+        functions = functions_of(path)
+        for name in codes:
+            total += 1
+            key = name.rpartition(".")[2]
+            original = functions.get(key.partition("__mutmut_")[0] + "__mutmut_orig")
+            mutated = functions.get(key)
+            if original is not None and mutated is not None and is_meaningful(original, mutated):
+                place = f"{room}/{path.name}:{_plain_name(key)}"
+                found.append(Mutant(name, place, changed_lines(original, mutated)))
+    return total, found
+
+
+def take_codes(folder: Path, room: str, mutants: Iterable[Mutant]) -> None:
+    """What came of them."""
+    codes: dict[str, int | None] = {}
+    for meta in (folder / "mutants/src/hexwire" / room).glob("*.py.meta"):
+        codes |= json.loads(meta.read_text())["exit_code_by_key"]
+    for mutant in mutants:
+        mutant.exit_code = codes[mutant.name]
+
+
+def judge(room: str, count: int, seed: int, jobs: int) -> Score:
+    """Make the mutants of a room and run a sample of those that count."""
+    folder = prepare(room)
+    mutmut(folder, [], jobs)
+    total, found = find_mutants(folder, room)
+    score = Score(room, total, len(found))
+    score.mutants = sorted(random.Random(seed).sample(found, min(count, len(found))), key=lambda m: m.name)
+    mutmut(folder, [mutant.name for mutant in score.mutants], jobs)
+    take_codes(folder, room, score.mutants)
+    return score
+
+
+def load_reasons() -> dict[tuple[str, tuple[str, ...]], str]:
+    """Reasons by place and change."""
+    if not REASONS.is_file():
+        return {}
+    rows = tomllib.loads(REASONS.read_text()).get("survivor", [])
+    return {(row["place"], tuple(row["change"])): row["reason"] for row in rows}
+
+
+def main() -> int:
+    """Judge the rooms that are named, or all."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("rooms", nargs="*", metavar="ROOM", help=f"of {', '.join(ROOMS)}")
+    parser.add_argument("--count", type=int, default=40, help="mutants a room")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    arguments = parser.parse_args()
+    if unknown := set(arguments.rooms) - set(ROOMS):
+        parser.error(f"no room {', '.join(sorted(unknown))}; there are {', '.join(ROOMS)}")
+    reasons, bad = load_reasons(), False
+    print(f"{'room':<10}{'mutants':>9}{'that count':>12}{'run':>6}{'killed':>8}{'share':>8}")
+    for room in arguments.rooms or ROOMS:
+        score = judge(room, arguments.count, arguments.seed, arguments.jobs)
+        share = score.killed / len(score.mutants) if score.mutants else 1.0
+        bad |= share < LEAST
+        numbers = f"{score.total:>9}{score.meaningful:>12}{len(score.mutants):>6}{score.killed:>8}{share:>8.1%}"
+        print(f"{room:<10}{numbers}", flush=True)
+        for mutant in score.mutants:
+            if mutant.exit_code in _NOTICED:
+                continue
+            reason = reasons.get((mutant.place, mutant.change))
+            bad |= reason is None
+            what = "has no test" if mutant.exit_code == _UNTESTED else "lives"
+            print(f"  {mutant.place} {what}: {reason or 'NO REASON'}")
+            for line in mutant.change:
+                print(f"      {line}")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
