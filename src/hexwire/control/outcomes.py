@@ -37,6 +37,8 @@ class Reason(StrEnum):
     GOAL_TOLERANCE = "goal tolerance"
     """The joints did not get near enough to the goal in time."""
     STOPPED = "stopped"
+    FAILED = "failed"
+    """A fault of the program."""
 
 
 class Outcome(Enum):

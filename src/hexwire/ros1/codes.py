@@ -36,5 +36,6 @@ CODES: Mapping[Reason, ErrorCode] = {
     Reason.PATH_TOLERANCE: ErrorCode.PATH_TOLERANCE_VIOLATED,
     Reason.GOAL_TOLERANCE: ErrorCode.GOAL_TOLERANCE_VIOLATED,
     Reason.STOPPED: ErrorCode.INVALID_GOAL,
+    Reason.FAILED: ErrorCode.INVALID_GOAL,
 }
 """The code of each reason."""

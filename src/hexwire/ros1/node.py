@@ -35,13 +35,15 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hexwire.control.arm import Arm
+from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.log_limiter import LogLimiter
+from hexwire.control.rate import Raster
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
-from .actions import ActionGoal, ActionGoals
+from .actions import ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
 from .parameters import load_parameters
 from .stamps import StampClock
@@ -124,7 +126,7 @@ class HardwareInterface:
         self._shutdown, self._ended = Shutdown(_LONGEST_END), threading.Event()
         self._log_limiter = LogLimiter()
         self._watch = ChangeWatch(1.0 / self._parameters.diagnostics_rate)
-        self._next_state = self._next_feedback = 0.0
+        self._state_raster, self._feedback_raster = Raster(), Raster()
         self._control = control_msgs()
         self._goals = ActionGoals(self._arm, self._control.FollowJointTrajectoryResult, rospy.Time.now)
 
@@ -298,11 +300,9 @@ class HardwareInterface:
         message.velocity = published.velocity
         self._joint_states.publish(message)
         now = time.monotonic()
-        if now >= self._next_state:
-            self._next_state = max(self._next_state + 1.0 / self._parameters.state_publish_rate, now)
+        if self._state_raster.due(now, 1.0 / self._parameters.state_publish_rate):
             self._publish_controllers()
-        if now >= self._next_feedback:
-            self._next_feedback = max(self._next_feedback + 1.0 / self._parameters.action_monitor_rate, now)
+        if self._feedback_raster.due(now, 1.0 / self._parameters.action_monitor_rate):
             self._publish_feedback()
 
     def _publish_controllers(self) -> None:
@@ -314,8 +314,8 @@ class HardwareInterface:
     def _publish_feedback(self) -> None:
         for controller in self._arm.controllers.values():
             goal = controller.goal
-            if isinstance(goal, ActionGoal) and goal.accepted and controller.progress is not None:
-                goal.handle.publish_feedback(
+            if isinstance(goal, ClientGoal) and goal.accepted and controller.progress is not None:
+                goal.client.handle.publish_feedback(
                     self._progress(self._control.FollowJointTrajectoryFeedback, controller.progress)
                 )
 

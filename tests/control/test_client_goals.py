@@ -1,0 +1,240 @@
+"""Goals of clients that are made up, and an emulated arm in simulated time."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tests.control.arm_bench import SPLIT, Bench
+from tests.control.owner_bench import wait_for
+from tests.motion.arms import HOME, NAMES
+
+from hexwire.control.client_goals import ClientGoal, ClientGoals, Request
+from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.outcomes import Ended, Outcome, Reason
+
+
+class Client:
+    """What was said to it, in its order."""
+
+    def __init__(self, on_refused: Callable[[], object] = lambda: None) -> None:
+        self.said: list[str | tuple[str, str]] = []
+        self.when: list[float] = []
+        self._on_refused = on_refused
+
+    def accepted(self) -> None:
+        self._note("accepted")
+
+    def refused(self, reason: Reason, text: str) -> None:
+        self._on_refused()
+        self._note((reason.value, text))
+
+    def ended(self, ended: Ended) -> None:
+        assert (ended.outcome is Outcome.SUCCEEDED) == (ended.reason is Reason.REACHED)
+        self._note((ended.reason.value, ended.text))
+
+    def _note(self, what: str | tuple[str, str]) -> None:
+        self.when.append(time.monotonic())
+        self.said.append(what)
+
+    @property
+    def over(self) -> bool:
+        return bool(self.said) and self.said[-1] != "accepted"
+
+
+class Goals:
+    """Goals of an emulated arm that has torque."""
+
+    def __init__(self, *, answer_after: float = 0.0, **settings: Any) -> None:
+        self.bench = Bench(**({"check_table": False} | (settings or {"allow_partial_joints_goal": True})))
+        self.bench.ask(lambda: self.bench.arm.enable(True))
+        self.goals: ClientGoals[Client] = ClientGoals(self.bench.arm, answer_after=answer_after)
+
+    def send(
+        self,
+        where: dict[str, float],
+        seconds: float = 1.0,
+        *,
+        key: str = "one",
+        controller: str = "",
+        client: Client | None = None,
+    ) -> Client:
+        client = client or Client()
+        order = TrajectoryOrder(tuple(where), (Point(seconds, tuple(where.values())),))
+        self.goals.send(controller, key, client, lambda: Request(order))
+        return client
+
+
+@pytest.fixture
+def goals() -> Iterator[Goals]:
+    made = Goals()
+    yield made
+    made.goals.close()
+
+
+def test_a_goal_is_accepted_and_reached(goals: Goals) -> None:
+    goals.goals.start()
+    client = goals.send({"J1": HOME["J1"] + 0.2})
+    wait_for(lambda: client.said == ["accepted"])
+    goal = goals.bench.controller.goal
+    assert isinstance(goal, ClientGoal)
+    wait_for(lambda: goal.accepted)
+    assert goal.client is client
+    assert goals.goals.open
+    goals.bench.until(lambda: client.over)
+    assert client.said == ["accepted", ("reached", "")]
+    assert not goals.goals.open
+
+
+def test_a_goal_that_is_cancelled_on_its_way_is_held(goals: Goals) -> None:
+    goals.goals.start()
+    client = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
+    wait_for(lambda: client.said)
+    goals.bench.turn(1.0)
+    goals.goals.cancel("", "one")
+    wait_for(lambda: client.over)
+    assert client.said == ["accepted", ("replaced", "cancelled")]
+
+
+@pytest.mark.parametrize("when", ["before", "while it is checked"])
+def test_a_goal_that_is_cancelled_before_it_begins_never_does(
+    goals: Goals, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = goals.bench.controller
+    check = controller.check_way
+
+    def check_path(*args: Any) -> None:
+        check(*args)
+        goals.goals.cancel("", "one")
+
+    if when != "before":
+        monkeypatch.setattr(controller, "check_way", check_path)
+    client = goals.send({"J1": HOME["J1"] + 0.5})
+    if when == "before":
+        goals.goals.cancel("", "one")
+    goals.goals.start()
+    wait_for(lambda: client.over)
+    assert client.said == [("cancelled", "cancelled")]
+    assert not controller.busy
+    assert not goals.goals.open
+
+
+def test_a_cancel_for_nobody_is_nothing(goals: Goals) -> None:
+    goals.goals.cancel("", "nobody")
+    assert not goals.goals.open
+
+
+def test_two_controllers_may_have_goals_of_one_key() -> None:
+    goals = Goals(controllers=SPLIT)
+    goals.goals.start()
+    whole = {name: HOME[name] + 0.2 * (name == "J1") for name in NAMES[:6]}
+    first = goals.send(whole, 3.0, controller="arm")
+    second = goals.send({"J7": HOME["J7"] + 0.1}, 3.0, controller="hand")
+    wait_for(lambda: first.said and second.said)
+    goals.goals.cancel("arm", "one")
+    wait_for(lambda: first.over)
+    assert first.said[-1] == ("replaced", "cancelled")
+    assert goals.goals.open
+    goals.bench.until(lambda: second.over)
+    assert second.said[-1] == ("reached", "")
+    goals.goals.close()
+
+
+def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_key(goals: Goals) -> None:
+    first = goals.send({"elbow": 0.0})
+    second = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
+    goals.goals.start()
+    wait_for(lambda: first.over and second.said)
+    assert goals.goals.open
+    goals.goals.cancel("", "one")
+    wait_for(lambda: second.over)
+    assert second.said[-1] == ("replaced", "cancelled")
+
+
+def test_a_fault_of_the_program_refuses_its_goal_and_no_other(
+    goals: Goals, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    goals.goals.start()
+    with monkeypatch.context() as patch, caplog.at_level(logging.CRITICAL, logger="hexwire"):
+        patch.setattr(goals.bench.controller, "check_way", lambda *_: 1 / 0)
+        broken = goals.send({"J1": HOME["J1"]})
+        wait_for(lambda: broken.over)
+        unreadable = Client()
+        goals.goals.send("", "two", unreadable, lambda: 1 / 0)  # type: ignore[arg-type,return-value]  # it fails
+        wait_for(lambda: unreadable.over)
+    for client in (broken, unreadable):
+        ((reason, text),) = client.said
+        assert reason == "failed"
+        assert text.startswith("the program failed: ZeroDivisionError")
+    last = goals.send({"J1": HOME["J1"] + 0.1}, key="three")
+    wait_for(lambda: last.said == ["accepted"])
+
+
+def test_a_client_that_cannot_be_answered_is_logged_and_hinders_nobody(
+    goals: Goals, caplog: pytest.LogCaptureFixture
+) -> None:
+    goals.goals.start()
+    deaf = Client(on_refused=lambda: 1 / 0)
+    with caplog.at_level(logging.CRITICAL, logger="hexwire"):
+        goals.send({"elbow": 0.0}, client=deaf)
+        other = goals.send({"elbow": 0.0}, key="two")
+        wait_for(lambda: other.over)
+    assert deaf.said == []
+    assert not goals.goals.open
+
+
+def test_a_stop_aborts_and_the_end_is_told_before_all_is_closed(goals: Goals) -> None:
+    goals.goals.start()
+    client = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
+    wait_for(lambda: client.said)
+    goals.bench.arm.stop("test")
+    goals.goals.close()
+    assert client.said == ["accepted", ("stopped", "stopped: test")]
+
+
+@pytest.mark.parametrize("wanted", [HOME["J1"] + 0.2, math.nan], ids=["accepted", "refused"])
+def test_no_client_is_answered_before_its_time(wanted: float) -> None:
+    goals = Goals(answer_after=0.05)
+    goals.goals.start()
+    sent = time.monotonic()
+    client = goals.send({"J1": wanted})
+    wait_for(lambda: client.said)
+    assert client.when[0] - sent >= 0.03
+    goals.goals.close()
+
+
+def test_answers_keep_their_order_and_are_given_before_the_end(goals: Goals) -> None:
+    goals.goals.start()
+    told: list[int] = []
+    for i in range(20):
+        goals.send({"J1": math.nan}, key=str(i), client=Client(lambda i=i: told.append(i)))  # type: ignore[misc]
+    goals.goals.close(10.0)
+    assert told == list(range(20))
+    assert not goals.goals.open
+
+
+def test_a_machine_that_stood_still_answers_no_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = 0
+
+    def jumping() -> float:
+        nonlocal looks
+        looks += 1
+        return 3600.0 * looks  # an hour from one look at the clock to the next
+
+    goals = Goals(answer_after=0.02)
+    monkeypatch.setattr("hexwire.control.client_goals.time", SimpleNamespace(monotonic=jumping))
+    goals.goals.start()
+    for key in ("one", "two"):
+        looks_before = looks
+        answered_after: list[int] = []
+        client = Client(lambda after=answered_after: after.append(looks))  # type: ignore[misc]
+        goals.send({"elbow": 0.0}, key=key, client=client)
+        wait_for(lambda after=answered_after: after)
+        # The client had its turns of the processor, as often as a clock that runs on would have given it.
+        assert answered_after[0] - looks_before >= 10
+    goals.goals.close()
