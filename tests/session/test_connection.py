@@ -242,6 +242,26 @@ def test_a_repeat_is_answered_from_store_with_a_new_number_and_time() -> None:
     assert len(ask(b, request_frame(sn=3), 2.0)) == 1
 
 
+def test_a_stop_takes_no_number_for_answers_that_nobody_asks_for_again() -> None:
+    b = board()
+    (torque,) = ask(b, request_frame(cmd=Command.TORQUE))
+    b.reply(torque, 0, b"on", 0.0)
+    (done,) = sent(b)
+    b.take_stop(0.5)
+    assert b.data_to_send() == []
+    for seq in range(2, 6):
+        (stop,) = ask(b, request_frame(seq=seq, cmd=Command.STOP), 0.5)
+        b.reply(stop, 0, b"", 0.5)
+    stopped = sent(b)[-1]
+    assert stopped.sn == done.sn + 4
+    # A repeat of what was done before the stop, and is no longer kept, has a number and time of its own.
+    assert ask(b, request_frame(cmd=Command.TORQUE, sn=3), 0.9) == []
+    (refused,) = sent(b)
+    assert refused == stopped._replace(
+        sn=stopped.sn + 1, time_nsec=900_000_000, seq=1, cmd=Command.TORQUE, cmd_ext=0x80 | Status.STOPPED
+    )
+
+
 def test_a_repeat_while_the_first_is_being_done_is_not_begun_again() -> None:
     b = board()
     (request,) = ask(b, request_frame())

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from hexwire.errors import LocalProtocolError, RemoteProtocolError
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status, command_name
+from hexwire.wire.command_frame import Command, Frame, Status, command_name, serialize_frame
 from hexwire.wire.commands import FragmentHead, parse_missing
 from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PROTO_CHAPTER, PROTO_HEXWIRE
 
@@ -295,8 +295,14 @@ class Connection(FrameMaker):
     def take_stop(self, now: float) -> None:
         """A stop came: what has begun to arrive was asked before it, and what was done is not done again."""
         self._fragments_in.forget()
+        self._replies.void(self._refusal, now)
+
+    def _refusal(self, request: Frame) -> bytes:
+        """The reply to a repeat of what a stop ended; `build_again` numbers and stamps it, if one comes."""
         ext = EXT_REPLY | Status.STOPPED
-        self._replies.void(lambda f: self.build(PROTO_HEXWIRE, f.cmd, b"", f.seq, now, ext, dst=f.src), now)
+        return serialize_frame(
+            Frame(0, 0, 0, self.local, request.src, self.type, PROTO_HEXWIRE, request.seq, request.cmd, b"", ext)
+        )
 
     # -- sending ------------------------------------------------------------------------------------
 
