@@ -13,7 +13,7 @@ from hexwire.model.state import JointTarget
 from hexwire.session.events import Reply
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command, Frame
-from hexwire.wire.commands import AGE_NEVER, ALL_FIELDS, Identity, JointReport
+from hexwire.wire.commands import ALL_FIELDS, Identity
 from hexwire.wire.tables import CAPABILITY_MAINTENANCE
 
 
@@ -89,28 +89,6 @@ def test_an_age_never_is_infinite() -> None:
     state = board_of(Arm(2, 0, ("silent:6",))).read()
     assert state["J7"].age == math.inf
     assert state.silent == ("J7",)
-
-
-@pytest.mark.parametrize("resent_after_ms", [0, 200])
-def test_ages_are_told_at_the_stamp_not_at_sending(resent_after_ms: int) -> None:
-    board = board_of(Arm(2))
-    body, sent_frame = joint_state(board)
-    # Made 12.6 ms after the newest sample; the others are 12 to 62 ms old then, and one was never taken.
-    report = JointReport.parse(body)._replace(time_us=5_000_000, age=(22, 12, 32, 42, 52, 62, AGE_NEVER))
-    sent = 12_600_000 + resent_after_ms * 1_000_000
-    frame = sent_frame._replace(time_sec=5, time_nsec=sent)
-    state = board.decode_state(report.serialize(), frame, 100.0)
-    assert state.stamp == pytest.approx(100.0 - sent * 1e-9)
-    assert state.board_time == pytest.approx(5.0)
-    assert state.age == pytest.approx((0.01, 0.0, 0.02, 0.03, 0.04, 0.05, math.inf))
-
-
-def test_ages_of_an_arm_that_was_never_heard_stay_infinite() -> None:
-    board = board_of(Arm(2))
-    body, sent_frame = joint_state(board)
-    report = JointReport.parse(body)._replace(age=(AGE_NEVER,) * 7)
-    state = board.decode_state(report.serialize(), sent_frame, 100.0)
-    assert state.age == (math.inf,) * 7
 
 
 def test_a_servo_never_sampled_has_no_position() -> None:

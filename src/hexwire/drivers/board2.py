@@ -10,8 +10,6 @@ import logging
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from math import inf
-from operator import add, mul, sub
 from typing import TypeVar
 
 from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
@@ -21,10 +19,8 @@ from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.session.events import Reply
 from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import (
-    AGE_NEVER,
     ALL_FIELDS,
     Identity,
-    JointReport,
     LimitRow,
     LimitTable,
     MaintenanceReply,
@@ -39,17 +35,16 @@ from hexwire.wire.commands import (
     parse_stop_reply,
 )
 from hexwire.wire.registers import Series
-from hexwire.wire.scaled_report import ReportScaler
 from hexwire.wire.tables import (
     BOARD_FLAGS_MAINTENANCE,
     BOARD_FLAGS_STOPPED,
-    BOARD_FLAGS_WATCHDOG_TRIPPED,
     CAPABILITIES,
     CAPABILITY_MAINTENANCE,
 )
 
 from .base import JointProbe, StopMode
 from .board import BoardFacts
+from .board2_state import StateDecoder
 from .replies import check_reply
 
 __all__ = ["Board2"]
@@ -57,9 +52,6 @@ __all__ = ["Board2"]
 _log = logging.getLogger(__name__)
 
 _Row = TypeVar("_Row")
-_HALF_WRAP = (1 << 31) * 1e-6
-_AGE_UNIT = 0.001
-_NEVER = _AGE_UNIT * AGE_NEVER
 _MAX_DURATION_MS = 0xFFFF
 # The board may look for half a second whether the joints stand, and drops repeats meanwhile. A STOP that was lost
 # must be said again much sooner.
@@ -101,38 +93,12 @@ class Board2:
         self._model = model
         self.clock = math.nan
         self.identity = identity
-        # One row a board joint, in the board's order: name, neutral, factor, offset.
         self._order = tuple(model.by_servo(row.servo_id) for row in identity.joints)
         missing = [j.name for j in model.joints if j not in self._order]
         if missing:
             known = ", ".join(str(row.servo_id) for row in identity.joints)
             raise ServoError(f"the board has no servo for {', '.join(missing)}; it has the ids {known}")
-        self._places = tuple(self._order.index(joint) for joint in model.joints)
-        self._in_order = self._places == tuple(range(len(identity.joints)))
-        self._names = model.names
-        self._neutral = tuple(j.neutral for j in model.joints)
-        self._offset = tuple(j.offset for j in model.joints)
-        self._factor = tuple(j.sign * j.scale for j in model.joints)
-        # A legacy servo's load, current, voltage and temperature read 0 whatever they are: NaN, not a false 0.
-        told = [math.nan if j.series == "seven_bot" else 1.0 for j in model.joints]
-        self._milli = tuple(j.sign * 0.001 * k for j, k in zip(model.joints, told, strict=True))
-        self._deci = tuple(0.1 * k for k in told)
-        self._told = tuple(told)
-        # The shortcut for the usual case: the board's joints are the model's, in its order.
-        self._scaler = (
-            ReportScaler(
-                speed=self._factor,
-                load=self._milli,
-                voltage=self._deci,
-                temperature=self._told,
-                current=self._milli,
-                age=_AGE_UNIT,
-            )
-            if self._in_order and len(identity.joints) == len(model.joints)
-            else None
-        )
-        self._nan = (math.nan,) * len(model.joints)
-        self._zero_age = (0.0,) * len(model.joints)
+        self._decoder = StateDecoder(model, self._order)
 
     # -- state --------------------------------------------------------------------------------------
 
@@ -152,64 +118,8 @@ class Board2:
             frame: The frame it came in; its time is the board's clock at sending.
             now: Host clock at arrival.
         """
-        scaled = self._scaler.parse(body) if self._scaler is not None else None
-        time_us, flags, columns = scaled or self._scale(JointReport.parse(body))
-        position, status, velocity, load, voltage, temperature, current, age = columns
-        if _NEVER in age:
-            # What stands in the row of a servo that was never sampled is no measurement: NaN, not a false 0.
-            known = [math.nan if a == _NEVER else 1.0 for a in age]
-            position, velocity, load, voltage, temperature, current = (
-                tuple(map(mul, column, known))
-                for column in (position, velocity, load, voltage, temperature, current)
-            )
-            age = tuple([a if a != _NEVER else inf for a in age])
-        since_sample = ((frame.time_sec * 1_000_000 + frame.time_nsec // 1000 - time_us) & 0xFFFFFFFF) * 1e-6
-        if since_sample > _HALF_WRAP:
-            since_sample = 0.0  # the board rounds the two stamps differently
-        newest = min(age)
-        if 0.0 < newest < inf:
-            # The board counts ages from when it made this body, and the stamp here is the newest sample's. Not from
-            # the frame's time: an answer that is sent again is older than its frame.
-            age = tuple([a - newest for a in age])
-        self.clock = clock = frame.time_sec + frame.time_nsec * 1e-9
-        return JointState(
-            names=self._names,
-            position=tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),
-            velocity=velocity,
-            load=load,
-            current=current,
-            voltage=voltage,
-            temperature=temperature,
-            flags=status,  # type: ignore[arg-type]  # whole numbers: the scaler leaves this column as it is
-            age=age,
-            stamp=now - since_sample,
-            board_time=clock - since_sample,
-            stopped=flags & BOARD_FLAGS_STOPPED != 0,
-            watchdog_tripped=flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
-            maintenance=flags & BOARD_FLAGS_MAINTENANCE != 0,
-        )
-
-    def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:
-        """What the scaler gives, for reports with fewer fields or joints in another order."""
-        factors = (self._factor, self._milli, self._deci, self._told, self._milli)
-        position, status, *columns, age = map(self._ordered, report[2:])
-        if position is None or status is None:
-            raise ServoError("the board reports no positions")
-        scaled = [
-            self._nan if column is None else tuple(map(mul, column, factor))
-            for column, factor in zip(columns, factors, strict=True)
-        ]
-        ages = self._zero_age if age is None else tuple([_AGE_UNIT * a for a in age])
-        return report.time_us, report.board_flags, (position, status, *scaled, ages)
-
-    def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:
-        if column is None:
-            return None
-        if len(column) != len(self._order):
-            raise ServoError(
-                f"the board reports {len(column)} joints and has {len(self._order)}: was it changed? attach again"
-            )
-        return tuple(column[i] for i in self._places)
+        self.clock = frame.time_sec + frame.time_nsec * 1e-9
+        return self._decoder.decode(body, frame, now)
 
     # -- motion -------------------------------------------------------------------------------------
 

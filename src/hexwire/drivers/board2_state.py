@@ -1,0 +1,134 @@
+"""A dialect-2 board's JOINT_STATE in SI units: counts by the joints' models, ages, stamps of the host's clock.
+
+Owns this decoding, with a shortcut for the usual report. Pure. Must not know sessions, nor how a report came.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from math import inf
+from operator import add, mul, sub
+
+from hexwire.errors import ServoError
+from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.state import JointState
+from hexwire.wire.command_frame import Frame
+from hexwire.wire.commands import AGE_NEVER, JointReport
+from hexwire.wire.scaled_report import ReportScaler
+from hexwire.wire.tables import BOARD_FLAGS_MAINTENANCE, BOARD_FLAGS_STOPPED, BOARD_FLAGS_WATCHDOG_TRIPPED
+
+__all__ = ["StateDecoder"]
+
+_HALF_WRAP = (1 << 31) * 1e-6
+_AGE_UNIT = 0.001
+_NEVER = _AGE_UNIT * AGE_NEVER
+
+
+class StateDecoder:
+    """The states of one board.
+
+    Args:
+        model: The arm.
+        order: The board's joints in its own order, each of the model's among them; None for one that the model does
+            not have.
+    """
+
+    def __init__(self, model: ArmModel, order: Sequence[JointModel | None]) -> None:
+        self._count = len(order)
+        self._places = tuple(order.index(joint) for joint in model.joints)
+        in_order = self._places == tuple(range(len(order)))
+        self._names = model.names
+        self._neutral = tuple(j.neutral for j in model.joints)
+        self._offset = tuple(j.offset for j in model.joints)
+        self._factor = tuple(j.sign * j.scale for j in model.joints)
+        # A legacy servo's load, current, voltage and temperature read 0 whatever they are: NaN, not a false 0.
+        told = [math.nan if j.series == "seven_bot" else 1.0 for j in model.joints]
+        self._milli = tuple(j.sign * 0.001 * k for j, k in zip(model.joints, told, strict=True))
+        self._deci = tuple(0.1 * k for k in told)
+        self._told = tuple(told)
+        # The shortcut for the usual case: the board's joints are the model's, in its order.
+        self._scaler = (
+            ReportScaler(
+                speed=self._factor,
+                load=self._milli,
+                voltage=self._deci,
+                temperature=self._told,
+                current=self._milli,
+                age=_AGE_UNIT,
+            )
+            if in_order and len(order) == len(model.joints)
+            else None
+        )
+        self._nan = (math.nan,) * len(model.joints)
+        self._zero_age = (0.0,) * len(model.joints)
+
+    def decode(self, body: bytes, frame: Frame, now: float) -> JointState:
+        """Turn a JOINT_STATE body into SI units.
+
+        Args:
+            body: Of a reply or a report.
+            frame: The frame it came in; its time is the board's clock at sending.
+            now: Host clock at arrival.
+
+        Raises:
+            ServoError: It is not of these joints.
+        """
+        scaled = self._scaler.parse(body) if self._scaler is not None else None
+        time_us, flags, columns = scaled or self._scale(JointReport.parse(body))
+        position, status, velocity, load, voltage, temperature, current, age = columns
+        if _NEVER in age:
+            # What stands in the row of a servo that was never sampled is no measurement: NaN, not a false 0.
+            known = [math.nan if a == _NEVER else 1.0 for a in age]
+            position, velocity, load, voltage, temperature, current = (
+                tuple(map(mul, column, known))
+                for column in (position, velocity, load, voltage, temperature, current)
+            )
+            age = tuple([a if a != _NEVER else inf for a in age])
+        since_sample = ((frame.time_sec * 1_000_000 + frame.time_nsec // 1000 - time_us) & 0xFFFFFFFF) * 1e-6
+        if since_sample > _HALF_WRAP:
+            since_sample = 0.0  # the board rounds the two stamps differently
+        newest = min(age)
+        if 0.0 < newest < inf:
+            # The board counts ages from when it made this body, and the stamp here is the newest sample's. Not from
+            # the frame's time: an answer that is sent again is older than its frame.
+            age = tuple([a - newest for a in age])
+        clock = frame.time_sec + frame.time_nsec * 1e-9
+        return JointState(
+            names=self._names,
+            position=tuple(map(add, map(mul, self._factor, map(sub, position, self._neutral)), self._offset)),
+            velocity=velocity,
+            load=load,
+            current=current,
+            voltage=voltage,
+            temperature=temperature,
+            flags=status,  # type: ignore[arg-type]  # whole numbers: the scaler leaves this column as it is
+            age=age,
+            stamp=now - since_sample,
+            board_time=clock - since_sample,
+            stopped=flags & BOARD_FLAGS_STOPPED != 0,
+            watchdog_tripped=flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
+            maintenance=flags & BOARD_FLAGS_MAINTENANCE != 0,
+        )
+
+    def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:
+        """What the scaler gives, for reports with fewer fields or joints in another order."""
+        factors = (self._factor, self._milli, self._deci, self._told, self._milli)
+        position, status, *columns, age = map(self._ordered, report[2:])
+        if position is None or status is None:
+            raise ServoError("the board reports no positions")
+        scaled = [
+            self._nan if column is None else tuple(map(mul, column, factor))
+            for column, factor in zip(columns, factors, strict=True)
+        ]
+        ages = self._zero_age if age is None else tuple([_AGE_UNIT * a for a in age])
+        return report.time_us, report.board_flags, (position, status, *scaled, ages)
+
+    def _ordered(self, column: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        if column is None:
+            return None
+        if len(column) != self._count:
+            raise ServoError(
+                f"the board reports {len(column)} joints and has {self._count}: was it changed? attach again"
+            )
+        return tuple(column[i] for i in self._places)
