@@ -8,12 +8,20 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Callable, Sequence
+from typing import Any, Self
 
-from hexwire.control.loop import MotionLoop
+from hexwire.control.arrival import Tolerance
+from hexwire.control.controller import TrajectoryController
+from hexwire.control.goals import Tolerances
+from hexwire.control.owner import RobotOwner
+from hexwire.control.settings import ControllerSettings
+from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.values import ProbeReport, StopMode
 from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointFlag, JointState, JointTarget
-from hexwire.motion.follower import Follower
+from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.optimal import Trapezoid
+from hexwire.motion.safety import SafetyLimits
 
 _RATE = 100.0
 _SECONDS = 1.0
@@ -21,16 +29,23 @@ _ROUNDS = 3
 _CYCLES = 5000
 
 
-class _Table:
+class _Table(RobotDriver):
     """A robot that is where it was told to be."""
 
-    def __init__(self) -> None:
+    model = HEX7BOT
+    is_attached = True
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
         self.where = [joint.offset for joint in HEX7BOT.joints]
+        self._clock = clock
+
+    def now(self) -> float:
+        return self._clock()
 
     def read(self) -> JointState:
         n = len(self.where)
         zeros = (0.0,) * n
-        flags = (int(JointFlag.TORQUE_ON),) * n
         return JointState(
             names=HEX7BOT.names,
             position=tuple(self.where),
@@ -39,17 +54,55 @@ class _Table:
             current=zeros,
             voltage=zeros,
             temperature=zeros,
-            flags=flags,
+            flags=(int(JointFlag.TORQUE_ON),) * n,
             age=zeros,
-            stamp=0.0,
+            stamp=self._clock(),
         )
 
-    def write(self, target: JointTarget) -> None:
+    def write(self, target: JointTarget) -> SentTarget:
         for name, angle in target.positions:
             self.where[HEX7BOT.index(name)] = angle
+        return SentTarget(target.positions, target.duration)
 
-    def stop(self) -> None:
-        """Never asked for."""
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        raise NotImplementedError
+
+    def attach(self) -> None:
+        """There is nothing to open."""
+
+    def detach(self, *, torque_off: bool = False) -> None:
+        """There is nothing to close."""
+
+    def probe(self) -> ProbeReport:
+        raise NotImplementedError
+
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        raise NotImplementedError
+
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        return HEX7BOT.names
+
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        return HEX7BOT.names
+
+    def resume(self) -> None:
+        """It is never stopped."""
+
+
+def _owner(seconds: float, **options: Any) -> RobotOwner:
+    """Its robot is on a trajectory of so many seconds."""
+    names = HEX7BOT.names
+    none = {name: Tolerance() for name in names}
+    controller = TrajectoryController(
+        ControllerSettings("", names, True, Tolerances(none, none)), HEX7BOT, SafetyLimits.at_period(1.0 / _RATE)
+    )
+    owner = RobotOwner(_Table(options.get("clock", time.monotonic)), borrowed=True, command_rate=_RATE, **options)
+    owner.group.members = (controller,)
+    owner.connect()
+    owner.turn()
+    controller.follow(_trajectory(seconds), owner.newest(), owner.now())
+    return owner
 
 
 def _trajectory(seconds: float) -> Trapezoid:
@@ -71,28 +124,27 @@ def _bare() -> list[float]:
     return late
 
 
-def _ours() -> tuple[list[float], MotionLoop]:
-    loop = MotionLoop(_Table(), Follower(HEX7BOT), _RATE)
-    loop.cycle()
-    loop.follow(_trajectory(2 * _SECONDS))
-    late = []
-    start = time.monotonic()
-    for due in loop.timing.ticks(_SECONDS):
-        late.append(time.monotonic() - start - due)
-        loop.cycle()
-    return late, loop
+def _ours() -> tuple[list[float], RobotOwner]:
+    late: list[float] = []
+    with _owner(2 * _SECONDS) as owner:
+        timing = owner.timing
+        owner.observers.append(lambda state: late.append((time.monotonic() - timing._started) % timing.period))
+        while len(late) < _RATE * _SECONDS:
+            owner.turn()
+    return late, owner
 
 
 def _cpu_per_cycle() -> float:
     clock = [0.0]
-    loop = MotionLoop(_Table(), Follower(HEX7BOT), _RATE, clock=lambda: clock[0])
-    loop.cycle()
-    loop.follow(_trajectory(_CYCLES / _RATE))
-    begin = time.process_time()
-    for _ in range(_CYCLES):
-        clock[0] += 1.0 / _RATE
-        loop.cycle()
-    return (time.process_time() - begin) / _CYCLES
+
+    def sleep(seconds: float) -> None:
+        clock[0] += seconds
+
+    with _owner(_CYCLES / _RATE, clock=lambda: clock[0], sleep=sleep) as owner:
+        begin = time.process_time()
+        for _ in range(_CYCLES):
+            owner.turn()
+        return (time.process_time() - begin) / _CYCLES
 
 
 def run() -> list[str]:

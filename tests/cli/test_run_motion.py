@@ -1,15 +1,8 @@
 from __future__ import annotations
 
-import math
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.motion.arms import HOME, state
-
-from hexwire.cli.move import _wait
-from hexwire.cli.run_motion import _settle
-from hexwire.model.state import SentTarget
 
 
 def test_the_watchdog_stands_by_while_the_arm_moves_and_is_off_after(bench: Any) -> None:
@@ -107,21 +100,6 @@ def test_the_arm_stops_at_a_table_that_nobody_told_it_of(bench: Any) -> None:
         bench.clock.advance(0.1)
         bench.positions()
     assert max(abs(servo.motion.torque) for servo in bench.board.wire.servos) < 0.5
-
-
-def test_an_arm_that_does_not_say_where_it_is_has_not_arrived() -> None:
-    lost = state({"J2": math.nan})
-    timing = SimpleNamespace(ticks=lambda seconds: iter(range(3)))
-    loop: Any = SimpleNamespace(
-        timing=timing, cycle=lambda: None, state=lost, follower=SimpleNamespace(reason=None)
-    )
-    goal = {"J1": HOME["J1"], "J2": HOME["J2"]}
-    assert _settle(loop, list(goal), list(goal.values())) == "it is not known where J2 is"
-    robot: Any = SimpleNamespace(read=lambda: lost)
-    sent = SentTarget(tuple(goal.items()), 1.0)
-    why = _wait(robot, sent, math.radians(1.0), iter(range(3)), draw=False)
-    assert why.startswith("not arrived after ")
-    assert "J2 is nobody knows where" in why
 
 
 def test_a_picture_that_fails_does_not_change_how_a_motion_ends(

@@ -4,9 +4,6 @@ from typing import Any
 
 import pytest
 
-from hexwire.drivers.tools import Gripper
-from hexwire.model.state import SentTarget
-
 
 def test_pump(bench: Any) -> None:
     assert bench.ok("pump", "suck") == "pump on, valve shut\n"
@@ -38,15 +35,15 @@ def test_grip_says_why_the_arm_was_stopped_on_the_way(
     bench: Any, tripped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.ok("grip", "open")
-    send = Gripper.move
+    begin, step = bench.clock(), bench.board.step
 
-    def stopped(self: Gripper, share: float, duration: float = 0.8) -> SentTarget:
-        sent = send(self, share, duration)
-        self._robot.stop()
-        bench.board.state.watchdog_tripped = tripped
-        return sent
+    def stopped(now: float) -> None:
+        step(now)
+        if now > begin + 0.5:
+            bench.board.state.stopped = True
+            bench.board.state.watchdog_tripped = tripped
 
-    monkeypatch.setattr(Gripper, "move", stopped)
+    monkeypatch.setattr(bench.board, "step", stopped)
     result = bench.run("grip", "close")
     assert result.exit_code == 1
     why = "its watchdog tripped, because the host fell silent" if tripped else "it was told to"

@@ -1,21 +1,11 @@
 from __future__ import annotations
 
 import math
-import threading
-from itertools import pairwise
 
 import pytest
-from tests.drivers.arms import Arm
-from tests.motion import arms
-from tests.motion.arms import HOME, FakeRobot
 
-from hexwire.control.loop import MotionLoop, RateLoop
-from hexwire.errors import LimitError, LinkLostError, StoppedError, UsageError
-from hexwire.model.hex7bot import HEX7BOT
-from hexwire.model.state import JointState, JointTarget
-from hexwire.motion.follower import Follower
-from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import PointToPoint
+from hexwire.control.loop import RateLoop
+from hexwire.errors import UsageError
 
 
 class FakeTime:
@@ -121,134 +111,3 @@ def test_before_two_cycles_there_is_no_rate() -> None:
 def test_a_rate_that_is_none_is_refused(rate: float) -> None:
     with pytest.raises(UsageError, match="makes no sense"):
         RateLoop(rate)
-
-
-# -- the loop that moves a robot -----------------------------------------------------------------------
-
-
-def moving(rate: float = 20.0) -> tuple[MotionLoop, FakeRobot, arms.FakeTime]:
-    time = arms.FakeTime()
-    robot = FakeRobot(time)
-    loop = MotionLoop(robot, Follower(HEX7BOT), rate, clock=time.clock, sleep=time.sleep)
-    loop.run(0.1)
-    return loop, robot, time
-
-
-def way_of_j1(goal: float, seconds: float = 1.0) -> PointToPoint:
-    return PointToPoint(("J1",), Quintic((HOME["J1"],), (HOME["J1"] + goal,), seconds))
-
-
-def test_the_robot_follows_to_the_end() -> None:
-    loop, robot, _ = moving()
-    loop.follow(way_of_j1(0.8))
-    seen: list[float] = []
-    assert loop.run(5.0, until_done=True, each=lambda s: seen.append(s["J1"].position)) is None
-    assert loop.follower.done
-    loop.run(0.2)
-    assert robot.read()["J1"].position == pytest.approx(HOME["J1"] + 0.8)
-    assert seen == sorted(seen)
-    assert loop.timing.counters.late == 0
-
-
-def test_targets_are_sent_in_order_one_a_cycle() -> None:
-    loop, robot, _ = moving()
-    loop.follow(way_of_j1(0.8))
-    loop.run(5.0, until_done=True)
-    times = [t for t, _ in robot.targets]
-    assert all(b - a == pytest.approx(0.05) for a, b in pairwise(times))
-    assert all(target.duration == pytest.approx(0.075) for _, target in robot.targets)
-
-
-def test_a_jam_stops_the_robot() -> None:
-    loop, robot, _ = moving()
-    loop.follow(way_of_j1(0.8))
-    loop.run(0.3)
-    robot.jammed = {"J1": HOME["J1"] + 0.02}
-    reason = loop.run(5.0, until_done=True)
-    assert reason is not None
-    assert reason.kind == "collision"
-    assert robot.stops == 1
-    count = len(robot.targets)
-    loop.run(0.5)
-    assert len(robot.targets) == count, "nothing is sent to a stopped arm"
-
-
-def test_emergency_stop_reaches_the_robot_at_once_and_stays() -> None:
-    loop, robot, _ = moving()
-    loop.follow(way_of_j1(0.8))
-    loop.run(0.2)
-    count = len(robot.targets)
-    loop.emergency_stop("the red button")
-    assert robot.stops == 1
-    assert str(loop.run(1.0)) == "the red button"
-    assert len(robot.targets) == count
-    with pytest.raises(LimitError, match="red button"):
-        loop.set_point({"J1": HOME["J1"]})
-
-
-def test_emergency_stop_from_another_thread() -> None:
-    loop, robot, _ = moving()
-    loop.follow(way_of_j1(0.8))
-    thread = threading.Thread(target=loop.emergency_stop)
-    thread.start()
-    thread.join()
-    assert str(loop.run(1.0)) == "emergency stop"
-    assert robot.stops == 1
-
-
-def test_set_points_and_hold() -> None:
-    loop, robot, _ = moving()
-    loop.set_point({"J1": HOME["J1"] + 0.05})
-    loop.cycle()
-    assert robot.targets[-1][1].positions == (("J1", pytest.approx(HOME["J1"] + 0.05)),)
-    loop.hold()
-    count = len(robot.targets)
-    loop.run(0.5)
-    assert len(robot.targets) == count
-
-
-def test_a_stop_between_read_and_write_is_taken_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, robot, _ = moving()
-
-    def refuse(target: JointTarget) -> None:
-        raise StoppedError("JOINT_MOVE", 5, "the arm is stopped")
-
-    monkeypatch.setattr(robot, "write", refuse)
-    loop.follow(way_of_j1(0.8))
-    reason = loop.run(1.0, until_done=True)
-    assert reason is not None
-    assert reason.kind == "board"
-
-
-def test_a_robot_that_fails_is_stopped_and_the_error_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, robot, _ = moving()
-
-    def gone() -> JointState:
-        raise LinkLostError("unplugged")
-
-    monkeypatch.setattr(robot, "read", gone)
-    loop.follow(way_of_j1(0.8))
-    with pytest.raises(LinkLostError):
-        loop.run(1.0)
-    assert robot.stops == 1
-    assert loop.follower.reason is not None
-    assert loop.follower.reason.kind == "lost"
-
-
-def test_a_stop_voids_what_is_followed_though_it_is_resumed_at_once() -> None:
-    arm = Arm(2)
-    arm.driver.torque(True)
-    loop = MotionLoop(arm.driver, Follower(arm.driver.model), clock=arm.clock, sleep=arm.wait)
-    loop.cycle()
-    positions = arm.driver.read().positions
-    loop.set_point({"J4": positions["J4"] + 0.5})
-    loop.cycle()
-    # Another thread stops and resumes between two cycles, which no state shows.
-    arm.driver.stop()
-    arm.driver.resume()
-    held = arm.board.wire[3].registers.get("target_position")
-    reason = loop.run(1.0)
-    assert reason is not None
-    assert "stop" in str(reason)
-    assert arm.board.wire[3].registers.get("target_position") == held
-    assert arm.board.state.watchdog_timeout == 0

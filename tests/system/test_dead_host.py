@@ -209,7 +209,7 @@ def test_the_program_of_the_readme_stops_the_arm_when_it_is_killed(port: str) ->
 
 
 @pytest.mark.system
-def test_the_loop_of_the_motion_page_stops_the_arm_when_it_is_killed(port: str) -> None:
+def test_the_program_of_the_motion_page_stops_the_arm_when_it_is_killed(port: str) -> None:
     program = program_of("docs/motion.md", "board_process")
     program = program.replace(
         "with board_process() as port, hexwire.connect(port)", f"with hexwire.connect({port!r})"

@@ -37,7 +37,7 @@ from .exits import note
 from .model import NEGATIVE_NUMBERS, links_option
 from .output import answer
 from .plot import open_picture
-from .run_motion import MotionOptions, run_motion, torque_up
+from .run_motion import RunOptions, run_legs
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -62,7 +62,7 @@ _MOST_SETS = 1000
 
 
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--table``, ``--plot``, ``--dry-run`` and ``--rate``; the command gets them as ``run: MotionOptions``."""
+    """``--table``, ``--plot``, ``--dry-run`` and ``--rate``; the command gets them as ``run: RunOptions``."""
 
     @functools.wraps(command)
     def given(
@@ -78,7 +78,7 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         with _picture(plot, rest["force"], rest.get("save")) as picture:
             if "save" not in rest:
                 del rest["force"]
-            return command(*args, run=MotionOptions(table, picture, dry_run, rate, as_json), **rest)
+            return command(*args, run=RunOptions(table, picture, dry_run, rate, as_json), **rest)
 
     packed = json_option(force_option(given))
     for option in (
@@ -143,7 +143,7 @@ def goto(
     relative: bool,
     speed: float,
     links: str,
-    run: MotionOptions,
+    run: RunOptions,
     options: RobotOptions,
 ) -> None:
     """Move the tool tip to X Y Z the quickest way: millimetres for the 7Bot, metres for the PUMA 260.
@@ -164,7 +164,7 @@ def goto(
         limits = [min(1.0, speed / 100) * robot.model.joint(n).max_speed for n in joints]
         way = time_optimal(names, angles, solution.angles, limits, [_ACCELERATION] * len(names))
         title = f"goto {_place_words(model, goal)}"
-        run_motion(robot, [(title, InJoints(way, model))], model, start, run, title)
+        run_legs(robot, [(title, InJoints(way, model))], model, start, run, title)
 
 
 @click.command(context_settings=NEGATIVE_NUMBERS)
@@ -188,7 +188,7 @@ def line(
     relative: bool,
     speed: float,
     links: str,
-    run: MotionOptions,
+    run: RunOptions,
     options: RobotOptions,
 ) -> None:
     """Move the tool tip to X Y Z on a straight line: millimetres for the 7Bot, metres for the PUMA 260.
@@ -208,7 +208,7 @@ def line(
             goal = Pose(goal.position, model.forward(angles).rotation)
         way = Line(model, angles, goal, speed=speed / 1000, acceleration=max(0.1, 4 * speed / 1000))
         title = f"line to {_place_words(model, goal)}"
-        run_motion(robot, [(title, InJoints(way, model))], model, start, run, title)
+        run_legs(robot, [(title, InJoints(way, model))], model, start, run, title)
 
 
 @click.command()
@@ -252,7 +252,7 @@ def play(
     save: str | None,
     force: bool,
     links: str,
-    run: MotionOptions,
+    run: RunOptions,
     options: RobotOptions,
 ) -> None:
     """Play a recording (.mcap), or waypoints (.json in the form of ROS's JointTrajectory).
@@ -297,7 +297,7 @@ def play(
                 legs.append(("approach", first))
             legs.append((f"play {Path(file).name}", way))
             here = way.goal
-        run_motion(robot, legs, model, start, run, f"play {Path(file).name}")
+        run_legs(robot, legs, model, start, run, f"play {Path(file).name}")
 
 
 @click.command()
@@ -352,6 +352,7 @@ def _record_by_hand(
 ) -> None:
     """Torque off, record until it ends, torque on."""
     from hexwire.control.loop import RateLoop
+    from hexwire.control.power import give_torque
 
     # A rate that makes no sense is refused while the arm still has its torque.
     loop = RateLoop(rate or robot.command_rate)
@@ -366,7 +367,7 @@ def _record_by_hand(
         pass
     finally:
         if not limp:
-            torque_up(robot, robot.model.names)
+            give_torque(robot, robot.model.names, robot.read())
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:

@@ -1,12 +1,12 @@
 """`move`: joints to angles in degrees, and perhaps until they are there.
 
-Owns what a person types as a target and how an arrival is judged. Must not know how a target is sent.
+Owns what a person types as a target, and what is said of it. Must not know how it is checked, sent or reached.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
@@ -24,27 +24,19 @@ from .common import (
     refuse_table,
     robot_options,
     table_options,
-    watched,
 )
 from .exits import note, shielded
 from .model import links_option
 from .output import print_json, say
 
 if TYPE_CHECKING:
+    from hexwire.control.motions import MotionResult
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
-    from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.state import JointState, JointTarget, SentTarget
+    from hexwire.model.state import JointState, SentTarget
 
-__all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets"]
+__all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets", "unwatched_note"]
 
-_RATE = 20.0
-_LOOK = 0.1
-"""Seconds between two looks that tell whether a joint stands."""
-_FLICKER = math.radians(0.2)
-"""Two counts: less is no motion."""
-_AHEAD = 1.5
-"""Steps that a target is sent ahead where the way is sent in steps, so that a late one is no pause."""
 _GRACE = 2.0
 """Seconds that the joints get beyond the duration of the move: servos settle, and lag under load."""
 
@@ -92,47 +84,63 @@ def move(
     dialect 1 and a servo bus have no watchdog: there --wait sends the way in short steps, so that little of it is
     left to do if this program dies.
     """
-    from hexwire.control.loop import RateLoop
+    from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.errors import ServoError
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.model.state import JointTarget
 
     angles = parse_targets(targets)
     robot = make_robot(options)
-    goal = check_targets(robot.model, angles)
-    target = JointTarget.of(goal, duration)
+    target = JointTarget.of(check_targets(robot.model, angles), duration)
     kinematics = kinematics_or_none(robot.model.name, links, for_motion=True)
     if kinematics is None:
         refuse_table(robot.model)
     tell: Callable[[str], object] = (lambda _: None) if as_json else say
-    shortfall = ""
+    how = MotionOptions(kinematics=kinematics, table=table, tolerance=math.radians(tolerance), grace=_GRACE)
 
-    def tell_sent(sent: SentTarget) -> None:
-        words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
-        tell(f"moving to: {words} deg in {sent.duration:.2f} s")
-        if sent.clamped:
-            note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
+    with _progress() if wait and on_terminal() and not as_json else nullcontext(lambda *_: None) as show:
 
-    with attached(robot), hold_on_ctrl_c(robot):
-        switched_on = _torque_on(robot, list(goal), _check_way(robot, goal, kinematics, table))
-        if switched_on:
-            tell(f"torque on: {' '.join(switched_on)}")
-        if wait:
-            step = 1.0 / robot.command_rate
-            with watched(robot, _AHEAD * step) as covered:
-                sent = robot.write(target) if covered else _in_steps(robot, target, step, tell_sent)
-                if covered:
-                    tell_sent(sent)
-                ticks = RateLoop(_RATE).ticks((sent.duration if covered else 0.0) + _GRACE)
-                shortfall = _wait(robot, sent, math.radians(tolerance), ticks, draw=on_terminal() and not as_json)
-        else:
-            sent = robot.write(target)
-            tell_sent(sent)
-        if as_json:
-            print_json(_as_json(robot, sent, switched_on, not shortfall if wait else None))
-    raise_if_silent([(robot.model.joint(name).servo_id, name) for name in sent.silent])
-    if shortfall:
-        raise ServoError(shortfall)
+        class Teller(MotionObserver):
+            goal: Mapping[str, float] = {}
+            farthest = 0.0
+
+            def unchecked(self, joints: Sequence[str]) -> None:
+                note(f"warning: it is not known where {', '.join(joints)} is: gates and table are not checked")
+
+            def powered(self, joints: Sequence[str]) -> None:
+                tell(f"torque on: {' '.join(joints)}")
+
+            def unwatched(self, seconds: float) -> None:
+                unwatched_note(robot, seconds)
+
+            def sent(self, sent: SentTarget) -> None:
+                self.goal = dict(sent.positions)
+                words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
+                tell(f"moving to: {words} deg in {sent.duration:.2f} s")
+                if sent.clamped:
+                    note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
+
+            def seen(self, state: JointState) -> None:
+                left = state.distances(self.goal)
+                if left:
+                    name = max(left, key=lambda name: left[name])
+                    self.farthest = max(self.farthest, left[name])
+                    share = 1.0 if not self.farthest else 1.0 - left[name] / self.farthest
+                    show(share if math.isfinite(share) else 0.0, f"{name} {math.degrees(left[name]):.1f} deg to go")
+
+        with attached(robot), hold_on_ctrl_c(robot):
+            result = run_motion(robot, target, how, wait=wait, observer=Teller())
+            if as_json:
+                print_json(_as_json(robot, result))
+    if result.sent is not None:
+        raise_if_silent([(robot.model.joint(name).servo_id, name) for name in result.sent.silent])
+    if result.stopped is not None:
+        why = f"the arm was stopped before it arrived: {result.stopped}"
+        raise ServoError(f"{why}; 'hexwire resume' ends that")
+    if result.limp:
+        raise ServoError(result.why)
+    if result.arrived is False:
+        raise ServoError(_shortfall(result))
     if wait:
         tell("arrived")
 
@@ -209,127 +217,24 @@ def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
         raise
 
 
-def _check_way(
-    robot: RobotDriver, goal: Mapping[str, float], kinematics: KinematicModel | None, table: float | None
-) -> JointState:
-    """Refuse a way through gates or table; returns where the joints are.
-
-    Raises:
-        LimitError: Nothing was sent.
-        UsageError: Other joints are still under way, so that nobody can say where the arm will be.
-    """
-    from hexwire.control.loop import RateLoop
-    from hexwire.errors import UsageError
-    from hexwire.motion.checks import check_move
-
-    if kinematics is None or goal.keys().isdisjoint(kinematics.joint_names):
-        return robot.read()
-    looks = [robot.read() for _ in RateLoop(1.0 / _LOOK).ticks(1.5 * _LOOK)]
-    if len(looks) < 2:
-        # One has taken so long, as with a board of dialect 1.
-        looks.append(robot.read())
-    state = looks[-1]
-    unknown = [name for name in kinematics.joint_names if not math.isfinite(state[name].position)]
-    if unknown:
-        # One that is to be moved is an error of its own.
-        if others := [name for name in unknown if name not in goal]:
-            note(f"warning: it is not known where {', '.join(others)} is: gates and table are not checked")
-        return state
-    turned = [
-        name
-        for name in kinematics.joint_names
-        if name not in goal and not abs(state[name].position - looks[0][name].position) <= _FLICKER
-    ]
-    if turned:
-        words = f"still turning: {', '.join(turned)}; wait until the arm stands, or name all in one move"
-        raise UsageError(f"{words}; nothing was sent")
-    check_move(state.positions, goal, kinematics, table)
-    return state
+def unwatched_note(robot: RobotDriver, seconds: float) -> None:
+    """Say that nothing stops the arm if this program dies."""
+    note(
+        f"note: {robot.model.name} has no watchdog behind this port: "
+        f"if this program dies, the arm goes on with what it was sent, for up to {seconds:.2g} s"
+    )
 
 
-def _torque_on(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:
-    """Give torque to those of the joints that have none; returns their names."""
-    missing = [name for name in names if name not in state.torque_on]
-    if not missing:
-        return ()
-    confirmed = robot.torque(True, missing)
-    raise_if_silent([(robot.model.joint(name).servo_id, name) for name in missing if name not in confirmed])
-    return confirmed
-
-
-def _in_steps(
-    robot: RobotDriver, target: JointTarget, step: float, tell: Callable[[SentTarget], object]
-) -> SentTarget:
-    """Lead joints to a target by short ways on the straight line; returns when the last is sent.
-
-    Args:
-        robot: Attached.
-        target: Where to.
-        step: Seconds between two ways.
-        tell: Told what will be sent before the first is.
-    """
-    from hexwire.control.loop import RateLoop
-    from hexwire.model.state import JointTarget, SentTarget
-    from hexwire.motion.limits import check_target
-
-    start = robot.read().positions
-    checked = check_target(robot.model, target, start)
-    goal, duration = dict(checked.positions), checked.duration
-    tell(SentTarget(checked.positions, duration))
-    # Nobody can lead a joint from where it is not known to be: it is sent to its end.
-    start = {name: start[name] if math.isfinite(start[name]) else goal[name] for name in goal}
-    silent: dict[str, None] = {}
-    for t in RateLoop(1.0 / step).ticks(duration):
-        share = min(1.0, (t + step) / duration) if duration > 0 else 1.0
-        place = {name: start[name] + share * (goal[name] - start[name]) for name in goal}
-        sent = robot.write(JointTarget.of(place, _AHEAD * step))
-        silent |= dict.fromkeys(sent.silent)
-    sent = robot.write(JointTarget.of(goal, step))
-    return SentTarget(sent.positions, duration, sent.clamped, tuple(silent | dict.fromkeys(sent.silent)))
-
-
-def _wait(robot: RobotDriver, sent: SentTarget, tolerance: float, ticks: Iterable[float], *, draw: bool) -> str:
-    """Wait until the joints are there; returns why they are not, or nothing."""
-    from hexwire.motion.safety import board_stop
-
-    goal = dict(sent.positions)
-    way = 0.0
-    state: JointState | None = None
-    with _progress() if draw else nullcontext(lambda *_: None) as show:
-        for _ in ticks:
-            state = robot.read()
-            left = state.distances(goal)
-            farthest = max(left, key=lambda name: left[name])
-            way = max(way, left[farthest])
-            show(
-                0.0 if way == math.inf else 1.0 - left[farthest] / way if way else 1.0,
-                f"{farthest} {math.degrees(left[farthest]):.1f} deg to go",
-            )
-            if left[farthest] <= tolerance:
-                return ""
-            found = board_stop(state)
-            if found is not None:
-                return f"the arm was stopped before it arrived: {found}; 'hexwire resume' ends that"
-            limp = [name for name in goal if name not in state.torque_on]
-            if limp:
-                return f"{', '.join(limp)} lost the torque before it arrived"
-    if state is None:
-        return "there was no time to arrive in"
-    return _shortfall(state, goal, tolerance, sent.duration + _GRACE)
-
-
-def _shortfall(state: JointState, goal: dict[str, float], tolerance: float, seconds: float) -> str:
+def _shortfall(result: MotionResult) -> str:
     from .state import condition
 
     parts = []
-    for name, way in state.distances(goal).items():
-        if way > tolerance:
-            why = condition(state[name])
-            where = (
-                f"{name} is {math.degrees(way):.1f} deg away" if way < math.inf else f"{name} is nobody knows where"
-            )
-            parts.append(where + ("" if why == "ok" else f" ({why})"))
-    return f"not arrived after {seconds:.1f} s: {', '.join(parts)}"
+    for row in result.off:
+        why = "ok" if result.state is None else condition(result.state[row.joint])
+        far = math.degrees(row.by)
+        where = f"{row.joint} is {far:.1f} deg away" if row.by < math.inf else f"{row.joint} is nobody knows where"
+        parts.append(where + ("" if why == "ok" else f" ({why})"))
+    return f"not arrived after {result.seconds:.1f} s: {', '.join(parts)}"
 
 
 @contextmanager
@@ -341,18 +246,17 @@ def _progress() -> Iterator[Callable[[float, str], None]]:
         yield lambda share, text: bar.update(task, completed=share, description=text)
 
 
-def _as_json(
-    robot: RobotDriver, sent: SentTarget, switched_on: tuple[str, ...], arrived: bool | None
-) -> dict[str, object]:
+def _as_json(robot: RobotDriver, result: MotionResult) -> dict[str, object]:
+    sent = result.sent
     return {
         "sent": [
             {"name": name, "position_rad": angle, "position_deg": math.degrees(angle)}
-            for name, angle in sent.positions
+            for name, angle in (sent.positions if sent is not None else ())
         ],
-        "duration_s": sent.duration,
-        "torque_switched_on": switched_on,
-        "clamped": sent.clamped,
-        "silent": sent.silent,
-        "arrived": arrived,
-        "joints": None if arrived is None else [joint_json(joint, robot.model) for joint in robot.read()],
+        "duration_s": sent.duration if sent is not None else None,
+        "torque_switched_on": result.powered,
+        "clamped": sent.clamped if sent is not None else (),
+        "silent": sent.silent if sent is not None else (),
+        "arrived": result.arrived,
+        "joints": (None if result.arrived is None else [joint_json(joint, robot.model) for joint in robot.read()]),
     }

@@ -1,6 +1,6 @@
-"""How the motion commands run a trajectory: checked as a whole, guarded, drawn, told.
+"""How the motion commands show a motion: told before, drawn, and how it ended.
 
-Owns the order: check, torque, watchdog, motion, watchdog off. Must not know where a trajectory comes from.
+Owns the words and the picture. Must not know how a motion is checked or run.
 """
 
 from __future__ import annotations
@@ -10,17 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import ServoError
 from hexwire.link.tap import Missed
 
-from .common import watched
 from .exits import note, tell_missed
-from .move import hold_on_ctrl_c
+from .move import hold_on_ctrl_c, unwatched_note
 from .output import print_json, say
 from .plot import MotionPlot
 
 if TYPE_CHECKING:
-    from hexwire.control.loop import MotionLoop
+    from hexwire.control.motions import CheckedPath, MotionOptions
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
@@ -28,14 +27,11 @@ if TYPE_CHECKING:
     from hexwire.motion.waypoints import Trajectory
     from hexwire.new_file import OutputFile
 
-__all__ = ["MotionOptions", "run_motion", "torque_up"]
-
-_SETTLE = 3.0
-_ARRIVED = math.radians(1.5)
+__all__ = ["RunOptions", "run_legs"]
 
 
 @dataclass(frozen=True, slots=True)
-class MotionOptions:
+class RunOptions:
     """What all motion commands share.
 
     Attributes:
@@ -53,27 +49,12 @@ class MotionOptions:
     as_json: bool
 
 
-def torque_up(robot: RobotDriver, names: Sequence[str]) -> None:
-    """Give torque to those joints that have none; nothing moves by it.
-
-    Raises:
-        ServoError: A joint did not confirm it.
-    """
-    have = robot.read().torque_on
-    missing = [name for name in names if name not in have]
-    if missing:
-        confirmed = robot.torque(True, missing)
-        limp = [name for name in missing if name not in confirmed]
-        if limp:
-            raise ServoError(f"no torque on {', '.join(limp)}: check cable, power and id")
-
-
-def run_motion(
+def run_legs(
     robot: RobotDriver,
     legs: Sequence[tuple[str, Trajectory]],
     model: KinematicModel | None,
     start: Mapping[str, float],
-    options: MotionOptions,
+    options: RunOptions,
     title: str,
 ) -> None:
     """Check every leg, then run them one after the other.
@@ -81,31 +62,32 @@ def run_motion(
     Args:
         robot: Attached.
         legs: Pairs of what it is and the trajectory, in driver joints; each begins where the one before ends.
-        model: Kinematics for gates, table and path; None without.
+        model: Kinematics for coupling limits, table and path; None without.
         start: Where all joints are, radians.
         options: As typed.
         title: For the picture.
 
     Raises:
-        LimitError: A leg must not be run; nothing was sent.
+        UsageError: A leg must not be run; nothing was sent.
         ServoError: The arm was stopped, or did not arrive.
     """
-    from hexwire.motion.checks import check_trajectory
+    from hexwire.control.motions import MotionOptions, check_path
 
-    where = dict(start)
-    told: list[dict[str, object]] = []
-    for name, leg in legs:
-        report = check_trajectory(leg, robot.model, model, others=where, table=options.table).require()
+    how = MotionOptions(kinematics=model, table=options.table, rate=options.rate or 0.0)
+    path = check_path(robot, [leg for _, leg in legs], how, start=start)
+    told = []
+    for (name, _), report in zip(legs, path.reports, strict=True):
         told.append(_as_json(name, report))
         if not options.as_json:
             say(f"{name}: {_in_words(report)}")
-        where.update(zip(leg.names, leg.goal, strict=True))
-    plot = _planned(legs, model, start, title)
+    plot = _planned(path.legs, model, start, title)
     missed = Missed()
     outcome: dict[str, object] = {"legs": told, "arrived": None if options.dry_run else False, "plot": None}
     try:
         if not options.dry_run:
-            _drive(robot, legs, model, options, plot, missed)
+            _drive(robot, path, how, plot, missed)
+            if not options.as_json:
+                say("arrived")
             outcome["arrived"] = True
     finally:
         if options.plot is not None:
@@ -141,14 +123,12 @@ def _in_words(report: MotionReport) -> str:
 
 
 def _planned(
-    legs: Sequence[tuple[str, Trajectory]], model: KinematicModel | None, start: Mapping[str, float], title: str
+    legs: Sequence[Trajectory], model: KinematicModel | None, start: Mapping[str, float], title: str
 ) -> MotionPlot:
-    names = legs[0][1].names
+    names = legs[0].names
     plot = MotionPlot(names, title)
     begin = 0.0
-    for _, leg in legs:
-        if leg.names != names:
-            raise UsageError("the legs of a motion must move the same joints")
+    for leg in legs:
         for t, sample in leg.samples(max(leg.duration / 200, 1e-3)):
             plot.planned.append((begin + t, sample.position))
             if model is not None:
@@ -158,69 +138,33 @@ def _planned(
     return plot
 
 
-def _drive(
-    robot: RobotDriver,
-    legs: Sequence[tuple[str, Trajectory]],
-    model: KinematicModel | None,
-    options: MotionOptions,
-    plot: MotionPlot,
-    missed: Missed,
-) -> None:
-    from hexwire.control.loop import MotionLoop
-    from hexwire.motion.follower import Follower
-    from hexwire.motion.safety import SafetyLimits
+def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: MotionPlot, missed: Missed) -> None:
+    from hexwire.control.motions import MotionObserver, run_motion
 
-    names = legs[0][1].names
-    rate = options.rate or robot.command_rate
-    loop = MotionLoop(robot, Follower(robot.model, SafetyLimits.at_period(1.0 / rate)), rate)
-    began = 0.0
+    names, model = path.legs[0].names, how.kinematics
+    began: list[float] = []
 
     @missed.guard
-    def seen(state: JointState) -> None:
+    def draw(state: JointState) -> None:
         positions = state.positions
-        plot.measured.append((state.stamp - began, [positions[name] for name in names]))
+        began.append(state.stamp)
+        plot.measured.append((state.stamp - began[0], [positions[name] for name in names]))
         if model is not None:
             plot.way.append(model.forward(model.from_joints(positions)).position)
 
-    # On Ctrl-C the stop comes first, and the watchdog goes off after it.
-    with watched(robot, loop.lead, loop.timing.period), hold_on_ctrl_c(robot):
-        torque_up(robot, names)
-        loop.cycle()
-        began = loop.state.stamp if loop.state else 0.0
-        for _, leg in legs:
-            # Stopped before it began: the reason is told below.
-            if loop.follower.reason is not None:
-                break
-            loop.follow(leg)
-            reason = loop.run(until_done=True, each=seen)
-            if reason is None:
-                reason = loop.run(loop.lead, each=seen)
-            if reason is not None:
-                break
-        off = _settle(loop, names, legs[-1][1].goal)
-    if loop.follower.reason is not None:
-        raise ServoError(f"stopped: {loop.follower.reason}; 'hexwire resume' ends that")
-    counters = loop.timing.counters
-    if counters.skipped:
-        note(f"warning: line or machine are too slow for {rate:g} Hz; {counters.skipped} cycles were left out")
-    if off:
-        raise ServoError(f"did not arrive: {off}")
-    if not options.as_json:
-        say("arrived")
+    class Watcher(MotionObserver):
+        def unwatched(self, seconds: float) -> None:
+            unwatched_note(robot, seconds)
 
+        def seen(self, state: JointState) -> None:
+            draw(state)
 
-def _settle(loop: MotionLoop, names: Sequence[str], goal: Sequence[float]) -> str:
-    """Wait until the joints stand at the goal; returns which do not."""
-    off: dict[str, float] = {}
-    for _ in loop.timing.ticks(_SETTLE):
-        loop.cycle()
-        if loop.state is None or loop.follower.reason is not None:
-            break
-        ways = loop.state.distances(dict(zip(names, goal, strict=True)))
-        off = {name: way for name, way in ways.items() if way > _ARRIVED}
-        if not off:
-            return ""
-    return ", ".join(
-        f"{name} is {math.degrees(way):.1f} deg off" if way < math.inf else f"it is not known where {name} is"
-        for name, way in off.items()
-    )
+    # On Ctrl-C the stop comes first.
+    with hold_on_ctrl_c(robot):
+        result = run_motion(robot, path, how, observer=Watcher())
+    if result.stopped is not None:
+        raise ServoError(f"{result.why}; 'hexwire resume' ends that")
+    if skipped := result.timing.skipped:
+        rate = how.rate or robot.command_rate
+        note(f"warning: line or machine are too slow for {rate:g} Hz; {skipped} cycles were left out")
+    result.require()

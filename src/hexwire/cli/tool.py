@@ -12,13 +12,19 @@ import click
 
 from hexwire.errors import DeviceError, ServoError
 
-from .common import FiniteFloat, RobotOptions, json_option, open_robot, robot_options, watched
+from .common import FiniteFloat, RobotOptions, json_option, open_robot, robot_options
+from .move import hold_on_ctrl_c, unwatched_note
 from .output import answer, plain
 
 __all__ = ["grip", "pump"]
 
-_RATE = 20.0
-_SETTLE = 0.5
+_NAMED = {"open": 1.0, "close": 0.0}
+_GRACE = 0.5
+"""Seconds beyond its time in which the gripper must arrive."""
+_NEAR = 0.1
+"""Share of its way that it may be off."""
+_STANDS = math.radians(3.0)
+"""Radians per second below which it stands."""
 _PRESSED = 3
 """Reads in a row that show pressure without motion."""
 
@@ -41,46 +47,53 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
     Closing ends where something is between the jaws, and keeps a little pressure on it. The board stops the gripper
     if this program dies, where it has a watchdog.
     """
-    from hexwire.control.loop import RateLoop
+    from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.drivers.tools import Gripper
-    from hexwire.motion.safety import board_stop
+    from hexwire.model.state import JointState, JointTarget
 
-    share = {"open": 1.0, "close": 0.0}.get(how)
-    if share is None:
+    share: float
+    if how in _NAMED:
+        share = _NAMED[how]
+    else:
         share = FiniteFloat("percent", minimum=0).convert(how.removesuffix("%"), None, None) / 100
-    with open_robot(options) as robot, watched(robot, duration, 1 / _RATE):
+    with open_robot(options) as robot:
         gripper = Gripper(robot)
-        angle = gripper.angle(share)
-        if gripper.joint.name not in robot.read().torque_on:
-            robot.torque(True, [gripper.joint.name])
-        sent = gripper.move(share, duration)
-        state = robot.read()
-        closing = share < gripper.share(state)
-        pressed = 0
-        for _ in RateLoop(_RATE).ticks(sent.duration + _SETTLE):
-            state = robot.read()
-            found = board_stop(state)
-            if found is not None:
-                raise DeviceError(f"stopped: {found}; 'hexwire resume' ends that")
+        joint = gripper.joint
+        target = JointTarget.of({joint.name: gripper.angle(share)}, duration)
+        pressed, closing = 0, False
+
+        class Teller(MotionObserver):
+            def unwatched(self, seconds: float) -> None:
+                unwatched_note(robot, seconds)
+
+            def started(self, timing: object) -> None:
+                nonlocal closing
+                closing = share < gripper.share(robot.read())
+
+        def holds(state: JointState) -> bool:
+            nonlocal pressed
             # Once may be the start of the motion, which takes effort as well.
             pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
             if pressed >= _PRESSED:
                 gripper.keep(state)
-                opened = gripper.share(state)
-                words = f"holds something at {plain(100 * opened, 0)} % open"
-                answer(as_json, {"open_fraction": opened, "holds": True}, words)
-                return
-            if abs(state[gripper.joint.name].position - angle) < gripper.joint.scale * 5:
-                break
-        if not math.isfinite(gripper.share(state)):
+            return pressed >= _PRESSED
+
+        near = _NEAR * (joint.maximum - joint.minimum)
+        with hold_on_ctrl_c(robot):
+            how_to = MotionOptions(tolerance=near, standing=_STANDS, grace=_GRACE, early=False)
+            result = run_motion(robot, target, how_to, until=holds, observer=Teller())
+        if result.stopped is not None:
+            raise DeviceError(f"{result.why}; 'hexwire resume' ends that")
+        opened = math.nan if result.state is None else gripper.share(result.state)
+        if not math.isfinite(opened):
             raise ServoError(
-                f"it is not known where {gripper.joint.name} is: no answer; check cable, power and id",
-                servo_id=gripper.joint.servo_id,
+                f"it is not known where {joint.name} is: no answer; check cable, power and id",
+                servo_id=joint.servo_id,
             )
-        opened = gripper.share(state)
-        answer(as_json, {"open_fraction": opened, "holds": False}, f"{plain(100 * opened, 0)} % open")
-        if not abs(gripper.share(state) - share) <= 0.1:
-            raise ServoError(f"{gripper.joint.name} did not get there", servo_id=gripper.joint.servo_id)
+        words = f"{'holds something at ' if result.cut else ''}{plain(100 * opened, 0)} % open"
+        answer(as_json, {"open_fraction": opened, "holds": result.cut}, words)
+        if not result.cut and not result.arrived:
+            raise ServoError(f"{joint.name} did not get there", servo_id=joint.servo_id)
 
 
 @click.command()

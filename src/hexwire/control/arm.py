@@ -20,7 +20,9 @@ from .controller import TrajectoryController
 from .diagnostics import Facts
 from .outcomes import Reason
 from .owner import RobotOwner
-from .teach_mode import Lessons, switch_torque
+from .path_check import PathCheck
+from .power import switch_torque
+from .teach_mode import Lessons
 from .waiting import Alone, Waiter
 
 if TYPE_CHECKING:
@@ -221,9 +223,10 @@ class Arm:
         with hardware.locked():
             self.lessons.refuse()
             state, now = hardware.newest(), hardware.now()
+            path = PathCheck(self.settings.model, self.settings.kinematics, self.settings.table)
             for key, share in shares.items():
                 self.controllers[key].check_set_points(share, state)
-            self._check_posture(positions, state)
+            path.posture(state.positions, positions)
             for key, share in shares.items():
                 self.controllers[key].set_points(share, state, now)
         hardware.deliver()
@@ -354,15 +357,6 @@ class Arm:
         """What the other controllers have left to follow at a time."""
         ways = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
         return [way for way in ways if way is not None]
-
-    def _check_posture(self, positions: Mapping[str, float], state: JointState) -> None:
-        """Refuse to go where the arm as a whole must not be; on the way there the group watches."""
-        kinematics = self.settings.kinematics
-        if kinematics is None or positions.keys().isdisjoint(kinematics.joint_names):
-            return
-        fence = Fence(kinematics, self.settings.table)
-        if found := fence.check_end(state.positions, {**state.positions, **positions}):
-            raise UsageError(f"{'; '.join(found.values())}; nothing was sent")
 
     def _alone(self) -> Alone:
         return Alone(self._busy)

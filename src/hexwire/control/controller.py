@@ -18,10 +18,10 @@ from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
-from .arrival import Arrival, Verdict
+from .arrival import Arrival, Deviation, Verdict
 from .goals import Point, check_order, make_trajectory
 from .outcomes import Ended, Goal, Outcome, Progress, Reason
-from .path_check import Ways
+from .path_check import PathCheck
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -82,6 +82,7 @@ class TrajectoryController:
     Attributes:
         settings: As given.
         follower: What the joints are told.
+        off: Joints that were not at the goal when that was judged last, worst first.
     """
 
     def __init__(
@@ -96,7 +97,8 @@ class TrajectoryController:
     ) -> None:
         self.settings = settings
         self.follower = Follower(arm, limits, lost_after=command_timeout)
-        self._arm, self._ways = arm, Ways(arm, kinematics, table)
+        self._check = PathCheck(arm, kinematics, table)
+        self.off: tuple[Deviation, ...] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
         self._pending: _Pending | None = None
@@ -208,7 +210,7 @@ class TrajectoryController:
             GoalError: It must not be run.
         """
         self._refuse_unready(trajectory.names, state)
-        self._ways.check(trajectory, state.positions, meanwhile)
+        self._check.trajectory(trajectory, state.positions, meanwhile)
 
     def accept(
         self,
@@ -285,8 +287,7 @@ class TrajectoryController:
         """Refuse what `set_points` would; changes nothing."""
         self._refuse_if_stopped()
         self._refuse_unready(positions, state)
-        for name, angle in positions.items():
-            self._arm.joint(name).check(angle)
+        self._check.limits(positions)
         self.follower.observe(state)
         try:
             self.follower.desired(tuple(positions), 0.0)
@@ -353,7 +354,7 @@ class TrajectoryController:
             active.begins, active.arrival.ends = begins, now + self.follower.remaining(now)
 
     def _take_over(self, trajectory: Trajectory, state: JointState, now: float) -> None:
-        self._ways.check_takeover(self.follower.takeover(trajectory, now), state.positions)
+        self._check.takeover(self.follower.takeover(trajectory, now), state.positions)
         self.follower.follow(trajectory, now)
 
     def _due(
@@ -381,7 +382,7 @@ class TrajectoryController:
                     return make_trajectory(there, self.joints, start)[0]
             order = replace(order, delay=delay)
         trajectory, _ = make_trajectory(order, self.joints, start)
-        self._ways.check_bridge(trajectory, state.positions, meanwhile, late=order.delay < 0.0)
+        self._check.bridge(trajectory, state.positions, meanwhile, late=order.delay < 0.0)
         return trajectory
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
@@ -415,6 +416,7 @@ class TrajectoryController:
             self._active = None
         else:
             verdict = active.arrival.judge(now, self.joints, desired, position, speed, oldest)
+            self.off = active.arrival.off
             if verdict is Verdict.ARRIVED:
                 self._end(Outcome.SUCCEEDED, Reason.REACHED)
             elif verdict is Verdict.MISSED:

@@ -151,9 +151,8 @@ class RobotOwner:
             DeviceError: Nobody answers, or not what was expected.
         """
         self._turning = threading.get_ident()
-        if self._borrowed:
-            self._begin(self.robot.read())
-            return
+        if self._borrowed and not self.connected:
+            self._begin()
         deadline, said = self._clock() + timeout, ""
         while not self.connected:
             try:
@@ -232,9 +231,15 @@ class RobotOwner:
         return self._wanted_watchdog if self.robot.watchdog_armed else 0.0
 
     @property
-    def timing(self) -> RateLoop | None:
-        """The loop behind the turns, where the robot is asked for its states; None where it reports them."""
-        return self._reader.timing if self._reader is not None else None
+    def timing(self) -> RateLoop:
+        """The loop behind the turns of a robot that is asked for its states.
+
+        Raises:
+            UsageError: There was no turn yet.
+        """
+        if self._reader is None:
+            raise UsageError("there was no turn yet")
+        return self._reader.timing
 
     @property
     def rate(self) -> float:
@@ -406,12 +411,12 @@ class RobotOwner:
             with suppress(HexwireError):
                 self.robot.detach()
             raise
-        self._begin(state)
+        self._begin()
+        self._take(state)
 
-    def _begin(self, state: JointState) -> None:
+    def _begin(self) -> None:
         self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
         self._reader, self.connected, self.error = None, True, ""
-        self._take(state)
 
     def _begin_reading(self) -> StateReader:
         # First, since arming a watchdog makes the board forget that it tripped.

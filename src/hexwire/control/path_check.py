@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, LimitError
-from hexwire.motion.checks import check_trajectory
+from hexwire.motion.checks import check_move, check_trajectory
 from hexwire.motion.fence import Fence
 from hexwire.motion.waypoints import Spline, Tail
 
@@ -19,9 +19,10 @@ from .outcomes import Reason
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
+    from hexwire.motion.checks import MotionReport
     from hexwire.motion.waypoints import Trajectory
 
-__all__ = ["Ways"]
+__all__ = ["PathCheck"]
 
 _BRIDGE_SAMPLES = 20
 _BRIDGE_STEP = 0.01
@@ -32,7 +33,7 @@ _BRIDGE_GRACE = 1.1
 """What the way to the first point may be faster than a joint's limit, since a motion at the limit begins late."""
 
 
-class Ways:
+class PathCheck:
     """Checks ways of an arm.
 
     Args:
@@ -47,30 +48,75 @@ class Ways:
             arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
         )
 
-    def check(
-        self, trajectory: Trajectory, others: Mapping[str, float], meanwhile: Sequence[Trajectory] = ()
-    ) -> None:
-        """Limits, speeds, gates and the table all along a trajectory.
+    def limits(self, goal: Mapping[str, float]) -> None:
+        """Every joint exists, and its angle in radians is within its limits.
+
+        Raises:
+            LimitError: One is not.
+            UsageError: There is no such joint.
+        """
+        for name, angle in goal.items():
+            self._arm.joint(name).check(angle)
+
+    def target(self, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        """Limits; joint coupling limits and the table on the straight path of joints to a goal.
 
         Args:
-            trajectory: What shall be followed.
+            here: Where all joints are, radians.
+            goal: Where some of them are to go, radians.
+
+        Raises:
+            LimitError: The path is not allowed.
+            UsageError: It is unknown where a joint is.
+        """
+        self.limits(goal)
+        if self._kinematics is not None:
+            check_move(here, goal, self._kinematics, self._table)
+
+    def posture(self, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        """Limits; joint coupling limits and the table where the arm is to stay.
+
+        Args:
+            here: Where all joints are, radians.
+            goal: Where some of them are to go, radians.
+
+        Raises:
+            LimitError: It is not allowed there.
+        """
+        self.limits(goal)
+        if self._kinematics is None or goal.keys().isdisjoint(self._kinematics.joint_names):
+            return
+        fence = Fence(self._kinematics, self._table)
+        if found := fence.check_end(here, {**here, **goal}):
+            raise LimitError(f"{'; '.join(found.values())}; nothing was sent")
+
+    def trajectory(
+        self, trajectory: Trajectory, others: Mapping[str, float], meanwhile: Sequence[Trajectory] = ()
+    ) -> MotionReport:
+        """Limits, speeds, joint coupling limits and the table all along a trajectory.
+
+        Args:
+            trajectory: What is to be followed.
             others: Where the arm's joints are, radians.
             meanwhile: What other joints do from its beginning on.
 
+        Returns:
+            What was found.
+
         Raises:
-            GoalError: It must not be run.
+            GoalError: The path is not allowed.
         """
         if trajectory.duration > _LONGEST:
             text = f"the trajectory lasts {trajectory.duration:g} s; send at most {_LONGEST:g} s at a time"
             raise GoalError(text, reason=Reason.MALFORMED)
         try:
-            check_trajectory(
+            return check_trajectory(
                 trajectory, self._arm, self._kinematics, others=others, meanwhile=meanwhile, table=self._table
             ).require()
         except LimitError as error:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
 
-    def check_bridge(
+    def bridge(
         self,
         trajectory: Spline,
         others: Mapping[str, float],
@@ -105,9 +151,7 @@ class Ways:
             reason = Reason.TOO_LATE if late else Reason.PATH_NOT_ALLOWED
             raise GoalError(f"{why}: on the way to the next point, {'; '.join(map(str, findings))}", reason=reason)
 
-    def check_takeover(
-        self, samples: Iterable[tuple[float, Mapping[str, float]]], others: Mapping[str, float]
-    ) -> None:
+    def takeover(self, samples: Iterable[tuple[float, Mapping[str, float]]], others: Mapping[str, float]) -> None:
         """Between a motion under way and a new one the arm is on neither of the ways that were checked.
 
         Args:

@@ -41,7 +41,7 @@ class StateReader:
 
     Attributes:
         period: Seconds between two states.
-        timing: The loop that asks for states; None where the robot reports them, and before the first.
+        timing: The loop that asks for states, where the robot does not report them.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class StateReader:
         sleep: Callable[[float], object],
     ) -> None:
         self.period = 1.0 / rate if ask else min(max(1.0 / rate, _MIN_PERIOD), _MAX_PERIOD)
-        self.timing: RateLoop | None = None
+        self.timing = RateLoop(1.0 / self.period, clock=clock, sleep=sleep)
         self._ask = ask
-        self._robot, self._clock, self._sleep = robot, clock, sleep
+        self._robot = robot
         self._states: Generator[JointState, None, None] | None = None
         self._reports = False
 
@@ -98,6 +98,5 @@ class StateReader:
         if self._reports:
             yield from self._robot.stream(self.period, _SILENCE, slow=_SLOW)
             return
-        self.timing = RateLoop(1.0 / self.period, clock=self._clock, sleep=self._sleep)
         for _ in self.timing.ticks():
             yield self._robot.read()

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import HexwireError, UsageError
 
+from .power import switch_torque
 from .teaching import Teacher, save, tolerance_of
 
 if TYPE_CHECKING:
@@ -22,22 +23,10 @@ if TYPE_CHECKING:
 
     from .owner import RobotOwner
 
-__all__ = ["Lessons", "switch_torque"]
+__all__ = ["Lessons"]
 
 _TREMOR = 0.1
 """Seconds to either side over which taught positions are smoothed."""
-
-
-def switch_torque(hardware: RobotOwner, on: bool, names: Sequence[str]) -> None:
-    """Torque on or off, confirmed by every joint.
-
-    Raises:
-        HexwireError: As `RobotOwner.torque`; or a joint did not confirm it, and the text names it.
-    """
-    confirmed = hardware.torque(on, names)
-    missing = [name for name in names if name not in confirmed]
-    if missing:
-        raise UsageError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
 
 
 class Lessons:

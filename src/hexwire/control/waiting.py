@@ -41,6 +41,10 @@ class Waiter:
                 self.end = ended
                 self._over.set()
 
+    def is_over(self) -> bool:
+        """All are over, or one that failed."""
+        return self.end is not None
+
     def wait(self, timeout: float) -> Ended:
         """The end of all, or of the first that fails.
 

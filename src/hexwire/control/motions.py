@@ -1,0 +1,421 @@
+"""One motion from beginning to end, for a program that wants one done.
+
+Owns the order (path check, torque, watchdog, motion, arrival) and the answer as a value. A trajectory is guarded on
+its way: following error, load, faults, old states. Must not know terminals, nor where a motion comes from.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.values import StopMode
+from hexwire.errors import ServoError, UsageError
+from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.limits import check_target
+from hexwire.motion.safety import SafetyLimits
+from hexwire.motion.waypoints import Trajectory
+
+from .arrival import Deviation, Tolerance
+from .controller import TrajectoryController
+from .goals import Tolerances
+from .loop import LoopCounters, RateLoop
+from .outcomes import Outcome
+from .owner import RobotOwner
+from .path_check import PathCheck
+from .power import give_torque
+from .settings import ControllerSettings
+from .target import TargetController
+from .waiting import Waiter
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.state import JointState
+    from hexwire.motion.checks import MotionReport
+    from hexwire.motion.safety import StopReason
+
+__all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "check_path", "run_motion"]
+
+_PERIODS = 4.0
+"""A slow loop gets a more patient watchdog: so many of its periods."""
+_LOOK = 0.1
+"""Seconds between two looks that tell whether a joint stands."""
+_FLICKER = math.radians(0.2)
+"""Two counts: less is no motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionOptions:
+    """How a motion is run and judged. Angles are radians, times seconds, lengths metres.
+
+    Attributes:
+        kinematics: For the joint coupling limits and the table; neither is checked without it.
+        table: Height of the table above the base; None for none.
+        tolerance: How near a joint must come to its goal.
+        standing: Speed below which a joint stands, which it must in the end; 0 is not checked.
+        grace: Seconds beyond the motion's duration in which the joints must arrive.
+        early: Joints that are sent to a target may arrive before its time is over.
+        rate: Cycles a second; what the robot takes if 0.
+        limits: When to stop a trajectory on its way; the usual ones for the rate if None.
+        watchdog: Seconds of silence after which the board stops the arm; more at a slow rate.
+        watchdog_mode: What the board does then.
+        clock: Monotonic seconds; the robot's clock if None.
+        sleep: Waits for so many seconds.
+    """
+
+    kinematics: KinematicModel | None = None
+    table: float | None = 0.0
+    tolerance: float = math.radians(1.5)
+    standing: float = 0.0
+    grace: float = 3.0
+    early: bool = True
+    rate: float = 0.0
+    limits: SafetyLimits | None = None
+    watchdog: float = 1.0
+    watchdog_mode: StopMode = StopMode.HOLD
+    clock: Callable[[], float] | None = None
+    sleep: Callable[[float], object] = time.sleep
+
+    def goal(self, names: Sequence[str]) -> dict[str, Tolerance]:
+        """Tolerances of joints in the end."""
+        return dict.fromkeys(names, Tolerance(self.tolerance, self.standing))
+
+
+class MotionObserver:
+    """Told what happens in a motion, in the caller's thread. Every method may be left as it is."""
+
+    def unchecked(self, joints: Sequence[str]) -> None:
+        """The position of these joints is unknown, so joint coupling limits and table are not checked."""
+
+    def powered(self, joints: Sequence[str]) -> None:
+        """These joints had no torque, and have it now."""
+
+    def unwatched(self, seconds: float) -> None:
+        """Nothing stops the arm if this program dies: it goes on for up to so many seconds."""
+
+    def sent(self, sent: SentTarget) -> None:
+        """A target was sent, or its first step."""
+
+    def started(self, timing: RateLoop) -> None:
+        """The arm sets out; `timing` tells how the cycles keep their time."""
+
+    def seen(self, state: JointState) -> None:
+        """A state was read on the way."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedPath:
+    """Trajectories that may be run one after the other, each from where the one before ends.
+
+    Attributes:
+        legs: The trajectories.
+        reports: What the check found of each.
+    """
+
+    legs: tuple[Trajectory, ...]
+    reports: tuple[MotionReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MotionResult:
+    """How a motion ended.
+
+    Attributes:
+        arrived: Whether the joints stand at the goal; None if nobody waited for that.
+        stopped: Why the arm was stopped, or None.
+        off: Joints that are not at their goal, worst first.
+        limp: Joints that lost their torque on the way.
+        cut: It was ended by `until`.
+        powered: Joints that got torque for it.
+        sent: What was really sent of a single target, or None.
+        seconds: From the beginning until the joints had to stand at the goal at the latest.
+        state: Read last, or None.
+        timing: How the cycles kept their time.
+    """
+
+    arrived: bool | None
+    stopped: StopReason | None = None
+    off: tuple[Deviation, ...] = ()
+    limp: tuple[str, ...] = ()
+    cut: bool = False
+    powered: tuple[str, ...] = ()
+    sent: SentTarget | None = None
+    seconds: float = 0.0
+    state: JointState | None = None
+    timing: LoopCounters = field(default_factory=LoopCounters)
+
+    @property
+    def why(self) -> str:
+        """Why it has not arrived, for people; empty if it has."""
+        if self.stopped is not None:
+            return f"stopped: {self.stopped}"
+        if self.limp:
+            return f"{', '.join(self.limp)} lost the torque before it arrived"
+        if self.arrived is not False or self.cut:
+            return ""
+        parts = [
+            f"{row.joint} is {math.degrees(row.by):.1f} deg{'/s' if row.of_speed else ''} off"
+            if row.by < math.inf
+            else f"it is not known where {row.joint} is"
+            for row in self.off
+        ]
+        return f"did not arrive: {', '.join(parts) or 'not every joint has been heard of since the end'}"
+
+    def require(self) -> MotionResult:
+        """Itself, if the joints stand at the goal or nobody waited for that.
+
+        Raises:
+            ServoError: The arm was stopped, or did not arrive.
+        """
+        if self.why:
+            raise ServoError(self.why)
+        return self
+
+
+def check_path(
+    robot: RobotDriver,
+    motion: Trajectory | Sequence[Trajectory],
+    options: MotionOptions | None = None,
+    *,
+    start: Mapping[str, float] | None = None,
+) -> CheckedPath:
+    """Check trajectories before anything moves; nothing is sent.
+
+    Args:
+        robot: Attached; it is asked where its joints are, unless `start` says so.
+        motion: One trajectory, or several, each from where the one before ends.
+        options: What it is checked against.
+        start: Positions of all joints, radians.
+
+    Raises:
+        GoalError: The path is not allowed; the text says why.
+    """
+    options = options or MotionOptions()
+    legs = (motion,) if isinstance(motion, Trajectory) else tuple(motion)
+    if not legs:
+        raise UsageError("a motion needs a trajectory")
+    if any(leg.names != legs[0].names for leg in legs):
+        raise UsageError("the legs of a motion must move the same joints")
+    where = dict(robot.read().positions if start is None else start)
+    check = PathCheck(robot.model, options.kinematics, options.table)
+    reports = []
+    for leg in legs:
+        reports.append(check.trajectory(leg, where))
+        where.update(zip(leg.names, leg.goal, strict=True))
+    return CheckedPath(legs, tuple(reports))
+
+
+def run_motion(
+    robot: RobotDriver,
+    motion: Trajectory | Sequence[Trajectory] | CheckedPath | JointTarget,
+    options: MotionOptions | None = None,
+    *,
+    wait: bool = True,
+    until: Callable[[JointState], bool] | None = None,
+    observer: MotionObserver | None = None,
+) -> MotionResult:
+    """Do one motion: check its path, give torque, arm the watchdog, run it under guard, and judge the arrival.
+
+    A trajectory is sent cycle by cycle. A single target is left to the board, which takes the arm there in one
+    motion; where no watchdog could stop that, it is sent in short steps. An exception on the way, Ctrl-C included,
+    stops the arm.
+
+    Args:
+        robot: Attached.
+        motion: Trajectories of the robot's joints, or a target.
+        options: How it is run and judged.
+        wait: False returns as soon as a single target is sent: nothing watches over it then.
+        until: Asked with every state once the arm has set out; True ends the motion where it is.
+        observer: Told what happens.
+
+    Returns:
+        How it ended.
+
+    Raises:
+        UsageError: The path is not allowed; nothing was sent.
+        ServoError: A joint got no torque.
+        HexwireError: The robot failed or refused; it was told to stop.
+    """
+    options, observer = options or MotionOptions(), observer or MotionObserver()
+    if isinstance(motion, JointTarget):
+        return _run_target(robot, motion, options, observer, wait, until)
+    path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)
+    return _run_path(robot, path, options, observer, until)
+
+
+def _owner(
+    robot: RobotDriver,
+    rate: float,
+    options: MotionOptions,
+    observer: MotionObserver,
+    on_sent: Callable[[SentTarget], object] = lambda sent: None,
+) -> RobotOwner:
+    owner = RobotOwner(
+        robot,
+        borrowed=True,
+        on_sent=on_sent,
+        command_rate=rate,
+        watchdog=max(options.watchdog, _PERIODS / rate),
+        watchdog_mode=options.watchdog_mode,
+        clock=options.clock,
+        sleep=options.sleep,
+    )
+    if not robot.has_watchdog:
+        observer.unwatched(owner.lead)
+    owner.observers.append(observer.seen)
+    return owner
+
+
+def _turn_until(owner: RobotOwner, over: Callable[[], bool], until: Callable[[JointState], bool] | None) -> bool:
+    """Turn until it is over; whether `until` has ended it."""
+    while not over():
+        owner.turn()
+        if until is not None and owner.state is not None and until(owner.state):
+            return True
+    return False
+
+
+def _check_target(
+    robot: RobotDriver, goal: Mapping[str, float], options: MotionOptions, observer: MotionObserver
+) -> JointState:
+    """Refuse a straight path that is not allowed; returns where the joints are.
+
+    Raises:
+        LimitError: Nothing was sent.
+        UsageError: Other joints still turn, so that it is unknown where the arm will be.
+    """
+    check = PathCheck(robot.model, options.kinematics, options.table)
+    check.limits(goal)
+    known = options.kinematics.joint_names if options.kinematics is not None else ()
+    if set(goal).isdisjoint(known):
+        return robot.read()
+    looks = RateLoop(1.0 / _LOOK, clock=options.clock or robot.now, sleep=options.sleep)
+    states = [robot.read() for _ in looks.ticks(1.5 * _LOOK)]
+    if len(states) < 2:
+        # One has taken so long, as with a board of dialect 1.
+        states.append(robot.read())
+    state = states[-1]
+    unknown = [name for name in known if not math.isfinite(state[name].position)]
+    if unknown:
+        # One that is to be moved is an error of its own.
+        if others := [name for name in unknown if name not in goal]:
+            observer.unchecked(others)
+        return state
+    turned = [
+        name
+        for name in known
+        if name not in goal and not abs(state[name].position - states[0][name].position) <= _FLICKER
+    ]
+    if turned:
+        words = f"still turning: {', '.join(turned)}; wait until the arm stands, or name all in one move"
+        raise UsageError(f"{words}; nothing was sent")
+    check.target(state.positions, goal)
+    return state
+
+
+def _run_path(
+    robot: RobotDriver,
+    path: CheckedPath,
+    options: MotionOptions,
+    observer: MotionObserver,
+    until: Callable[[JointState], bool] | None,
+) -> MotionResult:
+    names = path.legs[0].names
+    rate = options.rate or robot.command_rate
+    none = Tolerances(dict.fromkeys(names, Tolerance()), dict.fromkeys(names, Tolerance()))
+    last = Tolerances(none.path, options.goal(names), options.grace)
+    controller = TrajectoryController(
+        ControllerSettings("", names, True, none),
+        robot.model,
+        options.limits or SafetyLimits.at_period(1.0 / rate),
+        kinematics=options.kinematics,
+        table=options.table,
+    )
+    powered = give_torque(robot, names, robot.read())
+    arrived = cut = False
+    with _owner(robot, rate, options, observer) as owner:
+        owner.group.members = (controller,)
+        owner.turn()
+        observer.started(owner.timing)
+        for leg in path.legs:
+            # Stopped before it began: `stopped` says why.
+            if owner.group.reason is not None:
+                break
+            waiter = Waiter()
+            tolerances = last if leg is path.legs[-1] else none
+            with owner.locked():
+                controller.follow(leg, owner.newest(), owner.now(), goal=waiter, tolerances=tolerances)
+            cut = _turn_until(owner, waiter.is_over, until)
+            arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
+            if not arrived:
+                break
+        controller.hold("it is over")
+        seconds = sum(leg.duration for leg in path.legs) + options.grace
+        return MotionResult(
+            arrived,
+            owner.group.reason,
+            controller.off,
+            cut=cut,
+            powered=powered,
+            seconds=seconds,
+            state=owner.state,
+            timing=owner.timing.counters,
+        )
+
+
+def _run_target(
+    robot: RobotDriver,
+    target: JointTarget,
+    options: MotionOptions,
+    observer: MotionObserver,
+    wait: bool,
+    until: Callable[[JointState], bool] | None,
+) -> MotionResult:
+    goal = dict(target.positions)
+    state = _check_target(robot, goal, options, observer)
+    powered = give_torque(robot, list(goal), state)
+    if powered:
+        observer.powered(powered)
+    if not wait:
+        sent = robot.write(target)
+        observer.sent(sent)
+        return MotionResult(None, powered=powered, sent=sent, seconds=sent.duration)
+    rate = options.rate or robot.command_rate
+    step = None if robot.has_watchdog else 1.0 / rate
+    here = state.positions
+    if step is not None:
+        target = check_target(robot.model, target, here)
+    controller = TargetController(
+        target, here, options.goal(list(goal)), grace=options.grace, step=step, early=options.early
+    )
+
+    def was_sent(sent: SentTarget) -> None:
+        controller.was_sent(sent)
+        if step is None:
+            observer.sent(sent)
+
+    with _owner(robot, rate, options, observer, was_sent) as owner:
+        owner.group.members = (controller,)
+        if step is not None:
+            observer.sent(SentTarget(target.positions, target.duration))
+        owner.turn()
+        observer.started(owner.timing)
+        cut = _turn_until(owner, lambda: controller.over, until)
+        controller.release("it is over")
+        sent_duration = controller.sent.duration if controller.sent is not None else target.duration
+        return MotionResult(
+            controller.arrived,
+            controller.reason,
+            controller.off,
+            controller.limp,
+            cut,
+            powered,
+            controller.sent,
+            sent_duration + options.grace,
+            owner.state,
+            owner.timing.counters,
+        )

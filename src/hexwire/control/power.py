@@ -1,0 +1,61 @@
+"""Torque for joints, confirmed by every one of them.
+
+Owns what is said where one does not. Must not know motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.errors import ServoError, UsageError
+
+if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
+
+    from .owner import RobotOwner
+
+__all__ = ["give_torque", "switch_torque"]
+
+
+def give_torque(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:
+    """Give torque to those joints that have none; nothing moves by it.
+
+    Args:
+        robot: Attached.
+        names: Joints.
+        state: As just read.
+
+    Returns:
+        Names of the joints that got it.
+
+    Raises:
+        ServoError: A joint did not confirm it.
+        StoppedError: A stop is latched.
+    """
+    missing = [name for name in names if name not in state.torque_on]
+    if not missing:
+        return ()
+    confirmed = robot.torque(True, missing)
+    silent = [(robot.model.joint(name).servo_id, name) for name in missing if name not in confirmed]
+    if silent:
+        several = len(silent) > 1
+        raise ServoError(
+            f"servo{'s' if several else ''} {', '.join(f'{servo_id} ({name})' for servo_id, name in silent)} "
+            f"{'do' if several else 'does'} not answer: check cable, power and id",
+            servo_id=silent[0][0],
+        )
+    return confirmed
+
+
+def switch_torque(owner: RobotOwner, on: bool, names: Sequence[str]) -> None:
+    """Torque on or off, confirmed by every joint.
+
+    Raises:
+        HexwireError: As `RobotOwner.torque`; or a joint did not confirm it, and the text names it.
+    """
+    confirmed = owner.torque(on, names)
+    missing = [name for name in names if name not in confirmed]
+    if missing:
+        raise UsageError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")

@@ -1,0 +1,317 @@
+"""One motion from beginning to end, with an emulated board in simulated time."""
+
+from __future__ import annotations
+
+import math
+import threading
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from tests.drivers.arms import Arm
+
+from hexwire.control import run_motion
+from hexwire.control.motions import MotionObserver, MotionOptions, check_path
+from hexwire.errors import CommandRefusedError, LinkLostError, ServoError, StoppedError, UsageError
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.motion.trajectory import Quintic
+from hexwire.motion.waypoints import PointToPoint
+
+
+class Watched(MotionObserver):
+    """Notes everything; `do` is called with every state."""
+
+    def __init__(self, do: Any = lambda state: None) -> None:
+        self.said: list[tuple[str, Any]] = []
+        self.states: list[JointState] = []
+        self.do = do
+
+    def unchecked(self, joints: Any) -> None:
+        self.said.append(("unchecked", tuple(joints)))
+
+    def powered(self, joints: Any) -> None:
+        self.said.append(("powered", tuple(joints)))
+
+    def unwatched(self, seconds: float) -> None:
+        self.said.append(("unwatched", round(seconds, 2)))
+
+    def sent(self, sent: SentTarget) -> None:
+        self.said.append(("sent", [name for name, _ in sent.positions]))
+
+    def started(self, timing: Any) -> None:
+        self.said.append(("started", None))
+
+    def seen(self, state: JointState) -> None:
+        self.states.append(state)
+        self.do(state)
+
+
+class Bench:
+    def __init__(self, dialect: int = 2, faults: tuple[str, ...] = ()) -> None:
+        self.arm = Arm(dialect, 115200, faults)
+        self.robot = self.arm.driver
+        self.targets: list[tuple[float, JointTarget]] = []
+        write = self.robot.write
+
+        def noted(target: JointTarget) -> SentTarget:
+            self.targets.append((self.arm.clock.time, target))
+            return write(target)
+
+        self.robot.write = noted  # type: ignore[method-assign]
+
+    def options(self, **given: Any) -> MotionOptions:
+        return MotionOptions(clock=self.arm.clock, sleep=self.arm.wait, **given)
+
+    def way(self, joint: str = "J4", by: float = 0.5, seconds: float = 1.0) -> PointToPoint:
+        here = self.robot.read()[joint].position
+        return PointToPoint((joint,), Quintic((here,), (here + by,), seconds))
+
+    def target(self, joint: str = "J4", by: float = 0.5, seconds: float = 1.0) -> JointTarget:
+        return JointTarget.of({joint: self.robot.read()[joint].position + by}, seconds)
+
+
+def test_a_trajectory_is_followed_to_its_end() -> None:
+    bench, watched = Bench(), Watched()
+    way = bench.way()
+    result = run_motion(bench.robot, way, bench.options(), observer=watched)
+    assert result.arrived
+    assert result.require() is result
+    assert result.why == ""
+    assert bench.robot.read()["J4"].position == pytest.approx(way.goal[0], abs=0.01)
+    seen = [state["J4"].position for state in watched.states]
+    assert max(b - a for a, b in pairwise(seen)) < 0.1
+    assert result.timing.late == result.timing.skipped == 0
+    state = bench.arm.board.state
+    assert (state.stopped, state.watchdog_timeout) == (False, 0.0)
+
+
+def test_targets_are_sent_in_order_one_a_cycle() -> None:
+    bench = Bench()
+    run_motion(bench.robot, bench.way(), bench.options())
+    times = [t for t, _ in bench.targets]
+    # A read takes its time on the line; the cycles start at the period all the same.
+    assert [b - a for a, b in pairwise(times)] == pytest.approx([0.05] * (len(times) - 1), abs=0.01)
+    assert all(target.duration == pytest.approx(0.075) for _, target in bench.targets)
+
+
+def test_legs_follow_each_other() -> None:
+    bench = Bench()
+    there = bench.way()
+    back = PointToPoint(("J4",), Quintic(there.goal, there.start, 1.0))
+    result = run_motion(bench.robot, [there, back], bench.options())
+    assert result.arrived
+    assert bench.robot.read()["J4"].position == pytest.approx(there.start[0], abs=0.01)
+    middle = [target.positions[0][1] for _, target in bench.targets]
+    assert max(middle) == pytest.approx(there.goal[0], abs=1e-6)
+
+
+def test_the_watchdog_stands_by_on_the_way() -> None:
+    bench = Bench()
+    armed: list[float] = []
+    watched = Watched(lambda state: armed.append(bench.arm.board.state.watchdog_timeout))
+    run_motion(bench.robot, bench.way(), bench.options(), observer=watched)
+    assert set(armed) == {1.0}
+    assert run_motion(bench.robot, bench.target(by=-0.1), bench.options(), observer=watched).arrived
+    assert set(armed) == {1.0}
+
+
+def test_a_path_that_is_not_allowed_is_refused_and_nothing_is_sent() -> None:
+    bench = Bench()
+    with pytest.raises(UsageError, match=r"J4 would turn at .*; nothing was sent"):
+        run_motion(bench.robot, bench.way(seconds=0.1), bench.options())
+    with pytest.raises(UsageError, match="outside its limits"):
+        run_motion(bench.robot, bench.target(by=3.0), bench.options())
+    down = JointTarget.of({"J2": math.radians(25), "J3": math.radians(62)}, 3.0)
+    low = bench.options(kinematics=Hex7BotModel().within_arm(), table=0.06)
+    with pytest.raises(UsageError, match="below the table"):
+        run_motion(bench.robot, down, low)
+    assert bench.targets == []
+    assert bench.arm.torques() == [False] * 7
+
+
+def test_a_path_is_checked_once() -> None:
+    bench = Bench()
+    path = check_path(bench.robot, bench.way(), bench.options())
+    assert path.reports[0].duration == 1.0
+    assert run_motion(bench.robot, path, bench.options()).arrived
+    two = [bench.way("J4"), bench.way("J5")]
+    with pytest.raises(UsageError, match="must move the same joints"):
+        check_path(bench.robot, two)
+    with pytest.raises(UsageError, match="needs a trajectory"):
+        check_path(bench.robot, [])
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_a_target_is_one_write_where_a_watchdog_stands_by_and_short_steps_where_not(dialect: int) -> None:
+    bench, watched = Bench(dialect), Watched()
+    result = run_motion(bench.robot, bench.target(seconds=3.0), bench.options(grace=5.0), observer=watched)
+    assert result.arrived
+    assert result.powered == (("J4",) if dialect == 2 else tuple(result.powered))
+    assert result.sent is not None
+    assert result.sent.duration == pytest.approx(3.0, abs=0.01)
+    said = [what for what, _ in watched.said]
+    if dialect == 2:
+        assert len(bench.targets) == 1
+        assert said == ["powered", "sent", "started"]
+    else:
+        assert len(bench.targets) > 3
+        assert max(target.duration for _, target in bench.targets) == pytest.approx(1.0)
+        assert said == ["powered", "unwatched", "sent", "started"]
+
+
+def test_without_waiting_it_is_sent_and_left_to_the_board() -> None:
+    bench = Bench()
+    result = run_motion(bench.robot, bench.target(), bench.options(), wait=False)
+    assert (result.arrived, result.stopped, result.why) == (None, None, "")
+    assert len(bench.targets) == 1
+    assert bench.arm.board.state.watchdog_timeout == 0.0
+
+
+def test_a_joint_that_does_not_arrive_is_named() -> None:
+    bench = Bench(faults=("hot:4",))
+    result = run_motion(bench.robot, bench.target("J5"), bench.options(grace=1.0))
+    assert result.arrived is False
+    assert [row.joint for row in result.off] == ["J5"]
+    assert result.why.startswith("did not arrive: J5 is ")
+    with pytest.raises(ServoError, match="did not arrive: J5"):
+        result.require()
+
+
+def test_a_silent_servo_gets_no_torque_and_nothing_moves() -> None:
+    bench = Bench(faults=("silent:4",))
+    with pytest.raises(ServoError, match=r"^servo 4 \(J5\) does not answer"):
+        run_motion(bench.robot, JointTarget.of({"J5": 0.1}, 1.0), bench.options())
+    assert bench.targets == []
+
+
+def test_a_jam_stops_the_arm() -> None:
+    bench = Bench()
+    shaft = bench.arm.board.wire.servos[3].motion
+    shaft.obstacle = (shaft.position - 30, shaft.position + 30)
+    result = run_motion(bench.robot, bench.way(), bench.options())
+    assert result.stopped is not None
+    assert result.stopped.kind in {"collision", "following"}
+    assert result.why.startswith("stopped: J4")
+    assert not result.arrived
+    assert bench.arm.board.state.stopped
+
+
+@pytest.mark.parametrize("what", ["way", "target"])
+def test_a_stop_from_elsewhere_ends_it_though_it_is_resumed_at_once(what: str) -> None:
+    bench = Bench()
+    motion = bench.way() if what == "way" else bench.target()
+
+    def stop(state: JointState) -> None:
+        if len(watched.states) == 5:
+            bench.robot.stop()
+            bench.robot.resume()
+            held.append((len(bench.targets), bench.arm.board.wire[3].registers.get("target_position")))
+
+    held: list[tuple[int, int]] = []
+    watched = Watched(stop)
+    result = run_motion(bench.robot, motion, bench.options(), observer=watched)
+    assert result.stopped is not None
+    assert "stop" in str(result.stopped)
+    assert (len(bench.targets), bench.arm.board.wire[3].registers.get("target_position")) == held[0]
+    assert bench.arm.board.state.watchdog_timeout == 0.0
+
+
+def test_a_stop_from_another_thread_ends_it() -> None:
+    bench = Bench()
+
+    def stop(state: JointState) -> None:
+        if len(watched.states) == 5:
+            thread = threading.Thread(target=bench.robot.stop)
+            thread.start()
+            thread.join()
+            sent.append(len(bench.targets))
+
+    sent: list[int] = []
+    watched = Watched(stop)
+    result = run_motion(bench.robot, bench.way(), bench.options(), observer=watched)
+    assert result.stopped is not None
+    assert len(bench.targets) == sent[0]
+    assert bench.arm.board.state.stopped
+
+
+def test_an_arm_that_is_stopped_does_not_set_out() -> None:
+    bench = Bench()
+    bench.robot.torque(True)
+    bench.robot.stop()
+    for motion in (bench.way(), bench.target()):
+        result = run_motion(bench.robot, motion, bench.options())
+        assert result.why == "stopped: the board has stopped the arm: it was told to"
+        assert bench.arm.shaft(3) == pytest.approx(bench.arm.shaft(3))
+
+
+def test_a_stop_between_read_and_write_is_taken_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+
+    def refuse(target: JointTarget) -> SentTarget:
+        raise StoppedError("JOINT_MOVE", 5, "the arm is stopped")
+
+    way = bench.way()
+    monkeypatch.setattr(bench.robot, "write", refuse)
+    result = run_motion(bench.robot, way, bench.options())
+    assert result.stopped is not None
+    assert result.stopped.kind == "board"
+
+
+def test_a_robot_that_fails_is_stopped_and_the_error_comes_out() -> None:
+    bench = Bench()
+
+    def gone(state: JointState) -> None:
+        if len(watched.states) == 5:
+            raise LinkLostError("unplugged")
+
+    watched = Watched(gone)
+    with pytest.raises(LinkLostError, match="unplugged"):
+        run_motion(bench.robot, bench.way(), bench.options(), observer=watched)
+    assert bench.arm.board.state.stopped
+
+
+def test_a_refused_target_comes_out_and_stops_nothing_that_did_not_move() -> None:
+    bench = Bench()
+
+    def refuse(target: JointTarget) -> SentTarget:
+        raise CommandRefusedError("JOINT_MOVE", 4, "no torque")
+
+    bench.robot.write = refuse  # type: ignore[method-assign]
+    with pytest.raises(CommandRefusedError):
+        run_motion(bench.robot, bench.target(), bench.options())
+
+
+@pytest.mark.parametrize("what", ["way", "target"])
+def test_ctrl_c_stops_the_arm_first_and_then_the_watchdog(what: str) -> None:
+    bench = Bench()
+    motion = bench.way() if what == "way" else bench.target()
+
+    def interrupt(state: JointState) -> None:
+        if len(watched.states) == 8:
+            raise KeyboardInterrupt
+
+    watched = Watched(interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_motion(bench.robot, motion, bench.options(), observer=watched)
+    state = bench.arm.board.state
+    assert (state.stopped, state.watchdog_timeout, state.watchdog_trips) == (True, 0.0, 0)
+
+
+def test_it_ends_where_the_caller_wants_it_to() -> None:
+    bench = Bench()
+    target = bench.target(seconds=2.0)
+    begin = bench.arm.clock.time
+    result = run_motion(
+        bench.robot, target, bench.options(), until=lambda state: bench.arm.clock.time > begin + 1.0
+    )
+    assert result.cut
+    assert result.why == ""
+    assert not bench.arm.board.state.stopped
+
+
+def test_a_joint_of_unknown_position_is_said_and_coupling_limits_are_not_checked() -> None:
+    bench, watched = Bench(faults=("silent:2",)), Watched()
+    how = bench.options(kinematics=Hex7BotModel().within_arm())
+    assert run_motion(bench.robot, bench.target("J2", 0.1), how, observer=watched).arrived
+    assert watched.said[0] == ("unchecked", ("J3",))

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from tests.motion.arms import HOME, NAMES, state
+
+from hexwire.control.arrival import Tolerance
+from hexwire.control.target import TargetController
+from hexwire.model.state import JointFlag, JointTarget, SentTarget
+from hexwire.motion.safety import StopReason
+
+GOAL = {"J1": HOME["J1"] + 0.3}
+STILL = (0.0,) * len(NAMES)
+
+
+def make(seconds: float = 1.0, **options: Any) -> TargetController:
+    given: dict[str, Any] = {"grace": 0.5} | options
+    here = given.pop("here", HOME)
+    return TargetController(JointTarget.of(GOAL, seconds), here, {"J1": Tolerance(0.02)}, **given)
+
+
+def write(controller: TargetController, now: float, **what: Any) -> JointTarget | None:
+    """A cycle, and what a board makes of its target."""
+    target = controller.cycle(state(stamp=now), now, 0.075)
+    if target is not None:
+        controller.was_sent(SentTarget(target.positions, target.duration, **what))
+    return target
+
+
+def see(controller: TargetController, now: float, j1: float, **what: Any) -> bool:
+    controller.judge(state({"J1": j1}, stamp=now, **what), STILL, now)
+    return controller.over
+
+
+def test_it_is_written_once_and_judged_from_then_on() -> None:
+    controller = make()
+    assert not controller.moving
+    assert write(controller, 10.0) == JointTarget.of(GOAL, 1.0)
+    assert write(controller, 10.05) is None
+    assert controller.moving
+    assert not see(controller, 10.5, HOME["J1"] + 0.1)
+    assert see(controller, 10.6, HOME["J1"] + 0.29), "as early as it is there"
+    assert controller.arrived
+    assert not controller.moving
+
+
+def test_without_early_it_must_be_there_when_its_time_is_over() -> None:
+    controller = make(early=False)
+    write(controller, 10.0)
+    assert not see(controller, 10.9, GOAL["J1"])
+    assert see(controller, 11.0, GOAL["J1"])
+    assert controller.arrived
+
+
+def test_what_falls_short_is_named_after_the_grace_time() -> None:
+    controller = make()
+    write(controller, 10.0)
+    assert not see(controller, 11.0, HOME["J1"])
+    assert not see(controller, 11.5, HOME["J1"])
+    assert see(controller, 11.6, HOME["J1"])
+    assert not controller.arrived
+    assert [(row.joint, row.by) for row in controller.off] == [("J1", pytest.approx(0.3))]
+
+
+def test_an_arm_that_does_not_say_where_it_is_has_not_arrived() -> None:
+    controller = make()
+    write(controller, 10.0)
+    assert not see(controller, 11.0, math.nan)
+    assert see(controller, 11.6, math.nan)
+    assert not controller.arrived
+    assert controller.off[0].by == math.inf
+
+
+def test_steps_lead_there_on_a_straight_line() -> None:
+    controller = make(step=0.25)
+    places = []
+    for i in range(6):
+        target = write(controller, 10.0 + 0.25 * i, silent=("J1",) if i == 1 else ())
+        if target is not None:
+            places.append((target.positions[0][1] - HOME["J1"], target.duration))
+    assert places == [
+        (pytest.approx(0.075), 0.375),
+        (pytest.approx(0.15), 0.375),
+        (pytest.approx(0.225), 0.375),
+        (pytest.approx(0.3), 0.375),
+        (pytest.approx(0.3), 0.25),
+    ]
+    assert controller.sent is not None
+    assert (controller.sent.duration, controller.sent.silent) == (1.0, ("J1",))
+
+
+def test_a_joint_of_unknown_position_is_sent_to_its_end() -> None:
+    controller = make(step=0.25, here={**HOME, "J1": math.nan})
+    target = write(controller, 10.0)
+    assert target is not None
+    assert target.positions == (("J1", GOAL["J1"]),)
+
+
+@pytest.mark.parametrize(
+    ("what", "limp", "reason"),
+    [
+        ({"flags": {"J1": JointFlag(0)}}, ("J1",), None),
+        ({"stopped": True}, (), "the board has stopped the arm: it was told to"),
+    ],
+)
+def test_lost_torque_and_a_stop_end_it(what: dict[str, Any], limp: tuple[str, ...], reason: str | None) -> None:
+    controller = make()
+    write(controller, 10.0)
+    assert see(controller, 10.2, HOME["J1"], **what)
+    assert controller.limp == limp
+    assert (str(controller.reason) if controller.reason else None) == reason
+    assert not controller.arrived
+
+
+def test_a_stop_keeps_the_rest_from_being_sent() -> None:
+    controller = make(step=0.25)
+    write(controller, 10.0)
+    controller.stop(StopReason("asked", "enough"))
+    controller.stop(StopReason("asked", "again"))
+    controller.reset()
+    assert write(controller, 10.25) is None
+    assert str(controller.reason) == "enough"
+    assert (controller.busy, controller.moving, controller.take_ended()) == (False, False, [])
