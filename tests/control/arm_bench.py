@@ -13,7 +13,7 @@ from tests.motion.arms import HOME, NAMES, FakeRobot, FakeTime
 from hexwire.control.arm import Arm
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
+from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.outcomes import Ended, Outcome, Reason
 from hexwire.control.setting import Faults
 from hexwire.control.settings import ControllerSettings
@@ -75,13 +75,13 @@ def tolerances(
     )
 
 
-def order(*points: tuple[float, Mapping[str, float]], delay: float = 0.0, still: bool = False) -> TrajectoryOrder:
+def order(*points: tuple[float, Mapping[str, float]], delay: float = 0.0, still: bool = False) -> TrajectoryGoal:
     """Points of all joints: home but for what is given; `still` gives them velocity 0."""
     rows = [
         Point(time, tuple({**HOME, **where}[n] for n in NAMES), (0.0,) * len(NAMES) if still else ())
         for time, where in points
     ]
-    return TrajectoryOrder(NAMES, tuple(rows), delay)
+    return TrajectoryGoal(NAMES, tuple(rows), delay)
 
 
 def limp(what: JointState) -> JointState:
@@ -119,7 +119,7 @@ class Loop:
     def where(self, joint: str) -> float:
         return self.state[joint].position
 
-    def send(self, sent: TrajectoryOrder, **options: Any) -> Told:
+    def send(self, sent: TrajectoryGoal, **options: Any) -> Told:
         """As a node does it; time does not pass."""
         told, controller = Told(), self.controller
         controller.check_way(controller.plan(sent, controller.start(sent.delay, self.state, self.now)), self.state)
@@ -264,7 +264,7 @@ class Bench:
             self._step()
             service.thread.join(0.0005)
 
-    def command(self, sent: TrajectoryOrder, name: str = "", **options: Any) -> Told:
+    def command(self, sent: TrajectoryGoal, name: str = "", **options: Any) -> Told:
         told = Told()
         self.arm.command(name, sent, goal=told, **options)
         return told

@@ -12,7 +12,7 @@ from tests.drivers.arms import Arm
 
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
+from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.known_state import KnownState
 from hexwire.control.owner import RobotOwner
 from hexwire.control.settings import ControllerSettings
@@ -100,7 +100,7 @@ class Bench:
         """Have one joint go somewhere; it is on its way when this returns."""
         told, hardware = Told(), self.hardware
         state = hardware.newest()
-        order = TrajectoryOrder((joint,), (Point(seconds, (state[joint].position + by,)),))
+        order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         chosen = controller or self.controller
         with hardware.locked():
             chosen.check_way(chosen.plan(order, chosen.start(0.0, state, hardware.now())), state)
@@ -192,7 +192,7 @@ class Threaded:
         """As `Bench.go`."""
         told, hardware = Told(), self.hardware
         state = hardware.newest()
-        order = TrajectoryOrder((joint,), (Point(seconds, (state[joint].position + by,)),))
+        order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         with hardware.locked():
             self.controller.accept(order, state, hardware.now(), goal=told)
         hardware.hurry()

@@ -10,7 +10,7 @@ from tests.control.arm_bench import PREEMPTED, SPLIT, SUCCEEDED, Bench, Told, fr
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.diagnostics import diagnose
-from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
@@ -56,7 +56,7 @@ def test_every_refusal_has_a_reason() -> None:
     assert caught.value.reason == Reason.NOT_READY
     bench.ask(lambda: bench.arm.enable(True))
     with pytest.raises(GoalError, match="unknown") as caught:
-        bench.command(TrajectoryOrder(("J9",), order((1.0, {})).points))
+        bench.command(TrajectoryGoal(("J9",), order((1.0, {})).points))
     assert caught.value.reason == Reason.WRONG_JOINTS
     with pytest.raises(GoalError, match="outside its limits"):
         bench.command(order((9.0, {"J1": 1.4})))
@@ -70,7 +70,7 @@ def test_every_refusal_has_a_reason() -> None:
 def test_cancel_by_name() -> None:
     bench = make_bench(controllers=SPLIT)
     (whole,) = order((2.0, {"J1": J1 + 0.5})).points
-    told = bench.command(TrajectoryOrder(NAMES[:6], (Point(2.0, whole.positions[:6]),)), "arm")
+    told = bench.command(TrajectoryGoal(NAMES[:6], (Point(2.0, whole.positions[:6]),)), "arm")
     bench.turn(0.5)
     bench.arm.cancel("hand", told)
     assert told.ends == []
@@ -144,7 +144,7 @@ def half(bench: Bench, name: str, to: float, seconds: float) -> Told:
     """Send one of the two halves to the fold, or part of the way."""
     joint = "J2" if name == "upper" else "J3"
     goal = HOME[joint] + to * (FOLD[joint] - HOME[joint])
-    return bench.command(TrajectoryOrder((joint,), (Point(seconds, (goal,)),)), name)
+    return bench.command(TrajectoryGoal((joint,), (Point(seconds, (goal,)),)), name)
 
 
 def test_set_points_that_would_fold_the_arm_are_refused() -> None:
@@ -221,12 +221,12 @@ def test_what_droops_where_it_was_told_to_be_stops_nobody() -> None:
     height = min(point[2] for point in kinematics.points(kinematics.from_joints(low)).values())
     bench = make_bench(controllers=SPLIT, check_table=True, table_height=height - 0.001)
     whole = tuple(low[name] for name in NAMES[:6])
-    told = bench.command(TrajectoryOrder(NAMES[:6], (Point(4.0, whole),)), "arm")
+    told = bench.command(TrajectoryGoal(NAMES[:6], (Point(4.0, whole),)), "arm")
     bench.until(lambda: told.ends)
     servo = bench.board.wire[angles["J3"].servo_id]
     droop = math.radians(1.5) / angles["J3"].scale
     bench.jammed[angles["J3"].servo_id] = servo.motion.position + droop
-    grip = bench.command(TrajectoryOrder(("J7",), (Point(1.0, (0.2,)),)), "hand")
+    grip = bench.command(TrajectoryGoal(("J7",), (Point(1.0, (0.2,)),)), "hand")
     bench.until(lambda: grip.ends)
     assert grip.outcome == SUCCEEDED
 
@@ -253,10 +253,10 @@ def test_a_goal_that_would_swing_through_the_gate_as_it_takes_over_is_refused() 
     bench.until(lambda: raised.ends)
     # The gate is at 40 degrees then.
     near = HOME["J2"] + math.radians(39)
-    first = bench.command(TrajectoryOrder(("J2",), (Point(0.5, (near,)),)))
+    first = bench.command(TrajectoryGoal(("J2",), (Point(0.5, (near,)),)))
     bench.until(lambda: bench.controller.follower.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
     with pytest.raises(GoalError, match=r"s after it takes over from the motion under way, elbow folded .*; let "):
-        bench.command(TrajectoryOrder(("J2",), (Point(1.0, (HOME["J2"],)),)))
+        bench.command(TrajectoryGoal(("J2",), (Point(1.0, (HOME["J2"],)),)))
     bench.until(lambda: first.ends)
     assert first.outcome == SUCCEEDED
 

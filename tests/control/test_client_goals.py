@@ -15,7 +15,7 @@ from tests.control.owner_bench import wait_for
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.client_goals import ClientGoal, ClientGoals, Request
-from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Ended, Outcome, Reason
 
 
@@ -65,7 +65,7 @@ class Goals:
         client: Client | None = None,
     ) -> Client:
         client = client or Client()
-        order = TrajectoryOrder(tuple(where), (Point(seconds, tuple(where.values())),))
+        order = TrajectoryGoal(tuple(where), (Point(seconds, tuple(where.values())),))
         self.goals.send(controller, key, client, lambda: Request(order))
         return client
 

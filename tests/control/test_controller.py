@@ -11,7 +11,7 @@ from tests.control.arm_bench import LEAD, PREEMPTED, SUCCEEDED, Bench, Loop, Tol
 from tests.motion.arms import HOME, NAMES, state
 
 from hexwire.control.arrival import Tolerance
-from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Outcome, Reason
 from hexwire.errors import GoalError, LimitError
 from hexwire.model.hex7bot import HEX7BOT
@@ -236,7 +236,7 @@ def test_a_refused_goal_leaves_the_other_alone() -> None:
     with pytest.raises(GoalError, match=r"not any more: .* are allowed"):
         loop.controller.accept(order((0.1, {"J1": J1 - 1.0})), loop.state, loop.now, goal=Told())
     with pytest.raises(GoalError, match="unknown"):
-        loop.send(TrajectoryOrder(("J9",), (Point(1.0, (0.0,)),)))
+        loop.send(TrajectoryGoal(("J9",), (Point(1.0, (0.0,)),)))
     loop.run(2.0)
     assert first.outcome == SUCCEEDED
 
@@ -263,7 +263,7 @@ def test_cancel_holds_and_only_for_the_goal_that_is_followed() -> None:
 
 def test_an_order_without_points_is_no_goal() -> None:
     with pytest.raises(GoalError, match="no points"):
-        Loop().send(TrajectoryOrder(NAMES, ()))
+        Loop().send(TrajectoryGoal(NAMES, ()))
 
 
 # -- stop, reset, torque ------------------------------------------------------------------------------------------
@@ -374,13 +374,13 @@ def test_partial_goals_leave_the_others_where_they_are() -> None:
     loop = Loop()
     loop.send(order((0.5, {"J2": J2 - 0.2})))
     loop.run(1.0)
-    told = loop.send(TrajectoryOrder(("J4", "J1"), (Point(1.0, (0.3, J1 + 0.2)),)))
+    told = loop.send(TrajectoryGoal(("J4", "J1"), (Point(1.0, (0.3, J1 + 0.2)),)))
     loop.run(1.3)
     assert told.outcome == SUCCEEDED
     assert (loop.where("J1"), loop.where("J4"), loop.where("J2")) == pytest.approx((J1 + 0.2, 0.3, J2 - 0.2))
     whole = Loop(allow_partial=False)
     with pytest.raises(GoalError, match="missing") as caught:
-        whole.send(TrajectoryOrder(("J4", "J1"), (Point(1.0, (0.3, J1 + 0.2)),)))
+        whole.send(TrajectoryGoal(("J4", "J1"), (Point(1.0, (0.3, J1 + 0.2)),)))
     assert caught.value.reason == Reason.WRONG_JOINTS
 
 
@@ -481,12 +481,12 @@ def test_two_controllers_move_at_once_and_stop_together() -> None:
         controllers={"arm": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"]}, "hand": {"joints": ["J7"]}}
     )
     whole = order((1.0, {"J1": J1 + 0.3})).points[0]
-    first = bench.command(TrajectoryOrder(NAMES[:6], (Point(1.0, whole.positions[:6]),)), "arm")
-    second = bench.command(TrajectoryOrder(("J7",), (Point(1.0, (0.4,)),)), "hand")
+    first = bench.command(TrajectoryGoal(NAMES[:6], (Point(1.0, whole.positions[:6]),)), "arm")
+    second = bench.command(TrajectoryGoal(("J7",), (Point(1.0, (0.4,)),)), "hand")
     bench.until(lambda: first.ends and second.ends)
     assert first.outcome == second.outcome == SUCCEEDED
     assert (bench.where("J1"), bench.where("J7")) == pytest.approx((J1 + 0.3, 0.4), abs=0.02)
-    told = bench.command(TrajectoryOrder(("J7",), (Point(2.0, (-0.4,)),)), "hand")
+    told = bench.command(TrajectoryGoal(("J7",), (Point(2.0, (-0.4,)),)), "hand")
     bench.turn(0.5)
     bench.arm.set_points({"J1": J1 + 0.2})
     assert told.ends == [], "the other controller's goal goes on"

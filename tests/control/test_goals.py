@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hexwire.control.goals import MAX_POINTS, Point, TrajectoryOrder, check_order, make_trajectory
+from hexwire.control.goals import MAX_POINTS, Point, TrajectoryGoal, check_goal, make_trajectory
 from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
 from hexwire.motion.waypoints import Sample, Spline
@@ -23,11 +23,11 @@ STILL = Sample((0.1, 0.2, 0.3), REST, REST)
 HOSTILE = [math.nan, math.inf, -math.inf]
 
 
-def order(*points: Point, names: tuple[str, ...] = JOINTS, delay: float = 0.0) -> TrajectoryOrder:
-    return TrajectoryOrder(names, points, delay)
+def order(*points: Point, names: tuple[str, ...] = JOINTS, delay: float = 0.0) -> TrajectoryGoal:
+    return TrajectoryGoal(names, points, delay)
 
 
-def refusal(sent: TrajectoryOrder, reason: Reason, *, partial: bool = False, start: Sample = START) -> str:
+def refusal(sent: TrajectoryGoal, reason: Reason, *, partial: bool = False, start: Sample = START) -> str:
     """Text with which an order is refused, by the check or later."""
     with pytest.raises(GoalError) as caught:
         made(sent, partial=partial, start=start)
@@ -37,8 +37,8 @@ def refusal(sent: TrajectoryOrder, reason: Reason, *, partial: bool = False, sta
     return text
 
 
-def made(sent: TrajectoryOrder, *, partial: bool = False, start: Sample = START) -> tuple[Spline, float]:
-    check_order(sent, JOINTS, allow_partial=partial)
+def made(sent: TrajectoryGoal, *, partial: bool = False, start: Sample = START) -> tuple[Spline, float]:
+    check_goal(sent, JOINTS, allow_partial=partial)
     return make_trajectory(sent, JOINTS, start)
 
 
@@ -91,7 +91,7 @@ def test_a_part_of_the_joints_is_refused_unless_it_is_allowed() -> None:
 
 
 def test_an_order_without_points_is_the_caller_s_business_but_makes_no_trajectory() -> None:
-    check_order(order(), JOINTS, allow_partial=False)
+    check_goal(order(), JOINTS, allow_partial=False)
     with pytest.raises(GoalError, match="no points") as caught:
         make_trajectory(order(), JOINTS, START)
     assert caught.value.reason == Reason.MALFORMED
@@ -152,7 +152,7 @@ def test_values_are_named_by_the_sender_s_order_of_joints() -> None:
 
 
 def test_a_first_point_may_be_at_0_but_not_before() -> None:
-    check_order(order(Point(0.0, REST), Point(1.0, REST)), JOINTS, allow_partial=False)
+    check_goal(order(Point(0.0, REST), Point(1.0, REST)), JOINTS, allow_partial=False)
     text = refusal(order(Point(-1e-9, REST)), Reason.MALFORMED)
     assert text.startswith("points[0].time_from_start is -1e-09 s;")
 
@@ -160,7 +160,7 @@ def test_a_first_point_may_be_at_0_but_not_before() -> None:
 def test_the_nearest_times_that_ros_knows_are_different_times() -> None:
     seconds = 1000.0
     ticks = [Point(seconds + 1e-9 * i, REST) for i in range(1, 6)]
-    check_order(order(*ticks), JOINTS, allow_partial=False)
+    check_goal(order(*ticks), JOINTS, allow_partial=False)
 
 
 def test_an_effort_of_zeros_is_no_feed_forward() -> None:
@@ -329,12 +329,12 @@ ANY_NAMES = st.permutations(JOINTS).map(tuple) | st.lists(st.sampled_from([*JOIN
     tuple
 )
 ANY_ORDERS = st.builds(
-    TrajectoryOrder, ANY_NAMES, st.lists(ANY_POINTS, max_size=4).map(tuple), ANYTHING | st.just(0.0)
+    TrajectoryGoal, ANY_NAMES, st.lists(ANY_POINTS, max_size=4).map(tuple), ANYTHING | st.just(0.0)
 )
 
 
 @st.composite
-def good_orders(draw: st.DrawFn, most: float = 1e6) -> TrajectoryOrder:
+def good_orders(draw: st.DrawFn, most: float = 1e6) -> TrajectoryGoal:
     """Orders that pass the check; values up to what it lets through, times as near as ROS can tell."""
     names = tuple(draw(st.permutations(JOINTS)))
     names = names[: draw(st.integers(1, 3))]
@@ -351,10 +351,10 @@ def good_orders(draw: st.DrawFn, most: float = 1e6) -> TrajectoryOrder:
     delay = draw(
         st.just(0.0) | st.floats(-elapsed / 1e9 - 1.0, 10.0) | st.integers(-elapsed, 10).map(lambda n: n / 1e9)
     )
-    return TrajectoryOrder(names, tuple(points), delay)
+    return TrajectoryGoal(names, tuple(points), delay)
 
 
-def through_the_future_points(sent: TrajectoryOrder, spline: Spline, begin: float) -> None:
+def through_the_future_points(sent: TrajectoryGoal, spline: Spline, begin: float) -> None:
     future = [point for point in sent.points if sent.delay + point.time > 1e-9]
     assert begin == max(sent.delay, 0.0)
     assert len(spline.waypoints) - len(future) in {0, 1}
@@ -371,7 +371,7 @@ def through_the_future_points(sent: TrajectoryOrder, spline: Spline, begin: floa
         assert all(map(math.isfinite, [*sample.position, *sample.velocity, *sample.acceleration]))
 
 
-def outcome(sent: TrajectoryOrder, partial: bool) -> tuple[Spline, float] | GoalError:
+def outcome(sent: TrajectoryGoal, partial: bool) -> tuple[Spline, float] | GoalError:
     try:
         return made(sent, partial=partial)
     except GoalError as error:
@@ -379,7 +379,7 @@ def outcome(sent: TrajectoryOrder, partial: bool) -> tuple[Spline, float] | Goal
 
 
 @given(ANY_ORDERS, st.booleans())
-def test_an_order_of_any_shape_is_refused_for_a_reason_or_followed(sent: TrajectoryOrder, partial: bool) -> None:
+def test_an_order_of_any_shape_is_refused_for_a_reason_or_followed(sent: TrajectoryGoal, partial: bool) -> None:
     result = outcome(sent, partial)
     if isinstance(result, GoalError):
         assert result.reason in {
@@ -394,8 +394,8 @@ def test_an_order_of_any_shape_is_refused_for_a_reason_or_followed(sent: Traject
 
 
 @given(good_orders())
-def test_a_good_order_is_followed_through_exactly_its_future_points(sent: TrajectoryOrder) -> None:
-    check_order(sent, JOINTS, allow_partial=True)
+def test_a_good_order_is_followed_through_exactly_its_future_points(sent: TrajectoryGoal) -> None:
+    check_goal(sent, JOINTS, allow_partial=True)
     result = outcome(sent, partial=True)
     if sent.delay + sent.points[-1].time <= 1e-9:
         assert isinstance(result, GoalError)
@@ -410,7 +410,7 @@ def test_a_good_order_is_followed_through_exactly_its_future_points(sent: Trajec
 
 
 @given(good_orders(most=4.0), st.data())
-def test_the_order_of_names_does_not_matter(sent: TrajectoryOrder, data: st.DataObject) -> None:
+def test_the_order_of_names_does_not_matter(sent: TrajectoryGoal, data: st.DataObject) -> None:
     assume(sent.delay + sent.points[-1].time > 1e-9)
     assume(sent.points[0].time > 1e-9)
     turn = data.draw(st.permutations(range(len(sent.names))))
@@ -427,7 +427,7 @@ def test_the_order_of_names_does_not_matter(sent: TrajectoryOrder, data: st.Data
         )
         for point in sent.points
     )
-    other = TrajectoryOrder(tuple(sent.names[i] for i in turn), points, sent.delay)
+    other = TrajectoryGoal(tuple(sent.names[i] for i in turn), points, sent.delay)
     spline, begin = made(sent, partial=True)
     again, begin_again = made(other, partial=True)
     assert begin == begin_again

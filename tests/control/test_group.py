@@ -8,7 +8,7 @@ from tests.motion.arms import NAMES, state
 
 from hexwire.control.arrival import Tolerance
 from hexwire.control.controller import TrajectoryController
-from hexwire.control.goals import Point, Tolerances, TrajectoryOrder
+from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.group import ControllerGroup
 from hexwire.control.outcomes import Ended, Outcome
 from hexwire.control.settings import ControllerSettings
@@ -56,7 +56,7 @@ def make_group() -> ControllerGroup:
 def go(group: ControllerGroup, which: int, joint: str, by: float, now: float = 0.0) -> Told:
     told = Told(group)
     here = state(stamp=now)
-    order = TrajectoryOrder((joint,), (Point(2.0, (here[joint].position + by,)),))
+    order = TrajectoryGoal((joint,), (Point(2.0, (here[joint].position + by,)),))
     group.members[which].accept(order, here, now, goal=told)
     return told
 

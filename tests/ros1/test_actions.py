@@ -18,7 +18,7 @@ from hexwire.ros1.actions import ActionGoals
 
 
 class Time(float):
-    """As much of ROS's times and durations as orders take."""
+    """As much of ROS's times and durations as goals take."""
 
     def is_zero(self) -> bool:
         return self == 0.0

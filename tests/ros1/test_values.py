@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.errors import UsageError
 from hexwire.ros1.messages import _OSRF
-from hexwire.ros1.values import order_of, set_points_of, tolerances_of
+from hexwire.ros1.values import set_points_of, tolerances_of, trajectory_of
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
 
@@ -46,7 +46,7 @@ def _trajectory(stamp: int) -> Any:
 
 
 def test_trajectory_is_read_as_it_is() -> None:
-    assert order_of(_trajectory(0), NOW) == TrajectoryOrder(
+    assert trajectory_of(_trajectory(0), NOW) == TrajectoryGoal(
         ("J2", "J1"),
         (Point(0.5, (0.1, 0.2)), Point(1.0, (0.3, 0.4), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))),
         0.0,
@@ -55,7 +55,7 @@ def test_trajectory_is_read_as_it_is() -> None:
 
 @pytest.mark.parametrize("nanoseconds", [250_000_001, 1, -500_000_000])
 def test_stamp_is_told_from_now_and_exactly(nanoseconds: int) -> None:
-    assert order_of(_trajectory(NOW.nanoseconds + nanoseconds), NOW).delay == nanoseconds / 1e9
+    assert trajectory_of(_trajectory(NOW.nanoseconds + nanoseconds), NOW).delay == nanoseconds / 1e9
 
 
 def test_tolerances() -> None:

@@ -1,4 +1,4 @@
-"""The one owner of a moving robot. Knows neither ROS nor a terminal nor a page.
+"""The one owner of a moving robot. Knows no front: no middleware, no terminal, no page.
 
 Owns the names for programs that want a motion done; they load on first use, since most commands move nothing.
 """

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Sample, Trajectory
 
-    from .goals import Tolerances, TrajectoryOrder
+    from .goals import Tolerances, TrajectoryGoal
     from .known_state import KnownState
-    from .outcomes import Goal
+    from .outcomes import GoalListener
     from .settings import Settings
 
 __all__ = ["Arm"]
@@ -127,9 +127,9 @@ class Arm:
     def command(
         self,
         name: str,
-        order: TrajectoryOrder,
+        order: TrajectoryGoal,
         *,
-        goal: Goal | None = None,
+        goal: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         wanted: Callable[[], bool] = lambda: True,
     ) -> None:
@@ -193,7 +193,7 @@ class Arm:
             self.controllers[name].hold(why)
         self.hardware.deliver()
 
-    def cancel(self, name: str, goal: Goal) -> None:
+    def cancel(self, name: str, goal: GoalListener) -> None:
         """Hold, if this goal is the one that is followed."""
         with self.hardware.locked():
             self.controllers[name].cancel(goal)

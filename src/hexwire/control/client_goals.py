@@ -22,7 +22,7 @@ from .outcomes import Outcome, Reason
 
 if TYPE_CHECKING:
     from .arm import Arm
-    from .goals import TrajectoryOrder
+    from .goals import TrajectoryGoal
     from .outcomes import Ended
 
 __all__ = ["Client", "ClientGoal", "ClientGoals", "Request"]
@@ -54,13 +54,13 @@ class Request:
     """What a client asks for.
 
     Attributes:
-        order: The trajectory.
+        trajectory: What is to be followed.
         path: Tolerances on the path, as in `Tolerances.overridden`.
         goal: Tolerances at the goal; likewise.
         goal_time: Seconds; likewise.
     """
 
-    order: TrajectoryOrder
+    trajectory: TrajectoryGoal
     path: Sequence[tuple[str, float, float, float]] = ()
     goal: Sequence[tuple[str, float, float, float]] = ()
     goal_time: float = 0.0
@@ -161,7 +161,7 @@ class ClientGoals(Generic[_C]):
             )
             self._arm.command(
                 goal.controller,
-                request.order,
+                request.trajectory,
                 goal=goal,
                 tolerances=tolerances,
                 wanted=lambda: not goal.cancelled,

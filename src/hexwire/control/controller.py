@@ -19,8 +19,8 @@ from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
 from .arrival import Arrival, Deviation, Verdict
-from .goals import Point, check_order, make_trajectory
-from .outcomes import Ended, Goal, Outcome, Progress, Reason
+from .goals import Point, check_goal, make_trajectory
+from .outcomes import Ended, GoalListener, Outcome, Progress, Reason
 from .path_check import PathCheck
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hexwire.motion.safety import SafetyLimits
     from hexwire.motion.waypoints import Trajectory
 
-    from .goals import Tolerances, TrajectoryOrder
+    from .goals import Tolerances, TrajectoryGoal
     from .settings import ControllerSettings
 
 __all__ = ["TrajectoryController"]
@@ -49,13 +49,13 @@ _TOGETHER = 0.03
 class _Active:
     """What is being followed: with a goal somebody waits for its end, without one it is a mere command."""
 
-    goal: Goal | None
+    goal: GoalListener | None
     tolerances: Tolerances
     begins: float
     arrival: Arrival
 
 
-def _active(goal: Goal | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
+def _active(goal: GoalListener | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
     return _Active(goal, tolerances, begins, Arrival(tolerances.goal, ends, tolerances.goal_time))
 
 
@@ -63,7 +63,7 @@ def _active(goal: Goal | None, tolerances: Tolerances, begins: float, ends: floa
 class _Pending:
     """An order whose time has not come: what was under way goes on until then."""
 
-    order: TrajectoryOrder
+    order: TrajectoryGoal
     received: float
     begins: float
 
@@ -102,7 +102,7 @@ class TrajectoryController:
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
         self._pending: _Pending | None = None
-        self._ended: list[tuple[Goal, Ended]] = []
+        self._ended: list[tuple[GoalListener, Ended]] = []
         self._progress: Progress | None = None
 
     @property
@@ -111,7 +111,7 @@ class TrajectoryController:
         return self.settings.joints
 
     @property
-    def goal(self) -> Goal | None:
+    def goal(self) -> GoalListener | None:
         """Who waits for the end of what is followed."""
         return self._active.goal if self._active else None
 
@@ -142,7 +142,7 @@ class TrajectoryController:
         """Of the last cycle; None before there was one with all joints."""
         return self._progress
 
-    def take_ended(self) -> list[tuple[Goal, Ended]]:
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Goals that have ended since the last call. They must be told outside any lock."""
         ended, self._ended = self._ended, []
         return ended
@@ -185,7 +185,7 @@ class TrajectoryController:
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
-    def plan(self, order: TrajectoryOrder, start: Sample) -> Trajectory:
+    def plan(self, order: TrajectoryGoal, start: Sample) -> Trajectory:
         """What an order would make the joints do; looks at nothing that changes, so needs no lock.
 
         Args:
@@ -195,7 +195,7 @@ class TrajectoryController:
         Raises:
             GoalError: It is malformed, late or not for these joints.
         """
-        check_order(order, self.joints, allow_partial=self.settings.allow_partial)
+        check_goal(order, self.joints, allow_partial=self.settings.allow_partial)
         return make_trajectory(order, self.joints, start)[0]
 
     def check_way(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
@@ -214,11 +214,11 @@ class TrajectoryController:
 
     def accept(
         self,
-        order: TrajectoryOrder,
+        order: TrajectoryGoal,
         state: JointState,
         now: float,
         *,
-        goal: Goal | None = None,
+        goal: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         received: float | None = None,
         meanwhile: Sequence[Trajectory] = (),
@@ -256,7 +256,7 @@ class TrajectoryController:
         state: JointState,
         now: float,
         *,
-        goal: Goal | None = None,
+        goal: GoalListener | None = None,
         tolerances: Tolerances | None = None,
     ) -> None:
         """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
@@ -299,7 +299,7 @@ class TrajectoryController:
         self.follower.hold()
         self._preempt(why)
 
-    def cancel(self, goal: Goal) -> None:
+    def cancel(self, goal: GoalListener) -> None:
         """Hold, if this is the goal that is followed."""
         if self.goal is goal:
             self.hold("cancelled")
@@ -359,7 +359,7 @@ class TrajectoryController:
 
     def _due(
         self,
-        order: TrajectoryOrder,
+        order: TrajectoryGoal,
         received: float,
         state: JointState,
         now: float,

@@ -22,8 +22,8 @@ __all__ = [
     "MAX_POINTS",
     "Point",
     "Tolerances",
-    "TrajectoryOrder",
-    "check_order",
+    "TrajectoryGoal",
+    "check_goal",
     "make_trajectory",
 ]
 
@@ -47,7 +47,7 @@ class Point:
     """One point, in the order of the names that come with it; whatever is empty is not given.
 
     Attributes:
-        time: Seconds from the order's stamp (`time_from_start`).
+        time: Seconds from the goal's stamp (`time_from_start`).
         positions: Radians.
         velocities: Radians per second.
         accelerations: Radians per second squared; only with velocities.
@@ -62,13 +62,13 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class TrajectoryOrder:
-    """A trajectory as it was sent.
+class TrajectoryGoal:
+    """A trajectory to be followed, as it was sent.
 
     Attributes:
         names: Joint names, in any order.
         points: Values in the order of the names.
-        delay: Seconds from now to the order's stamp; 0 for no stamp, negative if it has passed.
+        delay: Seconds from now to the goal's stamp; 0 for no stamp, negative if it has passed.
     """
 
     names: tuple[str, ...]
@@ -169,29 +169,29 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(names[:_SHOWN] + more)
 
 
-def check_order(order: TrajectoryOrder, joints: tuple[str, ...], *, allow_partial: bool) -> None:
-    """Refuse an order that the rules forbid. An order without points passes; it is the caller's business.
+def check_goal(goal: TrajectoryGoal, joints: tuple[str, ...], *, allow_partial: bool) -> None:
+    """Refuse a goal that the rules forbid. One without points passes; it is the caller's business.
 
     Whether the arm can follow (limits, speeds, gates, table) is not judged here.
 
     Args:
-        order: What was sent.
+        goal: What was sent.
         joints: Joints of the controller.
-        allow_partial: Whether the order may leave joints out.
+        allow_partial: Whether the goal may leave joints out.
 
     Raises:
         GoalError: WRONG_JOINTS if the names are wrong, MALFORMED for everything else. Points are counted from 0.
     """
-    _check_names(order.names, joints, allow_partial)
-    if not math.isfinite(order.delay):
-        raise _invalid(f"header.stamp is {order.delay} s from now, not a time")
-    if len(order.points) > MAX_POINTS:
-        raise _invalid(f"the trajectory has {len(order.points)} points; send at most {MAX_POINTS} at a time")
+    _check_names(goal.names, joints, allow_partial)
+    if not math.isfinite(goal.delay):
+        raise _invalid(f"header.stamp is {goal.delay} s from now, not a time")
+    if len(goal.points) > MAX_POINTS:
+        raise _invalid(f"the trajectory has {len(goal.points)} points; send at most {MAX_POINTS} at a time")
     before = -math.inf
-    for i, point in enumerate(order.points):
+    for i, point in enumerate(goal.points):
         _check_time(i, point.time, before)
         before = point.time
-        _check_values(i, point, order.names)
+        _check_values(i, point, goal.names)
 
 
 def _invalid(text: str) -> GoalError:
@@ -253,17 +253,17 @@ def _check_values(i: int, point: Point, names: tuple[str, ...]) -> None:
             raise _invalid(f"{where} is {value:g}; this arm takes no feed-forward, leave effort empty")
 
 
-def make_trajectory(order: TrajectoryOrder, joints: tuple[str, ...], start: Sample) -> tuple[Spline, float]:
-    """Spline through what is left of an order.
+def make_trajectory(goal: TrajectoryGoal, joints: tuple[str, ...], start: Sample) -> tuple[Spline, float]:
+    """Spline through what is left of a goal.
 
     Points whose time has come are dropped. A bridge leads from `start` to the first one that is left, in the time
     that is left, and takes up the velocity and acceleration of `start` as far as that point has its own. Joints
-    that the order leaves out stand still where they are.
+    that the goal leaves out stand still where they are.
 
     Args:
-        order: Has passed `check_order`.
+        goal: Has passed `check_goal`.
         joints: Joints of the controller, in the order of the spline.
-        start: Where they are, in the same order, or will be when the order begins; what is not known of the
+        start: Where they are, in the same order, or will be when the goal begins; what is not known of the
             velocities and accelerations is taken for 0.
 
     Returns:
@@ -273,15 +273,15 @@ def make_trajectory(order: TrajectoryOrder, joints: tuple[str, ...], start: Samp
         GoalError: TOO_LATE if no point is left; MALFORMED if there was none; NOT_READY if the position of a joint
             is unknown; PATH_NOT_ALLOWED if the first point is due at the beginning and the arm is elsewhere.
     """
-    if not order.points:
+    if not goal.points:
         raise _invalid("the trajectory has no points")
     for name, value in zip(joints, start.position, strict=True):
         if not math.isfinite(value):
             raise GoalError(f"it is not known yet where {name} is; wait for its state", reason=Reason.NOT_READY)
-    points = [point for point in order.points if order.delay + point.time > _TICK]
+    points = [point for point in goal.points if goal.delay + point.time > _TICK]
     if not points:
-        raise _too_late(order)
-    places = {name: i for i, name in enumerate(order.names)}
+        raise _too_late(goal)
+    places = {name: i for i, name in enumerate(goal.names)}
     # Place of each joint in the order, None if it is left out.
     picks = [places.get(name) for name in joints]
     rest = (0.0,) * len(joints)
@@ -289,8 +289,8 @@ def make_trajectory(order: TrajectoryOrder, joints: tuple[str, ...], start: Samp
     def row(values: Sequence[float], others: Sequence[float]) -> tuple[float, ...]:
         return tuple(other if pick is None else values[pick] for pick, other in zip(picks, others, strict=True))
 
-    begin = max(order.delay, 0.0)
-    late = min(order.delay, 0.0)
+    begin = max(goal.delay, 0.0)
+    late = min(goal.delay, 0.0)
     way = [
         Waypoint(
             point.time + late,
@@ -311,9 +311,9 @@ def make_trajectory(order: TrajectoryOrder, joints: tuple[str, ...], start: Samp
     return Spline(joints, way), begin
 
 
-def _too_late(order: TrajectoryOrder) -> GoalError:
-    last = order.points[-1]
-    ago = -(order.delay + last.time)
+def _too_late(goal: TrajectoryGoal) -> GoalError:
+    last = goal.points[-1]
+    ago = -(goal.delay + last.time)
     if last.time <= _TICK:
         text = "the time_from_start of the last point must be above 0: it is the time the arm has to get there"
     else:

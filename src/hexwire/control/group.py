@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.fence import Fence
 
-    from .outcomes import Ended, Goal
+    from .outcomes import Ended, GoalListener
 
 __all__ = ["Controller", "ControllerGroup"]
 
@@ -55,7 +55,7 @@ class Controller(Protocol):
     def release(self, why: str) -> None:
         """The joints are no longer held: what was commanded is forgotten."""
 
-    def take_ended(self) -> list[tuple[Goal, Ended]]:
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Goals that have ended since the last call."""
 
 

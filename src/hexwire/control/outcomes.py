@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from hexwire.motion.waypoints import Sample
 
-__all__ = ["Ended", "Goal", "Outcome", "Progress", "Reason"]
+__all__ = ["Ended", "GoalListener", "Outcome", "Progress", "Reason"]
 
 
 class Reason(StrEnum):
@@ -64,7 +64,7 @@ class Ended:
     text: str = ""
 
 
-class Goal(Protocol):
+class GoalListener(Protocol):
     """Who wants to hear how an order ends. The controller never calls it; whoever owns the controller does."""
 
     def ended(self, ended: Ended) -> None:

@@ -18,7 +18,7 @@ from .arrival import Arrival, Deviation, Tolerance, Verdict
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
-    from .outcomes import Ended, Goal
+    from .outcomes import Ended, GoalListener
 
 __all__ = ["TargetController"]
 
@@ -150,6 +150,6 @@ class TargetController:
         """It is over."""
         self.over = True
 
-    def take_ended(self) -> list[tuple[Goal, Ended]]:
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Nobody is told: whoever runs it looks."""
         return []

@@ -12,7 +12,7 @@ from hexwire.control.client_goals import ClientGoals, Request
 from hexwire.control.outcomes import Outcome, Reason
 
 from .codes import CODES
-from .values import order_of, tolerances_of
+from .values import tolerances_of, trajectory_of
 
 if TYPE_CHECKING:
     from hexwire.control.arm import Arm
@@ -87,7 +87,7 @@ class ActionGoals(ClientGoals[ActionClient]):
 
     def _request(self, message: Any) -> Request:
         return Request(
-            order_of(message.trajectory, self._now()),
+            trajectory_of(message.trajectory, self._now()),
             tolerances_of(message.path_tolerance),
             tolerances_of(message.goal_tolerance),
             message.goal_time_tolerance.to_sec(),

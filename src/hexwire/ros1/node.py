@@ -47,7 +47,7 @@ from .actions import ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
 from .parameters import load_parameters
 from .stamps import StampClock
-from .values import order_of, set_points_of
+from .values import set_points_of, trajectory_of
 
 if TYPE_CHECKING:
     from hexwire.control.known_state import KnownState
@@ -270,7 +270,7 @@ class HardwareInterface:
 
     def _on_command(self, name: str, message: Any) -> None:
         try:
-            self._arm.command(name, order_of(message, rospy.Time.now()))
+            self._arm.command(name, trajectory_of(message, rospy.Time.now()))
         except HexwireError as error:
             self._warn(f"command refused: {error}")
 

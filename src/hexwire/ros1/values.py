@@ -9,15 +9,15 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from hexwire.control.goals import Point, TrajectoryOrder
+from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.errors import UsageError
 from hexwire.wire.robot_bodies import COMMAND_ARRAYS
 
-__all__ = ["order_of", "set_points_of", "tolerances_of"]
+__all__ = ["set_points_of", "tolerances_of", "trajectory_of"]
 
 
-def order_of(message: Any, now: Any) -> TrajectoryOrder:
-    """The order in a trajectory_msgs/JointTrajectory.
+def trajectory_of(message: Any, now: Any) -> TrajectoryGoal:
+    """The goal in a trajectory_msgs/JointTrajectory.
 
     Args:
         message: The message.
@@ -36,7 +36,7 @@ def order_of(message: Any, now: Any) -> TrajectoryOrder:
         )
         for point in message.points
     )
-    return TrajectoryOrder(tuple(message.joint_names), points, delay)
+    return TrajectoryGoal(tuple(message.joint_names), points, delay)
 
 
 def tolerances_of(rows: Iterable[Any]) -> list[tuple[str, float, float, float]]:
