@@ -4,7 +4,7 @@
     python schema/assemble.py DIR       write DIR
 
 Wireshark, sigrok and Logic 2 load one folder and nothing next to it. So ``analyzers/`` holds what is written by
-hand, once, and this adds the decoder and the tables from ``schema/*.toml``. Needs only the standard library.
+hand, and this adds the tables and the decoder of ``hexwire.trace``. Needs only the standard library.
 """
 
 from __future__ import annotations
@@ -14,22 +14,28 @@ import sys
 from pathlib import Path
 
 import emit_analyzers
-from load import Schema, SchemaError, load
 
 ROOT = Path(__file__).resolve().parent.parent
+SOURCE = ROOT / "src"
+sys.path.insert(0, str(SOURCE))
+
+from hexwire.trace.reading_tables import TABLES  # noqa: E402  (only now does Python find it)
+
 DECODER = "reading.py"
 PYTHON_FOLDERS = ("sigrok/hexwire_host", "sigrok/hexwire_servo", "saleae")
 
 
-def files(schema: Schema, source: Path) -> dict[str, str]:
-    """Path inside the assembled folder -> text of every file; ``source`` is ``analyzers/``."""
-    by_hand = {
+def files() -> dict[str, str]:
+    """Path inside the assembled folder -> text of every file."""
+    source = ROOT / "analyzers"
+    wanted = {
         path.relative_to(source).as_posix(): path.read_text(encoding="utf-8")
         for path in sorted(source.rglob("*"))
         if path.is_file() and "__pycache__" not in path.parts
     }
-    decoder, tables = by_hand.pop(DECODER), emit_analyzers.emit_tables(schema)
-    wanted = by_hand | {"wireshark/hexwire_tables.lua": emit_analyzers.emit_lua(schema)}
+    decoder = (SOURCE / "hexwire/trace" / DECODER).read_text(encoding="utf-8")
+    tables = emit_analyzers.emit_tables(TABLES)
+    wanted["wireshark/hexwire_tables.lua"] = emit_analyzers.emit_lua(TABLES)
     for folder in PYTHON_FOLDERS:
         wanted |= {f"{folder}/{DECODER}": decoder, f"{folder}/tables.py": tables}
     return wanted
@@ -39,10 +45,9 @@ def assemble(into: Path) -> None:
     """Write every file of the assembled folders.
 
     Raises:
-        SchemaError: ``schema/*.toml`` has a fault.
         OSError: A file cannot be read or written.
     """
-    for name, text in files(load(ROOT / "schema"), ROOT / "analyzers").items():
+    for name, text in files().items():
         path = into / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
@@ -55,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     into = parser.parse_args(arguments).into
     try:
         assemble(into)
-    except (SchemaError, OSError) as error:
+    except OSError as error:
         sys.stderr.write(f"{error}\n")
         return 1
     sys.stdout.write(f"{into}\n")

@@ -31,7 +31,7 @@ def test_the_chapters_log_in_words(tmp_path: Path) -> None:
     file.write_text(LOG)
     result = CliRunner().invoke(trace, ["decode", str(file)])
     assert result.exit_code == 0
-    assert "read 2 bytes at present_position (0x38) of servo 0" in result.output
+    assert "read 0: present_position, 2 bytes" in result.output
     assert "present_position 2053" in result.output
     assert "ICRNL" in result.output
 

@@ -55,7 +55,7 @@ def test_a_dialect_2_reply_is_paired_by_seq_and_its_check_judged() -> None:
     *_, answered = explain((SENT, request, 1.0), (SENT, other, 1.0), (RECEIVED, reply, 1.02))
     assert layer(answered, "pairing")["request_seq"] == 4
     assert layer(answered, "command")["check_verdict"] == "good"
-    assert "positions 2047" in answered.layers[2].text
+    assert "position 2047" in answered.layers[2].text
 
 
 def test_a_cooked_port_is_recognised_and_the_frame_explained_all_the_same() -> None:
@@ -172,7 +172,11 @@ def test_what_follows_an_unfinished_frame_is_explained_at_the_end() -> None:
     long = bytearray(good[:40])
     long[28:32], long[36:38] = (8000).to_bytes(4, "little"), (8000 - 44).to_bytes(2, "little")
     found = explain((SENT, bytes(long) + good + good, 0.0))
-    assert [(e.kind, e.problem) for e in found] == [("bad", "cut short by the end"), ("frame", ""), ("frame", "")]
+    assert [(e.kind, e.problem) for e in found] == [
+        ("bad", "cut short, 128 of 8000 bytes"),
+        ("frame", ""),
+        ("frame", ""),
+    ]
 
 
 def test_an_explanation_that_is_not_taken_is_not_given_again() -> None:

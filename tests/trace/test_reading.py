@@ -9,18 +9,17 @@ from tests.analyzers.lines import readings_table
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explainer
-from hexwire.trace.reading import cut_packets, read_request, read_status
-from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_legacy_ping_status, make_ping, make_read, make_status, parse_status
+from hexwire.trace.reading import Reader
+from hexwire.trace.reading_tables import TABLES
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.servo_packet import make_legacy_ping_status, make_ping, make_read, make_status
 
 WAYS = {"host": Direction.SENT, "board": Direction.RECEIVED}
 
 
 @pytest.mark.parametrize("row", readings_table(), ids=lambda row: row["name"])
 def test_reads_as_the_table_says(row: dict[str, Any]) -> None:
-    """Python's own decoder, which shares nothing with the analysers but the schema and the table."""
-    series = dict.fromkeys(range(254), Series(row["series"])) if "series" in row else None
-    explainer = Explainer(series, bus=row["line"] == "bus")
+    explainer = Explainer(row.get("series", "board"), bus=row["line"] == "bus")
     found = []
     for i, (way, data) in enumerate(row["transfers"]):
         found += explainer.feed(Passed(WAYS[way], bytes.fromhex(data), i * 0.001, ""))
@@ -47,9 +46,15 @@ def test_the_table_has_every_kind_of_line() -> None:
 
 
 def test_a_board_s_error_is_one_only_behind_a_board() -> None:
-    status = parse_status(make_legacy_ping_status(3, 5))
-    assert read_status(status, None, {}) == "status 3 legacy error voltage, temperature"
-    assert read_status(status, None, {}, board=True) == "board error ping silent, servo 3"
+    status = make_legacy_ping_status(3, 5)
+    (alone,) = Reader(TABLES, "bus").feed(status)
+    assert alone.text == "status 3 legacy error voltage, temperature"
+    data = serialize_frame(
+        Frame(proto=1, cmd=Command.PING, body=status, seq=1, sn=1, src=8, dst=7, type=3, time_sec=1, time_nsec=0)
+    )
+    (framed,) = Reader(TABLES).feed(data)
+    assert framed.words == "board error ping silent, servo 3"
+    assert framed.answer
 
 
 def test_an_answer_with_another_series_header_is_doubted() -> None:
@@ -64,12 +69,9 @@ def test_an_answer_with_another_series_header_is_doubted() -> None:
 
 def test_a_name_comes_from_the_series_that_is_given() -> None:
     request = make_read(1, 42, 2)
-    names = {
-        series: read_request(request, {1: series}).split(": ")[1].split(",")[0]
-        for series in (Series.SEVEN_BOT, Series.STS_SMS)
-    }
-    assert names == {Series.SEVEN_BOT: "target_position", Series.STS_SMS: "goal_position"}
-    assert read_request(request, {}) == "read 1: 0x2A, 2 bytes"
+    texts = [Reader(TABLES, "bus", series).feed(request)[0].text for series in ("seven_bot", "sts_sms", "board")]
+    assert texts == [f"read 1: {name}_position, 2 bytes" for name in ("target", "goal", "target")]
+    assert Reader(TABLES, "bus").feed(make_read(99, 42, 2))[0].text == "read 99: 0x2A, 2 bytes"
 
 
 part = st.one_of(
@@ -82,20 +84,14 @@ def test_no_byte_is_lost_and_pieces_make_no_difference(parts: list[bytes], cuts:
     stream = b"".join(parts)
 
     def sound(pieces: list[bytes]) -> list[bytes]:
-        held, found, total = b"", [], b""
-        for piece in [*pieces, None]:
-            held += piece or b""
-            places = list(cut_packets(held, final=piece is None))
-            rest = places[-1][2] if places else 0
-            for kind, start, end, reason in places:
-                total += held[start:end]
-                assert bool(reason) == (kind == "bad")
-                if kind == "packet":
-                    found.append(held[start:end])
-            held = held[rest:]
-            assert len(held) < 256
-        assert total == stream
-        return found
+        reader, found = Reader(TABLES, "bus"), []
+        for piece in pieces:
+            found += reader.feed(piece)
+            assert len(reader.unfinished()) < 256
+        found += reader.silence()
+        assert b"".join(reading.data for reading in found) == stream
+        assert all(bool(reading.problem) == (reading.kind == "bad") for reading in found)
+        return [reading.data for reading in found if reading.kind == "packet"]
 
     edges = sorted({min(cut, len(stream)) for cut in cuts})
     split = [stream[a:b] for a, b in zip([0, *edges], [*edges, len(stream)], strict=True)]

@@ -94,7 +94,7 @@ class Decoder(srd.Decoder):
             ss, es = places[reading.start - offset][0], places[reading.end - offset - 1][1]
             kind = {"bad": BAD, "garbage": GARBAGE}.get(reading.kind)
             if kind is None:
-                kind = STATUS if reading.text.startswith("status ") else REQUEST
+                kind = STATUS if reading.answer else REQUEST
                 self.put(ss, es, self.out_binary, [0, reading.data])
                 self.turn(reading, ss, es)
             text, _, hazard = reading.text.partition(" ! ")

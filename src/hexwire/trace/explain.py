@@ -1,21 +1,22 @@
 """What bytes on a line mean, a layer at a time: session header, command frame, servo packet, register values.
 
-Owns the wording and the pairing of answers with their requests. Takes transfers in order and never raises; what is
-corrupt is shown where it is, with the reason, and explaining goes on behind it. Must not know where the transfers
-come from.
+Owns the layers and their fields; the words and the pairing of answers with their requests are `reading`'s. Takes
+transfers in order and never raises; what is corrupt is shown where it is, with the reason, and explaining goes on
+behind it. Must not know where the transfers come from.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
 from hexwire.wire import tables
-from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, examine, status_name
-from hexwire.wire.describe import describe_body, describe_servo
+from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, parse_frame, status_name
 from hexwire.wire.modules import module_name
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
@@ -29,19 +30,19 @@ from hexwire.wire.servo_packet import (
 )
 from hexwire.wire.tables import PROTO_CHAPTER, SYNC_BYTES, TAIL
 
-from .reading import CEILING, answers, cut_packets, has_ceiling_hazard, read_frame, read_request, read_status
+from .reading import CEILING, COOKED, Reader, Reading, has_ceiling_hazard, u16
+from .reading_tables import TABLES
 
 __all__ = ["Explained", "Explainer", "Layer"]
 
-_BOARD_SERIES = {
-    servo_id: next(s for s in Series if s.value == name)
-    for servo_id, name in zip(tables.BOARD_JOINT_IDS, tables.BOARD_JOINT_SERIES, strict=True)
-}
 _SERVO_COMMANDS = (Command.PING, Command.READ, Command.SYNC_WRITE)
-_COOKED_TAIL = b"\n\n"
 _COOKED = "tail 0A 0A: the port was left with ICRNL, and every 0D in it became 0A"
 _NO_FRAME = "belongs to no frame"
+_NO_PACKET = "no servo packet"
 _CEILING = f"hazard: {CEILING}"
+_OTHER_SERIES = "the header of another series"
+_PIECE = 1 << 16
+"""Bytes that are read at a time: what is found in them is held."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class Explained:
         text: One line.
         layers: From the outermost inward.
         problem: Why it is bad, or what is doubtful; empty if nothing.
-        reading: The same short line that the project's analysers show (`reading`).
+        reading: The short line that the project's analysers show (`reading`).
     """
 
     direction: Direction
@@ -92,139 +93,86 @@ class Explained:
         return fields | {layer.name: layer.fields for layer in self.layers}
 
 
-@dataclass(slots=True)
-class _Asked:
-    time: float
-    cmd: int
-    seq: int
-    packet: ServoPacket | None
-
-
-@dataclass(slots=True)
-class _Way:
-    """One direction of the line.
-
-    Attributes:
-        data: What has arrived lately.
-        done: So many bytes of it are explained.
-        frames: A sync word has come.
-        bus: It is taken for a bus of servos.
-    """
-
-    data: bytes = b""
-    done: int = 0
-    frames: bool = False
-    bus: bool = False
-
-
 class Explainer:
     """Explains the traffic of one link, transfer by transfer.
 
     Args:
-        series: Series of servos by id; those of the Hex7Bot's board if None.
+        series: Name of the series of all servos, or board: those of the Hex7Bot by id.
         bus: The line is a bus of servos, without a board. If None, it is one if it begins with a servo packet.
     """
 
-    def __init__(self, series: Mapping[int, Series] | None = None, *, bus: bool | None = None) -> None:
-        self._series = _BOARD_SERIES if series is None else series
+    def __init__(self, series: str = "board", *, bus: bool | None = None) -> None:
         self._bus = bus
-        self._ways = {direction: _Way() for direction in Direction}
-        self._by_seq: dict[int, _Asked] = {}
-        self._last: _Asked | None = None
+        self._reader = Reader(TABLES, series=series)
+        self._lines = dict.fromkeys(Direction, "host")
+        self._framed: set[Direction] = set()
+        # Whoever stops taking in the middle gets the rest with the next transfer.
+        self._left: deque[Passed] = deque()
+        self._found: deque[Reading] = deque()
 
     def feed(self, passed: Passed) -> Iterator[Explained]:
         """Explain what is whole after this transfer."""
-        way = self._ways[passed.direction]
-        way.data, way.done = way.data[way.done :] + passed.data, 0
-        if self._bus or (self._bus is None and not way.frames and self._begins_bus(way.data)):
-            way.bus = True
-            yield from self._servo_traffic(way, passed.direction, passed.time)
-            return
-        way.bus = False
-        way.frames = way.frames or SYNC_BYTES in way.data
-        yield from self._take(way, passed.direction, passed.time)
+        for at in range(0, len(passed.data), _PIECE):
+            self._left.append(passed._replace(data=passed.data[at : at + _PIECE]))
+        while self._found or self._left:
+            if self._found:
+                yield self._explained(self._found.popleft())
+                continue
+            way, data, time, _ = self._left.popleft()
+            self._reader.line = self._lines[way] = self._line(way, data)
+            self._found += self._reader.feed(data, way, time)
 
     def finish(self) -> Iterator[Explained]:
         """Explain what is left unfinished at the end."""
-        for direction, way in self._ways.items():
-            if way.bus:
-                yield from self._servo_traffic(way, direction, 0.0, final=True)
-            else:
-                yield from self._take(way, direction, 0.0, final=True)
+        for way in Direction:
+            self._reader.line = self._lines[way]
+            for reading in self._reader.silence(way):
+                yield self._explained(reading)
 
-    def _take(self, way: _Way, direction: Direction, time: float, *, final: bool = False) -> Iterator[Explained]:
-        """Cut whole frames off the front; at most one unfinished frame stays.
+    def _line(self, way: Direction, data: bytes) -> str:
+        """What these bytes are read as: the first frame ends the guess that it is a bus."""
+        if self._bus is not None:
+            return "bus" if self._bus else "host"
+        data = self._reader.unfinished(way) + data
+        if SYNC_BYTES in data:
+            self._framed.add(way)
+        is_bus = way not in self._framed and data.startswith((tables.SERVO_HEADER, tables.LEGACY_HEADER))
+        return "bus" if is_bus else "host"
 
-        Every step moves on in the same bytes: cutting them anew for each frame would take the square of a long
-        capture's time.
-        """
-        data = way.data
-        at = way.done
-        while True:
-            start = data.find(SYNC_BYTES, at)
-            if start < 0:
-                keep = 0 if final else next((n for n in (3, 2, 1) if data.endswith(SYNC_BYTES[:n])), 0)
-                yield from self._passed_over(way, max(len(data) - keep, way.done), direction, time)
-                return
-            result = examine(data, start, tables.MAX_NETWORK_FRAME)
-            if isinstance(result, str) and result.startswith("head:"):
-                at = start + 1
-                continue
-            yield from self._passed_over(way, start, direction, time)
-            if isinstance(result, int) and not final:
-                return
-            frame, end, problem = self._judged(data, start, result)
-            raw = data[start:end]
-            way.done = at = end
-            if frame is not None:
-                yield self._frame(frame, raw, direction, time, problem)
-            else:
-                yield self._spoilt(raw, direction, time, problem)
-
-    def _passed_over(self, way: _Way, end: int, direction: Direction, time: float) -> Iterator[Explained]:
-        if end > way.done:
-            lost, way.done = way.data[way.done : end], end
-            yield self._spoilt(lost, direction, time, _NO_FRAME)
-
-    @staticmethod
-    def _judged(data: bytes, start: int, result: Frame | str | int) -> tuple[Frame | None, int, str]:
-        """What stands at `start`: a frame or None, where it ends, and what is wrong with it."""
-        if isinstance(result, Frame):
-            return result, start + result.size, ""
-        size, problem = len(data) - start, "cut short by the end"
-        if isinstance(result, str):
-            size, problem = int.from_bytes(data[start + 28 : start + 32], "little"), result
-            if data[start + size - 2 : start + size] == _COOKED_TAIL:
-                mended = examine(data[start : start + size - 2] + TAIL, 0, tables.MAX_NETWORK_FRAME)
-                if isinstance(mended, Frame):
-                    return mended, start + size, _COOKED
-        # Bad bytes reach to where the next frame may begin.
-        following = data.find(SYNC_BYTES, start + 1, start + size)
-        return None, following if following > 0 else start + size, problem
+    def _explained(self, reading: Reading) -> Explained:
+        if reading.kind == "frame":
+            return self._frame(reading)
+        if reading.kind == "packet":
+            return self._packet(reading)
+        data = reading.data
+        on_bus = self._reader.line == "bus"
+        problem = reading.problem or (_NO_PACKET if on_bus else _NO_FRAME)
+        sample = data[:16].hex(" ").upper() + (" ..." if len(data) > 16 else "")
+        text = f"{reading.kind}, {len(data)} bytes, {problem}: {sample}"
+        return Explained(reading.way, reading.time, reading.kind, data, text, (), problem, reading.text)
 
     # -- frames -------------------------------------------------------------------------------------
 
-    def _frame(self, frame: Frame, raw: bytes, direction: Direction, time: float, problem: str) -> Explained:
+    def _frame(self, reading: Reading) -> Explained:
+        raw = reading.data
+        is_cooked = raw.endswith(COOKED)
+        frame = parse_frame(raw[:-2] + TAIL)
         layers = [self._session_layer(frame), self._command_layer(frame, raw)]
-        asked = self._pair(frame, direction, time)
+        asked = reading.answers
         if frame.cmd in _SERVO_COMMANDS and frame.body:
-            layers.append(self._servo_layer(frame.body, asked if direction is Direction.RECEIVED else None))
+            layers.append(self._servo_layer(frame.body, reading))
         elif frame.cmd == Command.TRANSACT and frame.body:
             packet = frame.body if frame.is_reply else frame.body[2:]
             if packet:
-                layers.append(
-                    self._servo_layer(packet, asked if direction is Direction.RECEIVED else None, swapped=False)
-                )
+                layers.append(self._servo_layer(packet, reading, swapped=False))
         elif frame.body:
-            text = describe_body(frame)
-            layers.append(Layer("body", text, {"text": text}))
-        if asked is not None and direction is Direction.RECEIVED:
-            took = (time - asked.time) * 1000
-            text = f"answers seq {asked.seq}" + (f" after {took:.1f} ms" if time and asked.time else "")
-            layers.append(Layer("pairing", text, {"request_seq": asked.seq, "took_ms": round(took, 3)}))
-        question = asked.packet if asked else None
-        reading = read_frame(frame, raw, question, self._series, cooked=raw.endswith(_COOKED_TAIL))
-        return Explained(direction, time, "frame", raw, str(frame), tuple(layers), problem, reading)
+            layers.append(Layer("body", reading.words, {"text": reading.words}))
+        if asked is not None:
+            took, seq = (reading.time - asked.time) * 1000, asked.data[34]
+            text = f"answers seq {seq}" + (f" after {took:.1f} ms" if reading.time and asked.time else "")
+            layers.append(Layer("pairing", text, {"request_seq": seq, "took_ms": round(took, 3)}))
+        problem = _COOKED if is_cooked else ""
+        return Explained(reading.way, reading.time, "frame", raw, str(frame), tuple(layers), problem, reading.text)
 
     def _session_layer(self, frame: Frame) -> Layer:
         text = (
@@ -265,135 +213,81 @@ class Explainer:
         fields["check_verdict"] = verdict
         return Layer("command", f"{text}check {check:04X} {verdict}", fields)
 
-    def _pair(self, frame: Frame, direction: Direction, time: float) -> _Asked | None:
-        if direction is Direction.SENT:
-            packet = None
-            if frame.cmd in _SERVO_COMMANDS or frame.cmd == Command.TRANSACT:
-                packet = _try_packet(frame.body[2:] if frame.cmd == Command.TRANSACT else frame.body)
-            asked = _Asked(time, frame.cmd, frame.seq, packet)
-            if frame.proto == PROTO_CHAPTER:
-                self._last = asked
-            else:
-                self._by_seq[frame.seq] = asked
-            return None
-        if frame.proto == PROTO_CHAPTER:
-            asked1, self._last = self._last, None
-            return asked1
-        return self._by_seq.pop(frame.seq, None) if frame.is_reply else None
-
     # -- servo packets ------------------------------------------------------------------------------
 
-    def _servo_layer(self, data: bytes, asked: _Asked | None, *, swapped: bool = True) -> Layer:
-        packet = _try_packet(data)
-        answers = asked is not None and asked.packet is not None
-        if packet is not None and not answers and packet.instruction in tuple(Instruction):
-            return self._request_layer(packet, data)
+    def _packet(self, reading: Reading) -> Explained:
+        layer = self._servo_layer(reading.data, reading, bus=True)
+        return Explained(
+            reading.way, reading.time, "servo packet", reading.data, layer.text, (layer,), "", reading.text
+        )
+
+    def _servo_layer(self, data: bytes, reading: Reading, *, swapped: bool = True, bus: bool = False) -> Layer:
+        """Fields of a packet in a frame or on a bus; `swapped`: a board may have turned a value's bytes round."""
+        if not reading.answer:
+            packet = _try_packet(data)
+            if packet is not None:
+                return Layer("servo", reading.words, self._request_fields(packet))
         try:
             status = parse_status(data, as_it_is=True)
         except HexwireError as error:
-            text = f"bad servo packet, {error}: {data.hex(' ').upper()}"
-            return Layer("servo", text, {"problem": str(error)})
-        return self._status_layer(status, asked.packet if asked else None, swapped=swapped)
+            return Layer("servo", reading.words, {"problem": str(error)})
+        asked = None if reading.answers is None else _try_packet(_packet_of(reading.answers))
+        return self._status_layer(status, asked, reading.words, swapped=swapped, bus=bus)
 
-    def _request_layer(self, packet: ServoPacket, data: bytes) -> Layer:
-        series = self._series.get(packet.servo_id)
+    def _request_fields(self, packet: ServoPacket) -> dict[str, Any]:
+        series = self._series(packet.servo_id)
+        known = packet.instruction in tuple(Instruction)
         fields: dict[str, Any] = {
             "id": packet.servo_id,
-            "instruction": Instruction(packet.instruction).name.lower(),
+            "instruction": Instruction(packet.instruction).name.lower() if known else packet.instruction,
             "checksum": "good",
         }
-        text = describe_servo(data, series, reply=False)
-        if packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE) and packet.params and series:
-            values = _values(series, packet.params[0], packet.params[1:])
-            fields["registers"] = values
-            if has_ceiling_hazard(series, packet.params[0], packet.params[1:]):
-                fields["hazard"] = _CEILING
-                text += f"; {_CEILING}"
-            text += _in_units(values)
+        rows: tuple[tuple[int, bytes], ...] = ()
+        address = packet.params[0] if packet.params else 0
+        if packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE) and packet.params:
+            rows = ((packet.servo_id, packet.params[1:]),)
+            if series:
+                fields["registers"] = _values(series, address, packet.params[1:])
         elif packet.instruction == Instruction.SYNC_WRITE:
-            text += self._sync_write_hazard(packet, fields)
+            with suppress(HexwireError):
+                address, rows = parse_sync_write(packet)
         elif packet.instruction in (Instruction.READ, Instruction.SYNC_READ) and packet.params and series:
-            register = series.at(packet.params[0])
-            fields["register"] = register.name if register else f"0x{packet.params[0]:02X}"
-        return Layer("servo", text, fields)
-
-    def _sync_write_hazard(self, packet: ServoPacket, fields: dict[str, Any]) -> str:
-        try:
-            address, rows = parse_sync_write(packet)
-        except HexwireError:
-            return ""
-        for servo_id, data in rows:
-            if has_ceiling_hazard(self._series.get(servo_id), address, data):
-                fields["hazard"] = _CEILING
-                return f"; servo {servo_id}: {_CEILING}"
-        return ""
+            register = series.at(address)
+            fields["register"] = register.name if register else f"0x{address:02X}"
+        if any(has_ceiling_hazard(self._reader.series_of(servo_id), address, data) for servo_id, data in rows):
+            fields["hazard"] = _CEILING
+        return fields
 
     def _status_layer(
-        self, status: StatusPacket, request: ServoPacket | None, *, bus: bool = False, swapped: bool = True
+        self, status: StatusPacket, asked: ServoPacket | None, words: str, *, bus: bool, swapped: bool
     ) -> Layer:
         named = None if bus else board_error_name(status)
         fields: dict[str, Any] = {"id": status.servo_id, "error": status.error, "checksum": "good"}
         if named is not None:
-            fields["board_error"] = named
-            return Layer("servo", f"board error: {named}", fields)
-        series = self._series.get(status.servo_id) or (Series.SEVEN_BOT if status.legacy else Series.HLS)
-        text = f"servo {status.servo_id}, {series.value}, error {status.error:02X}"
+            return Layer("servo", words, fields | {"board_error": named})
+        series = self._series(status.servo_id) or (Series.SEVEN_BOT if status.legacy else Series.HLS)
         if (series is Series.SEVEN_BOT) != status.legacy:
-            fields["hazard"] = "the header of another series"
-            text += ", the header of another series: is this the servo that is meant?"
+            fields["hazard"] = _OTHER_SERIES
+            words += f", {_OTHER_SERIES}: is this the servo that is meant?"
         params = status.params
-        if request is not None and request.instruction == Instruction.READ and request.params and params:
+        if asked is not None and asked.instruction == Instruction.READ and asked.params and params:
             if len(params) == 2 and series is Series.SEVEN_BOT and swapped and not bus:
                 # The board has swapped the two bytes, so that the host sees little-endian for every id.
                 params = params[::-1]
-            values = _values(series, request.params[0], params)
-            fields["registers"] = values
-            text += _in_units(values)
-        elif params:
-            text += f", data {params.hex(' ').upper()}"
-        return Layer("servo", text, fields)
+            fields["registers"] = _values(series, asked.params[0], params)
+        return Layer("servo", words, fields)
 
-    @staticmethod
-    def _begins_bus(data: bytes) -> bool:
-        return data[:2] in (tables.SERVO_HEADER, tables.LEGACY_HEADER) and SYNC_BYTES not in data
+    def _series(self, servo_id: int) -> Series | None:
+        name = self._reader.series_of(servo_id)
+        return None if name is None else Series(name)
 
-    def _servo_traffic(
-        self, way: _Way, direction: Direction, time: float, *, final: bool = False
-    ) -> Iterator[Explained]:
-        """A bus without a board: packets go out, status packets come in, perhaps several at once."""
-        data = way.data[way.done :]
-        begin = way.done
-        for kind, start, end, reason in cut_packets(data, final=final):
-            piece, way.done = data[start:end], begin + end
-            if kind == "packet":
-                yield self._servo_packet(piece, direction, time)
-                continue
-            reading = f"bad packet: {reason}" if kind == "bad" else f"garbage: {len(piece)} bytes"
-            text = f"{len(piece)} bytes, {reason or 'no servo packet'}: {piece[:16].hex(' ').upper()}"
-            yield Explained(direction, time, kind, piece, text, (), reason or "no servo packet", reading)
 
-    def _servo_packet(self, data: bytes, direction: Direction, time: float) -> Explained:
-        asked = self._last.packet if self._last else None
-        if answers(data, asked):
-            status = parse_status(data, as_it_is=True)
-            layer = self._status_layer(status, asked, bus=True)
-            reading = read_status(status, asked, self._series)
-            if asked is not None and asked.instruction != Instruction.SYNC_READ:
-                self._last = None
-        else:
-            packet = parse_packet(data)
-            layer = self._request_layer(packet, data)
-            reading = read_request(data, self._series)
-            self._last = _Asked(time, 0, 0, packet)
-        return Explained(direction, time, "servo packet", data, layer.text, (layer,), "", reading)
-
-    @staticmethod
-    def _spoilt(data: bytes, direction: Direction, time: float, problem: str) -> Explained:
-        kind = "bad" if data.startswith(SYNC_BYTES) else "garbage"
-        sample = data[:16].hex(" ").upper() + (" ..." if len(data) > 16 else "")
-        reading = f"garbage: {len(data)} bytes" if problem == _NO_FRAME else f"bad frame: {problem}"
-        text = f"{kind}, {len(data)} bytes, {problem}: {sample}"
-        return Explained(direction, time, kind, data, text, (), problem, reading)
+def _packet_of(request: Reading) -> bytes:
+    """The servo packet of a request."""
+    if request.kind == "packet":
+        return request.data
+    body = request.data[BODY_OFFSET : BODY_OFFSET + u16(request.data, 36)]
+    return body[2:] if request.data[38] == Command.TRANSACT else body
 
 
 def _try_packet(data: bytes) -> ServoPacket | None:
@@ -418,12 +312,3 @@ def _values(series: Series, address: int, data: bytes) -> list[dict[str, Any]]:
         values.append(entry)
         at += register.size
     return values
-
-
-def _in_units(values: list[dict[str, Any]]) -> str:
-    words = [
-        f"{v.get('name', hex(v['address']))} {v['raw']}"
-        + (f" = {v['value']:g} {v['unit']}" if "value" in v else "")
-        for v in values
-    ]
-    return f": {', '.join(words)}"

@@ -1,104 +1,448 @@
-"""One short line for a frame or servo packet: the words that all of the project's analysers use for it.
+# SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-or-later
+"""The bytes of a line in words: command frames with their servo packets, or a servo bus.
 
-Owns that wording, which ``vectors/readings.jsonl`` states and the analysers for Wireshark, sigrok and Logic 2 keep
-too. Knows nothing of streams and pairing; `explain` does those.
+Owns finding frames in a stream, pairing answers with requests, and the wording, which ``vectors/readings.jsonl``
+states. `make analyzers` copies this file into the analysers for sigrok and Logic 2, which run inside GPL programs.
+So it has both licences, and needs nothing but the standard library of Python 3.8 and the tables that are passed to
+it (`reading_tables`). Never raises, whatever the bytes are.
 """
 
 from __future__ import annotations
 
 import re
+from binascii import crc_hqx
 from collections.abc import Iterator, Mapping
 from itertools import accumulate
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hexwire.errors import HexwireError
-from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, command_name, status_name
-from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import (
-    Instruction,
-    ServoPacket,
-    StatusPacket,
-    board_error_name,
-    parse_packet,
-    parse_status,
-    parse_sync_write,
-)
-from hexwire.wire.tables import BROADCAST_ID, PROTO_CHAPTER, TAIL, Body
+if TYPE_CHECKING:
+    from typing import Literal
 
-__all__ = ["CEILING", "answers", "cut_packets", "has_ceiling_hazard", "read_frame", "read_request", "read_status"]
+    Order = Literal["little", "big"]
 
+__all__ = ["CEILING", "COOKED", "HEAD_SIZE", "Reader", "Reading", "has_ceiling_hazard", "to_hex", "u16"]
+
+SYNC = b"\x5a\xfa\xfa\x5a"
+TAIL = b"\r\n"
+COOKED = b"\n\n"
+HEAD_SIZE = 40
+OVERHEAD = 44
+MIN_PACKET, MAX_PACKET = 6, 250
+SAMPLE = 24  # bytes shown of a body that is only bytes
+SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
+READ, REG_WRITE, WRITE, SYNC_READ, SYNC_WRITE = 2, 4, 3, 0x82, 0x83
+CMD_SYNC_WRITE, CMD_TRANSACT = 3, 0x1A
 CEILING = "run time in the current ceiling of an HLS servo"
-_MARKER = "0D 0A inside, a board of the chapter cuts the frame there"
-_MISFIT = "the body does not fit the command"
-_ICRNL = "tail 0A 0A, the port was left with ICRNL"
-_SAMPLE = 24
-_MIN_PACKET, _MAX_LENGTH = 6, tables.MAX_SERVO_PACKET - 4
+MARKER = " ! 0D 0A inside, a board of the chapter cuts the frame there"
+MISFIT = " ! the body does not fit the command"
+ICRNL = " ! tail 0A 0A, the port was left with ICRNL"
+_FROM_BOARD = ("from_board", "through")
 # Of a row of FF only the last two can be a header: no servo has the id 255.
-_HEADER = re.compile(rb"\xff(?:\xff(?!\xff)|\xf5)")
-_READS = (Instruction.READ, Instruction.SYNC_READ)
-_BARE = frozenset(
-    {
-        Instruction.PING,
-        Instruction.ACTION,
-        Instruction.RESTORE,
-        Instruction.REBOOT,
-        Instruction.BACKUP,
-        Instruction.RESET_STATE,
-    }
-)
-_KNOWN = {member.value: member for member in Instruction}
-_SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
-
-SeriesById = Mapping[int, Series]
+HEADER = re.compile(rb"\xff(?:\xff(?!\xff)|\xf5)")
 
 
-def cut_packets(data: bytes, *, final: bool = False) -> Iterator[tuple[str, int, int, str]]:
-    """Find the servo packets in the bytes of one line.
+class Reading(NamedTuple):
+    """One frame, packet, or bytes that are neither.
 
-    Takes a time that grows with the length, whatever the bytes are.
+    Attributes:
+        kind: frame, packet, bad or garbage.
+        way: Name of the stream; there is one for each direction.
+        start: Where it begins in that stream, in bytes.
+        end: Where it ends.
+        text: In words.
+        data: Its bytes.
+        time: When its last byte came.
+        words: The part of the text for a frame's body or for a packet, with its hazard.
+        problem: Why it is bad; empty if it is not.
+        answer: Whether it is an answer: a frame from the board, or a status packet.
+        answers: The request, or None.
+    """
+
+    kind: str
+    way: Any
+    start: int
+    end: int
+    text: str
+    data: bytes
+    time: float = 0.0
+    words: str = ""
+    problem: str = ""
+    answer: bool = False
+    answers: Reading | None = None
+
+
+class Piece(NamedTuple):
+    """A part of what has come: frame, cooked, packet, bad or garbage."""
+
+    kind: str
+    start: int
+    end: int
+    problem: str
+
+
+def to_hex(data: bytes, limit: int | None = None) -> str:
+    """Bytes as hex, at most `limit` of them."""
+    if limit is not None and len(data) > limit:
+        return to_hex(data[:limit]) + " ..."
+    return " ".join(f"{byte:02X}" for byte in data)
+
+
+def u16(data: bytes, at: int) -> int:
+    """A little-endian number of two bytes."""
+    return data[at] | data[at + 1] << 8
+
+
+def frame_check(data: bytes) -> int:
+    """CRC-16/IBM-3740; FFFF goes as 0000."""
+    crc = crc_hqx(data, 0xFFFF)
+    return 0 if crc == 0xFFFF else crc
+
+
+def servo_sum(data: bytes) -> int:
+    """Checksum of a servo packet, from its id to its last parameter."""
+    return ~sum(data) & 0xFF
+
+
+class Reader:
+    """Reads one line.
 
     Args:
-        data: What came, from where the last call left off.
-        final: Nothing more will come: what is unfinished is bad.
-
-    Yields:
-        Pieces (kind, start, end, reason), the kind being packet, bad or garbage, without gaps between them. An
-        unfinished rest begins where the last one ends.
+        tables: See `reading_tables`.
+        line: host (frames) or bus (servo packets); it may be set anew between two calls.
+        series: Series of all servos, or board: those of the Hex7Bot by id.
     """
-    done = at = 0
-    # Sums up to each byte: adding up anew for each of many overlapping packets would take long.
-    totals: Iterator[int] = accumulate(data, _add, initial=0)
-    sums = bytes(totals)
-    while True:
-        start = _header(data, at)
-        if start < 0:
-            rest = len(data) - (1 if not final and data.endswith(b"\xff") else 0)
-            if rest > done:
-                yield "garbage", done, rest, ""
-            return
-        head = data[start : start + _MIN_PACKET]
-        length = head[3] if len(head) > 3 else 2
-        if not 2 <= length <= _MAX_LENGTH:
-            at = start + 1
-            continue
-        quirk = length == 6 and head[1] == 0xF5 and len(head) == 6 and sum(head[2:]) & 0xFF == 0xFF
-        size = _MIN_PACKET if quirk else 4 + length
-        kind, end, reason = "packet", start + size, ""
-        if start > done:
-            yield "garbage", done, start, ""
-        if len(data) < end:
-            if not final:
+
+    def __init__(self, tables: Mapping[str, Any], line: str = "host", series: str = "board") -> None:
+        self.tables = tables
+        self.line = line
+        self.series = series
+        self._rest: dict[Any, bytes] = {}  # way -> bytes of an unfinished frame
+        self._at: dict[Any, int] = {}  # way -> where in the stream they begin
+        self._asked: dict[Any, tuple[Reading, bytes]] = {}  # slot -> request, its servo packet
+
+    def feed(self, data: bytes, way: Any = "", time: float = 0.0) -> list[Reading]:
+        """Take bytes of one way; the Readings that are whole now."""
+        return self._read(bytes(data), way, time, False)
+
+    def silence(self, way: Any = "", time: float = 0.0) -> list[Reading]:
+        """Nothing came for long: what is unfinished is given up."""
+        return self._read(b"", way, time, True)
+
+    def unfinished(self, way: Any = "") -> bytes:
+        """What has come of a frame or packet that is not whole yet."""
+        return self._rest.get(way, b"")
+
+    def series_of(self, servo: int) -> str | None:
+        """Name of a servo's series; None if it is not known."""
+        return self.tables["joints"].get(servo) if self.series == "board" else self.series
+
+    def _read(self, fresh: bytes, way: Any, time: float, final: bool) -> list[Reading]:
+        data, base = self._rest.get(way, b"") + fresh, self._at.get(way, 0)
+        pieces = list(self._cut_frames(data, final) if self.line == "host" else self._cut_packets(data, final))
+        rest = pieces[-1].end if pieces else 0
+        self._rest[way], self._at[way] = data[rest:], base + rest
+        return [self._word(piece, data[piece.start : piece.end], way, base, time) for piece in pieces]
+
+    def _word(self, piece: Piece, data: bytes, way: Any, base: int, time: float) -> Reading:
+        place = way, base + piece.start, base + piece.end
+        if piece.kind == "garbage":
+            return Reading("garbage", *place, f"garbage: {len(data)} bytes", data, time)
+        if piece.kind == "bad":
+            name = "frame" if self.line == "host" else "packet"
+            return Reading("bad", *place, f"bad {name}: {piece.problem}", data, time, "", piece.problem)
+        if piece.kind == "packet":
+            return self._packet(Reading("packet", *place, "", data, time))
+        return self._frame(Reading("frame", *place, "", data, time), piece.kind == "cooked")
+
+    # -- finding ------------------------------------------------------------------------------------
+
+    def _examine(self, data: bytes, at: int) -> tuple[str, int, str]:
+        """Kind (head, more, frame, cooked, bad), size of what is wanted or taken, and what is wrong."""
+        available = len(data) - at
+        if available < HEAD_SIZE:
+            return "more", HEAD_SIZE, ""
+        size = u16(data, at + 28) | u16(data, at + 30) << 16
+        dialect, pad, length = data[at + 33], data[at + 35], u16(data, at + 36)
+        if size > self.tables["max_frame"] or data[at + 32] != 0x82 or dialect not in (1, 2):
+            return "head", 0, ""
+        if size != OVERHEAD + length + pad or pad != -length % 4:
+            return "head", 0, ""
+        if available < size:
+            return "more", size, ""
+        tail = data[at + size - 2 : at + size]
+        if tail not in (TAIL, COOKED):
+            return "bad", size, f"tail is {to_hex(tail)}, not 0D 0A"
+        check = u16(data, at + HEAD_SIZE + length)
+        wanted = frame_check(data[at : at + HEAD_SIZE + length]) if dialect == 2 else check
+        if check != wanted:
+            cooked = tail == COOKED
+            return "bad", size, "tail is 0A 0A, not 0D 0A" if cooked else f"check is {check:04X}, not {wanted:04X}"
+        return ("cooked" if tail == COOKED else "frame"), size, ""
+
+    def _cut_frames(self, data: bytes, final: bool) -> Iterator[Piece]:
+        done = at = 0
+        while True:
+            start = data.find(SYNC, at)
+            if start < 0:
+                keep = 0 if final else next((n for n in (3, 2, 1) if data.endswith(SYNC[:n])), 0)
+                yield from _garbage(done, len(data) - keep)
                 return
-            kind, end, reason = "bad", len(data), f"cut short, {len(data) - start} of {size} bytes"
-        else:
-            wanted = ~(sums[end - 1] - sums[start + 2]) & 0xFF
-            if data[end - 1] != wanted:
-                kind, reason = "bad", f"checksum {data[end - 1]:02X}, not {wanted:02X}"
-        if kind == "bad":
-            following = _header(data, start + 2)
-            end = following if 0 < following < end else end
-        yield kind, start, end, reason
-        done = at = end
+            kind, size, problem = self._examine(data, start)
+            if kind == "head":
+                at = start + 1
+                continue
+            yield from _garbage(done, start)
+            if kind == "more" and not final:
+                return
+            end = start + size
+            if kind in ("more", "bad"):
+                problem = problem or f"cut short, {len(data) - start} of {size} bytes"
+                # Bad bytes reach to where the next frame may begin.
+                following = data.find(SYNC, start + 1, end)
+                kind, end = "bad", min(end, len(data)) if following < 0 else following
+            yield Piece(kind, start, end, problem)
+            done = at = end
+
+    def _cut_packets(self, data: bytes, final: bool) -> Iterator[Piece]:
+        done = at = 0
+        # Sums up to each byte: adding up anew for each of many overlapping packets would take long.
+        totals: Iterator[int] = accumulate(data, _add, initial=0)
+        sums = bytes(totals)
+        while True:
+            start = _header(data, at)
+            if start < 0:
+                yield from _garbage(done, len(data) - (1 if not final and data.endswith(b"\xff") else 0))
+                return
+            head = data[start : start + MIN_PACKET]
+            length = head[3] if len(head) > 3 else 2
+            if not 2 <= length <= MAX_PACKET - 4:
+                at = start + 1
+                continue
+            # A ping's answer of a legacy servo, and most errors of the board, say 6 and have 6 bytes in all.
+            quirk = len(head) == 6 and head[1] == 0xF5 and length == 6 and head[5] == servo_sum(head[2:5])
+            size = MIN_PACKET if quirk else 4 + length
+            kind, end, problem = "packet", start + size, ""
+            yield from _garbage(done, start)
+            if len(data) < end:
+                if not final:
+                    return
+                kind, end, problem = "bad", len(data), f"cut short, {len(data) - start} of {size} bytes"
+            else:
+                wanted = ~(sums[end - 1] - sums[start + 2]) & 0xFF
+                if data[end - 1] != wanted:
+                    kind, problem = "bad", f"checksum {data[end - 1]:02X}, not {wanted:02X}"
+            if kind == "bad":
+                following = _header(data, start + 2)
+                end = following if 0 < following < end else end
+            yield Piece(kind, start, end, problem)
+            done = at = end
+
+    # -- pairing ------------------------------------------------------------------------------------
+
+    def _frame(self, found: Reading, cooked: bool) -> Reading:
+        data = found.data
+        dialect, seq, cmd, ext = data[33], data[34], data[38], data[39]
+        reply, report = dialect == 2 and ext & 0x80, dialect == 2 and ext & 0x40
+        src, dst = _i32(data, 16), _i32(data, 20)
+        from_board = bool(reply or (dialect == 1 and src == self.tables["board_module"]))
+        body = data[HEAD_SIZE : HEAD_SIZE + u16(data, 36)]
+        slot = "chapter" if dialect == 1 else (dst if from_board else src, seq, cmd)
+        asked = self._asked.pop(slot, None) if from_board else None
+        head = self._head_words(data)
+        words, hazard = self._inner_words(data, body, asked[1] if asked else None, from_board)
+        text = head + (f": {words}" if body else "") + hazard
+        if dialect == 1 and 0 <= data.find(TAIL, 4) < len(data) - 2:
+            text += MARKER
+        text += ICRNL if cooked else ""
+        found = found._replace(
+            text=text, words=words + hazard, answer=from_board, answers=asked[0] if asked else None
+        )
+        if not from_board and (reply or not report) and not (dialect == 1 and cmd == CMD_SYNC_WRITE):
+            self._asked[slot] = (found, body[2:] if cmd == CMD_TRANSACT else body)
+        return found
+
+    def _packet(self, found: Reading) -> Reading:
+        asked = self._asked.get("bus")
+        words, answer, hazard = self._servo_words(found.data, asked[1] if asked else None, "bus", None)
+        text, before = words + hazard, asked[0] if answer and asked else None
+        found = found._replace(text=text, words=text, answer=answer, answers=before)
+        if not answer:
+            self._asked["bus"] = (found, found.data)
+        elif asked and asked[1][4] != SYNC_READ:
+            del self._asked["bus"]
+        return found
+
+    # -- words --------------------------------------------------------------------------------------
+
+    def _head_words(self, data: bytes) -> str:
+        dialect, seq, cmd, ext = data[33], data[34], data[38], data[39]
+        row = self.tables["commands"].get(cmd)
+        text = f"{dialect} {row['name'] if row else f'command 0x{cmd:02X}'}"
+        if dialect == 2 and ext & 0x80:
+            status = ext & 0x3F
+            text += f" reply {self.tables['statuses'].get(status, f'status {status}')}"
+        elif dialect == 2:
+            text += " report" if ext & 0x40 else " request"
+        return f"{text} seq {seq}"
+
+    def _inner_words(self, data: bytes, body: bytes, asked: bytes | None, from_board: bool) -> tuple[str, str]:
+        """Words for a body, and a hazard."""
+        cmd, told = data[38], data[33] == 2 and data[39] & 0xC0
+        row = self.tables["commands"].get(cmd)
+        if not body:
+            return "", ""
+        if cmd > CMD_SYNC_WRITE and cmd != CMD_TRANSACT:
+            words = self._body_words(body, row["reply" if told else "request"]) if row else None
+            return (to_hex(body, SAMPLE), MISFIT if row else "") if words is None else (words, "")
+        packet, before = body, ""
+        if cmd == CMD_TRANSACT and not (data[33] == 2 and data[39] & 0x80):
+            packet = body[2:]
+            before = f"reply_length {body[0]}, timeout_ms {body[1]}; " if len(body) > 1 else ""
+        problem = _unsound(packet)
+        if problem:
+            return f"{before}bad packet, {problem}: {to_hex(packet, SAMPLE)}", ""
+        where = "to_board" if not from_board else "through" if cmd == CMD_TRANSACT else "from_board"
+        words, _, hazard = self._servo_words(packet, asked, where, "little" if cmd == CMD_SYNC_WRITE else None)
+        return before + words, hazard
+
+    def _body_words(self, data: bytes, layout: Mapping[str, Any]) -> str | None:
+        """A body by the layout of its command; None if it does not fit."""
+        known: dict[str, int] = {}
+        text, at = self._row_words(data, 0, layout["fields"], known, 0)
+        if text is None:
+            return None
+        number = known.get(layout["count"])
+        rows: list[str] = []
+        while layout["rows"] and at < len(data) and (number is None or len(rows) < number):
+            words, end = self._row_words(data, at, layout["rows"], {}, known.get("fields", 0))
+            if words is None or end == at:
+                return None
+            rows.append(f"({words})")
+            at = end
+        if at != len(data) or (layout["rows"] and number is not None and len(rows) != number):
+            return None
+        return " ".join(part for part in (text, *rows) if part)
+
+    def _row_words(
+        self, data: bytes, at: int, row: tuple[tuple[str, str, str], ...], known: dict[str, int], mask: int
+    ) -> tuple[str | None, int]:
+        words = []
+        for name, kind, wanted in row:
+            if wanted and not mask & self.tables["state_fields"][wanted]:
+                continue
+            if kind == "bytes":
+                words.append(f"{name} {to_hex(data[at:], SAMPLE)}")
+                at = len(data)
+            elif at + SIZES[kind] > len(data):
+                return None, at
+            else:
+                raw = data[at : at + SIZES[kind]]
+                known[name] = int.from_bytes(raw, "little", signed=kind[0] == "i")
+                words.append(f"{name} {known[name]}")
+                at += SIZES[kind]
+        return ", ".join(words), at
+
+    def _servo_words(
+        self, data: bytes, asked: bytes | None, where: str, order: Order | None
+    ) -> tuple[str, bool, str]:
+        """Words, whether it is an answer, and a hazard, for a sound packet.
+
+        Args:
+            data: The packet.
+            asked: The servo packet of the request, if that is known.
+            where: bus, to_board, from_board, or through: from a board that has passed it on as it was.
+            order: Byte order of values if it is not the series'.
+        """
+        if data[1] == 0xF5 or where in _FROM_BOARD or (where == "bus" and self._is_status(data, asked)):
+            return self._status_words(data, asked, where), True, ""
+        words, hazard = self._request_words(data, order)
+        return words, False, f" ! {CEILING}" if hazard else ""
+
+    def _is_status(self, data: bytes, asked: bytes | None) -> bool:
+        """Whether FF FF ... on a bus is an answer: by what was asked, else by whether it can be a request."""
+        inst = data[4]
+        if inst not in self.tables["instructions"] or (inst in self.tables["bare"] and len(data) > 6):
+            return True
+        # A request that is said again is no answer.
+        if asked is None or data == asked or self.tables["replies"].get(asked[4]) == "never":
+            return False
+        reads = asked[4] in (READ, SYNC_READ) and len(asked) > 7
+        same = asked[2] == data[2] or (asked[4] == SYNC_READ and data[2] in asked[7:-1])
+        return same and len(data) == (asked[6] + 6 if reads else 6)
+
+    def _status_words(self, data: bytes, asked: bytes | None, where: str) -> str:
+        legacy, servo, error, params = data[1] == 0xF5, data[2], data[4], data[5:-1]
+        named = self.tables["board_errors"].get(error)
+        if where in _FROM_BOARD and legacy and named:
+            silent = error == 1 and len(data) == 8 and params == b"\0\0"
+            if silent or (error != 1 and not params and (servo == 0xFF or named == "ping silent")):
+                return f"board error {named}" + ("" if servo == 0xFF else f", servo {servo}")
+        text = f"status {servo}" + (" legacy" if legacy else "")
+        if error:
+            bits = [name for bit, name in sorted(self.tables["status_bits"].items()) if error & bit]
+            text += f" error {', '.join(bits) or f'0x{error:02X}'}"
+        if not params:
+            return text
+        series = self.series_of(servo) or ("seven_bot" if legacy else None)
+        if asked and len(asked) > 6 and asked[4] in (READ, SYNC_READ) and series:
+            # The board swaps the two bytes of a legacy servo's answer.
+            swapped = where == "from_board" and series == "seven_bot" and len(params) == 2
+            return f"{text}: {self._values(series, asked[5], params, 'little' if swapped else None)}"
+        return f"{text}: {to_hex(params)}"
+
+    def _request_words(self, data: bytes, order: Order | None) -> tuple[str, bool]:
+        servo, inst, params = data[2], data[4], data[5:-1]
+        name = self.tables["instructions"].get(inst, f"instruction 0x{inst:02X}")
+        who = "all" if servo == 0xFE else str(servo)
+        series = self.series_of(servo)
+        if inst == READ and len(params) == 2:
+            return f"read {who}: {self._register(series, params[0])}, {params[1]} bytes", False
+        if inst in (WRITE, REG_WRITE) and len(params) > 1:
+            hazard = has_ceiling_hazard(series, params[0], params[1:])
+            return f"{name} {who}: {self._placed(series, params[0], params[1:], None)}", hazard
+        if inst == SYNC_READ and len(params) > 2:
+            register = self._register(self.series_of(params[2]), params[0])
+            return f"sync read {' '.join(map(str, params[2:]))}: {register}, {params[1]} bytes", False
+        if inst == SYNC_WRITE and len(params) > 2 and (len(params) - 2) % (params[1] + 1) == 0:
+            rows, hazard, step = [], False, params[1] + 1
+            for i in range(2, len(params), step):
+                series, values = self.series_of(params[i]), params[i + 1 : i + step]
+                hazard = hazard or has_ceiling_hazard(series, params[0], values)
+                rows.append(f"{params[i]} {self._placed(series, params[0], values, order)}")
+            return "sync write: " + "; ".join(rows), hazard
+        return f"{name} {who}" + (f": {to_hex(params)}" if params else ""), False
+
+    def _register(self, series: str | None, address: int) -> str:
+        row = self.tables["series"][series]["registers"].get(address) if series else None
+        return row[0] if row else f"0x{address:02X}"
+
+    def _placed(self, series: str | None, address: int, data: bytes, order: Order | None) -> str:
+        return self._values(series, address, data, order) if series else f"0x{address:02X} {to_hex(data)}"
+
+    def _values(self, series: str, address: int, data: bytes, order: Order | None) -> str:
+        rows = self.tables["series"][series]
+        words, at = [], 0
+        while at < len(data):
+            row = rows["registers"].get(address + at)
+            if row is None or at + row[1] > len(data):
+                words.append(f"0x{address + at:02X} {data[at]}")
+                at += 1
+                continue
+            name, size, sign, unit, scale = row
+            raw = int.from_bytes(data[at : at + size], order or rows["byte_order"])
+            if sign >= 0 and raw >> sign & 1:
+                raw = -(raw & ((1 << sign) - 1))
+            text = f"{name} {raw}"
+            if scale:
+                text += f" = {raw * scale:.6g} {'deg' if unit == 'count' else unit}"
+            words.append(text)
+            at += size
+        return ", ".join(words)
+
+
+def _garbage(start: int, end: int) -> Iterator[Piece]:
+    if end > start:
+        yield Piece("garbage", start, end, "")
 
 
 def _add(total: int, byte: int) -> int:
@@ -106,218 +450,24 @@ def _add(total: int, byte: int) -> int:
 
 
 def _header(data: bytes, at: int) -> int:
-    found = _HEADER.search(data, at)
+    found = HEADER.search(data, at)
     return -1 if found is None else found.start()
 
 
-def answers(data: bytes, asked: ServoPacket | None) -> bool:
-    """Whether a sound packet on a bus is an answer: by what was asked, else by whether it can be a request."""
-    instruction = data[4]
-    if data[:2] == tables.LEGACY_HEADER or instruction not in _KNOWN or (instruction in _BARE and len(data) > 6):
-        return True
-    if asked is None or data == asked.serialize() or asked.instruction not in _KNOWN:
-        return False
-    if tables.INSTRUCTION_REPLY[_KNOWN[asked.instruction].name] == "never":
-        return False
-    reads = asked.instruction in _READS and len(asked.params) > 1
-    listed = asked.instruction == Instruction.SYNC_READ and data[2] in asked.params[2:]
-    return (asked.servo_id == data[2] or listed) and len(data) == (asked.params[1] + 6 if reads else 6)
-
-
-def read_request(data: bytes, series: SeriesById, *, little: bool = False) -> str:
-    """Words for a sound request; `little`: values of a sync write are little-endian whatever the servo."""
-    packet = parse_packet(data)
-    servo, params = packet.servo_id, packet.params
-    known = _KNOWN.get(packet.instruction)
-    name = known.name.lower().replace("_", " ") if known else f"instruction 0x{packet.instruction:02X}"
-    who = "all" if servo == BROADCAST_ID else str(servo)
-    if known is Instruction.READ and len(params) == 2:
-        return f"read {who}: {_register(series.get(servo), params[0])}, {params[1]} bytes"
-    if known in (Instruction.WRITE, Instruction.REG_WRITE) and len(params) > 1:
-        text = f"{name} {who}: {_placed(series.get(servo), params[0], params[1:])}"
-        return text + (f" ! {CEILING}" if has_ceiling_hazard(series.get(servo), params[0], params[1:]) else "")
-    if known is Instruction.SYNC_READ and len(params) > 2:
-        register = _register(series.get(params[2]), params[0])
-        return f"sync read {' '.join(map(str, params[2:]))}: {register}, {params[1]} bytes"
-    if known is Instruction.SYNC_WRITE and len(params) > 2:
-        try:
-            address, rows = parse_sync_write(packet)
-        except HexwireError:
-            return f"{name} {who}: {_hex(params)}"
-        words = [f"{each} {_placed(series.get(each), address, values, little=little)}" for each, values in rows]
-        hazard = any(has_ceiling_hazard(series.get(each), address, values) for each, values in rows)
-        return f"sync write: {'; '.join(words)}" + (f" ! {CEILING}" if hazard else "")
-    return f"{name} {who}" + (f": {_hex(params)}" if params else "")
-
-
-def read_status(
-    status: StatusPacket,
-    asked: ServoPacket | None,
-    series: SeriesById,
-    *,
-    board: bool = False,
-    swapped: bool = False,
-) -> str:
-    """Words for an answer.
-
-    Args:
-        status: The answer.
-        asked: The request it answers, if that is known.
-        series: Series of the servos by id.
-        board: It came through a board, which may report errors of its own.
-        swapped: The board has swapped the two bytes of a legacy servo's value.
-    """
-    named = board_error_name(status) if board else None
-    servo = status.servo_id
-    if named:
-        return f"board error {named.replace('_', ' ')}" + ("" if servo == 0xFF else f", servo {servo}")
-    text = f"status {servo}" + (" legacy" if status.legacy else "")
-    if status.error:
-        bits = [name for name, bit in tables.STATUS_BITS.items() if status.error & bit]
-        text += f" error {', '.join(bits) or f'0x{status.error:02X}'}"
-    if not status.params:
-        return text
-    its = series.get(servo) or (Series.SEVEN_BOT if status.legacy else None)
-    if asked is None or asked.instruction not in _READS or len(asked.params) < 1 or its is None:
-        return f"{text}: {_hex(status.params)}"
-    little = swapped and its is Series.SEVEN_BOT and len(status.params) == 2
-    return f"{text}: {_values(its, asked.params[0], status.params, little=little)}"
-
-
-def read_frame(
-    frame: Frame, raw: bytes, asked: ServoPacket | None, series: SeriesById, *, cooked: bool = False
-) -> str:
-    """Words for a good frame.
-
-    Args:
-        frame: The frame.
-        raw: Its bytes as they were on the line.
-        asked: The servo packet of the request it answers, if that is known.
-        series: Series of the servos by id.
-        cooked: Its tail was 0A 0A.
-    """
-    text = f"{frame.proto} {command_name(frame.cmd)}"
-    if frame.proto != PROTO_CHAPTER:
-        kind = "report" if frame.is_unsolicited else "request"
-        text += f" reply {status_name(frame.status)}" if frame.is_reply else f" {kind}"
-    text += f" seq {frame.seq}"
-    remarks = []
-    if frame.body and (frame.cmd <= Command.SYNC_WRITE or frame.cmd == Command.TRANSACT):
-        text += f": {_servo_body(frame, asked, series)}"
-    elif frame.body:
-        words = _body(frame)
-        text += f": {_hex(frame.body, _SAMPLE) if words is None else words}"
-        if words is None and command_name(frame.cmd) in tables.COMMAND_ROWS:
-            remarks.append(_MISFIT)
-    if frame.proto == PROTO_CHAPTER and TAIL in raw[4:-2]:
-        remarks.append(_MARKER)
-    if cooked:
-        remarks.append(_ICRNL)
-    return " ! ".join([text, *remarks])
-
-
-def _servo_body(frame: Frame, asked: ServoPacket | None, series: SeriesById) -> str:
-    from_board = frame.src == tables.MODULES["ARM_7BOT_ARDUINO_TRX"]
-    if frame.proto != PROTO_CHAPTER:
-        from_board = frame.is_reply
-    data, prefix = frame.body, ""
-    through = frame.cmd == Command.TRANSACT
-    if through and not from_board:
-        prefix = f"reply_length {data[0]}, timeout_ms {data[1]}; " if len(data) > 1 else ""
-        data = data[2:]
-    try:
-        if from_board:
-            return prefix + read_status(
-                parse_status(data, as_it_is=True), asked, series, board=True, swapped=not through
-            )
-        return prefix + read_request(data, series, little=frame.cmd == Command.SYNC_WRITE)
-    except HexwireError:
-        return f"{prefix}bad packet, {_unsound(data)}: {_hex(data, _SAMPLE)}"
-
-
 def _unsound(data: bytes) -> str:
-    if len(data) < _MIN_PACKET or data[:2] not in (tables.SERVO_HEADER, tables.LEGACY_HEADER):
+    """Why this is no sound packet; empty if it is one."""
+    if len(data) < MIN_PACKET or data[:2] not in (b"\xff\xff", b"\xff\xf5"):
         return "no header"
-    if data[3] != len(data) - 4:
+    if data[3] != len(data) - 4 and not (data[1] == 0xF5 and len(data) == 6 == data[3]):
         return f"length {data[3]}"
-    return f"checksum {data[-1]:02X}, not {~sum(data[2:-1]) & 0xFF:02X}"
+    wanted = servo_sum(data[2:-1])
+    return "" if data[-1] == wanted else f"checksum {data[-1]:02X}, not {wanted:02X}"
 
 
-def _body(frame: Frame) -> str | None:
-    """A body by the layout of its command; None if it does not fit, or nobody knows the command."""
-    row = tables.COMMAND_ROWS.get(command_name(frame.cmd))
-    if row is None:
-        return None
-    layout: Body = row.reply if frame.is_reply or frame.is_unsolicited else row.request
-    known: dict[str, int] = {}
-    first = _fields(frame.body, 0, layout.fields, known, 0)
-    if first is None:
-        return None
-    text, at = first
-    number = known.get(layout.count_field)
-    rows: list[str] = []
-    while layout.rows and at < len(frame.body) and (number is None or len(rows) < number):
-        found = _fields(frame.body, at, layout.rows, {}, known.get("fields", 0))
-        if found is None or found[1] == at:
-            return None
-        rows.append(f"({found[0]})")
-        at = found[1]
-    if at != len(frame.body) or (layout.rows and number is not None and len(rows) != number):
-        return None
-    return " ".join(part for part in (text, *rows) if part)
-
-
-def _fields(
-    data: bytes, at: int, layout: tuple[tuple[str, str, str], ...], known: dict[str, int], mask: int
-) -> tuple[str, int] | None:
-    words = []
-    for name, kind, wanted in layout:
-        if wanted and not mask & tables.STATE_FIELDS[wanted]:
-            continue
-        if kind == "bytes":
-            words.append(f"{name} {_hex(data[at:], _SAMPLE)}")
-            at = len(data)
-            continue
-        end = at + _SIZES[kind]
-        if end > len(data):
-            return None
-        known[name] = int.from_bytes(data[at:end], "little", signed=kind[0] == "i")
-        words.append(f"{name} {known[name]}")
-        at = end
-    return ", ".join(words), at
-
-
-def has_ceiling_hazard(series: Series | None, address: int, data: bytes) -> bool:
+def has_ceiling_hazard(series: str | None, address: int, data: bytes) -> bool:
     """Whether this is the chapter's 4-byte block on an HLS servo: its run time lands in the current ceiling."""
-    return series is Series.HLS and address == Series.HLS.register("goal_position").address and len(data) == 4
+    return series == "hls" and address == 42 and len(data) == 4
 
 
-def _register(series: Series | None, address: int) -> str:
-    register = series.at(address) if series else None
-    return register.name if register else f"0x{address:02X}"
-
-
-def _placed(series: Series | None, address: int, data: bytes, *, little: bool = False) -> str:
-    return _values(series, address, data, little=little) if series else f"0x{address:02X} {_hex(data)}"
-
-
-def _values(series: Series, address: int, data: bytes, *, little: bool = False) -> str:
-    words, at = [], 0
-    while at < len(data):
-        register = series.at(address + at)
-        if register is None or at + register.size > len(data):
-            words.append(f"0x{address + at:02X} {data[at]}")
-            at += 1
-            continue
-        piece = data[at : at + register.size]
-        raw = register.decode(piece[::-1] if little and register.byte_order == "big" else piece)
-        unit = "deg" if register.unit == "count" else register.unit
-        words.append(f"{register.name} {raw}" + (f" = {raw * register.scale:.6g} {unit}" if register.scale else ""))
-        at += register.size
-    return ", ".join(words)
-
-
-def _hex(data: bytes, limit: int | None = None) -> str:
-    if limit is not None and len(data) > limit:
-        return f"{data[:limit].hex(' ').upper()} ..."
-    return data.hex(" ").upper()
+def _i32(data: bytes, at: int) -> int:
+    return int.from_bytes(data[at : at + 4], "little", signed=True)
