@@ -60,7 +60,7 @@ def test_wave_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) 
     bus.ok("write", "1", "min_position_limit", "2040")
     result = bus.run("wave", "1", "--yes")
     assert result.exit_code == 2
-    assert "do not fit" in result.stderr
+    assert "is too much" in result.stderr
     assert servo.registers.get("torque_enable") == 0
 
 
@@ -81,7 +81,7 @@ def test_stress(monkeypatch: pytest.MonkeyPatch) -> None:
     bad.run("ping", "1")
     result = bad.run("stress", "1,2", "-n", "50", "--series", "sts_sms")
     assert result.exit_code == 1
-    assert "most of them of servo 2" in result.stderr
+    assert "most of them from servo 2" in result.stderr
 
 
 def test_wave_shapes() -> None:

@@ -15,7 +15,7 @@ def test_set_id_asks(monkeypatch: pytest.MonkeyPatch) -> None:
     bus = BusCli(monkeypatch)
     assert bus.run("set-id", "1", "9", answer="n\n").exit_code == 130
     assert bus.device.wire[1].servo_id == 1
-    assert "servo 1 is servo 9 now" in bus.ok("set-id", "1", "9", answer="y\n")
+    assert "servo 1 is now servo 9" in bus.ok("set-id", "1", "9", answer="y\n")
     taken = bus.run("set-id", "2", "3", "--yes")
     assert taken.exit_code == 1
     assert "nothing was changed" in taken.stderr
@@ -29,7 +29,7 @@ def test_set_baud(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_center_and_recover(monkeypatch: pytest.MonkeyPatch) -> None:
     bus = BusCli(monkeypatch)
-    assert "reports 2048 here now" in bus.ok("center", "2", "--yes")
+    assert "now reports 2048 at this position" in bus.ok("center", "2", "--yes")
     bus.ok("write", "2", "torque_enable", "1", "--yes")
     assert "has torque" in bus.run("center", "2", "--yes").stderr
     assert "servo 2: ok, torque off" in bus.ok("recover", "2")
@@ -97,7 +97,7 @@ def test_calibration_wizard(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     monkeypatch.setattr(bus_setup, "_entered", moved)
     file = tmp_path / "cal.toml"
     output = bus.ok("calibrate", "so101", str(file), answer="\n\n")
-    assert "the torque goes off: hold the arm" in output
+    assert "torque will be switched off: hold the arm" in output
     found = Calibration.parse(file.read_text())
     assert found.arm == "so101"
     assert found.taken

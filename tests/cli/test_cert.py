@@ -55,7 +55,7 @@ def test_more_from_the_same_authority(tmp_path: Path) -> None:
     ("words", "text"),
     [
         (("--client", "a", "--server", "a"), "a is named twice"),
-        (("--host", "10.0.0.1", "--client", "a"), "--host makes no sense without --server"),
+        (("--host", "10.0.0.1", "--client", "a"), "--host needs --server"),
         (("--days", "-1"), "is not above 0"),
         (("--client", "../x"), "cannot name a certificate"),
     ],

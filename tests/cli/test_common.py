@@ -40,7 +40,7 @@ def test_a_rate_goes_into_the_url_of_a_serial_port() -> None:
 
 @pytest.mark.parametrize(
     ("port", "text"),
-    [("tcp://host:15030", "only a serial port has a rate"), ("/dev/ttyUSB0?baud=19200", "name the rate once")],
+    [("tcp://host:15030", "only a serial port has a rate"), ("/dev/ttyUSB0?baud=19200", "give the rate only once")],
 )
 def test_a_rate_that_does_not_go_with_the_url(port: str, text: str) -> None:
     with pytest.raises(UsageError, match=text):

@@ -237,7 +237,7 @@ def test_a_board_at_another_rate(machine: Machine) -> None:
     link = board_link(board_rate=57_600)
     port = machine.plug("ttyUSB0", link, likely_board=True)
     (bad,) = machine.run("--port", port).bad
-    assert bad["text"] == "the board speaks at 57600 baud"
+    assert bad["text"] == "the board uses 57600 baud"
     assert "--baud 57600" in bad["advice"]
 
 

@@ -87,7 +87,7 @@ def test_ik_with_rpy_for_the_puma() -> None:
             "out of reach: the wrist would be 475.7 mm from the shoulder, 164.5 mm",
         ),
         (("ik", "--wrist", 0, 900, 0), "out of reach: the wrist would be"),
-        (("ik", 0, 200), "a place has three coordinates X Y Z, got 2"),
+        (("ik", 0, 200), "a position has three coordinates X Y Z, got 2"),
         (("ik", 0, 200, 100), "a pose needs --rotation or --rpy; or --wrist"),
         (("ik", 0, 200, "up", "--rpy", 0, 0, 0), "'up' is not a number"),
         (("ik", 0, 0.2, 0.1, "--rpy", 0, 0, 0, "--robot", "puma260", "--wrist"), "--wrist is for the 7Bot only"),

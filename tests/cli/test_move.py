@@ -301,7 +301,7 @@ def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:
     assert result.stderr == "error: --table and --no-table contradict each other\n"
     result = bench.run("move", "shoulder_pan=5", "--robot", "so101", "--table", "60")
     assert result.exit_code == 2
-    assert result.stderr.startswith("error: no geometry of so101")
+    assert result.stderr.startswith("error: no geometry is known for so101")
     assert bench.link.written == []
 
 

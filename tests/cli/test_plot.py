@@ -34,7 +34,7 @@ def test_png_without_a_path(tmp_path: Path) -> None:
 
 
 def test_unknown_picture_and_missing_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"a\.doc: the picture's name must end in \.png"):
+    with pytest.raises(UsageError, match=r"a\.doc: the name of a plot must end in \.png"):
         open_picture(str(tmp_path / "a.doc"), force=False)
     open_picture(str(tmp_path / "a.PNG"), force=False).discard()
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)

@@ -60,13 +60,13 @@ def test_where_nobody_keeps_a_stop_it_is_said(make_bench: Any) -> None:
     bench.ok("torque", "on")
     result = bench.run("stop")
     assert (result.exit_code, result.stdout) == (0, "stopped, holding: J1 J2 J3 J4 J5 J6 J7\n")
-    assert result.stderr.startswith("note: nobody keeps this stop")
+    assert result.stderr.startswith("note: this stop is not latched")
 
 
 def test_torque_that_nobody_read_is_not_said_to_be_off(make_bench: Any) -> None:
     bench = make_bench(dialect=1)
     bench.ok("torque", "on")
-    assert bench.ok("resume") == "resumed; torque on: none; not known: J1 J2 J3 J4 J5 J6 J7\n"
+    assert bench.ok("resume") == "resumed; torque on: none; unknown: J1 J2 J3 J4 J5 J6 J7\n"
     assert [joint["torque_on"] for joint in bench.json("state")["joints"]] == [None] * 7
     rows = [line.split() for line in bench.ok("state").splitlines()[1:8]]
     assert all(row[8] == "-" for row in rows), rows
@@ -94,7 +94,7 @@ def test_resume_switches_off_the_watchdog_of_a_program_that_died(bench: Any) -> 
     bench.clock.advance(3.0)
     assert bench.json("state")["watchdog_tripped"]
     lines = bench.ok("resume").splitlines()
-    assert lines[0] == "the watchdog of the program that fell silent is off"
+    assert lines[0] == "the watchdog of the program that fell silent is now off"
     assert lines[1].startswith("resumed; torque on: J1 ")
     bench.clock.advance(3.0)
     assert not bench.json("state")["stopped"]

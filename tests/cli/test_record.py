@@ -110,7 +110,7 @@ def test_joint_states_as_a_picture(tmp_path: Path) -> None:
     with RecordingWriter(source) as writer:
         for i in range(20):
             writer.joint_state(make_positions(("elbow", "wrist"), (0.1 * i, -0.05 * i)), 1.7e9 + i / 10)
-    assert ok("record", "plot", str(source), str(target)) == f"20 states drawn to {target}\n"
+    assert ok("record", "plot", str(source), str(target)) == f"20 states plotted to {target}\n"
     assert target.read_text().startswith("<?xml")
     again = run("record", "plot", str(source), str(target))
     assert (again.exit_code, again.stderr) == (2, f"error: {target} is there already; --force writes over it\n")
@@ -127,7 +127,7 @@ def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
     text.write_text("hello")
     for args, words in (
         (("record", "info", str(text)), "is no recording"),
-        (("record", "export", str(text), "x.wav"), "ends with .csv, .jsonl or .pcapng"),
+        (("record", "export", str(text), "x.wav"), "must end in .csv, .jsonl or .pcapng"),
         (("record", "export", str(text), str(tmp_path / "no/x.csv")), "cannot be written"),
         (("record", "recover", str(text), str(text)), "another name"),
         (("record", "recover", str(text), str(tmp_path / "b.mcap")), "is no recording"),

@@ -88,8 +88,8 @@ def test_an_address_that_others_reach_is_warned_of() -> None:
     url, told = first_lines("--tcp", "0.0.0.0:0", "--udp", "0.0.0.0:0", "--peer", "192.0.2.7")
     assert url.startswith("tcp://0.0.0.0:")
     assert told == (
-        "warning: whoever reaches TCP on 0.0.0.0 commands this robot; --ca, --cert and --key keep others out\n"
-        "warning: UDP keeps nobody out who sends in the name of 192.0.2.7; TCP with --ca, --cert and --key does\n"
+        "warning: anyone who reaches TCP on 0.0.0.0 can command this robot; --ca, --cert and --key prevent that\n"
+        "warning: over UDP anyone can pretend to be 192.0.2.7; TCP with --ca, --cert and --key prevents that\n"
     )
 
 
@@ -125,7 +125,7 @@ def test_with_tls_only_clients_of_the_authority_command_it(tmp_path: Path) -> No
         (("sim", "puma260", "--tcp", "nowhere"), 2, "the port is missing"),
         (("sim", "puma260", "--tcp", ":0", "--udp", "0.0.0.0:0"), 2, "name the host that is heard"),
         (("sim", "puma260", "--ca", "ca.pem", "--tcp", ":0"), 2, "TLS needs --ca, --cert and --key together"),
-        (("sim", "puma260", "--peer", "127.0.0.1"), 2, "--peer makes no sense without --udp"),
+        (("sim", "puma260", "--peer", "127.0.0.1"), 2, "--peer needs --udp"),
     ],
 )
 def test_mistakes(words: tuple[str, ...], status: int, text: str) -> None:

@@ -57,7 +57,7 @@ def test_a_fault_has_a_name(make_bench: Any) -> None:
 
 def test_a_stop_is_pointed_out(bench: Any) -> None:
     bench.ok("stop")
-    assert bench.ok("state").splitlines()[-1] == "stopped; 'hexwire resume' ends that"
+    assert bench.ok("state").splitlines()[-1] == "stopped; 'hexwire resume' ends the stop"
 
 
 def test_conditions_in_words() -> None:
@@ -127,5 +127,5 @@ def test_state_and_probe_show_maintenance(bench: Any) -> None:
     bench.board.state.maintenance = True
     assert bench.json("state")["maintenance"] is True
     assert bench.json("probe")["maintenance"] is True
-    assert "in maintenance: settings of servos may be written, and nothing moves" in bench.ok("state")
-    assert "in maintenance: settings of servos may be written, nothing moves" in bench.ok("probe")
+    assert "in maintenance: servo settings may be written, nothing moves" in bench.ok("state")
+    assert "in maintenance: servo settings may be written, nothing moves" in bench.ok("probe")

@@ -14,7 +14,7 @@ from hexwire.emulator.serve import BoardLink, FakeClock
 def test_a_board_at_another_rate() -> None:
     link = board_link(board_rate=250_000)
     finding = only(explain_no_board(link))
-    assert (finding.about, finding.text) == ("rate", "the board speaks at 250000 baud")
+    assert (finding.about, finding.text) == ("rate", "the board uses 250000 baud")
     assert finding.advice == "name it: --baud 250000"
     assert not link.is_open
 

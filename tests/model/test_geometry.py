@@ -24,7 +24,7 @@ def test_every_robot_that_is_named_has_one(robot: str) -> None:
 
 def test_a_robot_without_geometry() -> None:
     assert kinematics_or_none("so101") is None
-    with pytest.raises(UsageError, match="no geometry of robot 'so101'; there is one of hex7bot, puma260"):
+    with pytest.raises(UsageError, match="no geometry is known for robot 'so101'; choose one of hex7bot, puma260"):
         make_kinematics("so101")
 
 

@@ -22,7 +22,7 @@ def ros1() -> None:
 
 
 def _start(name: str) -> None:
-    # As long as nothing is open there is nothing to make safe: Ctrl-C ends the program without a traceback.
+    # While nothing is open there is nothing to make safe: Ctrl-C ends the program without a traceback.
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if ours:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

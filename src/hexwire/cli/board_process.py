@@ -1,7 +1,7 @@
-"""An emulated board in a process of its own, for commands that need one for a while.
+"""An emulated board in a separate process, for commands that need one for a while.
 
-Owns that the process ends with its user, whatever ends that: it reads a pipe that only we hold open. Must not
-know what is done with the board.
+Owns the lifetime of that process: it reads a pipe that only this program holds open, so it ends however this
+program ends. Must not know what is done with the board.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ def board_process(*, baud: int = 115200, dialect: int = 2, faults: Sequence[str]
 
     Args:
         baud: Line rate; 0 is unpaced.
-        dialect: What the board speaks.
+        dialect: Dialect of the board.
         faults: Fault specifications.
 
     Raises:
-        UsageError: The emulator knows no such fault.
-        DeviceError: It did not start.
+        UsageError: The emulator does not know a fault.
+        DeviceError: The board did not start.
     """
     # -P: a file in the present folder must not stand in for a module.
     command = [sys.executable, "-P", "-m", "hexwire.cli", "sim", "board", "--until-eof"]
     command += ["--baud", str(baud), "--dialect", str(dialect), *(f"--fault={fault}" for fault in faults)]
     with tempfile.TemporaryFile() as errors:
-        # A session of its own: Ctrl-C is for us, and we need the board to make the arm safe.
+        # A separate session: Ctrl-C must reach only this program, which needs the board to make the arm safe.
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True
         )

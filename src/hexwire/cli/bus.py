@@ -1,7 +1,7 @@
-"""`bus`: servos on a bus adapter, without a board in between. Finding, reading and writing them.
+"""`bus`: find, read and write servos on a bus adapter, without a board in between.
 
-Owns these commands and the list of the modules that have the others: those that set servos up are in `bus_setup`,
-those that go on for a while in `bus_live`. Must not know packets.
+Owns these commands and the list of the modules with the others: those that set servos up are in `bus_setup`, those
+that run for a while in `bus_live`. Must not know packets.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["bus"]
 @bus_options
 @json_option
 def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
-    """Find servos: every id, at every rate with --all-rates. Says which ids two servos share."""
+    """Find servos: every id, at every rate with --all-rates. Reports ids that several servos share."""
     from hexwire.bus.setup import scan as scan_bus
     from hexwire.drivers.bus_checkup import SERVO_RATES
 
@@ -44,7 +44,7 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
         else:
             found = scan_bus(opened, bauds=rates, ids=wanted)
         if len(found) > _TOO_MANY and not any(row.info for row in found):
-            raise ServoError("every ping is answered, but not as a servo does: is another device on this port?")
+            raise ServoError("every ping is answered, but not by a servo: is another device on this port?")
         if as_json:
             print_json([_found_json(row) for row in found])
         elif found:
@@ -58,7 +58,7 @@ def scan(all_rates: bool, ids: str, options: BusOptions, as_json: bool) -> None:
 
 
 _TOO_MANY = 20
-"""Ids with answers that cannot be read, from which it is no bus with a shared id."""
+"""Unreadable answers from more ids than this mean another device, not servos that share an id."""
 _FOUND_HEAD = ("id", "baud", "series", "model", "firmware", "delay us", "acks", "condition")
 
 
@@ -118,7 +118,7 @@ def _scan_with_bar(opened: ServoBus, rates: tuple[int, ...], ids: list[int]) -> 
 @bus_options
 @json_option
 def ping(ids: str, options: BusOptions, as_json: bool) -> None:
-    """Ask servos whether they are there, as in `ping 1-6`."""
+    """Check which servos answer, as in `ping 1-6`."""
     from hexwire.bus.setup import identify
 
     silent = []
@@ -193,14 +193,14 @@ def read(ids: str, names: tuple[str, ...], options: BusOptions, as_json: bool) -
 @click.argument("name", metavar="REGISTER")
 @click.argument("value")
 @click.option("--si", is_flag=True, help="VALUE is in the SI unit (radians, seconds ...), not in counts.")
-@click.option("--yes", is_flag=True, help="Do not ask before what moves the servo.")
+@click.option("--yes", is_flag=True, help="Do not ask before a write that may move the servo.")
 @bus_options
 @json_option
 def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: BusOptions, as_json: bool) -> None:
     """Write a register by name and read it back; stored settings are unlocked, written and locked again.
 
-    A goal position switches the torque on and moves the servo: it is asked for first. While the arm is stopped
-    nothing is written but a torque_enable of 0.
+    A goal position switches torque on and moves the servo, so the command asks first. While the arm is stopped,
+    only a torque_enable of 0 is written.
     """
     from hexwire.bus.setup import write_setting
 
@@ -212,11 +212,11 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
         except ValueError as error:
             if isinstance(error, UsageError):
                 raise
-            raise UsageError(f"{value!r} is no {'number' if si else 'whole number'}") from None
+            raise UsageError(f"{value!r} is not {'a number' if si else 'an integer'}") from None
         if raw or name != "torque_enable":
             refuse_if_stopped(opened, f"a write of {name}")
         if name in ("goal_position", "target_position", "torque_enable", "mode"):
-            confirm(f"Writing {name} may move servo {servo_id}. Go on?", yes)
+            confirm(f"Writing {name} may move servo {servo_id}. Continue?", yes)
         if register.area == "eeprom":
             write_setting(opened, servo_id, name, raw)
         else:
@@ -244,7 +244,7 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
 @bus_options
 @json_option
 def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
-    """Show every register of a servo; a * marks stored settings that differ from the factory's."""
+    """Show every register of a servo; a * marks stored settings that differ from the factory settings."""
     rows = []
     data = []
     with open_bus(options) as opened:

@@ -1,4 +1,4 @@
-"""The group `bus` and what its commands share: which port, which series, who answers.
+"""The group `bus` and the parts that its commands share: port, series, opening the bus.
 
 Owns the options of a bus and its opening. Must not know what a command does, nor packets.
 """
@@ -28,12 +28,12 @@ __all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "refus
 
 @dataclass(frozen=True, slots=True)
 class BusOptions:
-    """Which bus, and what is on it.
+    """Which bus, and which servos are on it.
 
     Attributes:
         port: URL or path; the only likely adapter if None.
-        series: What every servo is; they are asked if None.
-        baud: Line rate; the series' usual one if None and the URL names none.
+        series: Series of every servo; the servos are asked if None.
+        baud: Line rate; the series' default if None and the URL names none.
     """
 
     port: str | None
@@ -52,7 +52,7 @@ def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
         "--baud", type=click.IntRange(min=1), metavar="N", help="Line rate (1000000; 115200 for seven_bot)."
     )
     series_option = click.option(
-        "--series", metavar="S", help="sts, sms, scs, hls or seven_bot. Not needed: servos are asked."
+        "--series", metavar="S", help="sts, sms, scs, hls or seven_bot. Optional: hexwire asks the servos."
     )
     return port_option(series_option(baud_option(packed)))
 
@@ -62,9 +62,9 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
     """Open the bus that the options name.
 
     Raises:
-        UsageError: The port or series makes no sense.
+        UsageError: The port or series is invalid.
         LinkError: The port cannot be opened.
-        WrongDeviceError: No servo answered what was asked meanwhile, since this is a controller board.
+        WrongDeviceError: No servo answered in this context, because the device is a controller board.
     """
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.bus.servos import as_series
@@ -83,7 +83,7 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
 
 
 def refuse_if_stopped(opened: ServoBus, what: str) -> None:
-    """A stop of this user's holds here too: no bus keeps one, and a single write can move a servo.
+    """Apply this user's stop: a bus cannot latch one, and a single write can move a servo.
 
     Raises:
         StoppedError: The arm on this bus is stopped.
@@ -96,10 +96,10 @@ def refuse_if_stopped(opened: ServoBus, what: str) -> None:
 
 
 def _look_for_board(opened: ServoBus) -> None:
-    """Nobody answered: say so if that is because a controller board is there.
+    """After silence, check whether the device is a controller board.
 
     Raises:
-        WrongDeviceError: It is.
+        WrongDeviceError: It is a controller board.
     """
     from hexwire.ipc.board_search import find_board
     from hexwire.ipc.mistaken import is_board
@@ -118,7 +118,7 @@ def _only_adapter() -> str:
         return found[0].device
     if found:
         raise UsageError(f"several likely adapters: {', '.join(map(str, found))}; name one with --port")
-    raise LinkNotFoundError("no likely servo adapter here: plug it in, or name a port with --port")
+    raise LinkNotFoundError("no likely servo adapter found: plug it in, or name a port with --port")
 
 
 def _warn_of_latency(opened: ServoBus) -> None:
@@ -132,7 +132,7 @@ def _warn_of_latency(opened: ServoBus) -> None:
 
 
 def known_servo(opened: ServoBus, servo_id: int, options: BusOptions) -> None:
-    """Ask a servo what it is, unless the user said so.
+    """Ask a servo for its series, unless the user gave it.
 
     Raises:
         ServoError: It does not answer.
@@ -143,14 +143,14 @@ def known_servo(opened: ServoBus, servo_id: int, options: BusOptions) -> None:
 
     if identify(opened, servo_id) is None:
         raise ServoError(
-            f"servo {servo_id} does not answer: check cable, power, id and --baud; `hexwire bus scan` looks "
-            "for it everywhere",
+            f"servo {servo_id} does not answer: check cable, power, id and --baud; `hexwire bus scan` searches "
+            "all ids",
             servo_id=servo_id,
         )
 
 
 def with_unit(value: float, unit: str) -> str:
-    """A value for a person: angles in degrees, the rest in SI."""
+    """A value for display: angles in degrees, everything else in SI."""
     import math
 
     if unit.startswith("rad"):

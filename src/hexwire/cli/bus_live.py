@@ -1,7 +1,7 @@
-"""The `bus` commands that go on for a while: watching, waving, testing under load.
+"""The `bus` commands that run for a while: monitor, wave, stress.
 
-Owns their loops and what they draw or save. A wave moves a servo, so it is confirmed, bounded by the servo's own
-limits, stopped by any key, and ends where it began.
+Owns their loops, plots and files. A wave moves a servo, so it is confirmed first, bounded by the servo's own
+limits, stopped by any key, and ends at its starting position.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ _MOST_ROWS = 1_000_000
 @bus.command()
 @click.argument("ids")
 @click.option(
-    "--rate", type=FiniteFloat("hz", above=0), default=10.0, show_default=True, metavar="HZ", help="How often."
+    "--rate", type=FiniteFloat("hz", above=0), default=10.0, show_default=True, metavar="HZ", help="Sample rate."
 )
 @click.option(
-    "--seconds", type=FiniteFloat("seconds", above=0), metavar="S", help="End after so long; else Ctrl-C."
+    "--seconds", type=FiniteFloat("seconds", above=0), metavar="S", help="Duration; until Ctrl-C if not given."
 )
 @file_options
 @bus_options
@@ -58,7 +58,7 @@ def monitor(
 ) -> None:
     """Watch servos live: position, speed, load, voltage, temperature, current. Ctrl-C ends it.
 
-    With --json a line a sample, in SI units.
+    With --json one line per sample, in SI units.
     """
     wanted = tuple(parse_ids(ids))
     head = ("time_s", "id", *_SHOWN, "present_current")
@@ -111,7 +111,7 @@ def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...
 
 @contextmanager
 def _screen(as_json: bool) -> Iterator[Callable[[list[tuple[tuple[str, ...], Row]]], None]]:
-    """A table that is drawn in place on a terminal, and printed each time elsewhere; none beside JSON."""
+    """A table that is redrawn in place on a terminal and printed each time elsewhere; none with JSON."""
     if as_json:
         yield lambda rows: None
         return
@@ -134,7 +134,7 @@ def _screen(as_json: bool) -> Iterator[Callable[[list[tuple[tuple[str, ...], Row
 
 
 def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
-    """Angle off the start at a time: a sine from zero, or steps to one side and the other."""
+    """Angle relative to the start at a time: a sine from zero, or steps to one side and the other."""
     phase = t / period % 1.0
     if shape == "sine":
         return amplitude * math.sin(2 * math.pi * phase)
@@ -144,7 +144,7 @@ def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
 @bus.command()
 @click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
 @click.option(
-    "--shape", type=click.Choice(["sine", "step"]), default="sine", show_default=True, help="How it moves."
+    "--shape", type=click.Choice(["sine", "step"]), default="sine", show_default=True, help="Shape of the motion."
 )
 @click.option(
     "--amplitude",
@@ -152,7 +152,7 @@ def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
     default=10.0,
     show_default=True,
     metavar="DEG",
-    help=f"To either side of where it is; at most {_MOST_AMPLITUDE:g}.",
+    help=f"To either side of the present position; at most {_MOST_AMPLITUDE:g}.",
 )
 @click.option("--period", type=FiniteFloat("seconds", minimum=0.2), default=2.0, show_default=True, metavar="S")
 @click.option("--seconds", type=FiniteFloat("seconds", above=0), default=6.0, show_default=True, metavar="S")
@@ -171,14 +171,14 @@ def wave(
     options: BusOptions,
     as_json: bool,
 ) -> None:
-    """Move one servo to and fro about where it stands, and back. Any key stops it.
+    """Move one servo back and forth about its present position, then return. Any key stops it.
 
     Its torque is switched on for this, and off again if it was off.
     """
     if amplitude > _MOST_AMPLITUDE:
         raise UsageError(f"an amplitude of {amplitude:g} deg is more than {_MOST_AMPLITUDE:g}")
     with saving(files, ("time_s", "id", "target", "position", "velocity", "load"), "position") as samples:
-        confirm(f"Servo {servo_id} will move {amplitude:g} deg to either side. Is it free to?", yes)
+        confirm(f"Servo {servo_id} will move {amplitude:g} deg to either side. Is it free to move?", yes)
         with _one_servo(servo_id, amplitude, options) as arm:
             joint = _standing(arm, servo_id)
             had_torque = bool(arm.read().torque_on)
@@ -191,7 +191,7 @@ def wave(
                     note("stopped")
     if samples:
         off = max(abs(row[2] - row[3]) for row in samples)
-        words = f"{len(samples)} samples, farthest off the target: {with_unit(off, 'rad')}"
+        words = f"{len(samples)} samples, largest error: {with_unit(off, 'rad')}"
         answer(as_json, {"id": servo_id, "samples": len(samples), "farthest_off_rad": off}, words)
 
 
@@ -217,8 +217,8 @@ def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator
             most = opened.read(servo_id, names[0].replace("min", "max")).raw
             if least is not None and most is not None and most > least and (low < least or high > most):
                 raise UsageError(
-                    f"servo {servo_id} stands at {counts} and may go from {least} to {most}: "
-                    f"{amplitude:g} deg to either side do not fit"
+                    f"servo {servo_id} is at {counts} and may move from {least} to {most}: "
+                    f"{amplitude:g} deg to either side is too much"
                 )
         joint = JointModel(
             f"servo {servo_id}",
@@ -240,10 +240,10 @@ def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator
 
 
 def _standing(arm: BusArm, servo_id: int) -> JointReading:
-    """The servo before it is moved.
+    """State of the servo before it is moved.
 
     Raises:
-        ServoError: It does not say where it is.
+        ServoError: It does not report its position.
     """
     for _ in range(_MOST_SILENT):
         joint = arm.read()[arm.model.names[0]]
@@ -255,10 +255,10 @@ def _standing(arm: BusArm, servo_id: int) -> JointReading:
 def _wave(
     arm: BusArm, start: JointReading, shape: tuple[str, float, float], seconds: float, samples: list[Row]
 ) -> None:
-    """Move, and add to the samples what is heard meanwhile.
+    """Move the servo and collect samples.
 
     Raises:
-        ServoError: The servo has a fault, or has been silent for too long.
+        ServoError: The servo has a fault, or is silent for too long.
     """
     from hexwire.model.state import JointTarget
 
@@ -270,7 +270,7 @@ def _wave(
             target = start.position + wave_angle(*shape, t)
             arm.write(JointTarget.of({start.name: target}, duration=1 / _WAVE_RATE))
             joint = arm.read()[start.name]
-            # Noise takes an answer now and then; that is no reason to stop.
+            # Noise destroys an answer now and then; that is no reason to stop.
             silent = silent + 1 if joint.flags & JointFlag.SILENT else 0
             missed += bool(silent)
             if silent >= _MOST_SILENT:
@@ -289,15 +289,15 @@ def _wave(
 
 @contextmanager
 def _brought_back(arm: BusArm, start: JointReading, *, keep_torque: bool) -> Iterator[None]:
-    """Bring the servo back to where it stood, whatever ends the wave."""
+    """Return the servo to its starting position, whatever ends the wave."""
     try:
         yield
     except BaseException:
-        # What ended it is what a person must hear of first.
+        # The error that ended the wave must be reported first.
         try:
             _end_wave(arm, start, keep_torque=keep_torque)
         except HexwireError:
-            note("warning: the servo could not be brought back and may still have torque")
+            note("warning: the servo could not be returned to its start and may still have torque")
         raise
     _end_wave(arm, start, keep_torque=keep_torque)
 
@@ -314,7 +314,7 @@ def _end_wave(arm: BusArm, start: JointReading, *, keep_torque: bool) -> None:
 
 @contextmanager
 def _any_key() -> Iterator[Callable[[], bool]]:
-    """Tells whether a key was pressed, where there is a keyboard."""
+    """A function that tells whether a key was pressed; always False without a keyboard."""
     if not sys.stdin.isatty():
         yield lambda: False
         return
@@ -340,7 +340,7 @@ def _any_key() -> Iterator[Callable[[], bool]]:
 @bus_options
 @json_option
 def stress(ids: str, count: int, name: str, options: BusOptions, as_json: bool) -> None:
-    """Read N times as fast as it goes; errors and a histogram of how long it took. Nothing moves."""
+    """Read N times as fast as possible; print errors and a histogram of the times. Nothing moves."""
     wanted = tuple(parse_ids(ids))
     took: list[float] = []
     missing = dict.fromkeys(wanted, 0)
@@ -380,7 +380,7 @@ def stress(ids: str, count: int, name: str, options: BusOptions, as_json: bool) 
         _say_stress(took, wanted, total, missing, overhead, counters)
     if failed:
         worst = max(missing, key=lambda servo_id: missing[servo_id])
-        raise ServoError(f"{failed} values are missing, most of them of servo {worst}: check its cable and power")
+        raise ServoError(f"{failed} values are missing, most of them from servo {worst}: check its cable and power")
 
 
 def _say_stress(
@@ -394,14 +394,14 @@ def _say_stress(
     failed = sum(missing.values())
     values = len(took) * len(wanted)
     say(*histogram(took).splitlines())
-    say(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} a second")
+    say(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} per second")
     say(f"values missing: {failed} of {values} ({failed / values:.3%})")
     say(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
     say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
 
 
 def histogram(seconds: Sequence[float], width: int = 40) -> str:
-    """How long something took, as text: a bar for each class of duration, and the percentiles."""
+    """Durations as a text histogram, with percentiles."""
     ordered = sorted(seconds)
     low = ordered[0]
     step = max((ordered[len(ordered) * 99 // 100] - low) / 10, 1e-6)

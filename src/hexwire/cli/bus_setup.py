@@ -1,7 +1,6 @@
 """The `bus` commands that set servos up: ids, rates, the middle, stored settings, recovery, calibration.
 
-Owns the questions that are asked before something is changed. Must not know how a step is made safe: that is
-`servo_setup`'s.
+Owns the questions asked before something is changed. Must not know how a step is made safe: `bus.setup` does.
 """
 
 from __future__ import annotations
@@ -42,15 +41,15 @@ def _now() -> str:
 @bus_options
 @json_option
 def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) -> None:
-    """Give a servo another id. Refused if the new id is taken or two servos share the old one."""
+    """Change the id of a servo. Refused if the new id is in use or two servos share the old one."""
     from hexwire.bus import setup as servo_setup
 
     with open_bus(options) as opened:
         known_servo(opened, old, options)
         refuse_if_stopped(opened, "an id")
-        confirm(f"Servo {old} becomes servo {new}. Go on?", yes)
+        confirm(f"Servo {old} becomes servo {new}. Continue?", yes)
         info = servo_setup.set_id(opened, old, new)
-    answer(as_json, {"old_id": old, "id": info.servo_id}, f"servo {old} is servo {info.servo_id} now, and answers")
+    answer(as_json, {"old_id": old, "id": info.servo_id}, f"servo {old} is now servo {info.servo_id}, and answers")
 
 
 @bus.command("set-baud")
@@ -60,13 +59,13 @@ def set_id(old: int, new: int, yes: bool, options: BusOptions, as_json: bool) ->
 @bus_options
 @json_option
 def set_baud(servo_id: int, rate: int, yes: bool, options: BusOptions, as_json: bool) -> None:
-    """Set a servo to another line rate; set back if it does not answer there."""
+    """Change the line rate of a servo; undone if it does not answer at the new rate."""
     from hexwire.bus import setup as servo_setup
 
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
         refuse_if_stopped(opened, "a line rate")
-        confirm(f"Servo {servo_id} will be heard at {rate} baud only. Go on?", yes)
+        confirm(f"Servo {servo_id} will answer at {rate} baud only. Continue?", yes)
         servo_setup.set_baud(opened, servo_id, rate)
     words = f"servo {servo_id} answers at {rate} baud; use --baud {rate} from now on"
     answer(as_json, {"id": servo_id, "baud": rate}, words)
@@ -84,9 +83,9 @@ def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
         refuse_if_stopped(opened, "a middle")
-        confirm(f"The present position of servo {servo_id} becomes its middle. Go on?", yes)
+        confirm(f"The present position of servo {servo_id} becomes its middle. Continue?", yes)
         position = servo_setup.center(opened, servo_id)
-    answer(as_json, {"id": servo_id, "raw": position}, f"servo {servo_id} reports {position} here now")
+    answer(as_json, {"id": servo_id, "raw": position}, f"servo {servo_id} now reports {position} at this position")
 
 
 @bus.command()
@@ -94,7 +93,7 @@ def center(servo_id: int, yes: bool, options: BusOptions, as_json: bool) -> None
 @bus_options
 @json_option
 def recover(ids: str, options: BusOptions, as_json: bool) -> None:
-    """Bring servos out of overload protection: torque off, wait until the fault is gone. Hold the arm!"""
+    """Reset the overload protection of servos: torque off, wait until the fault is gone. Hold the arm!"""
     from hexwire.bus import setup as servo_setup
 
     left = []
@@ -111,7 +110,7 @@ def recover(ids: str, options: BusOptions, as_json: bool) -> None:
         if as_json:
             print_json(data)
     if left:
-        raise ServoError(f"faults remain on {', '.join(map(str, left))}: remove their cause and try again")
+        raise ServoError(f"faults remain on {', '.join(map(str, left))}: remove the cause and try again")
 
 
 @bus.command()
@@ -140,7 +139,7 @@ def backup(ids: str, file: str, force: bool, options: BusOptions, as_json: bool)
 @bus_options
 @json_option
 def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json: bool) -> None:
-    """Put saved settings back, all but id and line rate, and verify them."""
+    """Restore saved settings, except id and line rate, and verify them."""
     from hexwire.bus.backup import load_backup, restore_backup
 
     rows = load_backup(file)
@@ -148,12 +147,12 @@ def restore(file: str, ids: str | None, yes: bool, options: BusOptions, as_json:
     chosen = [row for row in rows if wanted is None or row.servo_id in wanted]
     if not chosen:
         raise UsageError(
-            f"{file} has no such servo; it has {', '.join(str(row.servo_id) for row in rows) or 'none'}"
+            f"{file} does not contain these servos; it has {', '.join(str(row.servo_id) for row in rows) or 'none'}"
         )
     with open_bus(options) as opened:
         refuse_if_stopped(opened, "a setting")
         names = ", ".join(str(row.servo_id) for row in chosen)
-        confirm(f"Settings of servo {names} will be overwritten. Go on?", yes)
+        confirm(f"Settings of servo {names} will be overwritten. Continue?", yes)
         data: list[dict[str, object]] = []
         for row in chosen:
             changed = restore_backup(opened, row.servo_id, row)
@@ -199,9 +198,9 @@ def _cell(value: int | None) -> str:
 @click.argument("robot")
 @click.argument("file", type=click.Path(dir_okay=False))
 @click.option(
-    "--lerobot", type=click.Path(exists=True, dir_okay=False), help="Take this LeRobot file over instead."
+    "--lerobot", type=click.Path(exists=True, dir_okay=False), help="Import this LeRobot file instead of measuring."
 )
-@click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="End the sweep by itself after so long.")
+@click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="End the sweep after N seconds.")
 @force_option
 @bus_options
 @json_option
@@ -214,10 +213,10 @@ def calibrate(
     options: BusOptions,
     as_json: bool,
 ) -> None:
-    """Find middle and range of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
+    """Measure middle and range of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
 
-    The torque is switched off: hold the arm. Put it in the middle of its range, press Enter, then move every joint
-    through its range and press Enter again.
+    Torque is switched off: hold the arm. Move every joint to the middle of its range, press Enter, then move every
+    joint through its range and press Enter again.
     """
     from hexwire.drivers.registry import load_bus_arm
 
@@ -232,7 +231,7 @@ def calibrate(
 def _calibration(
     driver: type[BusArm], robot: str, lerobot: str | None, seconds: int | None, options: BusOptions
 ) -> Calibration:
-    """Take a file over, or measure."""
+    """Import a calibration, or measure it."""
     from hexwire.inputs import read_text
     from hexwire.model.calibration import Calibration
 
@@ -250,20 +249,20 @@ def _wizard(arm: BusArm, seconds: int | None) -> Calibration:
     from hexwire.bus.setup import identify
     from hexwire.model.calibration import RangeSweep
 
-    note("the torque goes off: hold the arm")
+    note("torque will be switched off: hold the arm")
     click.pause("press Enter when you hold it ", err=True)
     missing = set(arm.model.names) - set(arm.torque(False))
     if missing:
-        raise ServoError(f"{', '.join(sorted(missing))} did not confirm that the torque is off; nothing was saved")
-    click.pause("put every joint in the middle of its range, then press Enter ", err=True)
+        raise ServoError(f"{', '.join(sorted(missing))} did not confirm torque off; nothing was saved")
+    click.pause("move every joint to the middle of its range, then press Enter ", err=True)
     ids = tuple(joint.servo_id for joint in arm.model.joints)
     readings = arm.bus.sync_read("present_position", ids).check()
     middles = {joint.name: reading.raw or 0 for joint, reading in zip(arm.model.joints, readings, strict=True)}
     sweep = RangeSweep(middles)
     note(
-        "now move every joint to both ends; Enter ends it"
+        "now move every joint to both ends of its range, then press Enter"
         if seconds is None
-        else "now move every joint to both ends"
+        else "now move every joint to both ends of its range"
     )
     end = None if seconds is None else time.monotonic() + seconds
     while not _entered(0.02) if end is None else time.monotonic() < end:

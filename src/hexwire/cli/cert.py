@@ -1,6 +1,6 @@
 """`cert`: certificates for a lab.
 
-Owns which files one command makes. Must not know what is in them.
+Owns which files a command creates. Must not know their contents.
 """
 
 from __future__ import annotations
@@ -17,22 +17,28 @@ __all__ = ["cert"]
 
 @click.group()
 def cert() -> None:
-    """Make certificates for a lab, for links with TLS (tcps://)."""
+    """Create certificates for TLS links (tcps://) in a lab."""
 
 
 @cert.command()
 @click.argument("folder", metavar="DIR")
-@click.option("--server", "servers", multiple=True, metavar="NAME", help="A machine that is called; repeatable.")
-@click.option("--client", "clients", multiple=True, metavar="NAME", help="Somebody who calls; repeatable.")
+@click.option(
+    "--server", "servers", multiple=True, metavar="NAME", help="Name of a machine that listens; repeatable."
+)
+@click.option(
+    "--client", "clients", multiple=True, metavar="NAME", help="Name of a client that connects; repeatable."
+)
 @click.option(
     "--host",
     "hosts",
     multiple=True,
     metavar="HOST",
-    help="Name or address under which the servers are called; repeatable. Without any: NAME and this machine.",
+    help="Host name or address of the servers; repeatable. Default: NAME and this machine.",
 )
-@click.option("--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name of a new authority.")
-@click.option("--days", type=FiniteFloat("days", above=0), metavar="DAYS", help="How long they are good for (825).")
+@click.option(
+    "--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name for a new certificate authority."
+)
+@click.option("--days", type=FiniteFloat("days", above=0), metavar="DAYS", help="Validity in days (825).")
 @json_option
 def new(
     folder: str,
@@ -43,10 +49,10 @@ def new(
     days: float | None,
     as_json: bool,
 ) -> None:
-    """Make certificates in DIR: an authority (ca.pem, ca.key) if there is none, and what it signs.
+    """Create certificates in DIR, and a certificate authority (ca.pem, ca.key) if there is none.
 
-    Without --server and --client there is one of each, called server and client. Whoever has ca.key can let
-    anybody in: keep it off the robots.
+    Without --server and --client, one of each is created, named server and client. Anyone who has ca.key can give
+    others access: do not copy it to the robots.
     """
     from hexwire.errors import UsageError
     from hexwire.link.certs import AUTHORITY, CERTIFICATE_DAYS, issue_certificate, make_authority
@@ -56,7 +62,7 @@ def new(
             raise UsageError("--host is for a new server: name it, as in --server arm2")
         servers, clients = ("server",), ("client",)
     if hosts and not servers:
-        raise UsageError("--host makes no sense without --server")
+        raise UsageError("--host needs --server")
     wanted = [(name, "server") for name in servers] + [(name, "client") for name in clients]
     _check_names([name for name, _ in wanted], Path(folder))
     made = []
@@ -65,8 +71,8 @@ def new(
         files = make_authority(folder, name=lab)
         made.append({"kind": "authority", "cert": str(files.cert), "key": str(files.key)})
         lines += [
-            f"{files.cert}  the authority; every machine needs it",
-            f"{files.key}  its key; keep it to yourself",
+            f"{files.cert}  certificate of the authority; every machine needs it",
+            f"{files.key}  its private key; keep it to yourself",
         ]
     for name, kind in wanted:
         if kind == "server":
@@ -81,12 +87,12 @@ def new(
 
 
 def _check_names(names: list[str], folder: Path) -> None:
-    """Refuse before anything is written what would stop half-way."""
+    """Refuse names that would fail, before anything is written."""
     from hexwire.errors import UsageError
 
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise UsageError(f"{', '.join(twice)} is named twice: each certificate has files of its own")
+        raise UsageError(f"{', '.join(twice)} is named twice: each certificate has its own files")
     there = [name for name in names if any((folder / f"{name}{end}").exists() for end in (".pem", ".key"))]
     if there:
-        raise UsageError(f"{folder / there[0]}.pem is there already; remove it first, or take another name")
+        raise UsageError(f"{folder / there[0]}.pem already exists; remove it first, or choose another name")

@@ -1,6 +1,6 @@
-"""What the commands share: options, opening a robot, JSON and aligned text.
+"""Shared parts of the commands: options, opening a robot, JSON and aligned text.
 
-Owns the options that say which robot is meant, and the form of what is printed. Must not know any one command.
+Owns the options that select a robot, and the format of the output. Must not know any one command.
 """
 
 from __future__ import annotations
@@ -66,18 +66,18 @@ _StateObserver = Callable[["JointState"], None]
 _state_observer: ContextVar[_StateObserver | None] = ContextVar("hexwire_state_observer", default=None)
 
 _WATCHDOG, _PERIODS = 1.0, 4.0
-"""Seconds, and cycles, of silence after which the board stops the arm by itself."""
+"""Seconds, and cycles, of silence after which the board stops the arm automatically."""
 _PATIENCE = 1.0
-"""Seconds without an answer after which a person is told what is being waited for."""
+"""Seconds without an answer after which the user is told what the command waits for."""
 
 
 class FiniteFloat(click.ParamType[float]):
     """A number that is neither infinite nor NaN, with bounds.
 
     Args:
-        name: What help calls it, as in ``SECONDS``.
+        name: Name in the help text, such as ``SECONDS``.
         minimum: Smallest value.
-        above: The value must be above this one.
+        above: Exclusive lower bound.
     """
 
     def __init__(self, name: str, *, minimum: float = -math.inf, above: float = -math.inf) -> None:
@@ -100,12 +100,12 @@ class FiniteFloat(click.ParamType[float]):
 
 
 def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F], _F]:
-    """An argument of several numbers, which usage and errors call by what is typed.
+    """An argument of several numbers, named by its metavar in usage and errors.
 
     Args:
-        name: Of the command's parameter.
-        metavar: As ``X Y Z``: a word a number.
-        kind: What each is.
+        name: Name of the command's parameter.
+        metavar: One word per number, such as ``X Y Z``.
+        kind: Type of each number.
     """
     count = len(metavar.split())
 
@@ -117,19 +117,19 @@ def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F
     return click.argument(name, nargs=-1, required=True, type=kind, metavar=metavar, callback=check)
 
 
-# -- which robot ----------------------------------------------------------------------------------------
+# -- selecting a robot ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class RobotOptions:
-    """Which robot, and how to reach it.
+    """The robot and the link to it.
 
     Attributes:
         port: URL of the link or path of the serial device; the only likely board if None.
         robot: Name in the registry.
-        baud: Rate of a serial port; the link's own if None.
-        dialect: Ask only in this dialect; both if None.
-        timeout: Seconds to wait for a board that is booting; the driver's own if None.
+        baud: Rate of a serial port; the link's default if None.
+        dialect: The only dialect to use; try both if None.
+        timeout: Seconds to wait for a board that is booting; the driver's default if None.
     """
 
     port: str | None
@@ -140,7 +140,7 @@ class RobotOptions:
 
 
 def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--port``, which may stand before the command as well, and which HEXWIRE_PORT sets too."""
+    """``--port``, which may also come before the command or from HEXWIRE_PORT."""
 
     @functools.wraps(command)
     def packed(*args: Any, port: str | None, **rest: Any) -> Any:
@@ -151,18 +151,18 @@ def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="URL",
         envvar="HEXWIRE_PORT",
         show_envvar=True,
-        help="Device or link, as /dev/ttyUSB0 or tcp://host:port. Not needed if one likely board is plugged in.",
+        help="Device or link, such as /dev/ttyUSB0 or tcp://host:port. Optional if one likely board is plugged in.",
     )(packed)
 
 
 group_port_option = click.option(
-    "--port", metavar="URL", help="Where it is, for every command below that takes --port."
+    "--port", metavar="URL", help="Port to use, for every command below that takes --port."
 )
 """``--port`` of a group: `hexwire bus --port URL scan`."""
 
 
 def early_port(port: str | None) -> str | None:
-    """The port of this command: typed behind it, else before it, else `port`, as from the environment."""
+    """The port of this command: typed after it, otherwise before it, otherwise `port` (from the environment)."""
     if _is_typed("port"):
         return port
     context = click.get_current_context().parent
@@ -175,15 +175,15 @@ def early_port(port: str | None) -> str | None:
 
 
 def line_options(command: _F) -> _F:
-    """``--baud``, ``--dialect`` and ``--timeout``: how to speak to the board."""
+    """``--baud``, ``--dialect`` and ``--timeout``: parameters of the connection to the board."""
     command = click.option(
         "--timeout",
         type=FiniteFloat("seconds", minimum=0),
         metavar="SECONDS",
-        help="How long to wait for a board that does not answer yet (5, enough for one that boots).",
+        help="Time to wait for a board that does not answer yet (5, enough to boot).",
     )(command)
     command = click.option(
-        "--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Ask in this dialect only, not in both."
+        "--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Use only this dialect instead of trying both."
     )(command)
     return click.option("--baud", type=click.IntRange(min=1), metavar="N", help="Rate of a serial port (115200).")(
         command
@@ -191,7 +191,7 @@ def line_options(command: _F) -> _F:
 
 
 def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--port``, ``--robot`` and how to speak to it; the command gets them as ``options: RobotOptions``."""
+    """``--port``, ``--robot`` and `line_options`; the command gets them as ``options: RobotOptions``."""
 
     @functools.wraps(command)
     def packed(
@@ -203,18 +203,18 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         timeout: float | None,
         **rest: Any,
     ) -> Any:
-        # It may stand before the command as well: `hexwire --robot puma260 state`.
+        # It may also come before the command: `hexwire --robot puma260 state`.
         robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
         return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
 
     robot_option = click.option(
-        "--robot", metavar="NAME", help=f"Which robot is behind the port.  [default: {DEFAULT_ROBOT}]"
+        "--robot", metavar="NAME", help=f"Type of robot on the port.  [default: {DEFAULT_ROBOT}]"
     )
     return port_option(robot_option(line_options(packed)))
 
 
 def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--table`` and ``--no-table``; the command gets ``table``: metres above the arm's base, or None for none."""
+    """``--table`` and ``--no-table``; the command gets ``table``: metres above the arm's base, or None."""
 
     @functools.wraps(command)
     def packed(*args: Any, table: float, no_table: bool, **rest: Any) -> Any:
@@ -231,7 +231,7 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
         help="Height of the table above the arm's base.",
     )
     return height(
-        click.option("--no-table", is_flag=True, help="There is no table that the arm could hit.")(packed)
+        click.option("--no-table", is_flag=True, help="Do not check for collisions with a table.")(packed)
     )
 
 
@@ -240,25 +240,27 @@ def _is_typed(option: str) -> bool:
 
 
 def refuse_table(model: ArmModel) -> None:
-    """Refuse ``--table`` for an arm without a geometry: somebody would rely on what nobody looks at.
+    """Refuse ``--table`` for an arm without a geometry, because the table would not be checked.
 
     Raises:
-        UsageError: It was typed.
+        UsageError: ``--table`` was typed.
     """
     if _is_typed("table"):
-        raise UsageError(f"no geometry of {model.name}, so nothing can be said of a table; leave out --table")
+        raise UsageError(
+            f"no geometry is known for {model.name}, so the table cannot be checked; leave out --table"
+        )
 
 
 def resolve_url(port: str | None, baud: int | None = None) -> str:
     """The URL to open.
 
     Args:
-        port: As typed; the only likely board's if None.
+        port: As typed; that of the only likely board if None.
         baud: Rate for a serial port.
 
     Raises:
-        LinkNotFoundError: None was named and none is plugged in.
-        UsageError: Several may be meant, or `baud` does not go with the URL.
+        LinkNotFoundError: No port was named and no board is plugged in.
+        UsageError: Several boards are plugged in, or `baud` does not apply to the URL.
     """
     if not port:
         from hexwire.link.ports import find_only_board
@@ -270,17 +272,17 @@ def resolve_url(port: str | None, baud: int | None = None) -> str:
 
     url = parse_url(port)
     if url.scheme != "serial":
-        raise UsageError(f"--baud makes no sense for {port}: only a serial port has a rate")
+        raise UsageError(f"--baud does not apply to {port}: only a serial port has a rate")
     if "baud" in url.query:
-        raise UsageError(f"--baud {baud} and {port}: name the rate once")
+        raise UsageError(f"--baud {baud} and {port}: give the rate only once")
     return f"{port}{'&' if url.query else '?'}baud={baud}"
 
 
 def make_robot(options: RobotOptions) -> RobotDriver:
-    """Build the driver that the options name. Opens nothing; ``with`` attaches it, or use `open_robot`.
+    """Create the driver that the options name. Opens nothing; ``with`` attaches it, or use `open_robot`.
 
     Raises:
-        UsageError: No such robot, a malformed URL, or an option that this robot does not know.
+        UsageError: No such robot, a malformed URL, or an option that this robot does not support.
         LinkNotFoundError: No port was named and no likely board is plugged in.
     """
     from hexwire.drivers.registry import load_driver
@@ -292,7 +294,7 @@ def make_robot(options: RobotOptions) -> RobotDriver:
 
 @contextmanager
 def open_robot(options: RobotOptions) -> Iterator[RobotDriver]:
-    """Make the robot, attach it, and detach it in the end; the torque stays as it is.
+    """Create and attach the robot, and detach it at the end; the torque does not change.
 
     Raises:
         HexwireError: As `make_robot` and `RobotDriver.attach`.
@@ -303,7 +305,7 @@ def open_robot(options: RobotOptions) -> Iterator[RobotDriver]:
 
 @contextmanager
 def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
-    """Attach a robot; a person is told if that takes longer than usual."""
+    """Attach a robot; print a note if that takes longer than usual."""
     text = f"waiting for an answer on {robot.url} ..."
     patience = threading.Timer(_PATIENCE, note, (text,))
     patience.daemon = True
@@ -322,16 +324,16 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 
 @contextmanager
 def watched(robot: RobotDriver, left: float, period: float = 0.0, mode: StopMode | None = None) -> Iterator[bool]:
-    """While this lasts, the board stops the arm if this program dies or stalls; told if nobody can.
+    """In this context the board stops the arm if this program dies or stalls; print a note if it cannot.
 
     Args:
         robot: Attached.
-        left: Seconds of motion that the arm may have been sent ahead, to be told of.
-        period: Seconds between two cycles of the caller; a slow one gets a more patient watchdog.
-        mode: What the board does; holds if None.
+        left: Seconds of motion that the arm may have been sent ahead, for the note.
+        period: Seconds between two cycles of the caller; a slow caller gets a longer watchdog timeout.
+        mode: Stop mode of the board; hold if None.
 
     Yields:
-        Whether somebody stands by.
+        Whether a watchdog is armed.
     """
     from hexwire.drivers.base import StopMode
 
@@ -347,9 +349,9 @@ def watched(robot: RobotDriver, left: float, period: float = 0.0, mode: StopMode
 
 @contextmanager
 def observing_states(observer: _StateObserver) -> Iterator[None]:
-    """While this lasts, every state that an attached robot reads goes to `observer` too, in the reader's thread.
+    """In this context every state that an attached robot reads also goes to `observer`, in the reader's thread.
 
-    It must not fail: see `hexwire.link.tap.Missed.guard`.
+    `observer` must not fail: see `hexwire.link.tap.Missed.guard`.
     """
     token = _state_observer.set(observer)
     try:
@@ -368,33 +370,33 @@ def _show_states(robot: RobotDriver) -> None:
         observer(state)
         return state
 
-    robot.read = read_and_show  # type: ignore[method-assign]  # a driver has no other place to look on
+    robot.read = read_and_show  # type: ignore[method-assign]  # a driver has no other hook for an observer
 
 
-# -- what is printed ------------------------------------------------------------------------------------
+# -- output ---------------------------------------------------------------------------------------------
 
 
 def confirm(question: str, yes: bool, *, alone: str = "") -> None:
-    """Ask a person on standard error before something happens that cannot be taken back; ``--yes`` answers it.
+    """Ask for confirmation on standard error before something irreversible happens; ``--yes`` confirms.
 
     Args:
-        question: Whether to go on.
-        yes: It is answered already.
-        alone: What to say if nobody is there to answer; the question if empty.
+        question: The question.
+        yes: Already confirmed.
+        alone: Error text if no input is available; the question if empty.
 
     Raises:
         click.Abort: The answer is no.
-        UsageError: Nobody is there to answer.
+        UsageError: No input is available.
     """
     if yes:
         return
     if sys.stdin.isatty():
         click.confirm(question, abort=True, err=True)
         return
-    # `yes | hexwire ...` counts, too.
+    # Accept `yes | hexwire ...`, too.
     answer = sys.stdin.readline()
     if not answer:
-        raise UsageError(alone or f"{question} Nobody is there to answer: say so with --yes")
+        raise UsageError(alone or f"{question} There is no terminal to answer on: confirm with --yes")
     if answer.strip().lower() not in ("y", "yes"):
         raise click.Abort
 
@@ -404,28 +406,28 @@ def force_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def packed(*args: Any, force: bool, **rest: Any) -> Any:
-        # Beside --record it counts for both files.
+        # Together with --record it applies to both files.
         early = click.get_current_context().find_root().params
         return command(*args, force=force or bool(early.get("force")), **rest)
 
-    return click.option("--force", is_flag=True, help="Write over a file that is there.")(packed)
+    return click.option("--force", is_flag=True, help="Overwrite an existing file.")(packed)
 
 
 def refuse_idle_force(force: bool, words: str) -> None:
-    """Refuse ``--force`` where no file is written: somebody would think that it forces something else.
+    """Refuse ``--force`` if no file is written: a user might think that it forces something else.
 
     Raises:
         UsageError: It was given, and not for --record either.
     """
     if force and not click.get_current_context().find_root().params.get("force"):
-        raise UsageError(f"--force is for {words}, and none is named; it lifts no limit")
+        raise UsageError(f"--force applies only to {words}, and none is given; it lifts no limit")
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program to read.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
 def name_of(file: IO[bytes]) -> str:
-    """What an error calls a file that click has opened."""
+    """Name for error texts of a file that click has opened."""
     name = getattr(file, "name", None)
     return name if isinstance(name, str) and name != "<stdin>" else "standard input"
 
@@ -461,14 +463,14 @@ def joint_json(joint: JointReading, model: ArmModel) -> dict[str, object]:
 
 
 def fault_names(flags: int) -> list[str]:
-    """Names of what is wrong with a servo, as ``overload``; without silence, which is told apart from faults."""
+    """Names of a servo's faults, such as ``overload``; silence does not count as a fault."""
     from hexwire.model.state import JointFlag
 
     return [flag.name.lower() for flag in JointFlag(flags).faults & ~JointFlag.SILENT if flag.name]
 
 
 def raise_if_silent(servos: Sequence[tuple[int, str | None]]) -> None:
-    """End with an error that names the servos that did not answer, pairs of id and joint; pass if there is none."""
+    """Raise an error that names the servos (pairs of id and joint) that did not answer, if there are any."""
     from hexwire.errors import ServoError
 
     if servos:

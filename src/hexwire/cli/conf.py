@@ -1,6 +1,6 @@
-"""`conf`: files of channels, checked and converted.
+"""`conf`: check and convert channel configuration files.
 
-Owns how channels are shown and which form a file gets. Must not know what a channel means.
+Owns the presentation of channels and the choice of the file format. Must not know what a channel means.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ __all__ = ["conf"]
 
 @click.group()
 def conf() -> None:
-    """Check and convert files of channels: ipc_msg.conf, or the same in TOML."""
+    """Check and convert channel configuration files: ipc_msg.conf, or the same in TOML."""
 
 
 @conf.command()
 @click.argument("file", metavar="FILE")
 @json_option
 def check(file: str, as_json: bool) -> None:
-    """Show the channels that a file names; an error has file, line and column."""
+    """Show the channels in a file; errors name file, line and column."""
     from hexwire.ipc.conf import link_url, load_conf
 
     channels = load_conf(file)
@@ -50,9 +50,9 @@ def check(file: str, as_json: bool) -> None:
 @click.argument("target", metavar="OUT")
 @force_option
 def convert(source: str, target: str, force: bool) -> None:
-    """Write the channels of IN to OUT: TOML if OUT ends in .toml, the chapter's form otherwise.
+    """Write the channels of IN to OUT: TOML if OUT ends in .toml, the chapter's format otherwise.
 
-    Comments are not carried over. OUT may be - for standard output, which gets the form that IN has not.
+    Comments are lost. OUT may be - for standard output, which gets the format that IN does not have.
     """
     from hexwire.ipc.conf import load_conf, to_conf, to_toml
 

@@ -1,8 +1,7 @@
-"""`hexwire doctor`: everything that is known to go wrong, looked at in order, each with what to do.
+"""`hexwire doctor`: checks for all known problems, in order, each with a remedy.
 
-Owns which ports are looked at, the order and the printing. Looks only, unless --fix is given, which writes a udev
-rule and nothing else. What is good and bad is judged in `link.diagnose` and by `RobotDriver.examine` and
-`RobotDriver.explain_silence`.
+Owns the choice of ports, the order and the printing. Read-only unless --fix is given, which writes a udev rule and
+nothing else. The findings come from `link.diagnose`, `RobotDriver.examine` and `RobotDriver.explain_silence`.
 """
 
 from __future__ import annotations
@@ -36,12 +35,12 @@ _MARKS = {Level.OK: "ok  ", Level.HINT: "hint", Level.BAD: "BAD ", Level.UNKNOWN
 
 @click.command()
 @robot_options
-@click.option("--fix", is_flag=True, help="Write the udev rule that is missing (needs root).")
+@click.option("--fix", is_flag=True, help="Write the missing udev rule (needs root).")
 @json_option
 def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
-    """Look for what is wrong, from the plug to the servos. Read-only unless --fix.
+    """Diagnose problems, from the USB port to the servos. Read-only unless --fix.
 
-    Looks at the port that --port names, else at all there are. Ends with status 1 if something is BAD.
+    Checks the port that --port names, otherwise all ports. Exit status 1 if something is BAD.
     """
     from hexwire.drivers.registry import load_driver
     from hexwire.link.diagnose import diagnose_system, udev_rule, write_udev_rule
@@ -61,21 +60,21 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
             rows = _look(replace(options, port=port.device), port, on_bus, ask=likely)
             findings += [replace(row, port=port.device) for row in rows]
         if not any(port.likely_adapter if on_bus else port.likely_board for port in ports):
-            text = f"no likely {what} among the serial ports" if ports else "no serial port here"
-            advice = f"plug the {what} in; try another cable; or name its --port"
+            text = f"no likely {what} among the serial ports" if ports else "no serial port found"
+            advice = f"plug the {what} in; try another cable; or name the port with --port"
             findings.append(Finding(Level.HINT, "ports", text, advice))
     findings += diagnose_system(ports)
     missing = sorted({p.usb_id for p in ports if p.usb_id and any("no udev rule" in f.text for f in findings)})
     _show(findings, as_json)
     if missing and fix:
         path = write_udev_rule(missing)
-        say(f"wrote {path}; now: sudo udevadm control --reload, unplug, plug in")
+        say(f"wrote {path}; now run 'sudo udevadm control --reload', unplug the device, and plug it in")
     elif missing and not as_json:
-        say("", "The udev rule that is missing (--fix writes it):", "")
+        say("", "The missing udev rule (--fix writes it):", "")
         say_document(udev_rule(missing))
     bad = sum(finding.level is Level.BAD for finding in findings)
     if bad:
-        raise DeviceError(f"{bad} thing{'s' if bad > 1 else ''} to put right, marked BAD above")
+        raise DeviceError(f"{bad} problem{'s' if bad > 1 else ''} found, marked BAD above")
 
 
 def _show(findings: list[Finding], as_json: bool) -> None:
@@ -102,14 +101,14 @@ def _device(port: str) -> str:
 
 
 def _found(devices: list[str]) -> list[PortInfo]:
-    """Ports that exist: opening one that does not says that, and which there are."""
+    """Ports that exist. Opening a missing port gives an error that lists the existing ports."""
     from hexwire.link.ports import find_port
 
     return [find_port(device) for device in devices if Path(device).exists()]
 
 
 def _look(options: RobotOptions, port: PortInfo, on_bus: bool, *, ask: bool = True) -> list[Finding]:
-    """One port: what it is, who may open it, and who is behind it."""
+    """Check one port: its identity, its permissions, and the device on it."""
     from hexwire.link.diagnose import diagnose_baud, diagnose_port
 
     findings = diagnose_port(port)
@@ -121,10 +120,10 @@ def _look(options: RobotOptions, port: PortInfo, on_bus: bool, *, ask: bool = Tr
 
 
 def _ask(options: RobotOptions) -> list[Finding]:
-    """Speak to the robot: nothing here moves anything.
+    """Ask the robot; nothing moves.
 
     Raises:
-        UsageError: The options make no sense.
+        UsageError: The options are invalid.
     """
     robot = make_robot(options)
     try:

@@ -1,4 +1,4 @@
-"""What is drawn on a terminal: tables of joints, the demo. The one place of these that knows rich.
+"""Live views on a terminal: tables of joints, the demo. The only user of rich.
 
 Owns colours and columns. Must not know robots or commands.
 """
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
 __all__ = ["JointTable", "LiveView", "SafeConsole", "live", "progress"]
 
 _REDRAWS = 12
-"""Drawings a second: enough to look alive."""
+"""Redraws per second: enough for a smooth view."""
 _GAP = 3
 """Columns between two cells of a table."""
 _GOOD, _FAIR = 2.0, 5.0
-"""Degrees off the trajectory that still look good, or fair: a servo trails by about a cycle."""
+"""Degrees off the trajectory shown as good, or fair: a servo lags by about a cycle."""
 
 
 class SafeConsole(Console):
-    """A console that no text from outside can command: see `output.shown`. Markup in names stays what it is.
+    """A console on which external text is harmless (see `output.shown`). Markup in names stays text.
 
     Args:
-        width: Columns, if not the terminal's.
+        width: Columns; those of the terminal if None.
     """
 
     def __init__(self, width: int | None = None) -> None:
         super().__init__(highlight=False, markup=False, emoji=False, width=width)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """As rich does, with its own control codes and clean text."""
+        """Render like rich, with rich's own control codes and cleaned text."""
         for segment in super().render(renderable, options):
             text = segment.text
             if segment.control or text == "\n" or text.isprintable():
@@ -54,12 +54,12 @@ class SafeConsole(Console):
 
 
 def live() -> Live:
-    """Something that is drawn again in place whenever it is updated."""
+    """A view that is redrawn in place at each update."""
     return Live(console=SafeConsole(), auto_refresh=False)
 
 
 def progress() -> Progress:
-    """A bar that is gone at the end, with what is going on behind it."""
+    """A progress bar with a description; it disappears at the end."""
     return Progress(BarColumn(), TimeElapsedColumn(), _Words(), console=SafeConsole(), transient=True)
 
 
@@ -69,14 +69,14 @@ class _Words(ProgressColumn):
 
 
 class JointTable:
-    """A table whose first column is the joint; the numbers behind it are aligned to the right.
+    """A table whose first column is the joint; the other columns are numbers, aligned to the right.
 
-    Where the terminal is narrower, it is drawn in parts below each other: no column is lost.
+    On a narrower terminal it is drawn in parts below each other, so that no column is lost.
 
     Args:
         head: Titles.
-        rows: Cells, one row a joint.
-        faulty: Which rows are to be shown as bad.
+        rows: Cells, one row per joint.
+        faulty: Which rows to show as bad.
     """
 
     def __init__(self, head: Sequence[str], rows: Sequence[Sequence[str | Text]], faulty: Sequence[bool]) -> None:
@@ -108,7 +108,7 @@ def _cell(cell: str | Text, column: int, bad: bool) -> Text:
 class LiveView:
     """The demo on a terminal: a live table and a progress bar.
 
-    They are drawn in a thread of their own, so that a slow terminal never holds up the loop that moves the arm.
+    They are drawn in a separate thread, so that a slow terminal never delays the loop that moves the arm.
     """
 
     def __init__(self, console: Console | None = None) -> None:
@@ -125,11 +125,11 @@ class LiveView:
         return Live(get_renderable=self.render, console=self._console, refresh_per_second=_REDRAWS)
 
     def show(self, sample: Sample) -> None:
-        """Take a cycle; it is drawn when it is time to."""
+        """Store a cycle for the next redraw."""
         self._sample = sample
 
     def render(self) -> RenderableType:
-        """What is on the terminal now."""
+        """The present view."""
         sample = self._sample
         if sample is None:
             return Text("")
@@ -153,9 +153,9 @@ class LiveView:
 
     def _bar(self, sample: Sample) -> RenderableType:
         line = Table.grid(padding=(0, 1))
-        way = "there" if sample.time < sample.duration / 2 else "back"
+        direction = "there" if sample.time < sample.duration / 2 else "back"
         line.add_row(
-            Text(f"{way:5}", style="bold"),
+            Text(f"{direction:5}", style="bold"),
             ProgressBar(total=sample.duration, completed=sample.time, width=18),
             Text(f"{sample.time:4.1f}/{sample.duration:.1f} s"),
             Text(

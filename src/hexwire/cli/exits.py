@@ -1,6 +1,6 @@
-"""How a run of the command line ends: exit status, the one line of an error, warnings, signals.
+"""Exit of the command line: exit status, one-line errors, warnings, signals.
 
-Owns the mapping from exceptions to exit status (0 ok, 1 device, 2 usage, 130 Ctrl-C) and everything that goes to
+Owns the mapping from exceptions to exit status (0 ok, 1 device, 2 usage, 130 Ctrl-C) and everything written to
 standard error. Must not know any command.
 """
 
@@ -50,9 +50,9 @@ _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def run(call: Callable[[], object]) -> int:
-    """Call a command and return the exit status; what went wrong is one line on standard error.
+    """Call a command and return the exit status; an error is one line on standard error.
 
-    A bug is not caught: its traceback is what the maintainers need.
+    A bug is not caught: the maintainers need its traceback.
     """
     try:
         result = call()
@@ -60,7 +60,7 @@ def run(call: Callable[[], object]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return INTERRUPTED
     except SystemExit as error:
-        # click leaves this way when the reader of a pipe has gone.
+        # click raises this when the reader of a pipe has gone.
         return error.code if isinstance(error.code, int) else DEVICE
     except click.exceptions.NoArgsIsHelpError as error:
         for line in error.format_message().splitlines():
@@ -75,7 +75,7 @@ def run(call: Callable[[], object]) -> int:
         _say("error", str(error))
         return USAGE if isinstance(error, UsageError) else DEVICE
     except BrokenPipeError:
-        # Whoever read our output has enough of it. What is still buffered must not be tried again at exit.
+        # The reader of our output has closed the pipe. Buffered output must not be written again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DEVICE
     except OSError as error:
@@ -86,30 +86,30 @@ def run(call: Callable[[], object]) -> int:
 
 
 def note(text: str) -> None:
-    """One line for a person on standard error, where a program that reads the output does not see it.
+    """Print one line on standard error, apart from the output that a program may read.
 
-    Harmless where nobody hears it: a command does not fail for what it has to tell.
+    Never fails: a command does not fail because a note cannot be printed.
     """
     with suppress(OSError):
         speak(text)
 
 
 def speak(text: str) -> None:
-    """As `note`, for a caller that wants to know whether it was heard.
+    """As `note`, but raises an error if the line cannot be written.
 
     Raises:
-        OSError: Standard error is closed, or the disk behind it is full. What is said later goes nowhere.
+        OSError: Standard error is closed, or its disk is full. Later lines are discarded.
     """
     try:
         write(sys.stderr, shown(text) + "\n", flush=True)
     except OSError:
-        # What is still buffered must not be tried again at exit: that would change the exit status.
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # as long as the program
+        # Buffered text must not be written again at exit: that would change the exit status.
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  # open until the program ends
         raise
 
 
 def tell_missed(who: str, missed: Missed) -> None:
-    """One line about what an observer failed to see, if it did; the exit status stays that of the command."""
+    """Print one line about what an observer missed, if anything; the exit status of the command does not change."""
     if missed.first is None:
         return
     why = missed.first
@@ -120,7 +120,7 @@ def tell_missed(who: str, missed: Missed) -> None:
 
 @contextmanager
 def warnings_shown() -> Iterator[None]:
-    """Show what the library logs, from warnings on, as one line each on standard error."""
+    """Print the library's log messages of level warning and above, one line each, on standard error."""
     logger = logging.getLogger("hexwire")
     handler = _OneLine()
     before = logger.level
@@ -134,15 +134,15 @@ def warnings_shown() -> Iterator[None]:
 
 
 def show_more(verbosity: int) -> None:
-    """Inside `warnings_shown`: 0 shows warnings only, 1 what happens as well, 2 every detail."""
+    """Inside `warnings_shown`: 0 shows warnings only, 1 also events, 2 every detail."""
     logging.getLogger("hexwire").setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbosity, 2)])
 
 
 def fill_standard_streams() -> None:
-    """Put the null device where standard input, output or error is closed, as some service managers leave them.
+    """Open the null device in place of closed standard streams, as some service managers leave them.
 
-    A stop must not fail because nobody can hear of it, and a serial port must not become the descriptor to which
-    errors are written.
+    A stop must not fail because its message cannot be printed, and a serial port must not get the descriptor of
+    standard error.
     """
     for number in range(3):
         try:
@@ -155,16 +155,16 @@ def fill_standard_streams() -> None:
 
 
 def ends_like_ctrl_c() -> None:
-    """Make SIGTERM and SIGHUP end the program as Ctrl-C does: what is open is closed, an arm is left safe."""
+    """Make SIGTERM and SIGHUP end the program like Ctrl-C: open things are closed, an arm is left safe."""
     for number in _SIGNALS:
-        # A program started by `nohup` keeps ignoring what it was told to ignore.
+        # A program started by `nohup` keeps ignoring SIGHUP.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
 
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Let nothing interrupt what must come to an end, such as taking the torque away."""
+    """Protect a step that must be completed, such as switching torque off, from signals."""
     before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *_SIGNALS)}
     try:
         yield
@@ -174,7 +174,7 @@ def shielded() -> Iterator[None]:
 
 
 class _OneLine(logging.Handler):
-    """Writes to what `sys.stderr` is at that time, which a live drawing replaces."""
+    """Writes to the present `sys.stderr`, which a live view replaces."""
 
     def emit(self, record: logging.LogRecord) -> None:
         _say(record.levelname.lower(), record.getMessage())

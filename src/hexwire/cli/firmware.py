@@ -1,6 +1,6 @@
-"""`firmware`: build, flash and identify what runs on the controller board.
+"""`firmware`: build, flash and identify the firmware of the controller board.
 
-Owns how this is asked for and shown. Must not know which tools do it.
+Owns the options and the output. Must not know which tools are used.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["firmware"]
 _RATES = (115200, 250000, 500000, 1000000)
 
 source_option = click.option(
-    "--source", type=click.Path(file_okay=False), metavar="FOLDER", help="Folder of the firmware's sources."
+    "--source", type=click.Path(file_okay=False), metavar="FOLDER", help="Folder with the firmware sources."
 )
 rate_option = click.option(
     "--host-baud",
@@ -62,10 +62,14 @@ def build(source: str | None, host_baud: str, as_json: bool) -> None:
 
 @firmware.command()
 @click.option(
-    "--hex", "hex_file", type=click.Path(dir_okay=False), metavar="FILE", help="Flash this, build nothing."
+    "--hex",
+    "hex_file",
+    type=click.Path(dir_okay=False),
+    metavar="FILE",
+    help="Flash this file instead of building.",
 )
-@click.option("--any-port", is_flag=True, help="Do not look at the port's USB identity.")
-@click.option("--dry-run", is_flag=True, help="Check everything and show the command, but write nothing.")
+@click.option("--any-port", is_flag=True, help="Do not check the port's USB identity.")
+@click.option("--dry-run", is_flag=True, help="Check everything and show the command, but do not write.")
 @source_option
 @rate_option
 @robot_options
@@ -77,14 +81,14 @@ def flash(
     source: str | None,
     host_baud: str,
 ) -> None:
-    """Build the firmware, write it into the board, and read its version back.
+    """Build the firmware, write it to the board, and read its version back.
 
-    The joints keep the torque they have, but for seconds nobody commands them: support the arm.
+    The joints keep their torque, but for some seconds nothing controls them: support the arm.
     """
     from hexwire.drivers import firmware as tools
 
     device = tools.device_of(resolve_url(options.port))
-    guess = "not looked at" if any_port else tools.check_board(device)
+    guess = "not checked" if any_port else tools.check_board(device)
     version = None
     if hex_file is None:
         report = tools.build(tools.find_sources(source), host_baud=int(host_baud))
@@ -111,7 +115,7 @@ def flash(
 @robot_options
 @json_option
 def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
-    """Show which firmware runs on the board, and which one the sources are."""
+    """Show the version of the board's firmware and that of the sources."""
     from hexwire.drivers import firmware as tools
     from hexwire.errors import UsageError
 
@@ -135,10 +139,10 @@ def info(options: RobotOptions, source: str | None, as_json: bool) -> None:
         )
         return
     if not report.firmware:
-        say("the board speaks the chapter's dialect only and does not say its version")
+        say("the board speaks only the chapter's dialect and does not report its version")
     else:
         say(f"version {report.firmware}, boot id {report.boot_id:08x}")
-        say(f"can {', '.join(report.capabilities).replace('_', ' ')}")
+        say(f"supports {', '.join(report.capabilities).replace('_', ' ')}")
     if available:
         same = " (the same)" if available == report.firmware else ""
         say(f"sources {available}{same}")

@@ -1,6 +1,6 @@
-"""`ping`, `probe` and `ports`: who is there. Nothing moves.
+"""`ping`, `probe` and `ports`: which devices answer. Nothing moves.
 
-Owns how these answers are shown. Must not know how they are obtained.
+Owns the presentation of the answers. Must not know how they are obtained.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class _Ping:
 @robot_options
 @json_option
 def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
-    """Ask each servo whether it is there: the robot's own, or those with the given bus IDs."""
+    """Check which servos answer: all servos of the robot, or those with the given bus IDs."""
     pings = []
     with open_robot(options) as robot:
         for servo_id in ids or [joint.servo_id for joint in robot.model.joints]:
@@ -69,7 +69,7 @@ def ping(ids: tuple[int, ...], options: RobotOptions, as_json: bool) -> None:
 @robot_options
 @json_option
 def probe(options: RobotOptions, as_json: bool) -> None:
-    """Show who the board and its servos are and how they do."""
+    """Show the identity and condition of the board and its servos."""
     with open_robot(options) as robot:
         report = robot.probe()
     if as_json:
@@ -86,15 +86,15 @@ def _say_report(report: ProbeReport) -> None:
         ("dialect", f"{report.dialect}" + (" (the chapter's)" if report.dialect == 1 else "")),
         ("firmware", report.firmware),
         ("boot id", "" if report.boot_id is None else f"{report.boot_id:08x}"),
-        ("can", ", ".join(report.capabilities).replace("_", " ")),
-        ("stopped", "yes; 'hexwire resume' ends that" if report.stopped else "no"),
-        ("state", "in maintenance: settings of servos may be written, nothing moves" if report.maintenance else ""),
+        ("supports", ", ".join(report.capabilities).replace("_", " ")),
+        ("stopped", "yes; 'hexwire resume' ends the stop" if report.stopped else "no"),
+        ("state", "in maintenance: servo settings may be written, nothing moves" if report.maintenance else ""),
     ]
     say(*(f"{name:9} {value}" for name, value in facts if value), "")
     rows = [
         (j.name, str(j.servo_id), j.series, "yes" if j.present else "NO ANSWER", j.remarks) for j in report.joints
     ]
-    say_table(("joint", "servo", "series", "there", ""), rows)
+    say_table(("joint", "servo", "series", "present", ""), rows)
     counted = [f"{name.replace('_', ' ')} {count}" for name, count in report.counters.items() if count]
     say("", "counters  " + (", ".join(counted) or "all 0"))
 
@@ -102,14 +102,14 @@ def _say_report(report: ProbeReport) -> None:
 @click.command()
 @json_option
 def ports(as_json: bool) -> None:
-    """List serial ports and what is probably behind them."""
+    """List serial ports and the devices they probably belong to."""
     from hexwire.link.ports import list_ports
 
     found = list_ports()
     if as_json:
         print_json([asdict(port) | {"usb_id": port.usb_id or None} for port in found])
     elif not found:
-        note("no serial port on this machine; 'hexwire sim board' makes one with a simulated board")
+        note("no serial port on this machine; 'hexwire sim board' creates one with an emulated board")
     else:
         rows = [(p.device, p.usb_id or "-", p.guess, "yes" if p.likely_board else "") for p in found]
         say_table(("device", "usb id", "probably", "board?"), rows)

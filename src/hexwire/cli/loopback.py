@@ -1,6 +1,6 @@
-"""`hexwire loopback`: is the cable good, at which rates?
+"""`hexwire loopback`: tests a cable and adapter at several rates.
 
-Owns arguments and printing; the test itself is `hexwire.link.loopback`'s.
+Owns arguments and printing; `hexwire.link.loopback` is the test itself.
 """
 
 from __future__ import annotations
@@ -22,13 +22,20 @@ _RATES = (38400, 57600, 76800, 115200, 128000, 250000, 500000, 1000000)
 
 @click.command()
 @port_option
-@click.option("--baud", "rates", type=click.IntRange(min=300), multiple=True, metavar="N", help="Only this rate.")
+@click.option(
+    "--baud",
+    "rates",
+    type=click.IntRange(min=300),
+    multiple=True,
+    metavar="N",
+    help="Test only this rate; repeatable.",
+)
 @click.option("--bytes", "count", type=click.IntRange(64, 10_000_000), default=2048, show_default=True)
 @json_option
 def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool) -> None:
-    """Prove a cable and adapter: wire TX to RX, and every byte must come back.
+    """Test a cable and adapter: connect TX to RX, and every byte must come back.
 
-    Tries the rates that servos and boards use, slowest first. Ends with status 1 if one of them fails.
+    Tries the rates that servos and boards use, slowest first. Exit status 1 if one of them fails.
     """
     from hexwire.link.loopback import try_loopback
     from hexwire.link.open import make_link
@@ -36,9 +43,9 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
 
     url = resolve_url(port)
     if parse_url(url).scheme != "serial":
-        raise UsageError(f"a loopback plug is for serial ports, not for {url}")
+        raise UsageError(f"a loopback test needs a serial port, not {url}")
     if "baud=" in url:
-        raise UsageError("name the rate with --baud, not in the port")
+        raise UsageError("give the rate with --baud, not in the port")
     results = []
     for baud in sorted(set(rates or _RATES)):
         if on_terminal() and not as_json:

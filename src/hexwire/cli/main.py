@@ -1,7 +1,7 @@
-"""The program `hexwire`: the table of commands and how one is found.
+"""The program `hexwire`: the table of commands and their lookup.
 
-Owns names and one-line helps, so that `hexwire --help` imports no command. A command's module is imported when
-the command is used. Must not know what a command does.
+Owns command names and one-line help texts, so that `hexwire --help` imports no command. A command's module is
+imported when the command is used. Must not know what a command does.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ __all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "bus": ("hexwire.cli.bus:bus", "Talk to bus servos through an adapter, without a board."),
-    "cert": ("hexwire.cli.cert:cert", "Make certificates for a lab, for links with TLS."),
-    "conf": ("hexwire.cli.conf:conf", "Check and convert files of channels (ipc_msg.conf)."),
+    "cert": ("hexwire.cli.cert:cert", "Create certificates for TLS links in a lab."),
+    "conf": ("hexwire.cli.conf:conf", "Check and convert channel configuration files (ipc_msg.conf)."),
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
     "firmware": ("hexwire.cli.firmware:firmware", "Build, flash and identify the board's firmware."),
-    "doctor": ("hexwire.cli.doctor:doctor", "Look for what is wrong, from the plug to the servos."),
-    "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a place, the quickest way."),
+    "doctor": ("hexwire.cli.doctor:doctor", "Diagnose problems, from the USB port to the servos."),
+    "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),
     "grip": ("hexwire.cli.tool:grip", "Open or close the gripper."),
-    "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send it over a channel."),
+    "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send its state over a channel."),
     "line": ("hexwire.cli.motion:line", "Move the tool tip on a straight line."),
-    "loopback": ("hexwire.cli.loopback:loopback", "Prove a cable and adapter: TX wired to RX."),
+    "loopback": ("hexwire.cli.loopback:loopback", "Test a cable and adapter, with TX wired to RX."),
     "model": ("hexwire.cli.model:model", "Compute with the arm's geometry; no robot needed."),
     "move": ("hexwire.cli.move:move", "Move joints to angles in degrees."),
-    "ping": ("hexwire.cli.look:ping", "Ask each servo whether it is there."),
+    "ping": ("hexwire.cli.look:ping", "Check which servos answer."),
     "play": ("hexwire.cli.motion:play", "Play a recording or waypoints."),
-    "ports": ("hexwire.cli.look:ports", "List serial ports and what is probably behind them."),
-    "probe": ("hexwire.cli.look:probe", "Show who the board and its servos are and how they do."),
-    "pump": ("hexwire.cli.tool:pump", "Suction cup: hold, let go, off."),
-    "record": ("hexwire.cli.record:record", "Look into recordings, convert and mend them."),
-    "resume": ("hexwire.cli.power:resume", "End a stop; nothing moves by it."),
+    "ports": ("hexwire.cli.look:ports", "List serial ports and the devices they probably belong to."),
+    "probe": ("hexwire.cli.look:probe", "Show the identity and condition of the board and its servos."),
+    "pump": ("hexwire.cli.tool:pump", "Control the suction cup: hold, release, off."),
+    "record": ("hexwire.cli.record:record", "Inspect, convert and repair recordings."),
+    "resume": ("hexwire.cli.power:resume", "End a stop; the arm does not move."),
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
-    "teach": ("hexwire.cli.motion:teach", "Record what a hand does with the arm."),
+    "teach": ("hexwire.cli.motion:teach", "Record a motion made by moving the arm by hand."),
     "teleop": ("hexwire.cli.teleop:teleop", "Move an arm by joystick."),
-    "torque": ("hexwire.cli.power:torque", "Switch the torque on, without moving, or off."),
-    "trace": ("hexwire.cli.trace:trace", "Explain traffic that was written down before."),
+    "torque": ("hexwire.cli.power:torque", "Switch torque on (without moving the arm) or off."),
+    "trace": ("hexwire.cli.trace:trace", "Decode recorded traffic."),
 }
-"""Name -> where the command is (module:attribute), and its help in one line."""
+"""Name -> location of the command (module:attribute) and its one-line help."""
 
 
 _ANYWHERE = ("--trace", "--explain")
@@ -71,7 +71,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        # `hexwire state --trace` is what people type: these stand wherever they are put.
+        # Users type `hexwire state --trace`, so these options are accepted at any position.
         end = args.index("--") if "--" in args else len(args)
         front, rest = [], []
         words = iter(args[:end])
@@ -100,11 +100,11 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             if sys.stderr.isatty():
-                note("")  # behind the terminal's own ^C
+                note("")  # end the line after the terminal's own ^C
             raise click.exceptions.Exit(INTERRUPTED) from None
 
     def main(self, *args: Any, **options: Any) -> Any:
-        """Run as a program: ends with SystemExit and the exit status."""
+        """Run as a program: raises SystemExit with the exit status."""
         options["standalone_mode"] = False
         parent_main = super().main
         with warnings_shown():
@@ -116,19 +116,19 @@ class LazyGroup(click.Group):
     cls=LazyGroup,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="A simulated arm to try things on: 'hexwire sim board' prints its port.",
+    epilog="To try it without hardware, run 'hexwire sim board'; it prints the port of an emulated arm.",
 )
-@click.option("-v", "--verbose", count=True, help="Say what happens on the line; twice for every detail.")
+@click.option("-v", "--verbose", count=True, help="Report events on the line; give it twice for all details.")
 @click.option("--trace", is_flag=True, envvar="HEXWIRE_TRACE", help="Print every byte that goes over the line.")
-@click.option("--explain", is_flag=True, help="The same, and what each byte means, layer by layer.")
+@click.option("--explain", is_flag=True, help="The same, with the meaning of each byte, layer by layer.")
 @click.option(
     "--record",
     metavar="FILE",
-    help="Write all traffic, frames in words and joint states to FILE.mcap.",
+    help="Record all traffic, decoded frames and joint states to FILE.mcap.",
 )
-@click.option("--force", is_flag=True, help="With --record, write over FILE if it is there.")
-@click.option("--robot", metavar="NAME", help="Which robot, for every command that takes --robot.")
-@click.option("--port", metavar="URL", help="Where it is, for every command that takes --port.")
+@click.option("--force", is_flag=True, help="With --record, overwrite FILE if it exists.")
+@click.option("--robot", metavar="NAME", help="Name of the robot, for every command that takes --robot.")
+@click.option("--port", metavar="URL", help="Port of the robot, for every command that takes --port.")
 @click.version_option(None, "-V", "--version", package_name="hexwire", message="%(prog)s %(version)s")
 @click.pass_context
 def cli(
@@ -141,9 +141,9 @@ def cli(
     robot: str | None,
     port: str | None,
 ) -> None:
-    """Talk to a robot arm: from a joint command to a moving servo, and back.
+    """Control a robot arm, from joint commands down to the bytes on the wire.
 
-    Exit status: 0 done, 1 the device or the line is at fault, 2 the command makes no sense, 130 interrupted.
+    Exit status: 0 success, 1 device or line error, 2 usage error, 130 interrupted.
     """
     show_more(verbose)
     if trace or explain:
@@ -153,10 +153,10 @@ def cli(
     if record is not None:
         from .record import recording
 
-        # Nothing may keep a stop from the arm.
+        # A failing recording must not prevent a stop.
         ctx.with_resource(recording(record, force=force, optional=ctx.invoked_subcommand == "stop"))
     elif force:
-        raise click.UsageError("--force before a command is for --record, and none is given", ctx)
+        raise click.UsageError("--force before a command needs --record", ctx)
 
 
 def main() -> None:

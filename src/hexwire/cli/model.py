@@ -1,7 +1,7 @@
-"""`model`: the arm's geometry on its own, no robot needed.
+"""`model`: computations with the arm's geometry, without a robot.
 
-Owns how angles, poses and reports are typed and shown: degrees, and millimetres for the 7Bot, metres for the
-PUMA 260. Must not know the geometry.
+Owns the format of angles, poses and reports: degrees, and millimetres for the 7Bot, metres for the PUMA 260. Must
+not know the geometry.
 """
 
 from __future__ import annotations
@@ -31,43 +31,43 @@ __all__ = ["links_option", "model"]
 
 DEGREES = FiniteFloat("degrees")
 _MOST = 1e6
-"""Millimetres that no arm reaches."""
-# So that -30 is a number and not an option.
+"""Millimetres beyond the reach of any arm."""
+# With this, -30 is a number and not an option.
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 
 
 def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--links``: which 7Bot."""
+    """``--links``: the link set of the 7Bot."""
     return click.option(
         "--links",
         default="A",
         show_default=True,
         metavar="A|B|V1|FILE",
-        help="Link set of the 7Bot: a published one, or a TOML file with one's own.",
+        help="Link set of the 7Bot: a published one, or a TOML file with your own.",
     )(command)
 
 
 def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--robot``, which may stand before the command as well."""
+    """``--robot``, which may also come before the command."""
 
     @functools.wraps(command)
     def packed(*args: Any, robot: str | None, **rest: Any) -> Any:
         robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
         if robot not in ROBOTS:
-            raise UsageError(f"no geometry of {robot!r}; there is one of {', '.join(ROBOTS)}")
+            raise UsageError(f"no geometry is known for {robot!r}; choose one of {', '.join(ROBOTS)}")
         return command(*args, robot=robot, **rest)
 
-    return click.option(
-        "--robot", metavar="NAME", help=f"Which arm: {', '.join(ROBOTS)}.  [default: {DEFAULT_ROBOT}]"
-    )(packed)
+    return click.option("--robot", metavar="NAME", help=f"Arm: {', '.join(ROBOTS)}.  [default: {DEFAULT_ROBOT}]")(
+        packed
+    )
 
 
 @click.group()
 def model() -> None:
-    """Compute with the arm's geometry; no robot is needed.
+    """Compute with the arm's geometry; no robot needed.
 
-    Angles are degrees. The 7Bot's are its servo angles, 90 is neutral; its lengths are millimetres. The PUMA 260's
-    lengths are metres.
+    Angles are in degrees. Those of the 7Bot are its servo angles (90 is neutral), and its lengths are in
+    millimetres. Lengths of the PUMA 260 are in metres.
     """
 
 
@@ -77,7 +77,7 @@ def model() -> None:
 @_robot_option
 @json_option
 def fk(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
-    """Where the tool is at six joint angles."""
+    """Compute the tool pose for six joint angles."""
     arm = make_kinematics(robot, links)
     report = _pose_report(arm, angles)
     if as_json:
@@ -135,10 +135,14 @@ def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any
 @model.command(context_settings=NEGATIVE_NUMBERS)
 @click.argument("place", nargs=-1, metavar="X Y Z | FILE | -")
 @click.option(
-    "--rotation", nargs=9, type=FiniteFloat("number"), metavar="R11 .. R33", help="Of the tool, row by row."
+    "--rotation",
+    nargs=9,
+    type=FiniteFloat("number"),
+    metavar="R11 .. R33",
+    help="Rotation matrix of the tool, row by row.",
 )
 @click.option("--rpy", nargs=3, type=DEGREES, metavar="R P Y", help="The rotation as roll, pitch, yaw in degrees.")
-@click.option("--wrist", is_flag=True, help="7Bot: X Y Z is the wrist centre; without a rotation T0 T1 T2 only.")
+@click.option("--wrist", is_flag=True, help="7Bot: X Y Z is the wrist centre; without a rotation, only T0 T1 T2.")
 @links_option
 @_robot_option
 @json_option
@@ -151,10 +155,10 @@ def ik(
     robot: str,
     as_json: bool,
 ) -> None:
-    """Every set of joint angles that takes the tool to a pose.
+    """Compute all joint angles that put the tool at a pose.
 
-    The pose is X Y Z with --rotation or --rpy, or what `hexwire model fk --json` printed, in a file or from
-    standard input (-). Those that limits allow come first. Exit status 2 if there is none at all.
+    The pose is X Y Z with --rotation or --rpy, or the output of `hexwire model fk --json` in a file or on standard
+    input (-). Solutions within the limits come first. Exit status 2 if there is no solution.
     """
     pose_file = None
     if len(place) == 1:
@@ -183,7 +187,7 @@ def ik(
     ]
     head: tuple[str, ...] = (*names, "branch", "")
     if line_width() is not None:
-        # A number keeps the parts of a row together where the terminal is too narrow for all.
+        # A number identifies the parts of a row if the terminal is too narrow for all columns.
         head, cells = ("no", *head), [(str(i), *row) for i, row in enumerate(cells, start=1)]
     say_table(head, cells)
 
@@ -204,12 +208,12 @@ def _solve(
     if pose_file is not None:
         key = "tip_mm" if seven else "position_m"
         if key not in pose_file or "rotation" not in pose_file:
-            raise UsageError(f"the pose needs {key} with three numbers and rotation with three rows of three")
+            raise UsageError(f"the pose needs {key} (three numbers) and rotation (three rows of three)")
         numbers = _numbers_of(pose_file[key], 3)
         rotation = [v for row in pose_file["rotation"].rows(3, 3) for v in _numbers_of(row, 3)]
     else:
         if len(place) != 3:
-            raise UsageError(f"a place has three coordinates X Y Z, got {len(place)}")
+            raise UsageError(f"a position has three coordinates X Y Z, got {len(place)}")
         numbers = [FiniteFloat("coordinate").convert(text, None, None) for text in place]
     where: Vector = (numbers[0] * unit, numbers[1] * unit, numbers[2] * unit)
     if rotation is not None:
@@ -236,7 +240,7 @@ def _solve(
 
 @contextmanager
 def _named(file: str) -> Iterator[None]:
-    """What a file asks for and does not exist is told with the file's name."""
+    """Add the name of the pose file to usage errors that its contents cause."""
     try:
         yield
     except (ConfigError, LimitError):
@@ -255,7 +259,7 @@ def _read_pose(name: str) -> dict[str, Item]:
         data = read_bytes(name)
     root = parse_json(data, name)
     if not isinstance(root.value, dict):
-        raise UsageError(f"{name} is no pose: it must be a JSON object as 'hexwire model fk --json' prints it")
+        raise UsageError(f"{name} is not a pose: it must be a JSON object as printed by 'hexwire model fk --json'")
     return root.table()
 
 
@@ -269,7 +273,7 @@ def _numbers_of(item: Item, n: int) -> list[float]:
 @_robot_option
 @json_option
 def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
-    """Whether limits and gates allow six joint angles, and how far they are from a singularity.
+    """Check six joint angles against all limits, and show their distance from singularities.
 
     Exit status 2 if they are not allowed.
     """
@@ -299,10 +303,10 @@ def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> N
 @model.command()
 @links_option
 @_robot_option
-@click.option("-o", "--output", metavar="FILE", help="Write here rather than to standard output.")
+@click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
 @force_option
 def urdf(links: str, robot: str, output: str | None, force: bool) -> None:
-    """Write the arm as URDF, from the same constants; its joints are those of the driver."""
+    """Write the arm as URDF, from the same constants, with the joints of the driver."""
     from hexwire.model.urdf import make_urdf
 
     text = make_urdf(make_kinematics(robot, links))

@@ -1,8 +1,8 @@
-"""The one place through which the command line talks to people and programs.
+"""All output of the command line.
 
-Owns the form of lines, tables and JSON, and that no text from outside (names in files, strings of devices, file
-names, errors that quote them) can command a terminal: characters that do not print are shown as their code. Must
-not know any one command. What is drawn in place is `draw`'s, which cleans its text here.
+Owns the format of lines, tables and JSON, and makes external text (names in files, strings of devices, file names,
+errors that quote them) harmless to a terminal: unprintable characters are shown as their code. Must not know any
+one command. Live views are in `draw`, which cleans its text here.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ __all__ = [
 
 _GAP = "  "
 _DIGITS = 12
-"""Decimals of a number in JSON. What is smaller comes of rounding, and 1e-17 for a zero serves nobody."""
+"""Decimals of a number in JSON: smaller digits are rounding errors, such as 1e-17 instead of 0."""
 _NARROWEST = 10
 _PAIR = re.compile(r"(?<! )\S+ -?[0-9.]+(?= |$)")
 _TIE = "\0"
-"""Stands for a space at which a line is not folded; no text that is shown has one."""
+"""Placeholder for a space at which a line must not be folded; it never occurs in text from `shown`."""
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 
 
 def shown(text: str) -> str:
-    """Text on one line as it may go to a terminal.
+    """Text on one line that is safe for a terminal.
 
-    What does not print is shown as its code: control characters, escape sequences, marks that turn the direction of
-    writing, invisible characters, and bytes of file names that are no text.
+    Unprintable characters are shown as their code: control characters, escape sequences, marks that change the
+    writing direction, invisible characters, and bytes of file names that are not text.
     """
     if text.isprintable():
         return text
@@ -54,21 +54,21 @@ def shown(text: str) -> str:
 
 def _code(number: int) -> str:
     if 0xDC80 <= number <= 0xDCFF:
-        # How Python carries a byte that is no UTF-8.
+        # Python's representation of a byte that is not UTF-8.
         number -= 0xDC00
     return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
 
 
 def plain(value: float, digits: int, *, sign: bool = False) -> str:
-    """A number for a person: so many decimals, no exponent, no minus before a zero; ``-`` if it is not known."""
+    """A number with `digits` decimals, without exponent and negative zero; ``-`` if it is unknown."""
     return f"{round(value, digits) + 0.0:{'+' if sign else ''}.{digits}f}" if math.isfinite(value) else "-"
 
 
 def write(stream: IO[str], text: str, *, flush: bool = False) -> None:
-    """Write text that is clean; what the stream's encoding has not is shown as its code.
+    """Write clean text; characters missing in the stream's encoding are shown as their code.
 
     Raises:
-        OSError: The stream is closed, or the disk or pipe behind it is full.
+        OSError: The stream is closed, or its disk or pipe is full.
     """
     encoding = getattr(stream, "encoding", None) or "utf-8"
     try:
@@ -81,11 +81,11 @@ def write(stream: IO[str], text: str, *, flush: bool = False) -> None:
 
 
 def say(*lines: object, flush: bool = False) -> None:
-    """Print lines, each folded between words where the terminal is narrower; without any, an empty line.
+    """Print lines, each folded between words to the terminal's width; without any, an empty line.
 
     Args:
-        lines: What to print. A line break inside one is shown as its code.
-        flush: Somebody waits for it.
+        lines: The lines. A line break inside one is shown as its code.
+        flush: Flush the output at once.
     """
     width = line_width()
     out = [part for line in lines or ("",) for part in folded(shown(str(line)), width)]
@@ -93,7 +93,7 @@ def say(*lines: object, flush: bool = False) -> None:
 
 
 def say_document(text: str) -> None:
-    """Print lines that a program reads: a file, or a command. They are not folded."""
+    """Print lines for a program: a file, or a command. They are not folded."""
     write(sys.stdout, "".join(f"{shown(line)}\n" for line in text.removesuffix("\n").split("\n")), flush=True)
 
 
@@ -103,7 +103,7 @@ def say_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int =
 
 
 def print_json(value: object, *, one_line: bool = False) -> None:
-    """Print a value as JSON; NaN and infinity become null, which is what JSON has for them."""
+    """Print a value as JSON; NaN and infinity become null."""
     text = json.dumps(_finite(value), indent=None if one_line else 2, ensure_ascii=False, allow_nan=False)
     if not text.replace("\n", "").isprintable():
         text = "".join(map(_json_code, text))
@@ -111,7 +111,7 @@ def print_json(value: object, *, one_line: bool = False) -> None:
 
 
 def answer(as_json: bool, value: object, *lines: str) -> None:
-    """Print what a command has to say: one JSON document for a program, or lines for a person."""
+    """Print the result of a command: one JSON document for a program, or lines of text."""
     if as_json:
         print_json(value)
     else:
@@ -119,7 +119,7 @@ def answer(as_json: bool, value: object, *lines: str) -> None:
 
 
 def _json_code(c: str) -> str:
-    # Between the values of a document there are only spaces and line breaks: all else is inside a string.
+    # Outside of strings, a JSON document has only printable characters and line breaks.
     return c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1]
 
 
@@ -134,16 +134,16 @@ def _finite(value: object) -> object:
 
 
 def line_width() -> int | None:
-    """Columns of the terminal, or COLUMNS if that is set; None where a program reads, whatever COLUMNS says."""
+    """Columns of the terminal, or COLUMNS if that is set; None if the output is not a terminal."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def folded(line: str, width: int | None) -> list[str]:
-    """A line as one or more, folded between words where it is longer than `width`."""
+    """The line, folded between words into several if it is longer than `width`."""
     if width is None or len(line) <= width:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)
-    # A name and its number belong together where a line has several of them.
+    # Keep a name and its number together if a line has several of them.
     bound = _PAIR.sub(lambda pair: pair[0].replace(" ", _TIE), line) if _GAP in line.strip() else line
     parts = textwrap.wrap(bound, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return [part.replace(_TIE, " ") for part in parts] or [""]
@@ -152,14 +152,14 @@ def folded(line: str, width: int | None) -> list[str]:
 def format_table(
     head: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1, width: int | None = None
 ) -> str:
-    """Columns of text; a column whose cells are numbers is aligned to the right.
+    """Format a table; a column of numbers is aligned to the right.
 
     Args:
         head: Titles.
         rows: Cells.
-        keys: So many columns in front say what a row is.
-        width: Columns of the terminal. A wider table is shown in parts below each other, each with its keys: no
-            column gets lost and no number is broken.
+        keys: Number of leading columns that identify a row.
+        width: Columns of the terminal. A wider table is shown in parts below each other, each with its key columns,
+            so that no column is lost and no number is split.
     """
     table = [[shown(cell) for cell in row] for row in (head, *rows)]
     columns = list(zip(*table, strict=True))
@@ -175,7 +175,7 @@ def format_table(
 
 
 def split_columns(widths: Sequence[int], keys: int, width: int | None, gap: int) -> Iterator[list[int]]:
-    """Which columns stand in each part of a table that may be too wide; every part begins with the keys."""
+    """The columns of each part of a table that may be too wide; every part begins with the key columns."""
     front = list(range(min(keys, len(widths))))
     part, used = list(front), sum(widths[i] + gap for i in front)
     for i in range(len(front), len(widths)):
@@ -188,7 +188,7 @@ def split_columns(widths: Sequence[int], keys: int, width: int | None, gap: int)
 
 
 def _lines(table: list[list[str]], columns: Sequence[Sequence[str]], room: Mapping[int, int]) -> Iterator[str]:
-    """Rows with those columns, each so wide; longer text goes on below."""
+    """Rows of these columns with these widths; longer text continues on the next line."""
     right = {i for i in room if all(_is_number(cell) for cell in columns[i][1:])}
     for row in table:
         cells = {i: _fitted(row[i], room[i]) for i in room}

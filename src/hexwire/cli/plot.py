@@ -1,4 +1,4 @@
-"""`--plot FILE`: pictures of a motion that a person can read.
+"""`--plot FILE`: plots of a motion.
 
 Owns the drawing. Needs matplotlib, imported on first use. Must not know robots.
 """
@@ -20,27 +20,27 @@ if TYPE_CHECKING:
 __all__ = ["MotionPlot", "open_picture", "save_figure"]
 
 FORMATS = (".png", ".svg", ".pdf")
-# Told apart by people who see colours differently (Okabe and Ito).
+# Distinguishable with colour blindness (Okabe and Ito).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
 def open_picture(file: str, *, force: bool) -> OutputFile:
-    """Make a picture's file, before anything moves that shall be drawn.
+    """Create the file of a plot, before the motion starts.
 
     Raises:
-        UsageError: An unknown kind of picture, a file that cannot be made, or matplotlib is not installed.
+        UsageError: The format is unknown, the file cannot be created, or matplotlib is not installed.
     """
     if Path(file).suffix.lower() not in FORMATS:
-        raise UsageError(f"{file}: the picture's name must end in {', '.join(FORMATS)}")
+        raise UsageError(f"{file}: the name of a plot must end in {', '.join(FORMATS)}")
     try:
-        import matplotlib.figure  # noqa: F401  # only whether it is there
+        import matplotlib.figure  # noqa: F401  # only to check that it is installed
     except ImportError:
-        raise UsageError("a picture needs matplotlib: pip install 'hexwire[plots]'") from None
+        raise UsageError("a plot needs matplotlib: pip install 'hexwire[plots]'") from None
     return OutputFile(file, force=force)
 
 
 def save_figure(figure: Figure, picture: OutputFile) -> None:
-    """Write a figure into its file, whose name says which kind, and keep that."""
+    """Write a figure to its file, in the format given by the file name, and keep the file."""
     figure.savefig(picture.file, format=picture.path.suffix[1:].lower(), dpi=120)
     picture.keep()
 
@@ -51,11 +51,11 @@ class MotionPlot:
 
     Attributes:
         names: Joint names.
-        planned: Pairs of seconds and joint angles in radians.
-        measured: The same, as it came out; may be empty.
-        path: Places of the tip as planned, metres.
-        way: Places of the tip as measured, metres.
-        title: Above the picture.
+        planned: Pairs of seconds and planned joint angles in radians.
+        measured: The same, as measured; may be empty.
+        path: Planned positions of the tip, metres.
+        way: Measured positions of the tip, metres.
+        title: Title of the plot.
     """
 
     names: tuple[str, ...]
@@ -66,7 +66,7 @@ class MotionPlot:
     way: list[Sequence[float]] = field(default_factory=list)
 
     def draw(self, picture: OutputFile) -> None:
-        """Draw it into a file of `open_picture`, and keep that."""
+        """Draw the plot into a file of `open_picture`, and keep the file."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(11, 7), layout="constrained")

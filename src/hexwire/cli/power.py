@@ -1,6 +1,6 @@
-"""`torque`, `stop` and `resume`: whether the arm may move, and has the strength to.
+"""`torque`, `stop` and `resume`: whether the arm may move and has torque.
 
-Owns what is said about the outcome. Must not know how it comes about.
+Owns the messages about the outcome. Must not know how it is achieved.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["resume", "stop", "torque"]
 
 _KEPT_HERE = (
-    "note: no board keeps this stop: hexwire keeps it for this user on this computer until 'hexwire resume'; "
+    "note: no board latches this stop: hexwire keeps it for this user on this computer until 'hexwire resume'; "
     "other users and programs can move the arm"
 )
-_KEPT_NOT = "note: nobody keeps this stop: it ended with this command, and the next one may move the arm"
+_KEPT_NOT = "note: this stop is not latched: it ended with this command, and the next command may move the arm"
 
 
 @click.command()
@@ -32,9 +32,9 @@ _KEPT_NOT = "note: nobody keeps this stop: it ended with this command, and the n
 @robot_options
 @json_option
 def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json: bool) -> None:
-    """Switch the torque of all joints, or of those named, on or off.
+    """Switch the torque of all joints, or of the named joints, on or off.
 
-    On moves nothing: the joints hold where they are. Off lets the arm sink or fall: hold it.
+    "on" moves nothing: the joints hold their position. After "off" the arm may sink or fall: hold it.
     """
     with open_robot(options) as robot:
         wanted = [robot.model.joint(name).name for name in joints] or list(robot.model.names)
@@ -43,15 +43,15 @@ def torque(switch: str, joints: tuple[str, ...], options: RobotOptions, as_json:
 
 
 @click.command()
-@click.option("--torque-off", is_flag=True, help="Take the torque away as well: the arm may fall.")
+@click.option("--torque-off", is_flag=True, help="Switch torque off as well: the arm may fall.")
 @robot_options
 @json_option
 def stop(torque_off: bool, options: RobotOptions, as_json: bool) -> None:
-    """Stop the arm where it is and keep it stopped: nothing moves until `hexwire resume`.
+    """Stop the arm at its present position and keep it stopped: nothing moves until `hexwire resume`.
 
-    A board with hexwire's firmware keeps the stop, whoever asks. A board of dialect 1 and a servo bus keep none:
-    there hexwire keeps it for you in a file, one a device. Other users, other computers and programs without
-    hexwire do not know of it and can move the arm.
+    A board with hexwire's firmware latches the stop for every program. A dialect-1 board and a servo bus cannot:
+    there hexwire keeps the stop for you in a file, one per device. Other users, other computers and programs that
+    do not use hexwire do not see it and can move the arm.
     """
     from hexwire.drivers.base import StopMode
 
@@ -68,9 +68,9 @@ def stop(torque_off: bool, options: RobotOptions, as_json: bool) -> None:
 @robot_options
 @json_option
 def resume(options: RobotOptions, as_json: bool) -> None:
-    """End a stop. Nothing moves by it, and torque that the stop took away stays off.
+    """End a stop. The arm does not move, and torque that the stop switched off stays off.
 
-    Where a watchdog stopped the arm, because the program that had set it died, it is switched off as well.
+    If a watchdog stopped the arm because the program that had armed it died, the watchdog is switched off as well.
     """
     from hexwire.model.state import JointFlag
 
@@ -78,10 +78,10 @@ def resume(options: RobotOptions, as_json: bool) -> None:
         tripped = robot.read().watchdog_tripped
         robot.resume()
         if tripped:
-            # Or it would stop the arm again as soon as this program has ended.
+            # Otherwise it would stop the arm again as soon as this program ends.
             robot.watchdog(0.0)
             if not as_json:
-                say("the watchdog of the program that fell silent is off")
+                say("the watchdog of the program that fell silent is now off")
         state = robot.read()
         unknown = [joint.name for joint in state if joint.flags & JointFlag.TORQUE_UNKNOWN]
         words = f"resumed; torque on: {' '.join(state.torque_on) or 'none'}"
@@ -91,7 +91,7 @@ def resume(options: RobotOptions, as_json: bool) -> None:
             "torque_on": state.torque_on,
             "torque_unknown": unknown,
         }
-        answer(as_json, data, words + (f"; not known: {' '.join(unknown)}" if unknown else ""))
+        answer(as_json, data, words + (f"; unknown: {' '.join(unknown)}" if unknown else ""))
 
 
 def _report(model: ArmModel, wanted: Sequence[str], confirmed: Sequence[str], words: str, as_json: bool) -> None:

@@ -1,7 +1,7 @@
-"""`--record` on any command, and `hexwire record`: look into recordings, convert and mend them.
+"""`--record` on any command, and `hexwire record`: inspect, convert and repair recordings.
 
-Owns arguments, printing, and the joining of wall clock and the links' clock. What stands in a recording is
-`hexwire.trace`'s.
+Owns arguments, printing, and the relation of the wall clock to the links' clock. `hexwire.trace` owns the contents
+of a recording.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
 __all__ = ["record", "recording"]
 
 _MOST_REPLAYED = 64 * 1024 * 1024
-"""Bytes of traffic that a replayed board keeps."""
+"""Largest number of bytes of traffic for a replayed board."""
 _MOST_DRAWN = 7_000_000
-"""Angles that a picture is drawn of."""
+"""Largest number of angles in a plot."""
 _COLUMNS = ("position", "velocity", "load", "current", "voltage", "temperature", "flags")
 
 
 @contextmanager
 def recording(path: str, *, force: bool, optional: bool = False) -> Iterator[None]:
-    """While this lasts, traffic and joint states go to a recording.
+    """In this context, traffic and joint states are recorded.
 
-    One that cannot be begun is an error before anything happens. What cannot be written later is counted and told
-    at the end, in one line, and the command goes on.
+    A recording that cannot be started is an error before anything happens. Later write errors are counted and
+    reported at the end, in one line; the command continues.
 
     Args:
         path: The file.
-        force: Write over one that is there.
-        optional: Go on without a recording: a stop must not fail for a full disk.
+        force: Overwrite an existing file.
+        optional: Continue without a recording: a stop must not fail because a disk is full.
 
     Raises:
-        UsageError: The file cannot be made, or the package for recordings is not installed.
+        UsageError: The file cannot be created, or the package for recordings is not installed.
     """
     from hexwire.trace.capture import Capture
 
@@ -91,9 +91,9 @@ def recording(path: str, *, force: bool, optional: bool = False) -> Iterator[Non
 
 @click.group()
 def record() -> None:
-    """Look into recordings (MCAP), convert and mend them.
+    """Inspect, convert and repair recordings (MCAP).
 
-    `hexwire --record FILE.mcap ...` makes one of any command.
+    `hexwire --record FILE.mcap ...` records any command.
     """
 
 
@@ -101,7 +101,7 @@ def record() -> None:
 @click.argument("file", type=click.File("rb"))
 @json_option
 def info(file: BinaryIO, as_json: bool) -> None:
-    """Say what FILE holds: topics, messages, times, and whether it is whole."""
+    """Show the contents of FILE: topics, messages, times, and whether it is complete."""
     counts: dict[tuple[str, str], int] = {}
     first, last = float("inf"), float("-inf")
     remarks = []
@@ -130,13 +130,13 @@ def info(file: BinaryIO, as_json: bool) -> None:
 @force_option
 @json_option
 def export(file: BinaryIO, target: str, force: bool, as_json: bool) -> None:
-    """Write FILE as TARGET, whose name says the form: .csv, .jsonl or .pcapng.
+    """Convert FILE to TARGET, whose name gives the format: .csv, .jsonl or .pcapng.
 
-    CSV has the joint states, a row a state; JSON lines have every message; pcapng has the traffic, for Wireshark.
+    CSV has the joint states, one row each; JSON lines has every message; pcapng has the traffic, for Wireshark.
     """
     form = Path(target).suffix
     if form not in (".csv", ".jsonl", ".pcapng"):
-        raise UsageError(f"{target}: a name ends with .csv, .jsonl or .pcapng")
+        raise UsageError(f"{target}: the name must end in .csv, .jsonl or .pcapng")
     with OutputFile(target, force=force) as out:
         if form == ".pcapng":
             count = _pcapng(file, name_of(file), out.file)
@@ -154,11 +154,11 @@ def export(file: BinaryIO, target: str, force: bool, as_json: bool) -> None:
 @force_option
 @json_option
 def recover(file: str, target: str, force: bool, as_json: bool) -> None:
-    """Save what is whole of FILE, which a crash has cut off, as TARGET."""
+    """Save the intact part of FILE, truncated by a crash, as TARGET."""
     from hexwire.trace.capture import recover as save
 
     if os.path.realpath(file) == os.path.realpath(target):
-        raise UsageError("give the recovered recording another name; the damaged one stays as it is")
+        raise UsageError("give the recovered recording another name; the damaged file is not changed")
     with Path(file).open("rb") as source, OutputFile(target, force=force) as out:
         saved = save(source, file, out.file)
     data = {"count": saved.messages, "file": target, "problem": saved.problem or None}
@@ -173,7 +173,7 @@ def recover(file: str, target: str, force: bool, as_json: bool) -> None:
 @force_option
 @json_option
 def plot(file: str, picture: str, force: bool, as_json: bool) -> None:
-    """Draw the joint states of FILE as PICTURE (.png, .svg or .pdf): angle over time."""
+    """Plot the joint states of FILE to PICTURE (.png, .svg or .pdf): angle over time."""
     from hexwire.trace.recording import read_joint_states
 
     from .plot import MotionPlot, open_picture
@@ -186,23 +186,29 @@ def plot(file: str, picture: str, force: bool, as_json: bool) -> None:
             if state.names == drawn.names:
                 drawn.planned.append((state.time - begin, state.position))
             if len(drawn.planned) * len(drawn.names) > _MOST_DRAWN:
-                raise UsageError(f"{file} has more than {_MOST_DRAWN} angles: too many for a picture")
+                raise UsageError(f"{file} has more than {_MOST_DRAWN} angles: too many for a plot")
         if not drawn.planned:
             raise UsageError(f"{file} has no joint states")
         drawn.draw(out)
-    words = f"{len(drawn.planned)} states drawn to {picture}"
+    words = f"{len(drawn.planned)} states plotted to {picture}"
     answer(as_json, {"count": len(drawn.planned), "file": picture}, words)
 
 
 @record.command()
 @click.argument("file", type=click.File("rb"))
-@click.option("--link", metavar="PATH", help="Make a symbolic link to the terminal: a name that stays.")
-@click.option("--baud", type=click.IntRange(min=0), default=0, metavar="N|0", help="Pace the line; 0 is at once.")
+@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
+@click.option(
+    "--baud",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="N|0",
+    help="Simulate this line rate; 0 means no delay.",
+)
 def replay(file: BinaryIO, link: str | None, baud: int) -> None:
-    """Be a board that answers as the one in FILE did: prints the port to open, and runs until it is stopped.
+    """Emulate the board in FILE with its recorded answers: prints the port to open, and runs until stopped.
 
-    For a fault that was recorded elsewhere: programs meet the very answers of that day, without the arm. To drive
-    an arm along the joint states of FILE, use `hexwire play FILE`.
+    Use it for a fault that was recorded elsewhere: programs get exactly the recorded answers, without the arm. To
+    move an arm along the joint states of FILE, use `hexwire play FILE`.
     """
     from hexwire.emulator.replay import RecordedTransfer, ReplayedBoard
     from hexwire.emulator.serve import serve_board
@@ -221,7 +227,7 @@ def replay(file: BinaryIO, link: str | None, baud: int) -> None:
             yield RecordedTransfer(item.direction is Direction.SENT, item.data, item.time)
 
     device = ReplayedBoard(transfers(), start=time.monotonic())
-    note(f"answers {device.known} different requests")
+    note(f"{device.known} different requests will be answered")
     serve_board(device, link=link, baud=baud, stop=lambda: False, announce=say_document)
 
 
@@ -259,7 +265,7 @@ def _jsonl(data: BinaryIO, name: str, out: TextIO) -> int:
             try:
                 row["message"] = _finite_or_null(item.value)
             except RecursionError:
-                raise item.fault("is nested without end") from None
+                raise item.fault("is nested too deeply") from None
         else:
             row["hex"] = message.data.hex(" ").upper()
         out.write(json.dumps(row, allow_nan=False) + "\n")

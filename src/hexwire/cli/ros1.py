@@ -1,7 +1,7 @@
-"""The program `hexwire-ros1`: the ROS 1 node `hardware_interface`, and where its ROS package lies.
+"""The program `hexwire-ros1`: the ROS 1 node `hardware_interface`, and the location of its ROS package.
 
-Owns what stands on its command line besides ROS's own remapping arguments, which pass through as they are. Must not
-know what the node does, and loads ROS only to start it.
+Owns its command line except ROS's own remapping arguments, which are passed on unchanged. Must not know what the
+node does, and loads ROS only to start it.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ _HELP = """\
 Usage: hexwire-ros1 [_PARAMETER:=VALUE | NAME:=OTHER | __name:=NAME | __ns:=NAMESPACE]...
        hexwire-ros1 --help | --version | --package-path | --env | --messages DIR
 
-The ROS 1 node 'hardware_interface': joint states of a robot arm out, trajectories in. Needs a master (roscore).
-Nothing moves when it starts, and a node that is started again moves nothing.
+The ROS 1 node 'hardware_interface': publishes joint states of a robot arm and follows trajectories. Needs a master
+(roscore). Starting or restarting the node does not move the arm.
 
   hexwire-ros1 _port:=/dev/ttyUSB0
   eval "$(hexwire-ros1 --env)"; roslaunch hexwire hardware.launch sim:=true
 
 Options:
-  -h, --help      This text.
-  -V, --version   The version of hexwire.
-  --package-path  The folder that holds the ROS package 'hexwire', for ROS_PACKAGE_PATH.
-  --env           Shell lines that make roslaunch and rosrun find the package and this program, for eval.
-  --messages DIR  Write control_msgs and osrf_msgs there, for Python programs and rostopic: put DIR on PYTHONPATH.
+  -h, --help      Show this text.
+  -V, --version   Show the version of hexwire.
+  --package-path  Show the folder with the ROS package 'hexwire', for ROS_PACKAGE_PATH.
+  --env           Show shell lines for eval, with which roslaunch and rosrun find the package and this program.
+  --messages DIR  Write control_msgs and osrf_msgs to DIR, for Python programs and rostopic: put DIR on PYTHONPATH.
 
-Parameters, all private, with their defaults; tables are for parameter files (see config/ in the package):
+Parameters, all private, with their defaults; tables are set in parameter files (see config/ in the package):
 {parameters}
 
 Publishes:
@@ -53,15 +53,15 @@ Publishes:
   state                     control_msgs/JointTrajectoryControllerState
   ~taught                   trajectory_msgs/JointTrajectory, latched
   /diagnostics              diagnostic_msgs/DiagnosticArray
-Takes:
-  command                   trajectory_msgs/JointTrajectory; one without points means hold
-  joint_commands            osrf_msgs/JointCommands, of which the positions
+Subscribes and serves:
+  command                   trajectory_msgs/JointTrajectory; a trajectory without points means hold
+  joint_commands            osrf_msgs/JointCommands, only the positions
   follow_joint_trajectory   action control_msgs/FollowJointTrajectory
 Services:
   ~stop, ~reset, ~go_to/POSE, ~teach/start, ~teach/stop, ~teach/play    std_srvs/Trigger
   ~enable                                                               std_srvs/SetBool
   query_state                                                           control_msgs/QueryTrajectoryState
-With several controllers, state, command, query_state and follow_joint_trajectory lie below each one's name.
+With several controllers, state, command, query_state and follow_joint_trajectory are below each controller's name.
 """
 _WIDTH = 112
 
@@ -70,25 +70,25 @@ def main() -> None:
     """Entry point of the program."""
     ends_like_ctrl_c()
     status = run(lambda: _main(sys.argv[1:]))
-    # The arm has been seen to. A second Ctrl-C in what ROS does at the end shall end that, without a traceback.
+    # The arm is safe. A second Ctrl-C ends ROS's own shutdown without a traceback.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     sys.exit(status)
 
 
 def package_path() -> Path:
-    """The folder that holds the ROS package's own folder."""
+    """The folder that contains the folder of the ROS package."""
     import hexwire.ros1
 
     return Path(hexwire.ros1.__file__).resolve().parent / "share"
 
 
 def environment(variables: Mapping[str, str], program: Path | None) -> str:
-    """Lines for a POSIX shell after which roslaunch finds the package, and the package this program.
+    """Lines for a POSIX shell with which roslaunch finds the package, and the package finds this program.
 
     Args:
-        variables: The environment as it is. What it holds already stays as it is.
-        program: Where this program is; None if nobody knows.
+        variables: The present environment. Existing entries are kept.
+        program: Path of this program; None if unknown.
     """
     lines = []
     known = [part for part in variables.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if part]
@@ -97,7 +97,7 @@ def environment(variables: Mapping[str, str], program: Path | None) -> str:
     if program is not None:
         search = variables.get("PATH", os.defpath)
         found = shutil.which(program.name, path=search)
-        # Another hexwire in front of this one would run with this one's launch files.
+        # Another hexwire earlier in PATH would run with this one's launch files.
         if found is None or not Path(found).samefile(program):
             lines.append(_export("PATH", [str(program.parent), search]))
     return "\n".join(lines)
@@ -115,7 +115,7 @@ def _main(args: Sequence[str]) -> int | None:
         _write_messages(args)
         return None
     if len(args) > 1 and options[0] in _OPTIONS:
-        raise UsageError(f"{options[0]} stands alone (see '{PROGRAM} --help')")
+        raise UsageError(f"{options[0]} must be the only argument (see '{PROGRAM} --help')")
     if options[0] not in _OPTIONS:
         hint = "; a parameter is given as _port:=/dev/ttyUSB0" if not options[0].startswith("-") else ""
         raise UsageError(f"no option {options[0]!r}{hint} (see '{PROGRAM} --help')")
@@ -132,7 +132,7 @@ def _write_messages(args: Sequence[str]) -> None:
     folder = Path(args[1])
     for package in write_messages(folder):
         say(package)
-    # A colon at the end would put the current folder on the path of every Python.
+    # A trailing colon would put the current folder on the path of every Python.
     say_document(f"export PYTHONPATH={shlex.quote(str(folder.resolve()))}${{PYTHONPATH:+:$PYTHONPATH}}")
 
 
@@ -145,7 +145,7 @@ def _find_ros() -> None:
 
 def _start(args: list[str]) -> int | None:
     _find_ros()
-    # Not before ROS is found: it imports rospy.
+    # Only after ROS is found: this imports rospy.
     from hexwire.ros1.node import run as run_node
 
     return run_node(args)
@@ -175,7 +175,7 @@ def _version() -> str:
 
 
 def _this_program() -> Path | None:
-    """Where this program lies: as it was called, else beside the interpreter."""
+    """Path of this program: as it was called, otherwise next to the interpreter."""
     called = Path(sys.argv[0])
     for path in (called.absolute(), Path(sys.executable).parent / PROGRAM):
         if path.name == PROGRAM and path.is_file():

@@ -1,6 +1,6 @@
-"""`--csv` and `--plot` of the commands that sample: where samples go, however the sampling ends.
+"""`--csv` and `--plot` of the commands that sample: the samples are saved however the sampling ends.
 
-Owns the two files and how they are filled. Must not know where samples come from.
+Owns the two files and their contents. Must not know where samples come from.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from .plot import open_picture, save_figure
 __all__ = ["Row", "SampleFiles", "file_options", "saving"]
 
 Row = tuple[float, ...]
-"""One sample: a number a column."""
+"""One sample: one number per column."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleFiles:
-    """Where samples go, as typed."""
+    """Output files for samples, as typed."""
 
     csv: str | None
     plot: str | None
@@ -47,8 +47,8 @@ def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
     packed: Callable[..., Any] = given
     for option in (
         force_option,
-        click.option("--csv", "csv_file", metavar="FILE", help="Save the samples here."),
-        click.option("--plot", metavar="FILE", help="Draw the samples here, as .png, .svg or .pdf."),
+        click.option("--csv", "csv_file", metavar="FILE", help="Save the samples to this file."),
+        click.option("--plot", metavar="FILE", help="Plot the samples to this file (.png, .svg or .pdf)."),
     ):
         packed = option(packed)
     return packed
@@ -56,15 +56,15 @@ def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextmanager
 def saving(files: SampleFiles, head: Sequence[str], what: str) -> Iterator[list[Row]]:
-    """Samples that are saved at the end, however it comes; their files are made before the first is taken.
+    """Samples that are saved at the end, even after an error; their files are created before the first sample.
 
     Args:
         files: As typed.
-        head: Names of the columns, the first two being time and id.
-        what: The column that is drawn; one called target is drawn beside it.
+        head: Names of the columns; the first two are time and id.
+        what: The column to plot; a column named target is plotted with it.
 
     Raises:
-        UsageError: A file cannot be made, or nothing is there to draw with.
+        UsageError: A file cannot be created, or matplotlib is not installed.
     """
     if files.csv is None and files.plot is None:
         refuse_idle_force(files.force, "the files of --csv and --plot")
@@ -98,7 +98,7 @@ def _save(
         note(f"{len(samples)} samples saved to {table.path}")
     if picture is not None:
         _plot(samples, head, picture, what)
-        note(f"drawn to {picture.path}")
+        note(f"plotted to {picture.path}")
 
 
 def _plot(samples: Sequence[Row], head: Sequence[str], picture: OutputFile, what: str) -> None:

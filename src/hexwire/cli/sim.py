@@ -1,4 +1,4 @@
-"""`sim`: emulated hardware for other programs to talk to.
+"""`sim`: emulated hardware for other programs.
 
 Owns the options of the emulator and when it ends. Must not know how a board works.
 """
@@ -23,12 +23,12 @@ from .sim_puma import puma260
 __all__ = ["sim"]
 
 _SERVO_BAUD = 115200
-"""Rate of the emulated servo bus where the line is paced: what the chapter's sketch sets."""
+"""Rate of the emulated servo bus if the line is paced, as set by the chapter's sketch."""
 
 
 @click.group()
 def sim() -> None:
-    """Emulate hardware for other programs to talk to."""
+    """Emulate hardware for other programs."""
 
 
 sim.add_command(bus)
@@ -36,14 +36,14 @@ sim.add_command(puma260)
 
 
 @sim.command()
-@click.option("--link", metavar="PATH", help="Make a symbolic link to the terminal: a name that stays.")
+@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
 @click.option(
     "--baud",
     type=click.IntRange(min=0),
     default=115200,
     show_default=True,
     metavar="N|0",
-    help="Pace the line at this rate; 0 is as fast as it goes.",
+    help="Simulate this line rate; 0 means as fast as possible.",
 )
 @click.option(
     "--dialect",
@@ -51,19 +51,25 @@ sim.add_command(puma260)
     default=2,
     show_default=True,
     metavar="1|2",
-    help="1 is the chapter's board, 2 hexwire's firmware.",
+    help="1 for the chapter's board, 2 for hexwire's firmware.",
 )
-@click.option("--fault", "faults", multiple=True, metavar="SPEC", help="What goes wrong, as silent:4; repeatable.")
-@click.option("--seed", type=int, default=0, metavar="N", help="For everything random.")
-@click.option("--physics", is_flag=True, help="Give the arm weight, sag and a table to hit, by MuJoCo.")
+@click.option(
+    "--fault", "faults", multiple=True, metavar="SPEC", help="Fault to inject, such as silent:4; repeatable."
+)
+@click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random generator.")
+@click.option("--physics", is_flag=True, help="Simulate weight, sag and a table with MuJoCo.")
 @click.option(
     "--payload",
     type=FiniteFloat("grams", minimum=0),
     metavar="GRAMS",
-    help="With --physics, what the tool carries.",
+    help="With --physics, the payload of the tool.",
 )
-@click.option("--reset-on-open", is_flag=True, help="Opening the port resets the board, as it does a real Mega.")
-@click.option("--until-eof", is_flag=True, help="End when standard input does, so that no board outlives its user.")
+@click.option("--reset-on-open", is_flag=True, help="Reset the board when the port is opened, like a real Mega.")
+@click.option(
+    "--until-eof",
+    is_flag=True,
+    help="End at the end of standard input, so that the board does not outlive its user.",
+)
 def board(
     link: str | None,
     baud: int,
@@ -75,7 +81,7 @@ def board(
     reset_on_open: bool,
     until_eof: bool,
 ) -> None:
-    """Emulate a Hex7Bot: prints the port to open, and runs until it is stopped."""
+    """Emulate a Hex7Bot: prints the port to open, and runs until stopped."""
     from hexwire.emulator.board import make_hex7bot_board
     from hexwire.emulator.serve import serve_board
 
@@ -106,7 +112,7 @@ def _announce(path: str) -> None:
 
 
 def _wait_for_eof(ended: threading.Event) -> None:
-    # Not through sys.stdin: a thread that holds its lock would abort the interpreter's end.
+    # Not through sys.stdin: a thread that holds its lock would abort the interpreter's shutdown.
     while os.read(0, 4096):
         pass
     ended.set()

@@ -1,4 +1,4 @@
-"""`sim bus`: emulated servos on a pseudo-terminal, for any program that speaks to bus servos.
+"""`sim bus`: emulated servos on a pseudo-terminal, for any program that uses bus servos.
 
 Owns the options. Must not know how a servo works.
 """
@@ -22,23 +22,23 @@ __all__ = ["bus", "parse_ids"]
 
 _NUMBER = "[0-9]{1,9}"
 _SHOWN = 40
-"""Characters of what somebody typed that an error repeats."""
+"""Number of typed characters that an error text repeats."""
 
 
 def parse_ids(text: str) -> list[int]:
-    """Servo ids from ``1-7``, ``1,2,5`` or both mixed.
+    """Parse servo ids such as ``1-7``, ``1,2,5`` or a mixture.
 
     Raises:
-        UsageError: It is neither.
+        UsageError: The text is malformed.
     """
     ids: list[int] = []
     for part in text.split(","):
         found = re.fullmatch(rf"({_NUMBER})(?:-({_NUMBER}))?", part.strip())
         if found is None:
-            raise UsageError(f"{text[:_SHOWN]!r} names no servo ids: write 1-7 or 1,2,5")
+            raise UsageError(f"{text[:_SHOWN]!r} is not a list of servo ids: write 1-7 or 1,2,5")
         low, high = int(found[1]), int(found[2] or found[1])
         if high > 253 or low > high:
-            raise UsageError(f"{part.strip()!r} names no servo ids: they are from 0 to 253")
+            raise UsageError(f"{part.strip()!r} is not a list of servo ids: they are from 0 to 253")
         ids.extend(range(low, high + 1))
     return ids
 
@@ -46,10 +46,12 @@ def parse_ids(text: str) -> list[int]:
 def _parse_rates(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",")]
     if not all(re.fullmatch(_NUMBER, part) for part in parts):
-        raise UsageError(f"{text[:_SHOWN]!r} names no rates: write 1000000, or 1000000,500000 with one for each id")
+        raise UsageError(
+            f"{text[:_SHOWN]!r} is not a list of rates: write 1000000, or 1000000,500000 with one for each id"
+        )
     rates = [int(part) for part in parts]
     if 0 in rates and len(rates) > 1:
-        raise UsageError("a rate of 0 is heard at any rate: give it alone, for all servos")
+        raise UsageError("a rate of 0 matches any rate: give it alone, for all servos")
     return rates
 
 
@@ -62,20 +64,24 @@ def _parse_rates(text: str) -> list[int]:
     help="sts, sms, scs, hls or seven_bot: one for all, or one for each id.",
 )
 @click.option(
-    "--ids", default="1-6", show_default=True, metavar="IDS", help="As 1-6 or 1,2,9; twice the same collides."
+    "--ids", default="1-6", show_default=True, metavar="IDS", help="Such as 1-6 or 1,2,9; duplicate ids collide."
 )
 @click.option(
     "--baud",
     default="1000000",
     show_default=True,
     metavar="N[,N...]|0",
-    help="Rate the servos are set to: one for all, or one for each id; 0 costs no time and is heard at any rate.",
+    help="Rate of the servos: one for all, or one for each id; 0 takes no time and matches any rate.",
 )
-@click.option("--fault", "faults", multiple=True, metavar="SPEC", help="What goes wrong, as silent:4; repeatable.")
-@click.option("--echo", is_flag=True, help="The adapter hears itself.")
-@click.option("--seed", type=int, default=1, metavar="N", help="For everything random.")
-@click.option("--link", metavar="PATH", help="Make a symbolic link to the terminal: a name that stays.")
-@click.option("--until-eof", is_flag=True, help="End when standard input does, so that no bus outlives its user.")
+@click.option(
+    "--fault", "faults", multiple=True, metavar="SPEC", help="Fault to inject, such as silent:4; repeatable."
+)
+@click.option("--echo", is_flag=True, help="The adapter echoes what it sends.")
+@click.option("--seed", type=int, default=1, metavar="N", help="Seed of the random generator.")
+@click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
+@click.option(
+    "--until-eof", is_flag=True, help="End at the end of standard input, so that the bus does not outlive its user."
+)
 def bus(
     series: str,
     ids: str,
@@ -86,7 +92,7 @@ def bus(
     link: str | None,
     until_eof: bool,
 ) -> None:
-    """Emulate servos on a bus adapter: prints the port to open, and runs until it is stopped."""
+    """Emulate servos on a bus adapter: prints the port to open, and runs until stopped."""
     from hexwire.bus.servos import as_series
     from hexwire.emulator.bus_device import make_servos
     from hexwire.emulator.faults import FaultPlan
@@ -109,7 +115,7 @@ def _announce(path: str) -> None:
 
 
 def _wait_for_eof(ended: threading.Event) -> None:
-    # Not through sys.stdin: a thread that holds its lock would abort the interpreter's end.
+    # Not through sys.stdin: a thread that holds its lock would abort the interpreter's shutdown.
     while os.read(0, 4096):
         pass
     ended.set()

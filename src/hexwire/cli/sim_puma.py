@@ -1,4 +1,4 @@
-"""`sim puma260`: an emulated PUMA 260 controller for other programs to talk to.
+"""`sim puma260`: an emulated PUMA 260 controller for other programs.
 
 Owns its addresses and when it ends. Must not know how the controller works.
 """
@@ -16,7 +16,7 @@ from .output import say_document
 __all__ = ["parse_address", "puma260"]
 
 _PORT = 15030
-"""The chapter's."""
+"""The port in the chapter."""
 
 
 @click.command()
@@ -25,18 +25,22 @@ _PORT = 15030
     metavar="HOST:PORT",
     default=f"127.0.0.1:{_PORT}",
     show_default=True,
-    help="Where TCP hosts call; port 0 takes a free one.",
+    help="Address for TCP hosts; port 0 selects a free port.",
 )
-@click.option("--ca", metavar="FILE", help="TLS: the authority whose clients may call; with --cert and --key.")
-@click.option("--cert", metavar="FILE", help="TLS: our certificate; 'hexwire cert new' makes the three files.")
-@click.option("--key", metavar="FILE", help="TLS: its key.")
-@click.option("--udp", metavar="HOST:PORT", help="Where hosts may speak UDP.")
-@click.option("--peer", metavar="HOST", help="With --udp on an address that others reach: the host that is heard.")
+@click.option("--ca", metavar="FILE", help="TLS: certificate authority of the clients; needs --cert and --key.")
+@click.option(
+    "--cert", metavar="FILE", help="TLS: certificate of this server; 'hexwire cert new' creates the three files."
+)
+@click.option("--key", metavar="FILE", help="TLS: private key of this server.")
+@click.option("--udp", metavar="HOST:PORT", help="Address for UDP hosts.")
+@click.option(
+    "--peer", metavar="HOST", help="The only host accepted; needed with --udp on an address that others reach."
+)
 def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: str | None, peer: str | None) -> None:
-    """Emulate a PUMA 260 controller: prints its URLs, and runs until it is stopped.
+    """Emulate a PUMA 260 controller: prints its URLs, and runs until stopped.
 
-    It has the four channels of the chapter's configuration file on one port, for some tens of hosts at once. On an
-    address that others reach, and without TLS, it obeys whoever calls.
+    It serves the four channels of the chapter's configuration file on one port, for several dozen hosts at once. On
+    an address that others reach, and without TLS, it obeys anyone who connects.
     """
     from hexwire.emulator.puma import EmulatedPuma
     from hexwire.emulator.serve_puma import serve_puma
@@ -47,19 +51,21 @@ def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: st
     from hexwire.link.url import is_loopback
 
     if peer and not udp:
-        raise UsageError("--peer makes no sense without --udp")
+        raise UsageError("--peer needs --udp")
     tls = None
     if ca or cert or key:
         if not (ca and cert and key):
-            raise UsageError("TLS needs --ca, --cert and --key together; 'hexwire cert new' makes the files")
+            raise UsageError("TLS needs --ca, --cert and --key together; 'hexwire cert new' creates the files")
         tls = TlsFiles(ca, cert, key)
     host, port = parse_address(tcp)
     listener = Listener(host, port, tls=tls)
     link = UdpServer(*parse_address(udp), peer=peer or "") if udp else None
     if tls is None and not is_loopback(host):
-        note(f"warning: whoever reaches TCP on {host} commands this robot; --ca, --cert and --key keep others out")
+        note(
+            f"warning: anyone who reaches TCP on {host} can command this robot; --ca, --cert and --key prevent that"
+        )
     if udp and not is_loopback(parse_address(udp)[0]):
-        note(f"warning: UDP keeps nobody out who sends in the name of {peer}; TCP with --ca, --cert and --key does")
+        note(f"warning: over UDP anyone can pretend to be {peer}; TCP with --ca, --cert and --key prevents that")
     serve_puma(
         EmulatedPuma(start=time.monotonic()),
         listener=listener,
@@ -70,10 +76,10 @@ def puma260(tcp: str, ca: str | None, cert: str | None, key: str | None, udp: st
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Take ``host:port`` or ``:port`` apart; without a host it is loopback.
+    """Parse ``host:port`` or ``:port``; the default host is the loopback address.
 
     Raises:
-        UsageError: It is neither.
+        UsageError: The text is malformed.
     """
     from hexwire.link.listener import LOOPBACK
     from hexwire.link.url import split_host_port
@@ -83,7 +89,7 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def _announce(url: str) -> None:
-    # Ours to hear on, the other side's to call.
+    # From the address to listen on to the address to connect to.
     url = url.replace("-listen://", "://").partition("?")[0]
     say_document(url)
     if sys.stdout.isatty():

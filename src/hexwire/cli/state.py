@@ -1,6 +1,6 @@
 """`state`: all joints, once or live.
 
-Owns how a joint state is shown. Must not know how it is obtained.
+Owns the presentation of a joint state. Must not know how it is obtained.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _HEAD = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque
 
 
 @click.command()
-@click.option("--watch", is_flag=True, help="Go on until interrupted.")
+@click.option("--watch", is_flag=True, help="Update until interrupted.")
 @click.option(
     "--rate",
     type=FiniteFloat("hz", above=0),
     default=5.0,
     show_default=True,
     metavar="HZ",
-    help="With --watch, how often.",
+    help="With --watch, the update rate.",
 )
 @robot_options
 @json_option
@@ -74,7 +74,7 @@ def state_json(state: JointState, model: ArmModel) -> dict[str, object]:
 
 
 def condition(joint: JointReading) -> str:
-    """What is to be said of a joint: ``ok``, ``no answer`` or its faults."""
+    """Condition of a joint: ``ok``, ``no answer`` or its faults."""
     from hexwire.model.state import JointFlag
 
     if joint.flags & JointFlag.SILENT:
@@ -116,10 +116,10 @@ def _watch(robot: RobotDriver, rate: float, as_json: bool) -> None:
 
 def _remarks(state: JointState) -> list[str]:
     if state.watchdog_tripped:
-        return ["stopped by the board's watchdog, because the host fell silent; 'hexwire resume' ends that"]
+        return ["stopped by the board's watchdog, because the host fell silent; 'hexwire resume' ends the stop"]
     if state.maintenance:
-        return ["in maintenance: settings of servos may be written, and nothing moves"]
-    return ["stopped; 'hexwire resume' ends that"] if state.stopped else []
+        return ["in maintenance: servo settings may be written, nothing moves"]
+    return ["stopped; 'hexwire resume' ends the stop"] if state.stopped else []
 
 
 def _cells(joint: JointReading) -> tuple[str, ...]:

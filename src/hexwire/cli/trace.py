@@ -1,6 +1,6 @@
-"""`hexwire trace decode`, and what `--trace` and `--explain` print.
+"""`hexwire trace decode`, and the output of `--trace` and `--explain`.
 
-Owns arguments and printing. What the bytes mean is `hexwire.trace`'s.
+Owns arguments and printing. `hexwire.trace` decodes the bytes.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ __all__ = ["trace", "tracing"]
 
 _INDENT = "    "
 _PATIENCE = 100
-"""Milliseconds to wait for a reader of the trace that lags behind."""
+"""Milliseconds to wait for a slow reader of the trace."""
 _LONGEST = select.PIPE_BUF // 4
-"""Characters of a line; four bytes each at most."""
+"""Maximum number of characters in a line, at up to four bytes each."""
 
 
 @contextmanager
 def tracing(*, explain: bool) -> Iterator[None]:
-    """While this lasts, the traffic of every link that is made goes to standard error.
+    """In this context, the traffic of every new link is printed on standard error.
 
-    What cannot be shown is counted and told at the end, in one line; the command goes on.
+    Lines that cannot be printed are counted and reported at the end, in one line; the command continues.
     """
     missed = Missed()
     listener = _Listener()
@@ -50,7 +50,7 @@ def tracing(*, explain: bool) -> Iterator[None]:
         with wrap_new_links(wrap):
             yield
     finally:
-        if listener.takes_more():
+        if listener.is_ready():
             tell_missed("the trace", missed)
 
 
@@ -64,7 +64,7 @@ def _printer(explain: bool, listener: _Listener) -> Callable[[Passed], None]:
         name = "SerialPort" if passed.url.startswith("serial") else passed.url.partition(":")[0].capitalize()
         lines = list(format_passed(passed, name=name, start=start[0]))
         if explain:
-            # All of it, whether or not it can be shown: what follows is understood by what came before.
+            # Decode everything, even if it cannot be printed: the decoding of later traffic needs the earlier.
             for explained in list(explainer.feed(passed)):
                 lines += [_INDENT + line for line in _lines(explained)]
         for line in lines:
@@ -74,17 +74,17 @@ def _printer(explain: bool, listener: _Listener) -> Callable[[Passed], None]:
 
 
 class _Listener:
-    """Standard error as something that may be closed, or that nobody reads: writing to it waits a moment at most.
+    """Standard error, which may be closed or not read: writing to it waits only for a moment.
 
-    A pager that is not scrolled leaves its pipe full. Waiting for it would keep an arm from its next set-point.
+    A pager that is not scrolled leaves its pipe full. Waiting for it would delay the arm's next set-point.
     """
 
     def __init__(self) -> None:
         self._gone: OSError | None = None
         self._patience = _PATIENCE
 
-    def takes_more(self) -> bool:
-        """Whether a line can be written at once; waits a moment for it, but only the first time in a row."""
+    def is_ready(self) -> bool:
+        """Whether a line can be written at once; waits a moment, but only the first time in a row."""
         try:
             number = sys.stderr.fileno()
         except (OSError, ValueError):  # not a file: a test's or another program's own stream
@@ -99,14 +99,14 @@ class _Listener:
         """Write a line.
 
         Raises:
-            OSError: It cannot be written, or nobody reads.
+            OSError: It cannot be written, or nothing reads standard error.
         """
         if self._gone is not None:
             raise self._gone
-        if not self.takes_more():
-            raise BlockingIOError(errno.EAGAIN, "nobody reads standard error")
+        if not self.is_ready():
+            raise BlockingIOError(errno.EAGAIN, "nothing reads standard error")
         try:
-            # A pipe that is ready takes so much at once.
+            # A pipe that is ready accepts this many bytes at once.
             speak(line[:_LONGEST])
         except OSError as error:
             self._gone = error
@@ -124,16 +124,16 @@ def _lines(explained: Explained) -> Iterator[str]:
 
 @click.group()
 def trace() -> None:
-    """Explain traffic that was written down before."""
+    """Decode recorded traffic."""
 
 
 @trace.command()
 @click.argument("file", type=click.File("rb"))
-@click.option("--json", "as_json", is_flag=True, help="One line a frame, with the fields of every layer.")
+@click.option("--json", "as_json", is_flag=True, help="Print one line per frame, with the fields of every layer.")
 def decode(file: BinaryIO, as_json: bool) -> None:
-    """Explain FILE (- for standard input): the chapter's log, a hex dump, or a raw capture.
+    """Decode FILE (- for standard input): the chapter's log, a hex dump, or a raw capture.
 
-    Corrupt parts are shown where they are, with the reason, and decoding goes on behind them.
+    Corrupt parts are shown where they occur, with the reason, and decoding continues after them.
     """
     explainer = Explainer()
     name = name_of(file)

@@ -46,7 +46,7 @@ def explain_no_board(link: Link) -> list[Finding]:
             except (UsageError, NotSupportedError):
                 continue
             if board is not None:
-                text = f"the board speaks at {baud} baud"
+                text = f"the board uses {baud} baud"
                 return [Finding(Level.BAD, "rate", text, f"name it: --baud {baud}")]
         for baud in SERVO_RATES:
             servo_ids = find_servos(link, baud=baud)

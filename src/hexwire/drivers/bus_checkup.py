@@ -54,13 +54,13 @@ def examine_bus(bus: ServoBus, model: ArmModel, report: ProbeReport, state: Join
     findings = [Finding(Level.OK, "bus", f"{report.robot} at {bus.timing.baud} baud")]
     findings += judge_probe(report, missing=False) + lost + judge_state(state, report.joints)
     if not lost:
-        # Who is missing is not the adapter's fault.
+        # Missing servos would distort the statistics of the adapter.
         findings += judge_traffic(bus, model)
     device = getattr(bus.link, "device", None)
     if isinstance(device, str):
         advice = inspect_adapter(device, bus.timing.overhead, bus.timing.holds_back).advice
         if advice and bus.timing.holds_back:
-            findings.append(Finding(Level.HINT, "adapter", "it holds answers back", advice))
+            findings.append(Finding(Level.HINT, "adapter", "it delays answers", advice))
     return findings
 
 

@@ -36,7 +36,7 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
 
         return Puma260Model()
     if robot != "hex7bot":
-        raise UsageError(f"no geometry of robot {robot!r}; there is one of {', '.join(ROBOTS)}")
+        raise UsageError(f"no geometry is known for robot {robot!r}; choose one of {', '.join(ROBOTS)}")
     from .hex7bot_kinematics import Hex7BotModel
     from .hex7bot_links import link_set, parse_link_set
 
