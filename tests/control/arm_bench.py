@@ -123,7 +123,7 @@ class Loop:
         """As a node does it; time does not pass."""
         told, controller = Told(), self.controller
         controller.check_way(controller.plan(sent, controller.start(sent.delay, self.state, self.now)), self.state)
-        controller.accept(sent, self.state, self.now, goal=told, **options)
+        controller.accept(sent, self.state, self.now, listener=told, **options)
         self.deliver()
         return told
 
@@ -266,7 +266,7 @@ class Bench:
 
     def command(self, sent: TrajectoryGoal, name: str = "", **options: Any) -> Told:
         told = Told()
-        self.arm.command(name, sent, goal=told, **options)
+        self.arm.command(name, sent, listener=told, **options)
         return told
 
 

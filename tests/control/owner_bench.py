@@ -104,7 +104,7 @@ class Bench:
         chosen = controller or self.controller
         with hardware.locked():
             chosen.check_way(chosen.plan(order, chosen.start(0.0, state, hardware.now())), state)
-            chosen.accept(order, state, hardware.now(), goal=told)
+            chosen.accept(order, state, hardware.now(), listener=told)
         hardware.hurry()
         hardware.deliver()
         return told
@@ -194,7 +194,7 @@ class Threaded:
         state = hardware.newest()
         order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         with hardware.locked():
-            self.controller.accept(order, state, hardware.now(), goal=told)
+            self.controller.accept(order, state, hardware.now(), listener=told)
         hardware.hurry()
         return told
 

@@ -49,7 +49,7 @@ def test_a_goal_is_reached_on_time_and_kept() -> None:
 def test_a_mere_command_is_followed_and_forgotten() -> None:
     loop = Loop()
     loop.controller.accept(order((0.5, {"J1": J1 + 0.2})), loop.state, loop.now)
-    assert loop.controller.goal is None
+    assert loop.controller.listener is None
     assert loop.controller.busy
     loop.run(1.0)
     assert not loop.controller.busy
@@ -192,7 +192,7 @@ def test_a_new_goal_replaces_the_old_without_a_jump() -> None:
     second = loop.send(order((1.5, {"J1": J1 - 0.2}), still=True))
     assert first.outcome == PREEMPTED
     assert first.text == "replaced by a new one"
-    assert loop.controller.goal is second
+    assert loop.controller.listener is second
     loop.run(2.0)
     assert second.outcome == SUCCEEDED
     assert first.outcome == PREEMPTED, "told once"
@@ -234,7 +234,7 @@ def test_a_refused_goal_leaves_the_other_alone() -> None:
     first = loop.send(order((2.0, {"J1": J1 + 1.0})))
     loop.run(0.5)
     with pytest.raises(GoalError, match=r"not any more: .* are allowed"):
-        loop.controller.accept(order((0.1, {"J1": J1 - 1.0})), loop.state, loop.now, goal=Told())
+        loop.controller.accept(order((0.1, {"J1": J1 - 1.0})), loop.state, loop.now, listener=Told())
     with pytest.raises(GoalError, match="unknown"):
         loop.send(TrajectoryGoal(("J9",), (Point(1.0, (0.0,)),)))
     loop.run(2.0)

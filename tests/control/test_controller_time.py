@@ -119,7 +119,7 @@ def test_checking_took_so_long_that_points_are_past() -> None:
     loop.controller.plan(sent, loop.controller.start(sent.delay, loop.state, received))
     loop.run(0.3)
     told = Told()
-    loop.controller.accept(sent, loop.state, loop.now, goal=told, received=received)
+    loop.controller.accept(sent, loop.state, loop.now, listener=told, received=received)
     loop.run(0.8)
     assert told.outcome == SUCCEEDED
     assert min(where["J1"] for _, where in loop.track) >= J1 - 1e-9
@@ -131,7 +131,7 @@ def test_checking_took_so_long_that_it_would_be_too_fast() -> None:
     received = loop.now
     loop.run(0.3)
     with pytest.raises(GoalError, match=r"too late: on the way to the next point, .* J1 would turn at") as caught:
-        loop.controller.accept(sent, loop.state, loop.now, goal=Told(), received=received)
+        loop.controller.accept(sent, loop.state, loop.now, listener=Told(), received=received)
     assert caught.value.reason == Reason.TOO_LATE
     assert not loop.controller.busy
 
@@ -146,7 +146,7 @@ def test_a_motion_at_the_speed_limit_may_begin_a_little_late() -> None:
     )
     loop.time.sleep(0.03)
     told = Told()
-    loop.controller.accept(sent, loop.state, loop.now, goal=told, received=received)
+    loop.controller.accept(sent, loop.state, loop.now, listener=told, received=received)
     loop.run(1.0)
     assert told.outcome == SUCCEEDED
 

@@ -89,7 +89,7 @@ def test_a_goal_is_accepted_and_reached(actions: Actions) -> None:
     actions.goals.start()
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.2}))
     wait_for(lambda: handle.said == ["accepted"])
-    goal = actions.bench.controller.goal
+    goal = actions.bench.controller.listener
     assert isinstance(goal, ClientGoal)
     wait_for(lambda: goal.accepted)
     assert actions.goals.open

@@ -127,9 +127,9 @@ class Arm:
     def command(
         self,
         name: str,
-        order: TrajectoryGoal,
+        goal: TrajectoryGoal,
         *,
-        goal: GoalListener | None = None,
+        listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         wanted: Callable[[], bool] = lambda: True,
     ) -> None:
@@ -137,8 +137,8 @@ class Arm:
 
         Args:
             name: Of the controller.
-            order: What was sent.
-            goal: As in `TrajectoryController.accept`.
+            goal: What was sent.
+            listener: As in `TrajectoryController.accept`.
             tolerances: Likewise.
             wanted: Asked when it was checked, which takes time: whether it is still to be followed.
 
@@ -150,24 +150,24 @@ class Arm:
             received = hardware.now()
             self.lessons.refuse()
             state = hardware.newest()
-            if not order.points and goal is None:
+            if not goal.points and listener is None:
                 self.hold(name, "an empty trajectory came")
                 return
             with hardware.locked():
-                start = controller.start(order.delay, state, received)
-                others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, order.delay)))
+                start = controller.start(goal.delay, state, received)
+                others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, goal.delay)))
             # Takes long for a long one, so not under the lock.
-            controller.check_way(controller.plan(order, start), state, others)
+            controller.check_way(controller.plan(goal, start), state, others)
             with hardware.locked():
                 self.lessons.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
                 now = hardware.now()
                 controller.accept(
-                    order,
+                    goal,
                     hardware.newest(),
                     now,
-                    goal=goal,
+                    listener=listener,
                     tolerances=tolerances,
                     received=received,
                     meanwhile=self._meanwhile([name], controller.follower.next_start(now)),
@@ -193,10 +193,10 @@ class Arm:
             self.controllers[name].hold(why)
         self.hardware.deliver()
 
-    def cancel(self, name: str, goal: GoalListener) -> None:
-        """Hold, if this goal is the one that is followed."""
+    def cancel(self, name: str, listener: GoalListener) -> None:
+        """Hold, if what is followed is this one's goal."""
         with self.hardware.locked():
-            self.controllers[name].cancel(goal)
+            self.controllers[name].cancel(listener)
         self.hardware.deliver()
 
     def set_points(self, positions: Mapping[str, float]) -> None:
@@ -397,7 +397,7 @@ class Arm:
         try:
             with hardware.locked():
                 for key, way in ways.items():
-                    self.controllers[key].follow(way, state, hardware.now(), goal=waiter)
+                    self.controllers[key].follow(way, state, hardware.now(), listener=waiter)
             hardware.hurry()
             hardware.deliver()
             waiter.wait(max(way.duration for way in ways.values()) + _GRACE)

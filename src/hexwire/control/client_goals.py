@@ -162,7 +162,7 @@ class ClientGoals(Generic[_C]):
             self._arm.command(
                 goal.controller,
                 request.trajectory,
-                goal=goal,
+                listener=goal,
                 tolerances=tolerances,
                 wanted=lambda: not goal.cancelled,
             )

@@ -47,23 +47,23 @@ _TOGETHER = 0.03
 
 @dataclass(slots=True)
 class _Active:
-    """What is being followed: with a goal somebody waits for its end, without one it is a mere command."""
+    """What is being followed: with a listener somebody waits for its end, without one it is a mere command."""
 
-    goal: GoalListener | None
+    listener: GoalListener | None
     tolerances: Tolerances
     begins: float
     arrival: Arrival
 
 
-def _active(goal: GoalListener | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
-    return _Active(goal, tolerances, begins, Arrival(tolerances.goal, ends, tolerances.goal_time))
+def _active(listener: GoalListener | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
+    return _Active(listener, tolerances, begins, Arrival(tolerances.goal, ends, tolerances.goal_time))
 
 
 @dataclass(slots=True)
 class _Pending:
-    """An order whose time has not come: what was under way goes on until then."""
+    """A goal whose time has not come: what was under way goes on until then."""
 
-    order: TrajectoryGoal
+    goal: TrajectoryGoal
     received: float
     begins: float
 
@@ -111,9 +111,9 @@ class TrajectoryController:
         return self.settings.joints
 
     @property
-    def goal(self) -> GoalListener | None:
+    def listener(self) -> GoalListener | None:
         """Who waits for the end of what is followed."""
-        return self._active.goal if self._active else None
+        return self._active.listener if self._active else None
 
     @property
     def busy(self) -> bool:
@@ -185,18 +185,18 @@ class TrajectoryController:
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
-    def plan(self, order: TrajectoryGoal, start: Sample) -> Trajectory:
-        """What an order would make the joints do; looks at nothing that changes, so needs no lock.
+    def plan(self, goal: TrajectoryGoal, start: Sample) -> Trajectory:
+        """What a goal would make the joints do; looks at nothing that changes, so needs no lock.
 
         Args:
-            order: What was sent.
+            goal: What was sent.
             start: As `start` has it.
 
         Raises:
             GoalError: It is malformed, late or not for these joints.
         """
-        check_goal(order, self.joints, allow_partial=self.settings.allow_partial)
-        return make_trajectory(order, self.joints, start)[0]
+        check_goal(goal, self.joints, allow_partial=self.settings.allow_partial)
+        return make_trajectory(goal, self.joints, start)[0]
 
     def check_way(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
         """Limits, speeds, gates and the table all along a trajectory, and that its joints can move.
@@ -214,24 +214,24 @@ class TrajectoryController:
 
     def accept(
         self,
-        order: TrajectoryGoal,
+        goal: TrajectoryGoal,
         state: JointState,
         now: float,
         *,
-        goal: GoalListener | None = None,
+        listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         received: float | None = None,
         meanwhile: Sequence[Trajectory] = (),
     ) -> None:
-        """Follow an order that was planned and checked; it replaces what was followed, whose goal is preempted.
+        """Follow a goal that was planned and checked; what was followed before is preempted.
 
         Args:
-            order: What was sent.
+            goal: What was sent.
             state: The newest.
             now: Seconds.
-            goal: Who wants to hear of it.
+            listener: Who wants to hear of its end.
             tolerances: In place of the controller's own.
-            received: When `order.delay` was true; now if None.
+            received: When `goal.delay` was true; now if None.
             meanwhile: What other controllers do from now on.
 
         Raises:
@@ -241,14 +241,14 @@ class TrajectoryController:
         self._refuse_unready(self.joints, state)
         tolerances = tolerances or self.settings.tolerances
         received = now if received is None else received
-        begins = received + order.delay
-        if order.delay > 0.0 and begins > self.follower.next_start(now):
+        begins = received + goal.delay
+        if goal.delay > 0.0 and begins > self.follower.next_start(now):
             self._preempt("replaced by a new one")
-            self._pending = _Pending(order, received, begins)
-            self._active = _active(goal, tolerances, begins, math.inf)
+            self._pending = _Pending(goal, received, begins)
+            self._active = _active(listener, tolerances, begins, math.inf)
             return
-        trajectory = self._due(order, received, state, now, meanwhile)
-        self.follow(trajectory, state, now, goal=goal, tolerances=tolerances)
+        trajectory = self._due(goal, received, state, now, meanwhile)
+        self.follow(trajectory, state, now, listener=listener, tolerances=tolerances)
 
     def follow(
         self,
@@ -256,7 +256,7 @@ class TrajectoryController:
         state: JointState,
         now: float,
         *,
-        goal: GoalListener | None = None,
+        listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
     ) -> None:
         """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
@@ -270,7 +270,7 @@ class TrajectoryController:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
         self._preempt("replaced by a new one")
         ends = now + self.follower.remaining(now)
-        self._active = _active(goal, tolerances or self.settings.tolerances, begins, ends)
+        self._active = _active(listener, tolerances or self.settings.tolerances, begins, ends)
 
     def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
         """Pursue set-points, radians by joint; a goal under way is preempted.
@@ -299,9 +299,9 @@ class TrajectoryController:
         self.follower.hold()
         self._preempt(why)
 
-    def cancel(self, goal: GoalListener) -> None:
-        """Hold, if this is the goal that is followed."""
-        if self.goal is goal:
+    def cancel(self, listener: GoalListener) -> None:
+        """Hold, if what is followed is this one's goal."""
+        if self.listener is listener:
             self.hold("cancelled")
 
     def stop(self, reason: StopReason) -> None:
@@ -345,7 +345,7 @@ class TrajectoryController:
         begins = self.follower.next_start(now)
         try:
             self._refuse_unready(self.joints, state)
-            self._take_over(self._due(pending.order, pending.received, state, now), state, now)
+            self._take_over(self._due(pending.goal, pending.received, state, now), state, now)
         except HexwireError as error:
             self.follower.hold()
             reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
@@ -359,30 +359,30 @@ class TrajectoryController:
 
     def _due(
         self,
-        order: TrajectoryGoal,
+        goal: TrajectoryGoal,
         received: float,
         state: JointState,
         now: float,
         meanwhile: Sequence[Trajectory] = (),
     ) -> Trajectory:
-        """The trajectory of an order whose time has come; its points keep the times that were asked for.
+        """The trajectory of a goal whose time has come; its points keep the times that were asked for.
 
         Raises:
             GoalError: So late by now that the way to the next point would be too fast.
         """
         start = self.start(0.0, state, now)
-        if order.delay:
+        if goal.delay:
             # Without a stamp it begins whenever it begins.
-            delay = min(0.0, received + order.delay - self.follower.next_start(now))
-            last = order.points[-1]
+            delay = min(0.0, received + goal.delay - self.follower.next_start(now))
+            last = goal.points[-1]
             if delay + last.time <= _HAIR:
                 # It is over by now, or ends as it begins: well, if that is where the joints are.
-                there = replace(order, points=(Point(0.0, last.positions),), delay=_HAIR)
+                there = replace(goal, points=(Point(0.0, last.positions),), delay=_HAIR)
                 with suppress(GoalError):
                     return make_trajectory(there, self.joints, start)[0]
-            order = replace(order, delay=delay)
-        trajectory, _ = make_trajectory(order, self.joints, start)
-        self._check.bridge(trajectory, state.positions, meanwhile, late=order.delay < 0.0)
+            goal = replace(goal, delay=delay)
+        trajectory, _ = make_trajectory(goal, self.joints, start)
+        self._check.bridge(trajectory, state.positions, meanwhile, late=goal.delay < 0.0)
         return trajectory
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
@@ -412,7 +412,7 @@ class TrajectoryController:
                 if wrong:
                     self.follower.hold()
                     self._end(Outcome.ABORTED, Reason.PATH_TOLERANCE, wrong)
-        elif active.goal is None:
+        elif active.listener is None:
             self._active = None
         else:
             verdict = active.arrival.judge(now, self.joints, desired, position, speed, oldest)
@@ -453,5 +453,5 @@ class TrajectoryController:
 
     def _end(self, outcome: Outcome, reason: Reason, text: str = "") -> None:
         active, self._active, self._pending = self._active, None, None
-        if active is not None and active.goal is not None:
-            self._ended.append((active.goal, Ended(outcome, reason, text)))
+        if active is not None and active.listener is not None:
+            self._ended.append((active.listener, Ended(outcome, reason, text)))

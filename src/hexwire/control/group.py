@@ -173,8 +173,8 @@ class ControllerGroup:
         """Tell goals how they ended; never under the lock, since who is told may take locks of its own."""
         with self.lock:
             ended = [row for controller in self.members for row in controller.take_ended()]
-        for goal, end in ended:
-            goal.ended(end)
+        for listener, end in ended:
+            listener.ended(end)
 
     def _forget(self) -> None:
         if self.fence is not None:

@@ -348,7 +348,7 @@ def _run_path(
             waiter = Waiter()
             tolerances = last if leg is path.legs[-1] else none
             with owner.locked():
-                controller.follow(leg, owner.newest(), owner.now(), goal=waiter, tolerances=tolerances)
+                controller.follow(leg, owner.newest(), owner.now(), listener=waiter, tolerances=tolerances)
             cut = _turn_until(owner, waiter.is_over, until)
             arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
             if not arrived:

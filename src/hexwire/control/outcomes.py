@@ -65,7 +65,7 @@ class Ended:
 
 
 class GoalListener(Protocol):
-    """Who wants to hear how an order ends. The controller never calls it; whoever owns the controller does."""
+    """Who wants to hear how a goal ends. The controller never calls it; whoever owns the controller does."""
 
     def ended(self, ended: Ended) -> None:
         """It is over."""

@@ -313,7 +313,7 @@ class HardwareInterface:
 
     def _publish_feedback(self) -> None:
         for controller in self._arm.controllers.values():
-            goal = controller.goal
+            goal = controller.listener
             if isinstance(goal, ClientGoal) and goal.accepted and controller.progress is not None:
                 goal.client.handle.publish_feedback(
                     self._progress(self._control.FollowJointTrajectoryFeedback, controller.progress)
