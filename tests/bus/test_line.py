@@ -44,8 +44,8 @@ def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
         bus.sync_read("present_position", SEVEN)
     plain, lose = bus._line.exchange, [True]
 
-    def lossy(data: bytes, window: float, nap: float = 0.0) -> bytes:
-        heard = plain(data, window, nap)
+    def lossy(data: bytes, window: float, rest: object = None) -> bytes:
+        heard = plain(data, window, rest)
         if lose:
             lose.pop()
             while bus.link.read(bus.now() + window):

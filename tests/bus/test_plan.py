@@ -21,7 +21,7 @@ def test_sound_answers_are_known_at_a_glance(rows: list[tuple[int, int]]) -> Non
     data = b"".join(make_status(i, 0, value.to_bytes(2, "little")) for i, value in rows)
     assert plan.glance(data) == tuple(value for _, value in rows)
     assert plan.blocks(data) == [value.to_bytes(2, "little") for _, value in rows]
-    assert plan.ended(data)
+    assert plan.rest(data) == 0.0
     assert plan.length == len(data)
 
 
@@ -86,7 +86,18 @@ def test_blocks_of_any_length() -> None:
     data = make_status(1, 0, rows[0]) + make_status(2, 0, rows[1])
     assert plan.glance(data) is None
     assert plan.blocks(data) == rows
-    assert not plan.ended(data[:-1])
+
+
+def test_what_is_missing_is_waited_for_until_the_last_servo_has_answered() -> None:
+    plan = SyncReadPlan(STS, (1, 2, 3), 56, 2, POSITION)
+    plan.base, plan.allowance = 0.0024, 0.001
+    one, two, three = (make_status(i, 0, b"\x01\x02") for i in (1, 2, 3))
+    assert plan.rest(one) == pytest.approx(0.0026)
+    assert plan.rest(one + two[:4]) == pytest.approx(0.0022)
+    assert plan.rest(one + three[:-1]) == pytest.approx(0.0019)
+    assert plan.rest(one + three) == 0.0
+    assert plan.rest(one + two + three) == 0.0
+    assert ReadPlan(1, STS, 56, 2, POSITION).rest is None
 
 
 def test_the_echo_of_a_read_is_no_answer() -> None:

@@ -158,8 +158,8 @@ def test_only_the_missing_servo_is_asked_again() -> None:
     lost = iter([True])
     plain = bus._line.exchange
 
-    def lossy(data: bytes, window: float, nap: float = 0.0) -> bytes:
-        heard = plain(data, window, nap)
+    def lossy(data: bytes, window: float, rest: object = None) -> bytes:
+        heard = plain(data, window, rest)
         if data[4] == 0x82 and next(lost, False):
             while len(heard) < 56:
                 heard += link.read(link.clock() + 1.0)
@@ -232,7 +232,7 @@ def test_an_answer_that_equals_its_request_is_believed_in_the_end() -> None:
     request = bytes.fromhex("ff ff 01 04 02 38 02 be")
     assert make_status(1, 2, b"\x38\x02") == request
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, nap=0.0: request if data == request else plain(data, window, nap)
+    bus._line.exchange = lambda data, window, rest=None: request if data == request else plain(data, window, rest)
     reading = bus.read(1, "present_position")
     assert reading.raw == device.wire[1].registers.get("present_position")
 
@@ -277,7 +277,7 @@ def test_a_late_answer_never_answers_the_next_question() -> None:
 def test_any_noise_in_front_of_an_answer_costs_no_wrong_value(noise: bytes) -> None:
     bus, device = make_bus((1, 2))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, nap=0.0: noise + plain(data, window, nap)
+    bus._line.exchange = lambda data, window, rest=None: noise + plain(data, window, rest)
     raw = bus.read(1, "present_position").raw
     genuine = device.wire[1].registers.get("present_position")
     assert raw in (None, genuine) or make_status(1, 0, b"")[:3] in noise
@@ -304,7 +304,9 @@ def test_a_rate_can_be_followed() -> None:
 def prefixed(bus: ServoBus, before: list[bytes]) -> None:
     """Let something be heard in front of what the next requests bring."""
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, nap=0.0: (before.pop(0) if before else b"") + plain(data, window, nap)
+    bus._line.exchange = lambda data, window, rest=None: (
+        (before.pop(0) if before else b"") + plain(data, window, rest)
+    )
 
 
 @pytest.mark.parametrize("copies", [1, 2, 3])
@@ -370,7 +372,7 @@ def test_an_interrupted_read_leaves_a_doubt() -> None:
     bus.read(1, "present_position")
     plain = bus._line.exchange
 
-    def interrupted(data: bytes, window: float, nap: float = 0.0) -> bytes:
+    def interrupted(data: bytes, window: float, rest: object = None) -> bytes:
         bus.link.write(data)
         raise KeyboardInterrupt
 
@@ -416,7 +418,7 @@ def test_what_is_sent_and_not_waited_for_is_no_answer_later() -> None:
 def test_an_adapter_that_adds_a_byte_is_read_by_asking_twice() -> None:
     bus, device = make_bus((1, 2))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, nap=0.0: plain(data, window, nap) + b"\0"
+    bus._line.exchange = lambda data, window, rest=None: plain(data, window, rest) + b"\0"
     assert bus.read(1, "present_position").raw == device.wire[1].registers.get("present_position")
     assert bus.counters.repeats == 1
 
@@ -437,7 +439,7 @@ def test_an_answer_is_not_believed_before_what_has_come_behind_it_was_looked_at(
     forged = answer[:4] + answer[5:] + b"\x02"
     assert sum(forged[2:]) & 0xFF == 0xFF
     pieces = [b"\x9c\x38"]
-    bus._line.exchange = lambda data, window, nap=0.0: forged
+    bus._line.exchange = lambda data, window, rest=None: forged
     plain = bus.link.read
     bus.link.read = lambda deadline: pieces.pop() if pieces else plain(deadline)
     assert bus.read_block(1, 56, 3).data == b""
@@ -449,6 +451,6 @@ def test_a_line_that_never_stops_talking_does_not_hold_a_read_for_ever(noise: by
     bus, device = make_bus((1,), retries=0)
     position = device.wire[1].registers.get("present_position")
     heard = make_status(1, 0, position.to_bytes(2, "little")) if answers else noise
-    bus._line.exchange = lambda data, window, nap=0.0: make_read(1, 56, 2) + heard
+    bus._line.exchange = lambda data, window, rest=None: make_read(1, 56, 2) + heard
     bus.link.read = lambda deadline: noise
     assert bus.read(1, "present_position").raw in (None, position)

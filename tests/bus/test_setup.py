@@ -99,8 +99,8 @@ def test_set_baud_follows_and_verifies() -> None:
 def test_set_baud_comes_back_where_the_line_does_not_carry_it() -> None:
     bus, device = make_bus((1,))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, nap=0.0: (
-        b"" if bus.timing.baud == 500_000 else plain(data, window, nap)
+    bus._line.exchange = lambda data, window, rest=None: (
+        b"" if bus.timing.baud == 500_000 else plain(data, window, rest)
     )
     with pytest.raises(ServoError, match="does not work at 500000 baud; it is at 1000000 as before"):
         setup.set_baud(bus, 1, 500_000)

@@ -6,14 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.bus.timing import LineTiming, Nap
+from hexwire.bus.timing import LineTiming
 
 
 def test_the_line_is_arithmetic() -> None:
     timing = LineTiming(1_000_000)
     assert timing.line_time(71) == pytest.approx(0.00071)
     assert LineTiming(0).line_time(71) == 0.0
-    assert timing.window(16, 0.0005) == pytest.approx(0.00016 + 0.0005 + timing.allowance)
 
 
 def test_the_allowance_shrinks_to_what_the_adapter_needs() -> None:
@@ -41,29 +40,6 @@ def test_the_allowance_stays_in_bounds(times: list[float]) -> None:
     for seconds in times:
         timing.measured(seconds, 16)
         assert 0.001 <= timing.allowance <= 0.1
-
-
-def test_a_nap_ends_before_the_answer_and_a_quick_line_gets_none() -> None:
-    nap = Nap()
-    for _ in range(50):
-        nap.measured(0.0008)
-    assert 0.0004 < nap.seconds < 0.0007
-    for _ in range(3):
-        nap.measured(0.1)
-    assert nap.seconds < 0.0007
-    nap.measured(0.00002)
-    assert nap.seconds == 0.0
-    slow = Nap()
-    slow.measured(0.0062)
-    assert 0.004 < slow.seconds < 0.006
-
-
-def test_a_nap_that_was_too_long_shortens_itself() -> None:
-    nap, real = Nap(), 0.0007
-    nap.measured(0.0012)
-    for _ in range(200):
-        nap.measured(max(real, nap.seconds + 0.00008))
-    assert nap.seconds + 0.00008 < real
 
 
 def test_an_answer_that_was_late_is_waited_for_from_then_on() -> None:

@@ -36,7 +36,7 @@ def test_the_echo_of_an_earlier_ping_is_no_acknowledgement() -> None:
     bus, device = make_bus((5,), retries=0)
     assert bus.ping(5).ok
     assert bus.write_raw(5, "acceleration", 1).confirmed
-    bus._line.exchange = lambda data, window, nap=0.0: make_ping(5)
+    bus._line.exchange = lambda data, window, rest=None: make_ping(5)
     device.wire.servos = []
     answer = bus.write_raw(5, "acceleration", 7)
     assert not answer.confirmed

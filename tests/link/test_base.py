@@ -73,6 +73,14 @@ def test_an_exchange_is_a_write_and_a_read_each_with_its_deadline() -> None:
     assert before + 5.0 <= read_deadline <= after + 5.0
 
 
+def test_an_exchange_goes_on_reading_until_all_is_there() -> None:
+    link = PlainLink()
+    link.clock = lambda: 100.0  # type: ignore[attr-defined]  # as links in simulated time have
+    waits = {b"answer": 2.0, b"answeranswer": 0.0}
+    assert link.exchange(b"request", 5.0, waits.__getitem__) == b"answeranswer"
+    assert [call[1] for call in link.calls] == [100.0 + WRITE_TIME, 105.0, 102.0]
+
+
 def test_an_exchange_in_simulated_time_uses_the_links_clock() -> None:
     link = PlainLink()
     link.clock = lambda: 100.0  # type: ignore[attr-defined]  # as links in simulated time have

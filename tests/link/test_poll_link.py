@@ -343,12 +343,44 @@ def test_an_exchange_takes_the_answer_that_is_there_or_comes() -> None:
         assert link.exchange(b"request", 5.0) == b"early"
         assert link.far.recv(100) == b"request"
         answerer = Background(lambda: link.far.send(link.far.recv(100)[::-1]))
-        assert link.exchange(b"abc", PATIENCE, nap=0.001) == b"cba"
+        assert link.exchange(b"abc", PATIENCE) == b"cba"
         answerer.outcome()
         start = time.monotonic()
         assert link.exchange(b"abc", 0.05) == b""
         assert time.monotonic() >= start + 0.05
         assert link.exchange(b"abc", -1.0) == b""
+
+
+def test_an_exchange_goes_on_until_all_is_there_or_nothing_more_comes() -> None:
+    pieces, seen = [b"cd", b"ef"], []
+
+    def rest(data: bytes) -> float:
+        seen.append(data)
+        if not pieces:
+            return 0.0
+        link.far.send(pieces.pop(0))
+        return PATIENCE
+
+    with ScriptedLink() as link:
+        link.far.send(b"ab")
+        assert link.exchange(b"request", PATIENCE, rest) == b"abcdef"
+        assert seen == [b"ab", b"abcd", b"abcdef"]
+        link.far.send(b"ab")
+        start = time.monotonic()
+        assert link.exchange(b"request", PATIENCE, lambda data: 0.05) == b"ab"
+        assert time.monotonic() >= start + 0.05
+        assert link.exchange(b"request", 0.0, rest) == b""
+
+
+def test_waking_ends_an_exchange_with_what_has_come() -> None:
+    def rest(data: bytes) -> float:
+        link.wake()
+        return PATIENCE
+
+    with ScriptedLink() as link:
+        link.far.send(b"ab")
+        assert link.exchange(b"request", PATIENCE, rest) == b"ab"
+        assert link.read(soon()) == b"", "the wake is still to be told"
 
 
 def test_an_exchange_waits_out_false_alarms_and_full_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,6 @@ from hexwire.errors import NotSupportedError, PreemptedError, UsageError
 from hexwire.session.effects import packet_only_reads
 
 from .machine import ADAPTER_TIME, MEASURED_EVERY, BusMachine, Conversation, Heard, Interrupted, Send
-from .plan import SyncReadPlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.link.base import Link
 
-    from .plan import ReadPlan
+    from .plan import ReadPlan, SyncReadPlan
     from .servos import KnownServos
 
 __all__ = ["BusLine"]
@@ -160,34 +159,21 @@ class BusLine:
         """
         machine = self.machine
         turn = machine.turns = machine.turns + 1
-        window, nap, left = plan.base + machine.timing.allowance, plan.nap.seconds, 0.0
+        allowance, left = machine.timing.allowance, 0.0
+        window = plan.base + allowance
+        plan.allowance = allowance
         machine.asked_at = None
         try:
             if machine.busy_until:
                 left = machine.backlog(self.clock())
                 window += left
-                if nap:
-                    nap += left
             if timed or machine.learning or not turn % MEASURED_EVERY:
                 machine.asked_at = self.clock() + left
-            data = self.exchange(plan.request, window, nap)
-            if len(data) < plan.length and isinstance(plan, SyncReadPlan):
-                data = self._rest(plan, data)
+            return self.exchange(plan.request, window, plan.rest)
         except BaseException:
             now = self.clock()
             machine.gave_up(plan.ids, plan.count, plan.request, now, now)
             raise
-        return data
-
-    def _rest(self, plan: SyncReadPlan, data: bytes) -> bytes:
-        """Wait for the rest of the answers to a sync read, as long as it looks as if they were coming."""
-        share, allowance = plan.base / plan.length, self.machine.timing.allowance
-        while data and len(data) < plan.length and not plan.ended(data):
-            more = self.link.read(self.clock() + (plan.length - len(data)) * share + allowance)
-            if not more:
-                break
-            data += more
-        return data
 
     def post(self, packet: bytes, token: Token | None) -> None:
         """Send what nobody answers.

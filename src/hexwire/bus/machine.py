@@ -201,7 +201,6 @@ class BusMachine:
         # The line may have carried what was sent before sooner than its rate says.
         elapsed, self.asked_at = max(0.0, now - self.asked_at), None
         self.timing.measured(elapsed, plan.total)
-        plan.nap.measured(elapsed)
         self.learning = self.timing.answers < _LEARNING
 
     def gave_up(self, servo_ids: Sequence[int], params: int, request: bytes, asked: float, now: float) -> None:

@@ -13,13 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from struct import Struct
-from typing import Literal
+from typing import ClassVar, Literal
 
 from hexwire.errors import UsageError
 from hexwire.wire.registers import Register, Series
 from hexwire.wire.servo_packet import make_read, make_sync_read, make_sync_write, make_write
-
-from .timing import Nap
 
 __all__ = ["ReadPlan", "SyncReadPlan", "SyncWritePlan", "WritePlan"]
 
@@ -51,7 +49,8 @@ class ReadPlan:
         base: Seconds the answer takes without the adapter's allowance; its user sets it.
         latest: Newest raw value, None if there is none; its user sets it.
         stamp: When that was read.
-        nap: When to look for the answer.
+        allowance: Seconds granted to the adapter; its user sets it.
+        rest: None: an answer comes in one piece, or else it is looked at carefully.
     """
 
     __slots__ = (
@@ -61,12 +60,12 @@ class ReadPlan:
         "_positive",
         "_sum",
         "address",
+        "allowance",
         "base",
         "count",
         "ids",
         "latest",
         "length",
-        "nap",
         "register",
         "request",
         "series",
@@ -74,6 +73,8 @@ class ReadPlan:
         "stamp",
         "total",
     )
+
+    rest: ClassVar[None] = None
 
     def __init__(self, servo_id: int, series: Series, address: int, count: int, register: Register) -> None:
         self.servo_id = servo_id
@@ -88,11 +89,10 @@ class ReadPlan:
         self.request = make_read(servo_id, address, count)
         self.length = 6 + count
         self.total = len(self.request) + self.length
-        self.nap = Nap()
         # The error byte belongs to what is compared: a servo in trouble takes the careful path.
         self._head = series.reply_header + bytes((servo_id, count + 2, 0))
         self._sum = _sound_sum(series.reply_header)
-        self.base = 0.0
+        self.base = self.allowance = 0.0
         self.latest: int | None = None
         self.stamp = 0.0
 
@@ -128,7 +128,6 @@ class WritePlan:
         "base",
         "data",
         "length",
-        "nap",
         "request",
         "series",
         "servo_id",
@@ -148,7 +147,6 @@ class WritePlan:
         self.length = 6
         self.total = len(self.request) + 6
         self.base = 0.0
-        self.nap = Nap()
 
 
 class SyncReadPlan:
@@ -166,7 +164,7 @@ class SyncReadPlan:
         length: Bytes of all answers.
         total: Bytes of both.
         base: Seconds the answers take without the adapter's allowance; its user sets it.
-        nap: When to look for the answers.
+        allowance: Seconds granted to the adapter; its user sets it.
     """
 
     __slots__ = (
@@ -175,11 +173,11 @@ class SyncReadPlan:
         "_masks",
         "_values",
         "address",
+        "allowance",
         "base",
         "count",
         "ids",
         "length",
-        "nap",
         "register",
         "request",
         "series",
@@ -200,8 +198,7 @@ class SyncReadPlan:
         n = len(self.ids)
         self.length = n * size
         self.total = len(self.request) + self.length
-        self.base = 0.0
-        self.nap = Nap()
+        self.base = self.allowance = 0.0
         header = series.reply_header
         self._heads = tuple(header + bytes((servo_id, count + 2, 0)) for servo_id in self.ids)
         self._last = self._heads[-1][:4]
@@ -257,10 +254,15 @@ class SyncReadPlan:
             at += size
         return rows
 
-    def ended(self, data: bytes) -> bool:
-        """Whether the last servo's answer stands at the end of `data`: then nothing more will come."""
+    def rest(self, data: bytes) -> float:
+        """Seconds to wait for what is missing of the answers behind `data`; 0.0 if nothing more will come."""
+        missing = self.length - len(data)
+        if missing <= 0:
+            return 0.0
         tail = data[-self.size :]
-        return tail[:4] == self._last and sum(tail[2:]) & 0xFF == 0xFF
+        if tail[:4] == self._last and sum(tail[2:]) & 0xFF == 0xFF:
+            return 0.0  # servos answer in order, and this was the last
+        return missing * self.base / self.length + self.allowance
 
 
 class SyncWritePlan:

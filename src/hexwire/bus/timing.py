@@ -8,7 +8,7 @@ measures its round trip (RFC 6298): a smoothed mean and deviation of what was le
 
 from __future__ import annotations
 
-__all__ = ["RETURN_DELAY", "LineTiming", "Nap"]
+__all__ = ["RETURN_DELAY", "LineTiming"]
 
 BITS_A_BYTE = 10
 RETURN_DELAY = 500e-6
@@ -24,9 +24,6 @@ _DEVIATIONS = 4.0
 _LATENCY_TIMER = 0.004
 """Overhead of every answer that only an adapter's timer explains."""
 _ENOUGH_ANSWERS = 16
-_SHORTEST_NAP = 0.0004
-_NAP_MARGIN = 0.000_250
-_NAP_SHARE = 0.15
 
 
 class LineTiming:
@@ -52,15 +49,6 @@ class LineTiming:
     def line_time(self, size: int) -> float:
         """Seconds that many bytes take on the wire."""
         return size * self.byte_time
-
-    def window(self, size: int, return_delays: float) -> float:
-        """Seconds after which a request counts as unanswered.
-
-        Args:
-            size: Bytes of request and answers together.
-            return_delays: Sum of the answering servos' return delays, seconds.
-        """
-        return size * self.byte_time + return_delays + self.allowance
 
     def linger(self, size: int) -> float:
         """Seconds to wait for an answer that noise pushed back, once as many bytes are here as it has."""
@@ -103,34 +91,3 @@ class LineTiming:
     def holds_back(self) -> bool:
         """Whether something on the way holds every answer back, as an adapter's latency timer does."""
         return self.answers >= _ENOUGH_ANSWERS and self._least >= _LATENCY_TIMER
-
-
-class Nap:
-    """How long to sleep after a request before looking for its answer.
-
-    A line delivers an answer in pieces, and each piece wakes whoever waits for it. Sleeping through the part that
-    is known to be too early costs nothing and saves those wake-ups: at 1 Mbaud they are most of the CPU time. The
-    shortest time an answer took is the measure; a line that answers at once is never slept on.
-
-    Attributes:
-        seconds: How long to sleep for the next request; 0.0 to look at once.
-    """
-
-    __slots__ = ("_shortest", "seconds")
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-        self._shortest = float("inf")
-
-    def measured(self, elapsed: float) -> None:
-        """Take in how long an answer took, seconds from the end of the write."""
-        shortest = self._shortest
-        if elapsed < shortest:
-            self._shortest = shortest = elapsed
-        elif elapsed < 2.0 * shortest:
-            # Upward slowly, so that one stall of the machine is no measure.
-            self._shortest = shortest = shortest + 0.02 * (elapsed - shortest)
-        else:
-            return
-        early = shortest - max(_NAP_MARGIN, _NAP_SHARE * shortest)
-        self.seconds = early if early > _SHORTEST_NAP else 0.0

@@ -16,6 +16,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
 
 __all__ = ["WRITE_TIME", "Link", "LinkKind"]
@@ -101,16 +102,17 @@ class Link(ABC):
             LinkClosedError: It is not open, or was closed during the wait.
         """
 
-    def exchange(self, data: bytes, window: float, nap: float = 0.0) -> bytes:
-        """Write a request and read the first bytes that come back: what a request-and-answer bus does all day.
+    def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
+        """Write a request and read what comes back: what a request-and-answer bus does all day.
 
         Args:
             data: The request.
             window: Seconds to wait for the first bytes.
-            nap: Seconds to sleep before looking, where the caller knows that nothing can be there yet.
+            rest: Tells from the bytes that are here how long to wait for more, in seconds; 0.0 if they are all.
+                None takes the first bytes as they come.
 
         Returns:
-            As `read`.
+            As `read`; with `rest`, all that came before a wait was over or `wake` was called.
 
         Raises:
             LinkError: As `write` and `read`.
@@ -118,7 +120,11 @@ class Link(ABC):
         # A link in simulated time has a clock of its own.
         clock = getattr(self, "clock", monotonic)
         self.write(data, clock() + WRITE_TIME)
-        return self.read(clock() + window)
+        answer = more = self.read(clock() + window)
+        while more and rest is not None and (wait := rest(answer)) > 0.0:
+            more = self.read(clock() + wait)
+            answer += more
+        return answer
 
     @abstractmethod
     def flush_input(self) -> int:
