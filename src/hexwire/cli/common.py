@@ -23,7 +23,7 @@ from .exits import note
 from .output import format_table, print_json
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver, StopMode
+    from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointReading, JointState
 
@@ -54,7 +54,6 @@ __all__ = [
     "resolve_url",
     "robot_options",
     "table_options",
-    "watched",
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -65,8 +64,6 @@ _TYPED = click.core.ParameterSource.COMMANDLINE
 _StateObserver = Callable[["JointState"], None]
 _state_observer: ContextVar[_StateObserver | None] = ContextVar("hexwire_state_observer", default=None)
 
-_WATCHDOG, _PERIODS = 1.0, 4.0
-"""Seconds, and cycles, of silence after which the board stops the arm automatically."""
 _PATIENCE = 1.0
 """Seconds without an answer after which the user is told what the command waits for."""
 
@@ -320,31 +317,6 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
         yield robot
     finally:
         robot.detach()
-
-
-@contextmanager
-def watched(robot: RobotDriver, left: float, period: float = 0.0, mode: StopMode | None = None) -> Iterator[bool]:
-    """In this context the board stops the arm if this program dies or stalls; print a note if it cannot.
-
-    Args:
-        robot: Attached.
-        left: Seconds of motion that the arm may have been sent ahead, for the note.
-        period: Seconds between two cycles of the caller; a slow caller gets a longer watchdog timeout.
-        mode: Stop mode of the board; hold if None.
-
-    Yields:
-        Whether a watchdog is armed.
-    """
-    from hexwire.drivers.base import StopMode
-
-    timeout = max(_WATCHDOG, _PERIODS * period)
-    with robot.watched(timeout, StopMode.HOLD if mode is None else mode) as covered:
-        if not covered:
-            note(
-                f"note: {robot.model.name} has no watchdog behind this port: "
-                f"if this program dies, the arm goes on with what it was sent, for up to {left:.2g} s"
-            )
-        yield covered
 
 
 @contextmanager

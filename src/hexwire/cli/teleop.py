@@ -1,20 +1,18 @@
 """`joystick` and `teleop`: a stick on this machine or on another moves an arm.
 
-Owns the loop from stick to arm, and that the arm holds however it ends. Must not know what makes a motion safe:
-that is `hexwire.motion.teleop`'s.
+Owns which stick that is, and that the arm holds however it ends. Must not know what a stick makes an arm do.
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import DeviceError, HexwireError, StoppedError, UsageError
+from hexwire.errors import HexwireError, UsageError
 
 from .common import (
     FiniteFloat,
@@ -25,25 +23,17 @@ from .common import (
     refuse_table,
     robot_options,
     table_options,
-    watched,
 )
 from .exits import note, shielded
 from .model import links_option
+from .move import unwatched_note
 from .output import print_json, say
 
 if TYPE_CHECKING:
+    from hexwire.control.teleop import Stick, TeleopController
     from hexwire.drivers.base import RobotDriver
-    from hexwire.motion.teleop import Teleop
-    from hexwire.wire.robot_bodies import JoystickState
 
-__all__ = ["Stick", "drive", "joystick", "teleop"]
-
-Stick = Callable[[], "tuple[JoystickState | None, float]"]
-"""Gives the newest state and its age in seconds."""
-
-_OVERLAP = 2.5
-"""Set-points last this many cycles, so that one that is late makes no stop."""
-_SETTLE = 0.05
+__all__ = ["joystick", "teleop"]
 
 
 @click.group()
@@ -154,7 +144,8 @@ def teleop(
     directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is the only
     joystick of this machine. The board stops the arm if this program dies, where it has a watchdog.
     """
-    from hexwire.control.loop import RateLoop
+    from hexwire.control.owner import RobotOwner
+    from hexwire.control.teleop import OVERLAP, TeleopController
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.fence import Fence
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
@@ -174,83 +165,34 @@ def teleop(
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
-        with watched(robot, _OVERLAP / rate, 1.0 / rate), _hold_at_the_end(robot):
-            drive(robot, rules, stick, RateLoop(rate).ticks(), 1.0 / rate)
+        if not robot.has_watchdog:
+            unwatched_note(robot, OVERLAP / rate)
+        controller = TeleopController(rules, stick, 1.0 / rate, _tell)
+        with RobotOwner(robot, borrowed=True, command_rate=rate) as owner, _hold_at_the_end(robot, controller):
+            owner.group.members = (controller,)
+            while True:
+                owner.turn()
 
 
-def drive(robot: RobotDriver, rules: Teleop, stick: Stick, ticks: Iterator[float], period: float) -> None:
-    """Do what the stick says, one cycle a tick.
-
-    Raises:
-        HexwireError: The arm is out of reach; it was told to stop first.
-    """
-    from hexwire.model.state import JointTarget
-    from hexwire.motion.safety import board_stop
-    from hexwire.motion.teleop import Action
-
-    said = ""
-    last = robot.now()
-    for _ in ticks:
-        joints = robot.read()
-        state, age = stick()
-        now = robot.now()
-        # Toward a board of the chapter a cycle takes longer than asked for.
-        cycle, last = max(period, now - last), now
-        axes, buttons = (state.axes, state.buttons) if state is not None else ((), 0)
-        if joints.stopped:
-            # Whoever stopped the arm, it is not for a stick to end that; nor to move on when it is ended.
-            age = math.inf
-        jog = rules.update(axes, buttons, age, joints.positions, now)
-        try:
-            if jog.action is Action.MOVE:
-                # A joint that stands outside its limits stays where it is.
-                inside = {name: angle for name, angle in jog.positions.items() if _allowed(robot, name, angle)}
-                if inside:
-                    robot.write(JointTarget.of(inside, _OVERLAP * cycle))
-            elif jog.action is Action.HOLD:
-                _hold(robot)
-        except StoppedError:
-            continue  # by somebody else, since it was read
-        except DeviceError:
-            robot.stop()
-            raise
-        found = board_stop(joints)
-        words = f"stopped: {found}; 'hexwire resume' ends that" if found is not None else jog.note
-        if words and words != said:
-            note(words)
-        said = words
-
-
-def _allowed(robot: RobotDriver, name: str, angle: float) -> bool:
-    joint = robot.model.joint(name)
-    return joint.minimum <= angle <= joint.maximum
-
-
-def _hold(robot: RobotDriver) -> None:
-    """Make where the joints are now their target."""
-    from hexwire.model.state import JointTarget
-
-    state = robot.read()
-    if state.stopped:
-        return
-    inside = {}
-    for joint in state:
-        limits = robot.model.joint(joint.name)
-        if math.isfinite(joint.position):
-            inside[joint.name] = max(limits.minimum, min(limits.maximum, joint.position))
-    if inside:
-        robot.write(JointTarget.of(inside, _SETTLE))
+def _tell(said: object) -> None:
+    note(said if isinstance(said, str) else f"stopped: {said}; 'hexwire resume' ends that")
 
 
 @contextmanager
-def _hold_at_the_end(robot: RobotDriver) -> Iterator[None]:
+def _hold_at_the_end(robot: RobotDriver, controller: TeleopController) -> Iterator[None]:
     """Hold, whatever ends it; stop where that does not work."""
+    from hexwire.control.teleop import holding
+
     try:
         yield
     finally:
         with shielded():
+            controller.release("it is over")
             try:
-                _hold(robot)
+                state = robot.read()
+                target = None if state.stopped else holding(robot.model, state)
+                if target is not None:
+                    robot.write(target)
             except HexwireError:
                 robot.stop()
 
@@ -263,15 +205,19 @@ def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[St
 
         far = JoystickReceiver.from_url(url) if url is not None else JoystickReceiver.from_conf(str(conf))
 
-        def newest() -> tuple[JoystickState | None, float]:
+        def newest() -> tuple[Sequence[float], int, float]:
             far.poll()
-            return far.state, far.age
+            return (far.state.axes, far.state.buttons, far.age) if far.state is not None else ((), 0, far.age)
 
         with far:
             yield newest
         return
     from hexwire.joystick.device import open_joystick
 
-    with contextlib.closing(open_joystick(device)) as near:
+    def now() -> tuple[Sequence[float], int, float]:
         # What is plugged in here is either heard, or gone with an error.
-        yield lambda: (near.read(), 0.0)
+        state = near.read()
+        return state.axes, state.buttons, 0.0
+
+    with contextlib.closing(open_joystick(device)) as near:
+        yield now

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 __all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "check_path", "run_motion"]
 
-_PERIODS = 4.0
-"""A slow loop gets a more patient watchdog: so many of its periods."""
 _LOOK = 0.1
 """Seconds between two looks that tell whether a joint stands."""
 _FLICKER = math.radians(0.2)
@@ -259,7 +257,7 @@ def _owner(
         borrowed=True,
         on_sent=on_sent,
         command_rate=rate,
-        watchdog=max(options.watchdog, _PERIODS / rate),
+        watchdog=options.watchdog,
         watchdog_mode=options.watchdog_mode,
         clock=options.clock,
         sleep=options.sleep,

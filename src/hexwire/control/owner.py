@@ -55,6 +55,8 @@ _T = TypeVar("_T")
 
 _RETRY = 0.5
 """Seconds between two tries to get a lost robot back."""
+_PERIODS = 4.0
+"""Periods in the time of the watchdog of a borrowed robot."""
 _FEEDS = 4.0
 """States in the time of the watchdog: between them a driver tells the board that somebody is there."""
 _FRESH = 1.0
@@ -78,7 +80,8 @@ class RobotOwner:
             where it can, and it is looked for when it was lost.
         publish_rate: States a second; less where the line gives less.
         command_rate: Targets a second; what the robot's line takes if 0.
-        watchdog: Seconds of silence after which the board stops by itself; 0 for never.
+        watchdog: Seconds of silence after which the board stops by itself; 0 for never. More with a borrowed robot
+            whose cycles are slow.
         watchdog_mode: What the board does then.
         on_state: Called with every new state and what is to be published of it, in the owner's thread.
         on_sent: Called with what was really sent, in the owner's thread.
@@ -435,6 +438,8 @@ class RobotOwner:
         return reader
 
     def _arm_watchdog(self) -> None:
+        if self._borrowed and self._wanted_watchdog:
+            self._wanted_watchdog = max(self._wanted_watchdog, _PERIODS * self.command_period)
         if self._wanted_watchdog:
             # Whoever borrows a robot may leave a stop to be looked into; an owner for good has just noted it.
             watched = self.robot.watched(self._wanted_watchdog, self._watchdog_mode, always=not self._borrowed)
