@@ -1,7 +1,7 @@
 """`Hex7BotDriver`: the chapter's driver, for a controller board of either dialect.
 
-Owns what both dialects share: attaching, the host's limits, when a watchdog and reports are armed again. The
-two dialects are `board1` and `board2`. Must not know links or who asks.
+Owns what both dialects share: attaching, the host's limits, noticing that a board was reset or is another one.
+What it is told again is `board_orders`; the dialects are `board1` and `board2`. Must not know links or who asks.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hexwire.errors import NotSupportedError, UsageError
+from hexwire.errors import UsageError
 from hexwire.ipc.session import Session
 from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
@@ -28,6 +28,7 @@ from .base import ProbeReport, StopMode
 from .board import Board
 from .board1 import Board1
 from .board2 import Board2
+from .board_orders import FLAGS_ONLY, BoardOrders
 from .session_driver import SessionDriver
 from .stop_memory import StopMemory
 
@@ -43,7 +44,6 @@ _MIN_WATCHDOG = 0.05
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
 _QUICK_FIELDS = tables.STATE_FIELD_LOAD | tables.STATE_FIELD_AGE
-_FLAGS_ONLY = 0
 _FEEDS = 3.0
 """How often a board hears of us in the time of its watchdog while we only listen to its reports."""
 
@@ -75,14 +75,10 @@ class Hex7BotDriver(SessionDriver):
         self._only_dialect = dialect
         self._board: Board | None = None
         self._generation = 0
-        self._watchdog: tuple[float, StopMode] | None = None
-        self._report: tuple[float, int] | None = None
+        self._orders = BoardOrders()
         self._last: JointState | None = None
         self._aimed: dict[str, float] = {}
         self._restarts = 0
-        self._armings = 0
-        self._arming_due = False
-        self._tripped = False
         self._memory = StopMemory("")
 
     @property
@@ -114,8 +110,7 @@ class Hex7BotDriver(SessionDriver):
         self._last = None
         self._restarts = session.board_restarts
         self._aimed.clear()
-        self._watchdog, self._report, self._arming_due = None, None, False
-        self._tripped = False
+        self._orders = BoardOrders()
 
     def _meet(self) -> Board:
         """The board that the session has found."""
@@ -138,7 +133,7 @@ class Hex7BotDriver(SessionDriver):
         counters = {f"board_{k}": v for k, v in board.stats().items()}
         counters |= self.host_counters()
         # An IDENTIFY ends the reports.
-        self._arming_due |= self._report is not None
+        self._orders.due |= self._orders.report is not None
         facts = board.facts()
         return ProbeReport(
             robot=self.model.name,
@@ -172,7 +167,7 @@ class Hex7BotDriver(SessionDriver):
     # -- reading and writing ------------------------------------------------------------------------
 
     def read(self) -> JointState:
-        state = self._told(self._attached().read())
+        state = self._orders.explain(self._attached().read())
         self._remember(state)
         return state
 
@@ -211,7 +206,8 @@ class Hex7BotDriver(SessionDriver):
             raise UsageError(f"a report every {period:g} s is outside {_MIN_PERIOD:g}..{_MAX_PERIOD:g} s")
         fields = ALL_FIELDS if slow is None else _QUICK_FIELDS
         self._attached().report(period, fields)
-        self._report = (period, fields)
+        orders = self._orders
+        orders.report = (period, fields)
         silence = max(timeout, 2 * period)
         fed, asked = self.session.now(), -math.inf
         whole: JointState | None = None
@@ -221,14 +217,14 @@ class Hex7BotDriver(SessionDriver):
                 for frame, arrived in self.session.reports(silence):
                     if self.session.generation != self._generation:
                         board = self._attached()
-                    if self._watchdog is not None and self.session.now() - fed >= self._watchdog[0] / _FEEDS:
+                    if orders.watchdog is not None and self.session.now() - fed >= orders.watchdog[0] / _FEEDS:
                         # Any frame does; and the state tells whether it has tripped already.
-                        self._told(board.read(_FLAGS_ONLY))
+                        orders.explain(board.read(FLAGS_ONLY))
                         fed = self.session.now()
                     if slow is not None and self.session.now() - asked >= slow:
                         whole, asked = board.read(), self.session.now()
                     if frame.cmd == Command.JOINT_STATE:
-                        state = self._told(board.decode_state(frame.body, frame, arrived))
+                        state = orders.explain(board.decode_state(frame.body, frame, arrived))
                         self._remember(state)
                         if whole is not None:
                             state = replace(
@@ -239,12 +235,12 @@ class Hex7BotDriver(SessionDriver):
                             )
                         yield state
                 # Silence: the port was away, the board was reset, or it stopped reporting.
-                armings = self._armings
+                given_back = orders.given_back
                 yield self.read()
-                if self._armings == armings:
+                if orders.given_back == given_back:
                     return
         finally:
-            self._report = None
+            orders.report = None
             if self.session.is_open and self._board is not None and self._board.reports_states:
                 self._board.report(0.0)
 
@@ -270,7 +266,7 @@ class Hex7BotDriver(SessionDriver):
         with self._calling("resume", freeing=True):
             self._attached().resume()
             self._memory.forget()
-            self._tripped = False
+            self._orders.resumed()
 
     @property
     def stop_kept_by(self) -> str:
@@ -286,7 +282,7 @@ class Hex7BotDriver(SessionDriver):
 
     @property
     def watchdog_armed(self) -> bool:
-        return self._watchdog is not None
+        return self._orders.watchdog is not None
 
     def ping(self, servo_id: int) -> int | None:
         return self._attached().ping(servo_id)
@@ -307,8 +303,7 @@ class Hex7BotDriver(SessionDriver):
         """
         if timeout and not _MIN_WATCHDOG <= timeout <= _MAX_WATCHDOG:
             raise UsageError(f"a watchdog of {timeout:g} s is outside {_MIN_WATCHDOG:g}..{_MAX_WATCHDOG:g} s")
-        self._arm(self._attached(), timeout, mode)
-        self._watchdog = (timeout, mode) if timeout else None
+        self._orders.arm(self._attached(), timeout, mode)
 
     def maintenance(self, on: bool) -> None:
         """Have the board let settings of servos be written with `transact`; nothing moves until it is off again.
@@ -380,8 +375,8 @@ class Hex7BotDriver(SessionDriver):
             raise self._not_attached()
         if self.session.generation != self._generation:
             self._after_reconnect()
-        if self._arming_due:
-            self._arm_again()
+        if self._orders.due:
+            self._orders.give_back(self._board)
         return self._board
 
     @staticmethod
@@ -394,21 +389,7 @@ class Hex7BotDriver(SessionDriver):
         self._last = None
         self._aimed.clear()
         self._board = self._meet()
-        self._arming_due = True
-
-    def _arm(self, board: Board, timeout: float, mode: StopMode) -> None:
-        """WATCHDOG; on older firmware it clears the flag that the watchdog has tripped, so that is read first."""
-        if not board.keeps_trip:
-            self._told(board.read(_FLAGS_ONLY))
-            if self._tripped and not timeout:
-                # The arm is stopped: let the flag tell others why. `resume` ends both.
-                return
-        board.watchdog(timeout, mode)
-
-    def _told(self, state: JointState) -> JointState:
-        """The state with the cause of a stop, also where the board has been made to forget it."""
-        self._tripped = state.stopped and (self._tripped or state.watchdog_tripped)
-        return replace(state, watchdog_tripped=True) if self._tripped != state.watchdog_tripped else state
+        self._orders.due = True
 
     def _remember(self, state: JointState) -> None:
         self._last = state
@@ -421,27 +402,8 @@ class Hex7BotDriver(SessionDriver):
         if self.session.board_restarts != self._restarts:
             self._restarts = self.session.board_restarts
             _log.warning("%s: the board was reset", self.session.ipc.link.url)
-            self._arming_due = True
+            self._orders.due = True
         if self.session.generation != self._generation:
             self._after_reconnect()
-        if self._arming_due:
-            self._arm_again()
-
-    def _arm_again(self) -> None:
-        """Give a board that forgot them its watchdog and report period back; tried again until it works."""
-        board, watchdog, report = self._board, self._watchdog, self._report
-        if board is None:
-            return
-        if (watchdog and not board.has_watchdog) or (report and not board.reports_states):
-            self._watchdog = self._report = None
-            self._arming_due = False
-            raise NotSupportedError(
-                f"the board that came back speaks dialect {board.dialect}: it has no watchdog and no reports, and "
-                "they are off now"
-            )
-        if watchdog:
-            self._arm(board, *watchdog)
-        if report:
-            board.report(*report)
-        self._arming_due = False
-        self._armings += 1
+        if self._orders.due and self._board is not None:
+            self._orders.give_back(self._board)
