@@ -22,8 +22,6 @@ from tests.property.stops import Judge, watch
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.bus_arm import SevenBotArm
 from hexwire.errors import HexwireError, PreemptedError, StoppedError
-from hexwire.ipc.handle import IpcHandle
-from hexwire.ipc.session import Session
 from hexwire.wire.registers import Series
 
 RUNS = int(os.environ.get("STOP_RUNS", "3"))
@@ -276,7 +274,7 @@ def fresh(kind: str) -> tuple[RobotDriver, Judge, Callable[[], int], Callable[[f
         series = (Series.SEVEN_BOT,) * 4 + (Series.HLS,) * 3
         bus, device = make_bus(tuple(range(7)), series, baud=115200)
         bus.close()
-        robot = SevenBotArm(Session(IpcHandle.from_link(bus.link)))
+        robot = SevenBotArm(bus.link)
         robot.attach()
         robot.torque(True)
         robot.read()
