@@ -1,4 +1,4 @@
-"""What an owned arm's settings give that is not written in them: the table that is checked, thresholds by rate."""
+"""What an arm's settings give that is not written in them: thresholds by rate."""
 
 from __future__ import annotations
 
@@ -14,13 +14,7 @@ from hexwire.motion.safety import SafetyLimits
 
 @pytest.fixture(scope="module")
 def settings() -> Settings:
-    return read_settings({"port": "/dev/null", "table_height": 0.02}, Faults())[0]
-
-
-def test_a_table_is_checked_where_it_is_asked_for_and_the_arm_has_a_geometry(settings: Settings) -> None:
-    assert settings.table == 0.02
-    assert replace(settings, check_table=False).table is None
-    assert replace(settings, kinematics=None).table is None
+    return read_settings({"port": "/dev/null"}, Faults())[0]
 
 
 def test_thresholds_widen_with_the_period_but_those_that_were_given(settings: Settings) -> None:

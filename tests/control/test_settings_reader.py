@@ -48,6 +48,14 @@ def faults(**given: object) -> list[str]:
     return found.texts
 
 
+_GO_INTO_OTHERS = {
+    # The driver, the kinematics and the table.
+    *("robot", "links", "table_height", "check_table"),
+    # The controllers.
+    *("joints", "allow_partial_joints_goal", "constraints"),
+}
+
+
 # -- what holds without settings ------------------------------------------------------------------------
 
 
@@ -57,7 +65,7 @@ def test_every_setting_has_a_default() -> None:
     assert not driver.session.is_open
     assert settings.model is driver.model
     for row in SETTINGS:
-        if row.name not in {"port", "safety", "joints", "allow_partial_joints_goal", "constraints", "controllers"}:
+        if row.name not in {"port", "safety", "controllers", *_GO_INTO_OTHERS}:
             assert getattr(settings, row.name) == row.default, row.name
     assert settings.safety_at(20.0) == SafetyLimits()
     assert settings.table == 0.0
@@ -68,16 +76,16 @@ def test_every_setting_has_a_default() -> None:
     assert only.tolerances.goal == dict.fromkeys(ALL, Tolerance(velocity=0.05))
 
 
-def test_each_setting_is_a_field_or_goes_into_the_controllers() -> None:
+def test_each_setting_is_a_field_or_goes_into_another() -> None:
     names = {field.name for field in fields(Settings)}
-    assert {row.name for row in SETTINGS} - names == {"joints", "allow_partial_joints_goal", "constraints"}
+    assert {row.name for row in SETTINGS} - names == _GO_INTO_OTHERS
 
 
 def test_plain_values_come_through() -> None:
     settings = load(publish_rate=50, watchdog=0, check_table=False, table_height=-0.02)
     assert (settings.publish_rate, settings.watchdog, settings.table) == (50.0, 0.0, None)
     assert isinstance(settings.publish_rate, float)
-    assert settings.table_height == -0.02
+    assert load(table_height=-0.02).table == -0.02
 
 
 # -- faults ---------------------------------------------------------------------------------------------

@@ -298,9 +298,9 @@ def test_parameters_are_ones_that_the_node_takes(file: str) -> None:
     params = _config(file)
     parameters, driver = load_parameters({**params, "port": "/dev/ttyUSB0"})
     settings = parameters.settings
-    assert settings.robot == params["robot"] == file.removesuffix(".yaml").removesuffix("_moveit")
+    assert settings.model.name == params["robot"] == file.removesuffix(".yaml").removesuffix("_moveit")
     assert set(settings.poses) == set(params["poses"])
-    assert driver.model.name == settings.robot
+    assert driver.model is settings.model
 
 
 @pytest.mark.parametrize("args", [["hex7bot"], ["puma260"], ["so100"], ["so101"], ["sevenbot"]])
@@ -316,7 +316,7 @@ def test_parameters_of_a_launch_are_ones_that_the_node_takes(args: list[str], ro
                 place = place.setdefault(folder, {})
             place[last] = value
     settings = load_parameters(own)[0].settings
-    assert settings.robot == args[0]
+    assert settings.model.name == args[0]
     assert set(own) <= {row.name for row in PARAMETERS}
 
 
@@ -326,7 +326,7 @@ def test_arm_may_go_from_every_pose_to_every_other(file: str) -> None:
     arm = settings.model
     # The sevenbot has the hex7bot's joints, whose geometry it may be judged by.
     kinematics = settings.kinematics or kinematics_or_none(
-        "hex7bot" if settings.robot == "sevenbot" else settings.robot, for_motion=True
+        "hex7bot" if arm.name == "sevenbot" else arm.name, for_motion=True
     )
     others = {joint.name: joint.offset for joint in arm.joints}
     for name, start in settings.poses.items():

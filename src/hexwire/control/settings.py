@@ -46,7 +46,17 @@ class Settings:
 
     Attributes:
         port: URL or device of the robot, wherever it came from.
+        connect_timeout: How long to try to reach the robot.
+        publish_rate: States that are passed on a second; fewer where the link gives fewer.
+        command_rate: Set-points a second; 0 for what the robot takes.
+        watchdog: Silence after which the board stops the arm; 0 for never.
+        command_timeout: Silence after which joints that pursue set-points hold; 0 for never.
+        table: Height of the table that must not be touched; None to check none.
+        enable_on_start: Give torque at the start.
+        torque_off_at_exit: Take the torque away at the end.
         poses: Angle by joint, by name of the pose.
+        pose_speed: Share of the speed limits on the way to a pose.
+        teach_directory: Folder for what is taught; empty for none.
         safety: Thresholds that were given; see `safety_at`.
         controllers: At least one.
         model: The arm.
@@ -54,15 +64,12 @@ class Settings:
     """
 
     port: str
-    robot: str
     connect_timeout: float
     publish_rate: float
     command_rate: float
     watchdog: float
     command_timeout: float
-    links: str
-    table_height: float
-    check_table: bool
+    table: float | None
     enable_on_start: bool
     torque_off_at_exit: bool
     poses: Mapping[str, Mapping[str, float]]
@@ -72,11 +79,6 @@ class Settings:
     controllers: tuple[ControllerSettings, ...]
     model: ArmModel
     kinematics: KinematicModel | None
-
-    @property
-    def table(self) -> float | None:
-        """Height of the table that must not be touched, metres; None if that is not checked."""
-        return self.table_height if self.check_table and self.kinematics is not None else None
 
     def safety_at(self, rate: float) -> SafetyLimits:
         """Thresholds at `rate` set-points a second: on a slow line, what was not given is widened."""

@@ -75,6 +75,8 @@ def read_settings(
         values["port"] = url = find_port()
         driver = load_driver(values["robot"]).from_url(url)
     values["model"] = driver.model
+    checks_table = values["check_table"] and kinematics is not None
+    values["table"] = values["table_height"] if checks_table else None
     return Settings(**{field.name: values[field.name] for field in fields(Settings)}), driver
 
 
