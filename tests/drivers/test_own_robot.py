@@ -64,7 +64,15 @@ def test_a_robot_without_a_session_works_with_the_command_line(page: Path) -> No
     def hexwire(*words: str) -> Result:
         return run.invoke(cli, ["--robot", "pretend", *words, "--port", "nowhere"])
 
-    for words in (["state"], ["probe"], ["torque", "on"], ["stop"], ["resume"], ["doctor"]):
+    for words in (
+        ["state"],
+        ["probe"],
+        ["torque", "on"],
+        ["stop"],
+        ["resume"],
+        ["doctor"],
+        ["move", "J1=10", "--wait"],
+    ):
         result = hexwire(*words)
         assert (result.exit_code, result.exception) == (0, None), (words, result.output)
     assert "J1" in hexwire("state").stdout

@@ -72,10 +72,11 @@ def resume(options: RobotOptions, as_json: bool) -> None:
 
     If a watchdog stopped the arm because the program that had armed it died, the watchdog is switched off as well.
     """
+    from hexwire.drivers.base import StopCause
     from hexwire.model.state import JointFlag
 
     with open_robot(options) as robot:
-        tripped = robot.read().watchdog_tripped
+        tripped = robot.stop_latch().cause is StopCause.WATCHDOG
         robot.resume()
         if tripped:
             # Otherwise it would stop the arm again as soon as this program ends.
