@@ -38,7 +38,8 @@ def files() -> dict[str, str]:
     wanted["wireshark/hexwire_tables.lua"] = emit_analyzers.emit_lua(TABLES)
     for folder in PYTHON_FOLDERS:
         wanted |= {f"{folder}/{DECODER}": decoder, f"{folder}/tables.py": tables}
-    return wanted
+    line = wanted.pop("sigrok/line.py")
+    return wanted | {f"{folder}/line.py": line for folder in PYTHON_FOLDERS if folder.startswith("sigrok/")}
 
 
 def assemble(into: Path) -> None:

@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
-# ruff: noqa: RUF012  (class attributes as Logic 2 wants them)
 """High Level Analyzers for Saleae Logic 2, on top of Async Serial. Frames and their words are reading.py's.
 
 Logic 2 gives an analyser one Async Serial: one line. So an answer on the board's line is worded without its

@@ -10,8 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 WANTED = {
     "wireshark": {"hexwire.lua", "hexwire_tables.lua"},
-    "sigrok/hexwire_host": {"__init__.py", "pd.py", "reading.py", "tables.py"},
-    "sigrok/hexwire_servo": {"__init__.py", "pd.py", "reading.py", "tables.py"},
+    "sigrok/hexwire_host": {"__init__.py", "line.py", "pd.py", "reading.py", "tables.py"},
+    "sigrok/hexwire_servo": {"__init__.py", "line.py", "pd.py", "reading.py", "tables.py"},
     "saleae": {"HighLevelAnalyzer.py", "extension.json", "reading.py", "tables.py"},
 }
 

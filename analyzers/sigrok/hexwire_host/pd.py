@@ -1,37 +1,21 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
-# ruff: noqa: RUF012  (class attributes as sigrok wants them)
-"""sigrok decoder of the host link. Frames and their words are reading.py's; here are samples and annotations."""
+"""sigrok decoder of the host link. Frames and their words are reading.py's; here are the annotations."""
 
-# ruff: noqa: RUF012, UP031  (class attributes as sigrok wants them; formats as in reading.py)
-import sigrokdecode as srd
-
-from .reading import HEAD_SIZE, Reader, u16
+from .line import Line
+from .reading import HEAD_SIZE, u16
 from .tables import TABLES
 
-SILENCE = 0.050  # seconds after which an unfinished frame is given up
 FRAME, BAD, GARBAGE, HAZARD, TIME, PART, LINE = range(7)
 MOST_OPEN = 64  # requests whose answer may still come
 WAYS = ("RX", "TX")
 
 
-class Decoder(srd.Decoder):
-    api_version = 3
+class Decoder(Line):
     id = "hexwire_host"
     name = "hexwire host"
     longname = "hexwire host link"
     desc = "Command frames between a host and a robot controller."
-    license = "gplv2+"
-    inputs = ["uart"]
     outputs = ["hexwire_host"]
-    tags = ["Embedded/industrial"]
-    options = (
-        {
-            "id": "series",
-            "desc": "Servo series",
-            "default": "board",
-            "values": ("board", *TABLES["series"]),
-        },
-    )
     annotations = (
         ("frame", "Frame"),
         ("bad", "Bad frame"),
@@ -49,80 +33,40 @@ class Decoder(srd.Decoder):
     )
     binary = (("frames", "Frames"),)
 
-    def __init__(self):
-        self.reset()
+    line = "host"
+    silence = 0.050  # seconds after which an unfinished frame is given up
+    fault, faults = LINE, "noise, or another baud rate"
 
     def reset(self):
-        self.samplerate = None
-        self.reader = None
-        self.places = {0: [], 1: []}
-        self.offsets = {0: 0, 1: 0}
-        self.spurious = {}
+        super().reset()
         self.ends = {}
 
-    def metadata(self, key, value):
-        if key == srd.SRD_CONF_SAMPLERATE:
-            self.samplerate = value
-
-    def start(self):
-        self.reader = Reader(TABLES, "host", self.options["series"])
-        self.out_ann = self.register(srd.OUTPUT_ANN)
-        self.out_binary = self.register(srd.OUTPUT_BINARY)
-
-    def decode(self, ss, es, data):
-        kind, way, value = data
-        if kind in ("INVALID STOPBIT", "PARITY ERROR"):
-            self.put(ss, es, self.out_ann, [LINE, [kind.lower() + ": noise, or another baud rate", "line fault"]])
-        if kind == "INVALID STARTBIT":
-            self.spurious[way] = True
-        if kind == "FRAME" and self.spurious.pop(way, False):
-            return  # a spike, no byte: uart says FRAME all the same
-        if kind != "FRAME":  # a byte from its start bit to its stop bit, which DATA leaves out
-            return
-        places = self.places[way]
-        if places and self.samplerate and (ss - places[-1][1]) / self.samplerate > SILENCE:
-            self.show(self.reader.silence(way))
-        places.append((ss, es))
-        self.show(self.reader.feed(bytes([value[0] & 0xFF]), way))
-
-    def span(self, reading, start=0, end=None):
-        """Samples of bytes start..end of a reading."""
-        places, offset = self.places[reading.way], reading.start - self.offsets[reading.way]
-        last = len(reading.data) if end is None else end
-        return places[offset + start][0], places[offset + last - 1][1]
-
-    def show(self, readings):
-        for reading in readings:
-            ss, es = self.span(reading)
-            words = "%s: %s" % (WAYS[reading.way], reading.text)
-            kind = {"frame": FRAME, "bad": BAD}.get(reading.kind, GARBAGE)
-            text, _, hazard = reading.text.partition(" ! ")
-            self.put(ss, es, self.out_ann, [kind, [words, text, text[:16], text[:1]]])
-            if hazard:
-                self.put(ss, es, self.out_ann, [HAZARD, [hazard, "hazard", "!"]])
-            if reading.kind == "frame":
-                self.put(ss, es, self.out_binary, [0, reading.data])
-                self.parts(reading)
-                self.time(reading, ss, es)
-            # What is behind a reading is never asked for again.
-            keep = reading.end - self.offsets[reading.way]
-            del self.places[reading.way][:keep]
-            self.offsets[reading.way] = reading.end
+    def show(self, reading, ss, es):
+        words = f"{WAYS[reading.way]}: {reading.text}"
+        kind = {"frame": FRAME, "bad": BAD}.get(reading.kind, GARBAGE)
+        text, _, hazard = reading.text.partition(" ! ")
+        self.put(ss, es, self.out_ann, [kind, [words, text, text[:16], text[:1]]])
+        if hazard:
+            self.put(ss, es, self.out_ann, [HAZARD, [hazard, "hazard", "!"]])
+        if reading.kind == "frame":
+            self.put(ss, es, self.out_binary, [0, reading.data])
+            self.parts(reading)
+            self.time(reading, ss, es)
 
     def parts(self, reading):
         data = reading.data
         length = u16(data, 36)
         parts = (
             (0, 4, "sync"),
-            (4, 12, "time %d.%09d s" % (_u32(data, 4), _u32(data, 8))),
-            (12, 16, "sn %d" % _u32(data, 12)),
+            (4, 12, f"time {_u32(data, 4)}.{_u32(data, 8):09d} s"),
+            (12, 16, f"sn {_u32(data, 12)}"),
             (16, 20, "from " + _module(data, 16)),
             (20, 24, "to " + _module(data, 20)),
-            (24, 28, "type %d" % _u32(data, 24)),
-            (28, 32, "size %d" % _u32(data, 28)),
+            (24, 28, f"type {_u32(data, 24)}"),
+            (28, 32, f"size {_u32(data, 28)}"),
             (32, HEAD_SIZE, "command header"),
             (HEAD_SIZE, HEAD_SIZE + length, "body"),
-            (HEAD_SIZE + length, HEAD_SIZE + length + 2, "check %04X" % u16(data, HEAD_SIZE + length)),
+            (HEAD_SIZE + length, HEAD_SIZE + length + 2, f"check {u16(data, HEAD_SIZE + length):04X}"),
             (len(data) - 2, len(data), "tail"),
         )
         for start, end, text in parts:
@@ -138,7 +82,7 @@ class Decoder(srd.Decoder):
             return
         asked = self.ends.pop((reading.answers.way, reading.answers.start), None)
         if asked is not None and self.samplerate and ss > asked:
-            took = "%.3f ms" % ((ss - asked) / self.samplerate * 1000)
+            took = f"{(ss - asked) / self.samplerate * 1000:.3f} ms"
             self.put(asked, ss, self.out_ann, [TIME, ["answer after " + took, took]])
 
 
@@ -148,4 +92,4 @@ def _u32(data, at):
 
 def _module(data, at):
     number = int.from_bytes(data[at : at + 4], "little", signed=True)
-    return TABLES["modules"].get(number, "module %d" % number)
+    return TABLES["modules"].get(number, f"module {number}")

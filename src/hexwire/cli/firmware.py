@@ -11,6 +11,8 @@ from pathlib import Path
 
 import click
 
+from hexwire.drivers.firmware import HOST_RATES
+
 from .common import (
     RobotOptions,
     attached,
@@ -25,14 +27,12 @@ from .output import print_json, say, say_document
 
 __all__ = ["firmware"]
 
-_RATES = (115200, 250000, 500000, 1000000)
-
 source_option = click.option(
     "--source", type=click.Path(file_okay=False), metavar="FOLDER", help="Folder with the firmware sources."
 )
 rate_option = click.option(
     "--host-baud",
-    type=click.Choice([str(rate) for rate in _RATES]),
+    type=click.Choice([str(rate) for rate in HOST_RATES]),
     default="115200",
     show_default=True,
     help="Rate of the line to the host. The servo line stays at 115200.",

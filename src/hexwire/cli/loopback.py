@@ -17,8 +17,6 @@ from .output import print_json, say_table
 
 __all__ = ["loopback"]
 
-_RATES = (38400, 57600, 76800, 115200, 128000, 250000, 500000, 1000000)
-
 
 @click.command()
 @port_option
@@ -37,6 +35,7 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
 
     Tries the rates that servos and boards use, slowest first. Exit status 1 if one of them fails.
     """
+    from hexwire.drivers.bus_checkup import SERVO_RATES
     from hexwire.link.loopback import try_loopback
     from hexwire.link.open import make_link
     from hexwire.link.url import parse_url
@@ -47,7 +46,7 @@ def loopback(port: str | None, rates: tuple[int, ...], count: int, as_json: bool
     if "baud=" in url:
         raise UsageError("give the rate with --baud, not in the port")
     results = []
-    for baud in sorted(set(rates or _RATES)):
+    for baud in sorted(set(rates or SERVO_RATES)):
         if on_terminal() and not as_json:
             note(f"{baud} baud ...")
         with make_link(f"{url}{'&' if '?' in url else '?'}baud={baud}") as link:

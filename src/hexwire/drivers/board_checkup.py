@@ -14,13 +14,14 @@ from hexwire.ipc.mistaken import find_servos, is_servo_bus
 from hexwire.link.diagnose import Finding, Level
 
 from .bus_checkup import SERVO_RATES, explain_chatter
+from .firmware import HOST_RATES
 
 if TYPE_CHECKING:
     from hexwire.link.base import Link
 
 __all__ = ["explain_no_board"]
 
-_BOARD_RATES = (57_600, 250_000, 500_000, 1_000_000)
+_BOARD_RATES = (57_600, *HOST_RATES[1:])
 _PATIENCE = 0.6
 """Seconds for a board to answer at a rate."""
 

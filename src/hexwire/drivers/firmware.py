@@ -20,6 +20,7 @@ from hexwire.link.ports import list_ports
 from hexwire.link.url import parse_url
 
 __all__ = [
+    "HOST_RATES",
     "BuildReport",
     "build",
     "check_board",
@@ -31,6 +32,8 @@ __all__ = [
 ]
 
 PART = "atmega2560"
+HOST_RATES = (115_200, 250_000, 500_000, 1_000_000)
+"""Rates of the host line that the firmware can be built for."""
 _SIGNATURE = "1e 98 01"
 _BUILD_TOOLS = {"avr-g++": "gcc-avr", "avr-objcopy": "binutils-avr", "make": "make"}
 _CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino")
