@@ -18,14 +18,16 @@ from dataclasses import dataclass
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, Status
+from hexwire.wire.command_frame import Frame, Status
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
 from .arms import make_hex7bot_servos
-from .board_bus import BUS_TIMEOUT, BoardBus, Delay, Job, Pause, Transaction
+from .board_bus import BoardBus
+from .board_chapter import ChapterDialect
 from .board_dialect1 import Dialect1
 from .board_dialect2 import Dialect2
+from .board_jobs import BUS_TIMEOUT, BusBuffer, Delay, Job, Pause, Transaction
 from .board_state import BoardState, Settings
 from .board_stop import StopQueue
 from .faults import FaultPlan
@@ -84,7 +86,6 @@ class EmulatedBoard:
         self.time = start
         self._now = start
         self._out: list[bytes] = []
-        self._bus_input: list[tuple[float, bytes]] = []
         self.reset(start)
 
     # -- bytes and time -----------------------------------------------------------------------------
@@ -148,6 +149,9 @@ class EmulatedBoard:
             times.append(reset)
         return min(times, default=None)
 
+    def _clock(self) -> float:
+        return self.time
+
     def reset(self, now: float) -> None:
         """Start again, as after power-up or the reset button. No servo moves."""
         self.resets += 1
@@ -163,13 +167,16 @@ class EmulatedBoard:
             max_frame=self.max_frame,
             epoch=-now,
         )
-        self.bus = BoardBus(self)
-        self.dialect1 = Dialect1(self)
-        self.dialect2 = Dialect2(self)
+        state, connection, clock = self.state, self.connection, self._clock
+        self.stops = StopQueue()
+        self._buffer = BusBuffer()
+        self.bus = BoardBus(state, clock, paced=self.paced)
+        self.chapter = ChapterDialect(state, self._buffer, clock, connection)
+        self.dialect1 = Dialect1(state, self.bus, clock, connection)
+        self.dialect2 = Dialect2(state, self.bus, clock, connection, self.stops)
         self._sketch = SketchReceiver() if self.dialect == 1 and self.faults.sketch else None
         self._deaf_until = now + self.faults.boot_time
         self._out = []
-        self.stops = StopQueue()
         self._tasks: deque[_Task] = deque()
         self._task: _Task | None = None
         self._busy: bool = False
@@ -177,7 +184,6 @@ class EmulatedBoard:
         self._busy_until: float = now
         self._cut_at: float = now
         self._answer = b""
-        self._bus_input.clear()
         self._next_poll = now
         self._repeats = 0
         self._report_queued = self._report_unsent = False
@@ -207,23 +213,11 @@ class EmulatedBoard:
             if not chapter:
                 self.dialect2.refuse(event, Status.BUSY)
         elif chapter:
-            self._tasks.append(_Task(self.dialect1.job(frame), chapter=frame))
+            dialect = self.chapter if self.dialect == 1 else self.dialect1
+            self._tasks.append(_Task(dialect.job(frame), chapter=frame))
         else:
             self._tasks.append(_Task(self.dialect2.job(event), request=event))
         self.state.queue_high_water = max(self.state.queue_high_water, len(self._tasks))
-
-    # -- the serial buffer of the bus ---------------------------------------------------------------
-
-    @property
-    def bus_waiting(self) -> int:
-        """Bytes from the bus that are there to be read."""
-        return sum(len(data) for when, data in self._bus_input if when <= self.time)
-
-    def read_bus(self) -> bytes:
-        """Take what has come in from the bus."""
-        data = b"".join(data for when, data in self._bus_input if when <= self.time)
-        self._bus_input = [(when, data) for when, data in self._bus_input if when > self.time]
-        return data
 
     # -- stops --------------------------------------------------------------------------------------
 
@@ -274,7 +268,7 @@ class EmulatedBoard:
     def _finish_wait(self) -> None:
         """The current job's wait is over."""
         self._busy = False
-        self._answer = self.read_bus() if self._listening else b""
+        self._answer = self._buffer.read(self.time) if self._listening else b""
         self._run(self._answer)
 
     def _run(self, answer: bytes | None) -> None:
@@ -287,6 +281,11 @@ class EmulatedBoard:
         except StopIteration:
             if task.report:
                 self._report_queued = False
+                # Nothing was sent if the host switched the reports off meanwhile.
+                self._report_unsent |= self.state.report_due is not None
+            if self._sketch is not None:
+                # The sketch has one buffer for replies: what was not sent yet is lost.
+                self._sketch_reply = b"".join(self.connection.data_to_send()) or self._sketch_reply
             self._task = None
             self._next_poll = self.time + _POLL_PAUSE
             return
@@ -297,13 +296,13 @@ class EmulatedBoard:
             self._busy_until = self.time + (wait.seconds if self.paced or isinstance(wait, Pause) else 0.0)
             return
         if isinstance(wait, Transaction):
-            self.read_bus()
+            self._buffer.read(self.time)
         self.state.bus_transactions += 1
         heard, finish = self.wire.transact(wait.packet, self.time)
         byte = _BITS / self.wire.baud if self.paced else 0.0
         sent = self.time + len(wait.packet) * byte
         if heard:
-            self._bus_input.append((finish, heard))
+            self._buffer.put(heard, finish)
         self._busy_until = self._cut_at = sent
         if isinstance(wait, Transaction) and wait.reply_length:
             self._cut_at = sent + wait.reply_length * byte + BUS_TIMEOUT
@@ -325,21 +324,10 @@ class EmulatedBoard:
                 self._sketch_reply = b""
             return False
         if not frame.hangs:
-            self._tasks.append(_Task(self.dialect1.sketch_job(frame)))
+            self._tasks.append(_Task(self.chapter.job(frame)))
             return True
         sketch.hung = True
         return False
-
-    def reply_dialect1(self, packet: bytes) -> None:
-        """Answer in dialect 1. The sketch has one buffer for replies: what was not sent yet is lost."""
-        self.connection.reply_dialect1(packet, self.time)
-        if self._sketch is not None:
-            self._sketch_reply = b"".join(self.connection.data_to_send())
-
-    def report(self, body: bytes) -> None:
-        """Send a JOINT_STATE unsolicited."""
-        self._report_unsent = True
-        self.connection.report(Command.JOINT_STATE, body, self.time)
 
     def _timers(self, now: float) -> None:
         timeout = self.connection.next_timeout()

@@ -1,13 +1,11 @@
 """The emulated board's side of the servo bus: ask, verify, ask again; keep the joints up to date.
 
-Owns the jobs that talk to servos. A job is a generator: it yields a `Transaction`, a `Delay` or a `Pause` and is
-resumed with the answer when that has taken its time. Knows nothing of frames.
+Owns the jobs that talk to servos. Knows nothing of frames.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
-from typing import TYPE_CHECKING, NamedTuple
 
 from hexwire.session.servo_matching import expected_answer, match_answer
 from hexwire.wire import tables
@@ -24,16 +22,11 @@ from hexwire.wire.servo_packet import (
     strip_echo,
 )
 
-from .board_state import SERVO_BITS, JointSlot
+from .board_jobs import Clock, Job, Transaction, Wait
+from .board_state import SERVO_BITS, BoardState, JointSlot
 from .gate import READ_ONLY, SPEED_UNIT, Passed, speed_cap, written_ids
 
-if TYPE_CHECKING:
-    from .board import EmulatedBoard
-
-__all__ = ["BUS_TIMEOUT", "BoardBus", "Delay", "Job", "Many", "Pause", "Send", "Transaction"]
-
-BUS_TIMEOUT = 0.005
-"""Seconds for a servo to begin its answer."""
+__all__ = ["BoardBus"]
 
 _TRIES = 2
 _TORQUE = Series.HLS.register("torque_enable").address
@@ -51,37 +44,6 @@ _SAMPLE = {
 _TARGETS = {Series.SEVEN_BOT: "target_position", Series.HLS: "goal_position"}
 
 
-class Transaction(NamedTuple):
-    """Drop what has come in, put a packet on the bus; resumed with the bytes that came back.
-
-    The wait ends with the whole answer, or `timeout` after the time that the packet and the answer take.
-    """
-
-    packet: bytes
-    reply_length: int
-    timeout: float = BUS_TIMEOUT
-
-
-class Send(NamedTuple):
-    """Put a packet on the bus; resumed when it is out. What comes back stays in the serial buffer."""
-
-    packet: bytes
-
-
-class Delay(NamedTuple):
-    """What the board's program takes for itself, nothing on a bus that costs no time; resumed with nothing."""
-
-    seconds: float
-
-
-class Pause(NamedTuple):
-    """Let the servos go on for so long, however fast the bus is; resumed with nothing."""
-
-    seconds: float
-
-
-Wait = Transaction | Send | Delay | Pause
-Job = Generator[Wait, bytes | None, None]
 Sub = Generator[Wait, bytes | None, StatusPacket | None]
 Raw = Generator[Wait, bytes | None, bytes]
 Several = Generator[Wait, bytes | None, list[StatusPacket]]
@@ -90,21 +52,26 @@ Value = Generator[Wait, bytes | None, int | None]
 
 
 class BoardBus:
-    """Bus jobs of one board."""
+    """Bus jobs of one board.
 
-    def __init__(self, board: EmulatedBoard) -> None:
-        self._board = board
+    Args:
+        state: What the board knows; the jobs keep its joints up to date.
+        clock: The board's time.
+        paced: The bus takes its time, and joints are polled in the background.
+    """
+
+    def __init__(self, state: BoardState, clock: Clock, *, paced: bool) -> None:
+        self._state = state
+        self._clock = clock
+        self._joints = state.joints
+        self._paced = paced
         self._poll_at = 0
-
-    @property
-    def _joints(self) -> list[JointSlot]:
-        return self._board.state.joints
 
     # -- asking -------------------------------------------------------------------------------------
 
     def ask(self, packet: bytes, *, tries: int = _TRIES, acknowledged: bool = True) -> Sub:
         """One packet, its answer verified; asked again if it is missing or bad."""
-        state = self._board.state
+        state = self._state
         expected = expected_answer(parse_packet(packet), acknowledges_writes=acknowledged)
         for attempt in range(tries):
             answer = yield Transaction(packet, expected.length)
@@ -172,7 +139,7 @@ class BoardBus:
             joint.present = True
             joint.unsure = True
         yield from self.poll_all()
-        if not self._board.state.stopped:
+        if not self._state.stopped:
             yield from self.hold([j for j in self._joints if j.present and j.torque_on])
 
     def recheck(self, joint: JointSlot) -> Job:
@@ -222,6 +189,11 @@ class BoardBus:
                 yield from self._poll_legacy(joint)
         yield from self._poll_hls()
 
+    def refresh(self) -> Job:
+        """Sample every joint once where nothing polls in the background."""
+        if not self._paced:
+            yield from self.poll_all()
+
     def poll_next(self) -> Job:
         """Sample the next legacy joint, or all HLS joints, in turn."""
         legacy = [j for j in self._joints if j.series is Series.SEVEN_BOT]
@@ -240,7 +212,7 @@ class BoardBus:
             return
         self._is_there(joint)
         position = _LEGACY_PRESENT.decode(status.params)
-        now = self._board.time
+        now = self._clock()
         # These servos report no speed: it is the difference to the sample before.
         elapsed = now - joint.sampled_at if joint.sampled_at is not None else 0.0
         if elapsed > 0:
@@ -266,7 +238,7 @@ class BoardBus:
                     missing.append(joint)
                 else:
                     self._sample_hls(joint, found[0])
-            self._board.state.bus_timeouts += len(missing)
+            self._state.bus_timeouts += len(missing)
             # Only who was there before is asked again: an absent servo must not slow the others down.
             wanted = [j for j in missing if j.present]
         for joint in wanted:
@@ -288,7 +260,7 @@ class BoardBus:
         joint.current = value("current") * 13 // 2
         joint.error = status.error & SERVO_BITS
         self._is_there(joint)
-        joint.sampled_at = self._board.time
+        joint.sampled_at = self._clock()
 
     @staticmethod
     def _is_there(joint: JointSlot) -> None:
@@ -318,7 +290,7 @@ class BoardBus:
     def _hls_block(self, joint: JointSlot, position: int, duration_ms: int) -> bytes:
         series = Series.HLS
         distance = abs(position - joint.position)
-        most = speed_cap(self._board.state.limits[self._joints.index(joint)].speed)
+        most = speed_cap(self._state.limits[self._joints.index(joint)].speed)
         speed = min(-(-distance * 1000 // (max(duration_ms, 1) * SPEED_UNIT)), most)
         return (
             b"\0"

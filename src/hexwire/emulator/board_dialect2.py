@@ -6,10 +6,10 @@ to servos through `board_bus` and answers through the connection. Knows nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from hexwire.errors import RemoteProtocolError
+from hexwire.session.connection import Connection
 from hexwire.session.events import Request
 from hexwire.wire import tables
 from hexwire.wire.command_frame import Command, Frame, Status
@@ -29,15 +29,15 @@ from hexwire.wire.commands import (
     make_stop_reply,
     parse_stop_reply,
 )
-from hexwire.wire.servo_packet import BROADCAST_ID, ServoPacket
+from hexwire.wire.servo_packet import BROADCAST_ID
 
-from .board_bus import Job, Wait
-from .board_state import JointSlot
-from .board_stop import Stopping
-from .gate import MAX_REPLY, Gate, Passed, RefusedError, check_packet, clamp, time_needed, written_ids
-
-if TYPE_CHECKING:
-    from .board import EmulatedBoard
+from .board_bus import BoardBus
+from .board_jobs import Clock, Job
+from .board_orders import BoardOrders
+from .board_state import BoardState, JointSlot
+from .board_stop import Stopping, StopQueue
+from .chapter_packets import status_bytes, sync_write_rows
+from .gate import MAX_REPLY, RefusedError, check_packet
 
 __all__ = ["Dialect2"]
 
@@ -46,15 +46,27 @@ _DEFAULT_TRANSACT_MS = 20
 _CAPABILITIES = sum(tables.CAPABILITIES.values())
 _OUTPUTS = 0x07
 
-Passing = Generator[Wait, bytes | None, Passed]
-Found = Generator[Wait, bytes | None, bool]
-
 
 class Dialect2:
-    """Dialect-2 dispatch of one board."""
+    """Dialect-2 dispatch of one board.
 
-    def __init__(self, board: EmulatedBoard) -> None:
-        self._board = board
+    Args:
+        state: What the board knows.
+        bus: Its servos.
+        clock: The board's time.
+        connection: Where answers go.
+        stops: Stops that wait or are under way.
+    """
+
+    def __init__(
+        self, state: BoardState, bus: BoardBus, clock: Clock, connection: Connection, stops: StopQueue
+    ) -> None:
+        self._state = state
+        self._bus = bus
+        self._clock = clock
+        self._connection = connection
+        self._stops = stops
+        self._orders = BoardOrders(state, bus, clock)
         self._handlers: dict[int, Callable[[Request], Job]] = {
             Command.PING: self._packet,
             Command.READ: self._packet,
@@ -94,51 +106,36 @@ class Dialect2:
         except RemoteProtocolError:
             self._reply(request, Status.BAD_LENGTH)
 
-    def _clamp(self, joint: JointSlot, position: int) -> int:
-        """A position inside the joint's stored limits; notes whether that changed it."""
-        inside = clamp(self._board.state.facts(self._board.time)[joint.servo_id], position)
-        joint.clamped = inside != position
-        return inside
-
     def report_job(self) -> Job:
         """One unsolicited JOINT_STATE."""
-        board = self._board
-        if not board.paced:
-            yield from board.bus.poll_all()
-        state = board.state
+        yield from self._bus.refresh()
+        state = self._state
         if state.report_due is not None:
-            if state.report_due - board.time < state.report_period / 2:
+            now = self._clock()
+            if state.report_due - now < state.report_period / 2:
                 # This one is late: the next must not follow on its heels.
                 state.report_due += state.report_period
-            board.report(board.state.report(board.state.report_fields, board.time).serialize())
+            body = state.report(state.report_fields, now).serialize()
+            self._connection.report(Command.JOINT_STATE, body, now)
 
     def refuse(self, request: Request, status: Status, *, voided: bool = False) -> None:
         """Answer a request that is not executed: a stop made it void, or the queue is full."""
-        self._board.connection.reply(request, status, b"", self._board.time, voided=voided)
+        self._connection.reply(request, status, b"", self._clock(), voided=voided)
 
     def stop_job(self, mode: int) -> Job:
         """One stop; everybody who asked for it meanwhile has the same answer."""
-        board = self._board
-        stopped = yield from Stopping(board).run(mode)
+        joints = self._state.joints
+        stopped = yield from Stopping(joints, self._bus, self._clock).run(mode)
         status = Status.SERVO_FAULT if stopped.taken else Status.OK
-        if stopped.mask != (1 << len(board.state.joints)) - 1:
+        if stopped.mask != (1 << len(joints)) - 1:
             status = Status.SERVO_SILENT
-        for request in board.stops.finish():
+        for request in self._stops.finish():
             self._reply(request, status, make_stop_reply(mode, stopped.mask))
 
     # -- answers ------------------------------------------------------------------------------------
 
     def _reply(self, request: Request, status: Status, body: bytes = b"") -> None:
-        self._board.connection.reply(request, status, body, self._board.time)
-
-    def _refuse_if_stopped(self) -> None:
-        if self._board.state.stopped:
-            raise RefusedError(Status.STOPPED)
-
-    def _refuse_motion(self) -> None:
-        self._refuse_if_stopped()
-        if self._board.state.maintenance:
-            raise RefusedError(Status.FORBIDDEN)
+        self._connection.reply(request, status, body, self._clock())
 
     @staticmethod
     def _body(request: Request, length: int) -> bytes:
@@ -151,12 +148,18 @@ class Dialect2:
 
     def _identify(self, request: Request) -> Job:
         self._body(request, 0)
-        board, state = self._board, self._board.state
+        state = self._state
         # A host that identifies itself anew wants no reports it did not ask for.
         state.report_due, state.report_period = None, 0.0
         rows = tuple(JointRow(j.servo_id, j.series.code, j.present) for j in state.joints)
         identity = Identity(
-            tables.PROTO_HEXWIRE, _FIRMWARE, state.boot_id, _CAPABILITIES, board.max_frame, state.board_flags, rows
+            tables.PROTO_HEXWIRE,
+            _FIRMWARE,
+            state.boot_id,
+            _CAPABILITIES,
+            self._connection.max_frame,
+            state.board_flags,
+            rows,
         )
         self._reply(request, Status.OK, identity.serialize())
         yield from ()
@@ -165,27 +168,26 @@ class Dialect2:
         fields = self._body(request, 1)[0]
         if fields > ALL_FIELDS:
             raise RefusedError(Status.BAD_RANGE)
-        if not self._board.paced:
-            yield from self._board.bus.poll_all()
-        self._reply(request, Status.OK, self._board.state.report(fields, self._board.time).serialize())
+        yield from self._bus.refresh()
+        self._reply(request, Status.OK, self._state.report(fields, self._clock()).serialize())
 
     def _report(self, request: Request) -> Job:
         body = self._body(request, 3)
         period, fields = int.from_bytes(body[:2], "little"), body[2]
         if fields > ALL_FIELDS or (period and not 5 <= period <= 10_000):
             raise RefusedError(Status.BAD_RANGE)
-        board, state = self._board, self._board.state
+        state = self._state
         state.report_period, state.report_fields = period / 1000, fields
-        state.report_due = board.time + state.report_period if period else None
+        state.report_due = self._clock() + state.report_period if period else None
         self._reply(request, Status.OK, body)
         yield from ()
 
     def _stats(self, request: Request) -> Job:
         self._body(request, 0)
-        board, state = self._board, self._board.state
-        counters, decoder = board.connection.counters, board.connection.decoder.counters
+        state = self._state
+        counters, decoder = self._connection.counters, self._connection.decoder.counters
         values = {
-            "uptime_ms": int((board.time - state.now) * 1000),
+            "uptime_ms": int((self._clock() - state.now) * 1000),
             "frames_received": decoder.frames,
             "frames_sent": counters.frames_sent,
             "bad_checks": decoder.bad_checks,
@@ -204,7 +206,7 @@ class Dialect2:
         move = MoveRequest.parse(request.frame.body)
         if not move.rows:
             raise RefusedError(Status.BAD_LENGTH)
-        state = self._board.state
+        state = self._state
         targets: list[tuple[JointSlot, int]] = []
         for row in move.rows:
             joint = state.joint(row.servo_id)
@@ -216,59 +218,28 @@ class Dialect2:
                 targets.append((joint, row.position))
         if len({j.servo_id for j, _ in targets}) != len(targets):
             raise RefusedError(Status.BAD_RANGE)
-        self._refuse_motion()
-        yield from self._look_at([j for j, _ in targets])
+        self._orders.refuse_motion()
+        yield from self._orders.look_at([j for j, _ in targets])
         if any(j.present and not j.torque_on for j, _ in targets):
             raise RefusedError(Status.TORQUE_OFF)
-        sent = [(j, self._clamp(j, p)) for j, p in targets if j.present]
-        duration = max(move.duration_ms, self._slowest(sent))
-        yield from self._board.bus.move(sent, duration)
+        sent = [(j, self._orders.clamp(j, p)) for j, p in targets if j.present]
+        duration = max(move.duration_ms, self._orders.slowest(sent))
+        yield from self._bus.move(sent, duration)
         rows = tuple(SentRow(j.servo_id, p, j.clamped) for j, p in sent)
         status = Status.OK if len(sent) == len(targets) else Status.SERVO_SILENT
         self._reply(request, status, MoveReply(duration, rows).serialize())
 
-    def _slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
-        """Milliseconds that the speed limits ask for."""
-        facts = self._board.state.facts(self._board.time)
-        return max((time_needed(facts[joint.servo_id], position) for joint, position in targets), default=0)
-
-    def chapter_move(self, rows: list[tuple[int, int, int]], *, chapter: bool) -> Found:
-        """The chapter's sync write: id, position and run time a row; judged like JOINT_MOVE.
-
-        Returns:
-            Whether every joint could be sent.
-
-        Raises:
-            RefusedError: Stopped, in maintenance, or in dialect 2 a joint has no torque.
-        """
-        state = self._board.state
-        self._refuse_motion()
-        named = [(joint, p, t) for i, p, t in rows if (joint := state.joint(i)) is not None]
-        yield from self._look_at([joint for joint, _, _ in named])
-        able = [(j, p, t) for j, p, t in named if j.present and not j.mode]
-        if not chapter and any(not j.torque_on for j, _, _ in able):
-            raise RefusedError(Status.TORQUE_OFF)
-        groups: dict[int, list[tuple[JointSlot, int]]] = {}
-        for joint, position, run_time in able:
-            groups.setdefault(run_time, []).append((joint, self._clamp(joint, position)))
-        for run_time, group in groups.items():
-            for joint, _ in group:
-                # The servo switches it on by a target; it is read back all the same.
-                joint.torque_on = joint.unsure = True
-            yield from self._board.bus.move(group, max(run_time, self._slowest(group)))
-        return len(able) == len(named)
-
     def _torque(self, request: Request) -> Job:
         on, mask = parse_stop_reply(request.frame.body)
-        joints = self._board.state.joints
+        joints = self._state.joints
         if on > 1 or mask >> len(joints):
             raise RefusedError(Status.BAD_RANGE)
         named = [j for i, j in enumerate(joints) if mask >> i & 1]
         if on:
-            self._refuse_motion()
-            confirmed = yield from self._board.bus.torque_on(named)
+            self._orders.refuse_motion()
+            confirmed = yield from self._bus.torque_on(named)
         else:
-            confirmed = yield from self._board.bus.torque_off(named)
+            confirmed = yield from self._bus.torque_off(named)
         missing = [j for i, j in enumerate(joints) if (mask & ~confirmed) >> i & 1]
         status = Status.OK
         if missing:
@@ -284,9 +255,9 @@ class Dialect2:
 
     def _resume(self, request: Request) -> Job:
         self._body(request, 0)
-        state = self._board.state
+        state = self._state
         state.stopped = state.watchdog_tripped = state.torque_off_stop = False
-        state.feed_watchdog(self._board.time)
+        state.feed_watchdog(self._clock())
         self._reply(request, Status.OK, bytes((state.board_flags,)))
         yield from ()
 
@@ -295,39 +266,39 @@ class Dialect2:
         timeout, mode = int.from_bytes(body[:2], "little"), body[2]
         if mode > 1 or (timeout and not 50 <= timeout <= 60_000):
             raise RefusedError(Status.BAD_RANGE)
-        state = self._board.state
+        state = self._state
         state.watchdog_timeout, state.watchdog_mode = timeout / 1000, mode
         state.watchdog_due = None
-        state.feed_watchdog(self._board.time)
+        state.feed_watchdog(self._clock())
         self._reply(request, Status.OK, body)
         yield from ()
 
     # -- settings -----------------------------------------------------------------------------------
 
     def _limits(self, request: Request) -> Job:
-        state = self._board.state
+        state = self._state
         if request.frame.body:
             rows = LimitTable.parse_request(request.frame.body)
-            self._refuse_if_stopped()
+            self._orders.refuse_if_stopped()
             if len(rows) != len(state.joints):
                 raise RefusedError(Status.BAD_LENGTH)
             if any(row.minimum >= row.maximum or not row.speed for row in rows):
                 raise RefusedError(Status.BAD_RANGE)
-            self._board.settings.limits = state.limits = list(rows)
+            state.settings.limits = state.limits = list(rows)
         table = LimitTable(tables.SETTINGS_VERSION, tuple(state.limits))
         self._reply(request, Status.OK, table.serialize())
         yield from ()
 
     def _offsets(self, request: Request) -> Job:
-        state = self._board.state
+        state = self._state
         if request.frame.body:
             rows = OffsetTable.parse_request(request.frame.body)
-            self._refuse_if_stopped()
+            self._orders.refuse_if_stopped()
             if len(rows) != len(state.joints):
                 raise RefusedError(Status.BAD_LENGTH)
             if any(row.sign not in (1, -1) for row in rows):
                 raise RefusedError(Status.BAD_RANGE)
-            self._board.settings.offsets = state.offsets = list(rows)
+            state.settings.offsets = state.offsets = list(rows)
         table = OffsetTable(tables.SETTINGS_VERSION, tuple(state.offsets))
         self._reply(request, Status.OK, table.serialize())
         yield from ()
@@ -337,18 +308,17 @@ class Dialect2:
     def _packet(self, request: Request) -> Job:
         """PING and READ in a dialect-2 frame: as dialect 1, but a silent servo is a status."""
         packet = check_packet(request.frame.body)
-        passed = yield from self.let_through(packet, chapter=False)
-        answers = yield from self._board.bus.ask_all(passed)
+        passed = yield from self._orders.let_through(packet, chapter=False)
+        answers = yield from self._bus.ask_all(passed)
         if not answers:
             raise RefusedError(Status.SERVO_SILENT)
-        status_bytes = self._board.dialect1.status_bytes
         self._reply(request, Status.OK, b"".join(status_bytes(packet, status) for status in answers))
 
     def _sync_write(self, request: Request) -> Job:
-        rows = self._board.dialect1.sync_write_rows(request.frame.body)
+        rows = sync_write_rows(request.frame.body, len(self._state.joints), verified=True)
         if not rows:
             raise RefusedError(Status.BAD_RANGE)
-        whole = yield from self.chapter_move(rows, chapter=False)
+        whole = yield from self._orders.chapter_move(rows, chapter=False)
         self._reply(request, Status.OK if whole else Status.SERVO_SILENT)
 
     def _transact(self, request: Request) -> Job:
@@ -357,52 +327,19 @@ class Dialect2:
         if transact.reply_length > MAX_REPLY:
             raise RefusedError(Status.BAD_RANGE)
         timeout = (transact.timeout_ms or _DEFAULT_TRANSACT_MS) / 1000
-        passed = yield from self.let_through(packet, chapter=False)
-        answer = yield from self._board.bus.raw(passed, transact.reply_length, timeout)
+        passed = yield from self._orders.let_through(packet, chapter=False)
+        answer = yield from self._bus.raw(passed, transact.reply_length, timeout)
         if transact.reply_length and not answer:
             raise RefusedError(Status.SERVO_SILENT)
         self._reply(request, Status.OK, answer[: transact.reply_length])
-
-    def let_through(self, packet: ServoPacket, *, chapter: bool) -> Passing:
-        """Judge a well-formed packet of the host by the gate; returns what may go to the bus now.
-
-        Raises:
-            RefusedError: Nothing of it may.
-        """
-        board, state = self._board, self._board.state
-        written = written_ids(packet)
-        if written and not state.stopped:
-            yield from self._look_at([j for j in state.joints if j.servo_id in written])
-        passed = self._gate(chapter=chapter).judge(packet)
-        if passed.hold:
-            # Where it stands is what it holds, not where it is sent: a target would move it at once.
-            yield from board.bus.poll_all()
-            passed = self._gate(chapter=chapter).judge(packet)
-            yield from board.bus.hold([j for j in state.joints if j.servo_id in passed.hold])
-        return passed
-
-    def _gate(self, *, chapter: bool) -> Gate:
-        state = self._board.state
-        return Gate(
-            state.facts(self._board.time), chapter=chapter, stopped=state.stopped, maintenance=state.maintenance
-        )
-
-    def _look_at(self, joints: list[JointSlot]) -> Job:
-        """Bring what the board knows of joints up to date before it judges a target for them."""
-        board = self._board
-        if not board.paced:
-            yield from board.bus.poll_all()
-        for joint in joints:
-            if joint.present and joint.unsure:
-                yield from board.bus.recheck(joint)
 
     def _io(self, request: Request) -> Job:
         mask, value = self._body(request, 2)
         if mask & ~_OUTPUTS:
             raise RefusedError(Status.BAD_RANGE)
-        state = self._board.state
+        state = self._state
         if mask:
-            self._refuse_if_stopped()
+            self._orders.refuse_if_stopped()
             state.io = (state.io & ~mask) | (value & mask)
         self._reply(request, Status.OK, bytes((mask, state.io)))
         yield from ()
@@ -411,11 +348,11 @@ class Dialect2:
         on = self._body(request, 1)[0]
         if on > 1:
             raise RefusedError(Status.BAD_RANGE)
-        board, state = self._board, self._board.state
+        state = self._state
         if on:
-            self._refuse_if_stopped()
+            self._orders.refuse_if_stopped()
             for joint in state.joints:
-                if (yield from board.bus.read_switches(joint)) and joint.torque_on:
+                if (yield from self._bus.read_switches(joint)) and joint.torque_on:
                     raise RefusedError(Status.FORBIDDEN)
         state.maintenance = bool(on)
         for joint in state.joints:

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from hexwire.session.events import Request
 
-from .board_bus import Job, Pause, Wait
+from .board_bus import BoardBus
+from .board_jobs import Clock, Job, Pause, Wait
 from .board_state import JointSlot
-
-if TYPE_CHECKING:
-    from .board import EmulatedBoard
 
 __all__ = ["StopQueue", "Stopped", "Stopping"]
 
@@ -119,14 +116,16 @@ class _Held:
 class Stopping:
     """One stop of one board, as a job of its bus."""
 
-    board: EmulatedBoard
+    joints: list[JointSlot]
+    bus: BoardBus
+    clock: Clock
     mask: int = 0
     taken: bool = False
     held: list[_Held] = field(default_factory=list)
 
     def run(self, mode: int) -> Generator[Wait, bytes | None, Stopped]:
         """Do it; returns how it went."""
-        bus, joints = self.board.bus, self.board.state.joints
+        bus, joints = self.bus, self.joints
         if mode == _TORQUE_OFF:
             return Stopped((yield from bus.torque_off(joints)), taken=False)
         yield from bus.poll_all()
@@ -149,14 +148,14 @@ class Stopping:
         return Stopped(self.mask | sum(self._bit(h.joint) for h in self.held), self.taken)
 
     def _bit(self, joint: JointSlot) -> int:
-        return 1 << self.board.state.joints.index(joint)
+        return 1 << self.joints.index(joint)
 
     def _is_held(self, joint: JointSlot) -> bool:
         return any(h.joint is joint for h in self.held)
 
     def _look(self, joint: JointSlot) -> Job:
         """Read mode and torque; who has torque and is not in position mode loses it in the same breath."""
-        bus = self.board.bus
+        bus = self.bus
         yield from bus.read_switches(joint)
         if joint.torque_on and joint.mode:
             yield from self._take_torque([joint])
@@ -166,11 +165,11 @@ class Stopping:
     def _take_torque(self, joints: list[JointSlot]) -> Job:
         self.taken = True
         self.held = [h for h in self.held if h.joint not in joints]
-        self.mask |= yield from self.board.bus.torque_off(joints)
+        self.mask |= yield from self.bus.torque_off(joints)
 
     def _hold(self, joints: list[JointSlot]) -> Job:
         """Make the present positions the targets, and read back what became of it."""
-        bus = self.board.bus
+        bus = self.bus
         self.held += [_Held(joint) for joint in joints]
         yield from bus.hold(joints)
         for held in self.held:
@@ -180,29 +179,28 @@ class Stopping:
 
     def _read_back(self, held: _Held) -> Job:
         joint = held.joint
-        yield from self.board.bus.read_switches(joint)
+        yield from self.bus.read_switches(joint)
         if joint.mode and not joint.unsure:
             # It goes on turning whatever its target says.
             yield from self._take_torque([joint])
             return
-        target = yield from self.board.bus.read_target(joint)
+        target = yield from self.bus.read_target(joint)
         held.took_target = target is not None and target == held.goal
 
     def _settle(self) -> Job:
         """Read positions until every joint stands at its target, or the time is over."""
-        board = self.board
-        until = board.time + _SETTLE_TIME
-        while board.time < until and any(not h.holds and self._worth_waiting(h) for h in self.held):
-            began = board.time
+        until = self.clock() + _SETTLE_TIME
+        while self.clock() < until and any(not h.holds and self._worth_waiting(h) for h in self.held):
+            began = self.clock()
             missing = [h.joint for h in self.held if not h.took_target and h.joint.sampled_at is not None]
             if missing:
                 again = [h for h in self.held if h.joint in missing]
-                yield from board.bus.hold(missing)
+                yield from self.bus.hold(missing)
                 for held in again:
                     held.goal = held.joint.position
                     yield from self._read_back(held)
-            yield Pause(max(0.0, began + _SAMPLE_EVERY - board.time))
-            yield from board.bus.poll_all()
+            yield Pause(max(0.0, began + _SAMPLE_EVERY - self.clock()))
+            yield from self.bus.poll_all()
             for held in self.held:
                 if held.joint.present:
                     held.sample(held.joint.position)

@@ -1,0 +1,72 @@
+"""What a job of an emulated board waits for, and the serial buffer it may read.
+
+Owns the values that a job yields to the board's scheduler. A job is a generator: it is resumed with the answer when
+that has taken its time. Knows nothing of frames, nor of what a packet says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import NamedTuple
+
+__all__ = ["BUS_TIMEOUT", "BusBuffer", "Clock", "Delay", "Job", "Pause", "Send", "Transaction", "Wait"]
+
+BUS_TIMEOUT = 0.005
+"""Seconds for a servo to begin its answer."""
+
+Clock = Callable[[], float]
+"""The board's time, seconds; it moves on while a job waits."""
+
+
+class Transaction(NamedTuple):
+    """Drop what has come in, put a packet on the bus; resumed with the bytes that came back.
+
+    The wait ends with the whole answer, or `timeout` after the time that the packet and the answer take.
+    """
+
+    packet: bytes
+    reply_length: int
+    timeout: float = BUS_TIMEOUT
+
+
+class Send(NamedTuple):
+    """Put a packet on the bus; resumed when it is out. What comes back stays in the serial buffer."""
+
+    packet: bytes
+
+
+class Delay(NamedTuple):
+    """What the board's program takes for itself, nothing on a bus that costs no time; resumed with nothing."""
+
+    seconds: float
+
+
+class Pause(NamedTuple):
+    """Let the servos go on for so long, however fast the bus is; resumed with nothing."""
+
+    seconds: float
+
+
+Wait = Transaction | Send | Delay | Pause
+Job = Generator[Wait, bytes | None, None]
+
+
+class BusBuffer:
+    """The serial buffer of the servo bus: bytes that have come, or will have by a certain time."""
+
+    def __init__(self) -> None:
+        self._input: list[tuple[float, bytes]] = []
+
+    def put(self, data: bytes, when: float) -> None:
+        """Bytes that are there from a time on."""
+        self._input.append((when, data))
+
+    def waiting(self, now: float) -> int:
+        """Number of bytes that can be read."""
+        return sum(len(data) for when, data in self._input if when <= now)
+
+    def read(self, now: float) -> bytes:
+        """Take what has come."""
+        data = b"".join(data for when, data in self._input if when <= now)
+        self._input = [(when, data) for when, data in self._input if when > now]
+        return data

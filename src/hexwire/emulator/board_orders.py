@@ -1,0 +1,124 @@
+"""What a host asks of servos, in either dialect: judged by the gate, limited, and done.
+
+Owns what is refused, clamped and looked up before it goes to the bus. Knows neither frames nor who asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+from hexwire.wire.command_frame import Status
+from hexwire.wire.servo_packet import ServoPacket
+
+from .board_bus import BoardBus
+from .board_jobs import Clock, Job, Wait
+from .board_state import BoardState, JointSlot
+from .chapter_packets import ChapterRow
+from .gate import Gate, Passed, RefusedError, clamp, time_needed, written_ids
+
+__all__ = ["BoardOrders"]
+
+Passing = Generator[Wait, bytes | None, Passed]
+Found = Generator[Wait, bytes | None, bool]
+
+
+class BoardOrders:
+    """Orders to the servos of one board.
+
+    Args:
+        state: What the board knows.
+        bus: Its servos.
+        clock: The board's time.
+    """
+
+    def __init__(self, state: BoardState, bus: BoardBus, clock: Clock) -> None:
+        self._state = state
+        self._bus = bus
+        self._clock = clock
+
+    def refuse_if_stopped(self) -> None:
+        """A stop is latched.
+
+        Raises:
+            RefusedError: It is.
+        """
+        if self._state.stopped:
+            raise RefusedError(Status.STOPPED)
+
+    def refuse_motion(self) -> None:
+        """A stop is latched, or settings of servos are being written.
+
+        Raises:
+            RefusedError: It is so.
+        """
+        self.refuse_if_stopped()
+        if self._state.maintenance:
+            raise RefusedError(Status.FORBIDDEN)
+
+    def clamp(self, joint: JointSlot, position: int) -> int:
+        """A position inside the joint's stored limits; notes whether that changed it."""
+        inside = clamp(self._state.facts(self._clock())[joint.servo_id], position)
+        joint.clamped = inside != position
+        return inside
+
+    def slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
+        """Milliseconds that the speed limits ask for."""
+        facts = self._state.facts(self._clock())
+        return max((time_needed(facts[joint.servo_id], position) for joint, position in targets), default=0)
+
+    def chapter_move(self, rows: list[ChapterRow], *, chapter: bool) -> Found:
+        """The chapter's sync write: id, position and run time a row; judged like JOINT_MOVE.
+
+        Returns:
+            Whether every joint could be sent.
+
+        Raises:
+            RefusedError: Stopped, in maintenance, or in dialect 2 a joint has no torque.
+        """
+        state = self._state
+        self.refuse_motion()
+        named = [(joint, p, t) for i, p, t in rows if (joint := state.joint(i)) is not None]
+        yield from self.look_at([joint for joint, _, _ in named])
+        able = [(j, p, t) for j, p, t in named if j.present and not j.mode]
+        if not chapter and any(not j.torque_on for j, _, _ in able):
+            raise RefusedError(Status.TORQUE_OFF)
+        groups: dict[int, list[tuple[JointSlot, int]]] = {}
+        for joint, position, run_time in able:
+            groups.setdefault(run_time, []).append((joint, self.clamp(joint, position)))
+        for run_time, group in groups.items():
+            for joint, _ in group:
+                # The servo switches it on by a target; it is read back all the same.
+                joint.torque_on = joint.unsure = True
+            yield from self._bus.move(group, max(run_time, self.slowest(group)))
+        return len(able) == len(named)
+
+    def let_through(self, packet: ServoPacket, *, chapter: bool) -> Passing:
+        """Judge a well-formed packet of the host by the gate; returns what may go to the bus now.
+
+        Raises:
+            RefusedError: Nothing of it may.
+        """
+        state = self._state
+        written = written_ids(packet)
+        if written and not state.stopped:
+            yield from self.look_at([j for j in state.joints if j.servo_id in written])
+        passed = self._gate(chapter=chapter).judge(packet)
+        if passed.hold:
+            # Where it stands is what it holds, not where it is sent: a target would move it at once.
+            yield from self._bus.poll_all()
+            passed = self._gate(chapter=chapter).judge(packet)
+            yield from self._bus.hold([j for j in state.joints if j.servo_id in passed.hold])
+        return passed
+
+    def _gate(self, *, chapter: bool) -> Gate:
+        state = self._state
+        return Gate(
+            state.facts(self._clock()), chapter=chapter, stopped=state.stopped, maintenance=state.maintenance
+        )
+
+    def look_at(self, joints: list[JointSlot]) -> Job:
+        """Bring what the board knows of joints up to date before it judges a target for them."""
+        yield from self._bus.refresh()
+        for joint in joints:
+            if joint.present and joint.unsure:
+                yield from self._bus.recheck(joint)
