@@ -7,6 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,71 @@ def _loaded_by(statement: str) -> set[str]:
         [sys.executable, "-I", "-c", program], check=True, capture_output=True, text=True, timeout=60
     )
     return set(json.loads(result.stdout))
+
+
+def _imports(source: Path) -> dict[str, set[str]]:
+    """Which modules below `source` each of them imports: at the top, in functions, for the type checker only."""
+    files = {
+        ".".join(path.relative_to(source).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in sorted(source.rglob("*.py"))
+    }
+    graph: dict[str, set[str]] = {}
+    for module, path in files.items():
+        package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+        found: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                above = package[: len(package) - node.level + 1] if node.level else []
+                base = ".".join([*above, *([node.module] if node.module else [])])
+                # What is imported from a package may be a module of it, or a name in its __init__.
+                found |= {name if (name := f"{base}.{alias.name}") in files else base for alias in node.names}
+        graph[module] = {name for name in found if name in files and name != module}
+    return graph
+
+
+def _circle(graph: Mapping[str, set[str]]) -> list[str]:
+    """The modules of one circle, the first again at the end; empty if there is none."""
+    done: set[str] = set()
+    for start in sorted(graph):
+        path: list[str] = []
+        todo = [iter([start])]
+        while todo:
+            module = next(todo[-1], None)
+            if module is None:
+                todo.pop()
+                if path:
+                    done.add(path.pop())
+            elif module in path:
+                return [*path[path.index(module) :], module]
+            elif module not in done:
+                path.append(module)
+                todo.append(iter(sorted(graph[module])))
+    return []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    circle = _circle(_imports(Path(hexwire.__file__).parents[1]))
+    assert not circle, f"modules import each other in a circle: {' -> '.join(circle)}; move what they share"
+
+
+def test_a_circle_would_be_seen(tmp_path: Path) -> None:
+    texts = {
+        "room/__init__.py": "",
+        "room/a.py": "import os\nfrom . import b",
+        "room/b.py": "def late():\n    from room.deep.c import name",
+        "room/deep/__init__.py": "",
+        "room/deep/c.py": "if TYPE_CHECKING:\n    from ..d import name",
+        "room/d.py": "import room.a",
+        "room/e.py": "from room import a, d",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert _circle(_imports(tmp_path)) == ["room.a", "room.b", "room.deep.c", "room.d", "room.a"]
+    (tmp_path / "room/d.py").write_text("import room.deep")
+    assert _circle(_imports(tmp_path)) == []
 
 
 def test_import_hexwire_loads_nothing_heavy() -> None:

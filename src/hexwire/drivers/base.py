@@ -331,7 +331,7 @@ class RobotDriver(ABC):
         """
         from .checkup import examine
 
-        return examine(self)
+        return examine(self.probe(), self.read())
 
     def explain_silence(self) -> list[Finding]:
         """Why `attach` found nobody, looked for further down; empty if no more is known. Nothing moves.

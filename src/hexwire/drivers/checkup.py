@@ -17,7 +17,7 @@ from hexwire.model.state import JointFlag
 if TYPE_CHECKING:
     from hexwire.model.state import JointReading, JointState
 
-    from .base import JointProbe, ProbeReport, RobotDriver
+    from .values import JointProbe, ProbeReport
 
 __all__ = ["examine", "judge_board", "judge_probe", "judge_state", "together"]
 
@@ -38,9 +38,8 @@ _FAULT_ADVICE = {
 }
 
 
-def examine(robot: RobotDriver) -> list[Finding]:
-    """What is good and bad about an attached robot behind a controller."""
-    report, state = robot.probe(), robot.read()
+def examine(report: ProbeReport, state: JointState) -> list[Finding]:
+    """What is good and bad about a robot behind a controller that was probed and read."""
     findings = judge_board(report) + judge_probe(report)
     shaky = [joint.name for joint in report.joints if joint.present and joint.name in state.silent]
     if shaky:
