@@ -59,6 +59,19 @@ def test_a_stop_that_was_not_confirmed_refuses_all_until_resume() -> None:
     assert not epochs.stopped
 
 
+def test_a_stop_that_was_not_confirmed_has_failed_until_resume() -> None:
+    epochs = Epochs()
+    assert not epochs.failed
+    with epochs.stopping():
+        epochs.unconfirmed()
+    assert epochs.failed
+    epochs.resumed(epochs.token("resume", freeing=True))
+    assert not epochs.failed
+    with epochs.stopping():
+        pass
+    assert not epochs.failed
+
+
 def test_a_later_stop_that_is_confirmed_makes_up_for_one_that_was_not() -> None:
     epochs = Epochs()
     with epochs.stopping():

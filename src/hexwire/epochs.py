@@ -65,6 +65,11 @@ class Epochs:
         return self._ended is not self._current
 
     @property
+    def failed(self) -> bool:
+        """The last stop was not confirmed; only `resume` and torque off are allowed until `resume`."""
+        return self.stopped and self._failed is self._current
+
+    @property
     def stopped_by_this_thread(self) -> bool:
         """The last stop was called in this thread: perhaps by a signal handler in the middle of something."""
         return self._stopper == threading.get_ident()

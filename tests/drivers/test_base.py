@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Self
 
@@ -176,6 +177,23 @@ def test_the_latch_says_what_stopped_the_robot() -> None:
     assert robot.stop_latch() == StopLatch(StopCause.WATCHDOG)
     robot.resume()
     assert not robot.stop_latch().stopped
+
+
+def test_the_latch_of_a_stop_that_somebody_else_ended_is_open() -> None:
+    robot = Plain()
+    robot.stop()
+    robot.stopped = False
+    assert robot.stop_latch() == StopLatch(StopCause.NONE)
+
+
+def test_a_stop_that_was_not_confirmed_holds_here() -> None:
+    robot = Plain()
+    with suppress(DeviceError), robot.epochs.stopping():
+        raise DeviceError("it did not hear it")
+    assert robot.epochs.failed
+    assert robot.stop_latch() == StopLatch(StopCause.HERE)
+    robot.resume()
+    assert not robot.epochs.failed
 
 
 def test_signals_are_the_verbs_by_number() -> None:

@@ -32,16 +32,16 @@ _COMMAND_RATE = 20.0
 class RobotDriver(ABC):
     """A robot. Constructing one does no I/O; `attach` does.
 
-    What is abstract here every robot does. All else has an answer for robots that cannot do it: a property that
-    says so, or `NotSupportedError` with a sentence. Times are seconds, angles radians.
+    Every robot implements the abstract members. The others have a default for robots without the ability: a
+    property that says so, or `NotSupportedError` with a sentence. Times are in seconds, angles in radians.
 
-    A call that needs the robot raises `UsageError` before `attach`, and a `LinkError` or `DeviceError` where the
-    robot is not there.
+    A call that needs the robot raises `UsageError` before `attach`, and a `LinkError` or `DeviceError` if the robot
+    cannot be reached.
 
     Attributes:
         model: The arm's joints and limits.
-        port_leads_to: What is plugged in where a serial port leads to the robot: a controller board, or an adapter
-            to a servo bus.
+        port_leads_to: The device on a serial port that leads to the robot: a controller board, or an adapter to a
+            servo bus.
     """
 
     model: ArmModel
@@ -54,13 +54,13 @@ class RobotDriver(ABC):
 
     @property
     def url(self) -> str:
-        """What leads to the robot, as in ``serial:///dev/ttyUSB0``; empty if it has no address."""
+        """Address of the robot, as in ``serial:///dev/ttyUSB0``; empty if it has none."""
         return ""
 
     @property
     @abstractmethod
     def is_attached(self) -> bool:
-        """Whether the way to the robot is open; `attach` opens it, `detach` and `abort` close it."""
+        """Whether the connection is open; `attach` opens it, `detach` and `abort` close it."""
 
     @property
     def epochs(self) -> Epochs:
@@ -69,7 +69,7 @@ class RobotDriver(ABC):
 
     @property
     def command_rate(self) -> float:
-        """Targets a second that the robot takes, besides being read; known once it is attached."""
+        """Targets per second that the robot accepts while it is being read too; known once it is attached."""
         return _COMMAND_RATE
 
     @property
@@ -79,7 +79,7 @@ class RobotDriver(ABC):
 
     @property
     def reports_states(self) -> bool:
-        """Whether the robot can send states by itself, see `stream`; known once it is attached."""
+        """Whether the robot can send states without being asked, see `stream`; known once it is attached."""
         return False
 
     @property
@@ -95,20 +95,20 @@ class RobotDriver(ABC):
 
     @property
     def round_trips(self) -> Sequence[float]:
-        """Seconds between question and answer, the newest last; empty where nobody measures them."""
+        """Seconds from request to answer, the newest last; empty if they are not measured."""
         return ()
 
     @property
     def restarts(self) -> int:
-        """Resets of the board that showed while the way to it stayed open."""
+        """Resets of the board that were noticed while the connection stayed open."""
         return 0
 
     def host_counters(self) -> dict[str, int]:
-        """What this side asked, retried, dropped and resynchronised, by name; talks to nobody."""
+        """This side's counters (requests, retries, dropped frames and so on) by name; sends nothing."""
         return {}
 
     def board_counters(self) -> dict[str, int]:
-        """The board's own counters since its reset, by name; empty where there are none.
+        """The board's own counters since its reset, by name; empty if it has none.
 
         Raises:
             HexwireError: The board does not answer.
@@ -123,7 +123,7 @@ class RobotDriver(ABC):
         return False
 
     def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
-        """Have the robot stop by itself when nothing comes from this program for a while.
+        """Have the robot stop by itself when this program sends nothing for a while.
 
         Args:
             timeout: Seconds of silence; 0 switches it off.
@@ -131,7 +131,7 @@ class RobotDriver(ABC):
 
         Raises:
             NotSupportedError: Nothing behind this robot can do that; see `has_watchdog`.
-            UsageError: A time that the robot does not take.
+            UsageError: The time is outside the robot's range.
         """
         raise NotSupportedError(f"nothing behind {self.model.name} stops it when this program falls silent")
 
@@ -187,7 +187,7 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def attach(self) -> None:
-        """Open the way to the robot and find out who is there. Nothing moves.
+        """Open the connection and find out who is there. Nothing moves.
 
         Raises:
             LinkError: The port cannot be opened.
@@ -196,7 +196,7 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def detach(self, *, torque_off: bool = False) -> None:
-        """Close the way to the robot. Harmless if it is closed.
+        """Close the connection. Harmless if it is closed.
 
         Args:
             torque_off: Take the torque away first. Without it the joints hold what they hold.
@@ -211,24 +211,24 @@ class RobotDriver(ABC):
         """Read all joints. A silent servo does not raise: its joint says so."""
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
-        """Yield the states that the robot sends by itself, until the caller stops iterating.
+        """Yield the states that the robot sends without being asked, until the caller stops iterating.
 
         Args:
             period: Seconds between two states.
-            timeout: Seconds of silence after which the robot is asked whether it is there; the iterator ends if it
-                is, and still sends nothing.
-            slow: Seconds between two readings of what changes slowly (voltage, temperature, current), where leaving
-                it out makes reports shorter; None has everything in every report.
+            timeout: Seconds of silence after which the robot is asked whether it is there; the iterator ends if the
+                robot answers but sends no states.
+            slow: Seconds between two readings of what changes slowly (voltage, temperature, current), if leaving
+                that out makes reports shorter; None puts everything into every report.
 
         Raises:
             NotSupportedError: The robot sends none, see `reports_states`; `read` asks for one.
             ReplyTimeoutError: The robot is not there any more.
-            UsageError: A period that the robot does not take.
+            UsageError: The period is outside the robot's range.
         """
         raise NotSupportedError(f"{self.model.name} sends no states by itself; read() asks for one")
 
     def discard_reports(self) -> None:  # noqa: B027  # a robot that sends none has none to forget
-        """Forget states that were sent and not read yet: they tell of a time before what was answered last.
+        """Discard states that were sent and not read yet: they are older than the last answer.
 
         Raises:
             LinkError: The line is lost.
@@ -277,17 +277,17 @@ class RobotDriver(ABC):
         """End a stop. Nothing moves by it."""
 
     def stop_latch(self) -> StopLatch:
-        """Whether the robot is stopped, and what stopped it since the last `resume`; asks the robot.
+        """Read whether the robot is stopped, and what has stopped it since the last `resume`.
 
         Raises:
             HexwireError: As `read`.
         """
         state = self.read()
+        if not (state.stopped or self.epochs.failed):
+            return StopLatch(StopCause.NONE)
         if state.watchdog_tripped:
             return StopLatch(StopCause.WATCHDOG)
-        if self.epochs.stopped:
-            return StopLatch(StopCause.HERE)
-        return StopLatch(StopCause.ELSEWHERE if state.stopped else StopCause.NONE)
+        return StopLatch(StopCause.HERE if self.epochs.stopped else StopCause.ELSEWHERE)
 
     def ping(self, servo_id: int) -> int | None:
         """Ask one servo whether it is there.
@@ -324,7 +324,7 @@ class RobotDriver(ABC):
     # -- what is wrong with it ------------------------------------------------------------------------
 
     def examine(self) -> list[Finding]:
-        """What is good and bad about the attached robot, each finding with what to do. Nothing moves.
+        """Check the attached robot; each finding says what to do. Nothing moves.
 
         Raises:
             HexwireError: As `probe` and `read`.
@@ -334,7 +334,7 @@ class RobotDriver(ABC):
         return examine(self.probe(), self.read())
 
     def explain_silence(self) -> list[Finding]:
-        """Why `attach` found nobody, looked for further down; empty if no more is known. Nothing moves.
+        """Find out why nobody answered `attach`; empty if no more can be found out. Nothing moves.
 
         Raises:
             LinkError: The port cannot be opened.
@@ -343,17 +343,17 @@ class RobotDriver(ABC):
 
     # -- losing it ------------------------------------------------------------------------------------
 
-    def auto_reconnect(self, on: bool) -> None:  # noqa: B027  # the way to a robot need not be one that is lost
-        """Whether a call that finds the way to the robot lost opens it again, or raises LinkLostError at once.
+    def auto_reconnect(self, on: bool) -> None:  # noqa: B027  # not every robot has a connection to lose
+        """Choose what a call does when the connection is lost.
 
         Args:
-            on: Which.
+            on: Open the connection again; otherwise raise LinkLostError immediately.
         """
 
     def abort(self) -> None:
-        """Close the way to the robot from any thread: a call that waits in another one ends with a LinkError.
+        """Close the connection from any thread; a call that waits in another thread ends with a LinkError.
 
-        Nothing is sent. Where nothing can wait, this is `detach`.
+        Nothing is sent. For a robot whose calls never wait, this is `detach`.
         """
         self.detach()
 
