@@ -14,6 +14,7 @@ from tests.model.poses import (
     random_angles,
     turn_error,
 )
+from tests.soak import rounds
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
@@ -77,10 +78,11 @@ def test_reach_of_the_link_sets(model: Hex7BotModel) -> None:
     assert (low, high, high + 1e3 * model.links.d) == pytest.approx(published[model.links.name], abs=0.06)
 
 
+@pytest.mark.soak
 @EACH_MODEL
 def test_inverse_of_forward_over_the_whole_workspace(model: Hex7BotModel) -> None:
     branches = set()
-    for angles in random_angles(1, 4000):
+    for angles in random_angles(1, rounds(1_000, 50_000)):
         pose = model.forward(angles)
         solutions = model.inverse(pose)
         assert solutions

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.model.poses import VECTORS, check_jacobian, determinant, pose_error, rad, random_angles, turn_error
+from tests.soak import rounds
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.pose import IDENTITY, Pose
@@ -27,9 +28,10 @@ def test_the_third_published_pose_to_its_printed_digits() -> None:
     assert pose.position == pytest.approx((0.2236, 0.0693, 0.4265), abs=6e-5)
 
 
+@pytest.mark.soak
 def test_inverse_of_forward_over_the_whole_workspace() -> None:
     branches = set()
-    for angles in random_angles(4, 4000):
+    for angles in random_angles(4, rounds(1_000, 50_000)):
         pose = MODEL.forward(angles)
         solutions = MODEL.inverse(pose)
         own = min(solutions, key=lambda s: turn_error(s.angles, angles))

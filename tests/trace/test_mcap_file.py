@@ -114,12 +114,14 @@ def zeros(megabytes: int) -> bytes:
     return bytes(megabytes * MEGABYTE)
 
 
+BIG = message(zeros(16))
 BOMBS: dict[str, Callable[[], bytes]] = {
     "zstd, one chunk": lambda: chunk(b"", zstandard.compress(zeros(548)), "zstd", size=548 * MEGABYTE),
     "zstd, size not told": lambda: chunk(b"", zstandard.compress(zeros(548)), "zstd", size=100),
-    "zstd, many chunks": lambda: chunk(zeros(16), zstandard.compress(zeros(16)), "zstd") * 200,
+    "zstd, many chunks": lambda: chunk(BIG, zstandard.compress(BIG), "zstd") * 200,
     "lz4, size not told": lambda: chunk(b"", lz4.frame.compress(zeros(200)), "lz4", size=100),
-    "lz4, many chunks": lambda: chunk(zeros(60), lz4.frame.compress(zeros(60)), "lz4") * 200,
+    # Each is within the bound of its size, so that all of them are read, up to one that is damaged.
+    "lz4, many chunks": lambda: chunk(BIG, lz4.frame.compress(BIG), "lz4") * 40 + chunk(b"\0" * 10, b"", ""),
     "messages": lambda: chunk(message(zeros(60)), zstandard.compress(message(zeros(60))), "zstd") * 50,
     "channels": lambda: b"".join(
         record(4, struct.pack("<HH", i, 0) + text("x" * MEGABYTE) + text("json") + bytes(4)) for i in range(40)
