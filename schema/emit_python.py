@@ -196,9 +196,8 @@ def _session(session: dict[str, Any]) -> list[str]:
         assign("BOARD_JOINT_IDS", tuple(session["board"]["joint_ids"]), "tuple[int, ...]"),
         assign("BOARD_JOINT_SERIES", tuple(session["board"]["joint_series"]), "tuple[str, ...]"),
         *(assign(name.upper(), value) for name, value in session["board"].items() if isinstance(value, int)),
-        "\n# Module ids and channel kinds of the chapter.\n",
+        "\n# Module ids of the chapter.\n",
         assign("MODULES", session["modules"], "dict[str, int]"),
-        assign("CHANNELS", session["channels"], "dict[str, int]"),
     ]
 
 
@@ -214,12 +213,9 @@ MASKS = {
 def _commands(commands: dict[str, Any]) -> list[str]:
     out = ["\n# cmd_ext of dialect 2.\n"]
     out += [assign(f"EXT_{name.upper()}", Raw(f"0x{value:02X}")) for name, value in commands["ext"].items()]
-    out.append(
-        "\n# Status codes of dialect 2, codes of servo series in IDENTIFY, modes of other robot controllers.\n"
-    )
+    out.append("\n# Status codes of dialect 2 and codes of servo series in IDENTIFY.\n")
     out.append(assign("STATUS", commands["status"], "dict[str, int]"))
     out.append(assign("SERIES_CODES", commands["series"], "dict[str, int]"))
-    out.append(assign("ROBOT_MODES", commands["robot_modes"], "dict[str, int]"))
     for table, (prefix, digits) in MASKS.items():
         out.append(f"\n# [{table}]\n")
         for name, value in commands[table].items():

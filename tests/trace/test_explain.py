@@ -58,6 +58,18 @@ def test_a_dialect_2_reply_is_paired_by_seq_and_its_check_judged() -> None:
     assert "position 2047" in answered.layers[2].text
 
 
+def test_the_flags_of_a_board_have_names() -> None:
+    report = frame(2, Command.JOINT_STATE, JointReport(0, 3, (2047,), (0,)).serialize(), src=8, ext=0x40)
+    maintenance = frame(2, Command.MAINTENANCE, bytes([1, 0x48]), src=8, ext=0x80)
+    short = frame(2, Command.MAINTENANCE, bytes([1]), src=8, ext=0x80)
+    asked = frame(2, Command.MAINTENANCE, bytes([1]))
+    told, also, *others = explain((RECEIVED, report + maintenance + short + asked, 0.0))
+    assert layer(told, "body")["board_flags"] == ["stopped", "watchdog tripped"]
+    assert told.layers[2].text.endswith("(position 2047, status 0) [stopped, watchdog tripped]")
+    assert also.layers[2].text.endswith(" [settings default, maintenance]")
+    assert not [other for other in others if "board_flags" in layer(other, "body")]
+
+
 def test_a_cooked_port_is_recognised_and_the_frame_explained_all_the_same() -> None:
     reply = frame(1, Command.READ, make_status(6, 0, b"\x34\x00"), src=8)
     (explained,) = explain((RECEIVED, reply[:-2] + b"\n\n", 0.0))

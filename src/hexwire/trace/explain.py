@@ -17,6 +17,7 @@ from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed
 from hexwire.wire import tables
 from hexwire.wire.command_frame import BODY_OFFSET, Command, Frame, command_name, parse_frame, status_name
+from hexwire.wire.commands import JointReport, MaintenanceReply
 from hexwire.wire.modules import module_name
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import (
@@ -166,7 +167,7 @@ class Explainer:
             if packet:
                 layers.append(self._servo_layer(packet, reading, swapped=False))
         elif frame.body:
-            layers.append(Layer("body", reading.words, {"text": reading.words}))
+            layers.append(self._body_layer(frame, reading.words))
         if asked is not None:
             took, seq = (reading.time - asked.time) * 1000, asked.data[34]
             text = f"answers seq {seq}" + (f" after {took:.1f} ms" if reading.time and asked.time else "")
@@ -212,6 +213,21 @@ class Explainer:
                 text += "unsolicited, "
         fields["check_verdict"] = verdict
         return Layer("command", f"{text}check {check:04X} {verdict}", fields)
+
+    @staticmethod
+    def _body_layer(frame: Frame, words: str) -> Layer:
+        fields: dict[str, Any] = {"text": words}
+        flags = 0
+        with suppress(HexwireError):
+            if frame.cmd == Command.JOINT_STATE and (frame.is_reply or frame.is_unsolicited):
+                flags = JointReport.parse(frame.body).board_flags
+            elif frame.cmd == Command.MAINTENANCE and frame.is_reply:
+                flags = MaintenanceReply.parse(frame.body).board_flags
+        if flags:
+            names = [name.replace("_", " ") for name, bit in tables.BOARD_FLAGS.items() if flags & bit]
+            fields["board_flags"] = names
+            words += f" [{', '.join(names)}]"
+        return Layer("body", words, fields)
 
     # -- servo packets ------------------------------------------------------------------------------
 

@@ -126,7 +126,7 @@ DEFAULT_NEUTRAL = 2047
 DEFAULT_SIGN = 1
 DEFAULT_CEILING = 154
 
-# Module ids and channel kinds of the chapter.
+# Module ids of the chapter.
 MODULES: dict[str, int] = {
     "INVALID_MODULE": -1,
     "ROS1_HOST": 0,
@@ -139,14 +139,13 @@ MODULES: dict[str, int] = {
     "ARM_7BOT_SERIAL_TRX": 7,
     "ARM_7BOT_ARDUINO_TRX": 8,
 }
-CHANNELS: dict[str, int] = {"QUEUE": 0, "TCP": 1, "UDP": 2, "SERIAL": 3}
 
 # cmd_ext of dialect 2.
 EXT_REPLY = 0x80
 EXT_UNSOLICITED = 0x40
 EXT_STATUS_MASK = 0x3F
 
-# Status codes of dialect 2, codes of servo series in IDENTIFY, modes of other robot controllers.
+# Status codes of dialect 2 and codes of servo series in IDENTIFY.
 STATUS: dict[str, int] = {
     "ok": 0,
     "bad_length": 1,
@@ -162,7 +161,6 @@ STATUS: dict[str, int] = {
     "forbidden": 11,
 }
 SERIES_CODES: dict[str, int] = {"unknown": 0, "seven_bot": 1, "scs": 2, "sts_sms": 3, "hls": 4}
-ROBOT_MODES: dict[str, int] = {"position": 0, "teach": 1}
 
 # [servo_flags]
 SERVO_FLAGS_VOLTAGE = 0x01
