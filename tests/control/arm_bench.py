@@ -122,8 +122,10 @@ class Loop:
     def send(self, sent: TrajectoryGoal, **options: Any) -> Told:
         """As a node does it; time does not pass."""
         told, controller = Told(), self.controller
-        controller.check_way(controller.plan(sent, controller.start(sent.delay, self.state, self.now)), self.state)
-        controller.accept(sent, self.state, self.now, listener=told, **options)
+        plan = controller.plan(sent, self.now)
+        start = controller.start(sent.delay, self.state, self.now)
+        controller.check_path(plan.trajectory(start, self.now), self.state)
+        controller.accept(plan, self.state, self.now, listener=told, **options)
         self.deliver()
         return told
 

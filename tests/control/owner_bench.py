@@ -103,8 +103,9 @@ class Bench:
         order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         chosen = controller or self.controller
         with hardware.locked():
-            chosen.check_way(chosen.plan(order, chosen.start(0.0, state, hardware.now())), state)
-            chosen.accept(order, state, hardware.now(), listener=told)
+            plan = chosen.plan(order, hardware.now())
+            chosen.check_path(plan.trajectory(chosen.start(0.0, state, hardware.now()), hardware.now()), state)
+            chosen.accept(plan, state, hardware.now(), listener=told)
         hardware.hurry()
         hardware.deliver()
         return told
@@ -194,7 +195,8 @@ class Threaded:
         state = hardware.newest()
         order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         with hardware.locked():
-            self.controller.accept(order, state, hardware.now(), listener=told)
+            plan = self.controller.plan(order, hardware.now())
+            self.controller.accept(plan, state, hardware.now(), listener=told)
         hardware.hurry()
         return told
 

@@ -486,13 +486,13 @@ def test_limits_are_told_as_such() -> None:
 
 def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make_bench()
-    check = bench.controller.check_way
+    check = bench.controller.check_path
 
-    def check_way(*args: Any) -> None:
+    def check_path(*args: Any) -> None:
         check(*args)
         bench.ask(bench.arm.teach_start)
 
-    monkeypatch.setattr(bench.controller, "check_way", check_way)
+    monkeypatch.setattr(bench.controller, "check_path", check_path)
     with pytest.raises(GoalError, match="being taught"):
         bench.command(order((1.0, {"J1": J1 + 0.3})))
     assert not bench.controller.busy

@@ -106,14 +106,14 @@ def test_a_goal_that_is_cancelled_before_it_begins_never_does(
     goals: Goals, when: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     controller = goals.bench.controller
-    check = controller.check_way
+    check = controller.check_path
 
     def check_path(*args: Any) -> None:
         check(*args)
         goals.goals.cancel("", "one")
 
     if when != "before":
-        monkeypatch.setattr(controller, "check_way", check_path)
+        monkeypatch.setattr(controller, "check_path", check_path)
     client = goals.send({"J1": HOME["J1"] + 0.5})
     if when == "before":
         goals.goals.cancel("", "one")
@@ -161,7 +161,7 @@ def test_a_fault_of_the_program_refuses_its_goal_and_no_other(
 ) -> None:
     goals.goals.start()
     with monkeypatch.context() as patch, caplog.at_level(logging.CRITICAL, logger="hexwire"):
-        patch.setattr(goals.bench.controller, "check_way", lambda *_: 1 / 0)
+        patch.setattr(goals.bench.controller, "check_path", lambda *_: 1 / 0)
         broken = goals.send({"J1": HOME["J1"]})
         wait_for(lambda: broken.over)
         unreadable = Client()

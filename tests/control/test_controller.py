@@ -48,7 +48,7 @@ def test_a_goal_is_reached_on_time_and_kept() -> None:
 
 def test_a_mere_command_is_followed_and_forgotten() -> None:
     loop = Loop()
-    loop.controller.accept(order((0.5, {"J1": J1 + 0.2})), loop.state, loop.now)
+    loop.controller.accept(loop.controller.plan(order((0.5, {"J1": J1 + 0.2})), loop.now), loop.state, loop.now)
     assert loop.controller.listener is None
     assert loop.controller.busy
     loop.run(1.0)
@@ -234,7 +234,9 @@ def test_a_refused_goal_leaves_the_other_alone() -> None:
     first = loop.send(order((2.0, {"J1": J1 + 1.0})))
     loop.run(0.5)
     with pytest.raises(GoalError, match=r"not any more: .* are allowed"):
-        loop.controller.accept(order((0.1, {"J1": J1 - 1.0})), loop.state, loop.now, listener=Told())
+        loop.controller.accept(
+            loop.controller.plan(order((0.1, {"J1": J1 - 1.0})), loop.now), loop.state, loop.now, listener=Told()
+        )
     with pytest.raises(GoalError, match="unknown"):
         loop.send(TrajectoryGoal(("J9",), (Point(1.0, (0.0,)),)))
     loop.run(2.0)
@@ -295,7 +297,7 @@ def test_a_stop_aborts_latches_and_is_reset(kind: str, reason: Reason) -> None:
     loop.run(0.3)
     for refused in (
         lambda: loop.send(order((1.0, {}))),
-        lambda: loop.controller.accept(order((1.0, {})), loop.state, loop.now),
+        lambda: loop.controller.accept(loop.controller.plan(order((1.0, {})), loop.now), loop.state, loop.now),
         lambda: loop.controller.set_points({"J1": J1}, loop.state, loop.now),
         lambda: loop.controller.start(0.0, loop.state, loop.now),
     ):
@@ -330,7 +332,7 @@ def test_torque_that_is_taken_away_aborts_and_forgets() -> None:
     with pytest.raises(GoalError, match="no torque on J1; enable it first"):
         loop.controller.set_points({"J1": J1}, loop.state, loop.now)
     with pytest.raises(GoalError, match="no torque"):
-        loop.controller.accept(order((1.0, {})), loop.state, loop.now)
+        loop.controller.accept(loop.controller.plan(order((1.0, {})), loop.now), loop.state, loop.now)
     loop.change = lambda what: what
     loop.robot.where["J1"] = J1 - 0.3
     loop.robot._ways.clear()

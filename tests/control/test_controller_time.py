@@ -116,10 +116,10 @@ def test_checking_took_so_long_that_points_are_past() -> None:
     loop = Loop()
     sent = order((0.2, {"J1": J1 - 0.3}), (0.9, {"J1": J1 + 0.3}), delay=-1e-3)
     received = loop.now
-    loop.controller.plan(sent, loop.controller.start(sent.delay, loop.state, received))
+    plan = loop.controller.plan(sent, received)
     loop.run(0.3)
     told = Told()
-    loop.controller.accept(sent, loop.state, loop.now, listener=told, received=received)
+    loop.controller.accept(plan, loop.state, loop.now, listener=told)
     loop.run(0.8)
     assert told.outcome == SUCCEEDED
     assert min(where["J1"] for _, where in loop.track) >= J1 - 1e-9
@@ -128,10 +128,10 @@ def test_checking_took_so_long_that_points_are_past() -> None:
 def test_checking_took_so_long_that_it_would_be_too_fast() -> None:
     loop = Loop()
     sent = order((0.31, {"J1": J1 + 0.5}), delay=-1e-3)
-    received = loop.now
+    plan = loop.controller.plan(sent, loop.now)
     loop.run(0.3)
     with pytest.raises(GoalError, match=r"too late: on the way to the next point, .* J1 would turn at") as caught:
-        loop.controller.accept(sent, loop.state, loop.now, listener=Told(), received=received)
+        loop.controller.accept(plan, loop.state, loop.now, listener=Told())
     assert caught.value.reason == Reason.TOO_LATE
     assert not loop.controller.busy
 
@@ -141,12 +141,12 @@ def test_a_motion_at_the_speed_limit_may_begin_a_little_late() -> None:
     way = 0.5 * 0.98 * HEX7BOT.joint("J1").max_speed
     sent = order((0.5, {"J1": J1 + way}), delay=-1e-3)
     received = loop.now
-    loop.controller.check_way(
-        loop.controller.plan(sent, loop.controller.start(-1e-3, loop.state, received)), loop.state
-    )
+    plan = loop.controller.plan(sent, received)
+    start = loop.controller.start(-1e-3, loop.state, received)
+    loop.controller.check_path(plan.trajectory(start, received), loop.state)
     loop.time.sleep(0.03)
     told = Told()
-    loop.controller.accept(sent, loop.state, loop.now, listener=told, received=received)
+    loop.controller.accept(plan, loop.state, loop.now, listener=told)
     loop.run(1.0)
     assert told.outcome == SUCCEEDED
 

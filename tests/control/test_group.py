@@ -57,7 +57,8 @@ def go(group: ControllerGroup, which: int, joint: str, by: float, now: float = 0
     told = Told(group)
     here = state(stamp=now)
     order = TrajectoryGoal((joint,), (Point(2.0, (here[joint].position + by,)),))
-    group.members[which].accept(order, here, now, listener=told)
+    controller = group.members[which]
+    controller.accept(controller.plan(order, now), here, now, listener=told)
     return told
 
 

@@ -153,23 +153,23 @@ class Arm:
             if not goal.points and listener is None:
                 self.hold(name, "an empty trajectory came")
                 return
+            plan = controller.plan(goal, received)
             with hardware.locked():
                 start = controller.start(goal.delay, state, received)
                 others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, goal.delay)))
             # Takes long for a long one, so not under the lock.
-            controller.check_way(controller.plan(goal, start), state, others)
+            controller.check_path(plan.trajectory(start, received), state, others)
             with hardware.locked():
                 self.lessons.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
                 now = hardware.now()
                 controller.accept(
-                    goal,
+                    plan,
                     hardware.newest(),
                     now,
                     listener=listener,
                     tolerances=tolerances,
-                    received=received,
                     meanwhile=self._meanwhile([name], controller.follower.next_start(now)),
                 )
         except GoalError:
@@ -392,7 +392,7 @@ class Arm:
             others = self._meanwhile(ways, hardware.now())
         for key, way in ways.items():
             meanwhile = [*others, *(other for other in ways.values() if other is not way)]
-            self.controllers[key].check_way(way, state, meanwhile)
+            self.controllers[key].check_path(way, state, meanwhile)
         waiter = Waiter(len(ways))
         try:
             with hardware.locked():

@@ -9,19 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError
-from hexwire.model.state import JointFlag, JointState, JointTarget
+from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Sample
 
 from .arrival import Arrival, Deviation, Verdict
-from .goals import Point, check_goal, make_trajectory
+from .goals import check_goal
 from .outcomes import Ended, GoalListener, Outcome, Progress, Reason
 from .path_check import PathCheck
+from .plan import Plan
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -39,8 +40,6 @@ _STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
 
 _PAST = 1.0
 """Seconds back to which a question for the desired state is answered while the joints hold: messages take time."""
-_HAIR = 1e-6
-"""Seconds: as good as now, but not nothing."""
 _TOGETHER = 0.03
 """Seconds between samples of joints that count as taken at once."""
 
@@ -57,15 +56,6 @@ class _Active:
 
 def _active(listener: GoalListener | None, tolerances: Tolerances, begins: float, ends: float) -> _Active:
     return _Active(listener, tolerances, begins, Arrival(tolerances.goal, ends, tolerances.goal_time))
-
-
-@dataclass(slots=True)
-class _Pending:
-    """A goal whose time has not come: what was under way goes on until then."""
-
-    goal: TrajectoryGoal
-    received: float
-    begins: float
 
 
 class TrajectoryController:
@@ -101,7 +91,8 @@ class TrajectoryController:
         self.off: tuple[Deviation, ...] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
-        self._pending: _Pending | None = None
+        # A plan whose time has not come: what was under way goes on until then.
+        self._pending: Plan | None = None
         self._ended: list[tuple[GoalListener, Ended]] = []
         self._progress: Progress | None = None
 
@@ -185,69 +176,64 @@ class TrajectoryController:
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
-    def plan(self, goal: TrajectoryGoal, start: Sample) -> Trajectory:
-        """What a goal would make the joints do; looks at nothing that changes, so needs no lock.
+    def plan(self, goal: TrajectoryGoal, received: float) -> Plan:
+        """What a goal makes the joints do; looks at nothing that changes, so needs no lock.
 
         Args:
             goal: What was sent.
-            start: As `start` has it.
+            received: When `goal.delay` was true, seconds.
 
         Raises:
-            GoalError: It is malformed, late or not for these joints.
+            GoalError: It is malformed or not for these joints.
         """
         check_goal(goal, self.joints, allow_partial=self.settings.allow_partial)
-        return make_trajectory(goal, self.joints, start)[0]
+        return Plan(goal, self.joints, received)
 
-    def check_way(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
-        """Limits, speeds, gates and the table all along a trajectory, and that its joints can move.
+    def check_path(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
+        """Limits, speeds, joint coupling limits and the table all along a trajectory, and that its joints can move.
 
         Args:
-            trajectory: What shall be followed.
+            trajectory: What is to be followed.
             state: The newest.
             meanwhile: What other controllers do from its beginning on.
 
         Raises:
-            GoalError: It must not be run.
+            GoalError: The path is not allowed.
         """
         self._refuse_unready(trajectory.names, state)
         self._check.trajectory(trajectory, state.positions, meanwhile)
 
     def accept(
         self,
-        goal: TrajectoryGoal,
+        plan: Plan,
         state: JointState,
         now: float,
         *,
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
-        received: float | None = None,
         meanwhile: Sequence[Trajectory] = (),
     ) -> None:
         """Follow a goal that was planned and checked; what was followed before is preempted.
 
         Args:
-            goal: What was sent.
+            plan: Of the goal.
             state: The newest.
             now: Seconds.
             listener: Who wants to hear of its end.
             tolerances: In place of the controller's own.
-            received: When `goal.delay` was true; now if None.
             meanwhile: What other controllers do from now on.
 
         Raises:
             GoalError: Stopped, without torque, or too late by now; nothing was changed.
         """
-        self._refuse_if_stopped()
         self._refuse_unready(self.joints, state)
         tolerances = tolerances or self.settings.tolerances
-        received = now if received is None else received
-        begins = received + goal.delay
-        if goal.delay > 0.0 and begins > self.follower.next_start(now):
+        if plan.goal.delay > 0.0 and plan.due > self.follower.next_start(now):
             self._preempt("replaced by a new one")
-            self._pending = _Pending(goal, received, begins)
-            self._active = _active(listener, tolerances, begins, math.inf)
+            self._pending = plan
+            self._active = _active(listener, tolerances, plan.due, math.inf)
             return
-        trajectory = self._due(goal, received, state, now, meanwhile)
+        trajectory = self._due(plan, state, now, meanwhile)
         self.follow(trajectory, state, now, listener=listener, tolerances=tolerances)
 
     def follow(
@@ -285,7 +271,6 @@ class TrajectoryController:
 
     def check_set_points(self, positions: Mapping[str, float], state: JointState) -> None:
         """Refuse what `set_points` would; changes nothing."""
-        self._refuse_if_stopped()
         self._refuse_unready(positions, state)
         self._check.limits(positions)
         self.follower.observe(state)
@@ -339,13 +324,13 @@ class TrajectoryController:
 
     def _begin_pending(self, state: JointState, now: float) -> None:
         pending, active = self._pending, self._active
-        if pending is None or active is None or self.follower.next_start(now) < pending.begins:
+        if pending is None or active is None or self.follower.next_start(now) < pending.due:
             return
         self._pending = None
         begins = self.follower.next_start(now)
         try:
             self._refuse_unready(self.joints, state)
-            self._take_over(self._due(pending.goal, pending.received, state, now), state, now)
+            self._take_over(self._due(pending, state, now), state, now)
         except HexwireError as error:
             self.follower.hold()
             reason = Reason(error.reason) if isinstance(error, GoalError) else Reason.PATH_NOT_ALLOWED
@@ -357,32 +342,19 @@ class TrajectoryController:
         self._check.takeover(self.follower.takeover(trajectory, now), state.positions)
         self.follower.follow(trajectory, now)
 
-    def _due(
-        self,
-        goal: TrajectoryGoal,
-        received: float,
-        state: JointState,
-        now: float,
-        meanwhile: Sequence[Trajectory] = (),
-    ) -> Trajectory:
-        """The trajectory of a goal whose time has come; its points keep the times that were asked for.
+    def _due(self, plan: Plan, state: JointState, now: float, meanwhile: Sequence[Trajectory] = ()) -> Trajectory:
+        """The trajectory of a plan whose time has come, from where the joints are; its points keep their times.
 
         Raises:
             GoalError: So late by now that the way to the next point would be too fast.
         """
-        start = self.start(0.0, state, now)
-        if goal.delay:
-            # Without a stamp it begins whenever it begins.
-            delay = min(0.0, received + goal.delay - self.follower.next_start(now))
-            last = goal.points[-1]
-            if delay + last.time <= _HAIR:
-                # It is over by now, or ends as it begins: well, if that is where the joints are.
-                there = replace(goal, points=(Point(0.0, last.positions),), delay=_HAIR)
-                with suppress(GoalError):
-                    return make_trajectory(there, self.joints, start)[0]
-            goal = replace(goal, delay=delay)
-        trajectory, _ = make_trajectory(goal, self.joints, start)
-        self._check.bridge(trajectory, state.positions, meanwhile, late=goal.delay < 0.0)
+        start, begins = self.start(0.0, state, now), self.follower.next_start(now)
+        if plan.is_over(begins):
+            # Well, if the joints are where it ends.
+            with suppress(GoalError):
+                return plan.end(start)
+        trajectory = plan.trajectory(start, begins)
+        self._check.bridge(trajectory, state.positions, meanwhile, late=plan.late(begins) > 0.0)
         return trajectory
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
@@ -434,19 +406,11 @@ class TrajectoryController:
     # -- helpers --------------------------------------------------------------------------------------
 
     def _refuse_if_stopped(self) -> None:
-        if self.follower.mode is Mode.STOPPED:
-            raise GoalError(f"the arm is stopped ({self.follower.reason}); reset first", reason=Reason.STOPPED)
+        self._check.stop_latch(self.reason)
 
     def _refuse_unready(self, names: Collection[str], state: JointState) -> None:
-        """A servo without torque or without a word would only have the guard stop the whole arm a moment later."""
-        most = self.follower.guard.limits.max_age
-        deaf = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > most]
-        if deaf:
-            text = f"{', '.join(deaf)} has not been heard of for more than {most:g} s; see to the servo"
-            raise GoalError(text, reason=Reason.NOT_READY)
-        limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
-        if limp:
-            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", reason=Reason.NOT_READY)
+        self._refuse_if_stopped()
+        self._check.ready(names, state, self.follower.guard.limits.max_age)
 
     def _preempt(self, why: str) -> None:
         self._end(Outcome.PREEMPTED, Reason.REPLACED, why)

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample, Spline, Waypoint
+from hexwire.motion.waypoints import Sample
 
 from .arrival import Tolerance, deviations, in_words
 from .outcomes import Reason
@@ -24,7 +24,6 @@ __all__ = [
     "Tolerances",
     "TrajectoryGoal",
     "check_goal",
-    "make_trajectory",
 ]
 
 MAX_POINTS = 10_000
@@ -36,8 +35,6 @@ _LONGEST = 2.0**31
 """Seconds; the most that a duration with signed 32-bit seconds holds."""
 _TICK = 1e-9
 """Seconds; times are whole nanoseconds. Less than this from now is now."""
-_THERE = 1e-3
-"""Radians; a first point that is due at once may be so far from where the arm is."""
 _SHOWN = 5
 """Names or faults that a text lists at most."""
 
@@ -251,89 +248,3 @@ def _check_values(i: int, point: Point, names: tuple[str, ...]) -> None:
             if most:
                 raise _invalid(f"{where} is {value:g}, which no joint can do; check the unit, it is radians")
             raise _invalid(f"{where} is {value:g}; this arm takes no feed-forward, leave effort empty")
-
-
-def make_trajectory(goal: TrajectoryGoal, joints: tuple[str, ...], start: Sample) -> tuple[Spline, float]:
-    """Spline through what is left of a goal.
-
-    Points whose time has come are dropped. A bridge leads from `start` to the first one that is left, in the time
-    that is left, and takes up the velocity and acceleration of `start` as far as that point has its own. Joints
-    that the goal leaves out stand still where they are.
-
-    Args:
-        goal: Has passed `check_goal`.
-        joints: Joints of the controller, in the order of the spline.
-        start: Where they are, in the same order, or will be when the goal begins; what is not known of the
-            velocities and accelerations is taken for 0.
-
-    Returns:
-        The spline, whose time 0 is when it begins, and seconds from now when that is.
-
-    Raises:
-        GoalError: TOO_LATE if no point is left; MALFORMED if there was none; NOT_READY if the position of a joint
-            is unknown; PATH_NOT_ALLOWED if the first point is due at the beginning and the arm is elsewhere.
-    """
-    if not goal.points:
-        raise _invalid("the trajectory has no points")
-    for name, value in zip(joints, start.position, strict=True):
-        if not math.isfinite(value):
-            raise GoalError(f"it is not known yet where {name} is; wait for its state", reason=Reason.NOT_READY)
-    points = [point for point in goal.points if goal.delay + point.time > _TICK]
-    if not points:
-        raise _too_late(goal)
-    places = {name: i for i, name in enumerate(goal.names)}
-    # Place of each joint in the order, None if it is left out.
-    picks = [places.get(name) for name in joints]
-    rest = (0.0,) * len(joints)
-
-    def row(values: Sequence[float], others: Sequence[float]) -> tuple[float, ...]:
-        return tuple(other if pick is None else values[pick] for pick, other in zip(picks, others, strict=True))
-
-    begin = max(goal.delay, 0.0)
-    late = min(goal.delay, 0.0)
-    way = [
-        Waypoint(
-            point.time + late,
-            row(point.positions, start.position),
-            row(point.velocities, rest) if point.velocities else None,
-            row(point.accelerations, rest) if point.accelerations else None,
-        )
-        for point in points
-    ]
-    first = way[0]
-    if first.time <= _TICK:
-        _check_there(joints, start.position, first.position)
-        way[0] = Waypoint(0.0, first.position, first.velocity, first.acceleration)
-    else:
-        velocity = None if first.velocity is None else _moving(picks, start.velocity)
-        acceleration = None if first.acceleration is None else _moving(picks, start.acceleration)
-        way.insert(0, Waypoint(0.0, start.position, velocity, acceleration))
-    return Spline(joints, way), begin
-
-
-def _too_late(goal: TrajectoryGoal) -> GoalError:
-    last = goal.points[-1]
-    ago = -(goal.delay + last.time)
-    if last.time <= _TICK:
-        text = "the time_from_start of the last point must be above 0: it is the time the arm has to get there"
-    else:
-        text = f"the trajectory ended {max(0.0, ago):.3g} s ago; stamp it later, or with 0 to begin on arrival"
-    return GoalError(text, reason=Reason.TOO_LATE)
-
-
-def _check_there(joints: tuple[str, ...], here: Sequence[float], first: Sequence[float]) -> None:
-    gap, name = max((abs(b - a), name) for name, a, b in zip(joints, here, first, strict=True))
-    if gap > _THERE:
-        raise GoalError(
-            f"the trajectory begins {math.degrees(gap):.3g} deg from where {name} is; "
-            "give its first point a time_from_start above 0, or move there first",
-            reason=Reason.PATH_NOT_ALLOWED,
-        )
-
-
-def _moving(picks: Sequence[int | None], values: Sequence[float]) -> tuple[float, ...]:
-    """Velocities or accelerations to start with: none for joints left out, nor where it is not known."""
-    return tuple(
-        0.0 if pick is None or not math.isfinite(value) else value
-        for pick, value in zip(picks, values, strict=True)
-    )

@@ -1,15 +1,18 @@
-"""What speaks against a way before the arm takes it: all of it when it comes, its beginning again when it begins.
+"""What is checked before an arm moves: the one list of checks, for every goal, target, set-point and command.
 
-Owns the two looks and the reasons they give. Must not know goals, time or what is followed.
+Owns the checks, in this order: stop latch; known positions and torque; limits; speeds, joint coupling limits and
+table along the path; and, when the motion begins, the bridge from where the arm is then and the blend from a motion
+under way. Must not know goals, time or what is followed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, LimitError
+from hexwire.model.state import JointFlag
 from hexwire.motion.checks import check_move, check_trajectory
 from hexwire.motion.fence import Fence
 from hexwire.motion.waypoints import Spline, Tail
@@ -19,7 +22,9 @@ from .outcomes import Reason
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
+    from hexwire.model.state import JointState
     from hexwire.motion.checks import MotionReport
+    from hexwire.motion.safety import StopReason
     from hexwire.motion.waypoints import Trajectory
 
 __all__ = ["PathCheck"]
@@ -34,7 +39,7 @@ _BRIDGE_GRACE = 1.1
 
 
 class PathCheck:
-    """Checks ways of an arm.
+    """Checks the paths of an arm.
 
     Args:
         arm: Limits and speeds.
@@ -47,6 +52,34 @@ class PathCheck:
         self._bridge_arm = replace(
             arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
         )
+
+    def stop_latch(self, reason: StopReason | None) -> None:
+        """No stop is latched.
+
+        Raises:
+            GoalError: One is, for this reason.
+        """
+        if reason is not None:
+            raise GoalError(f"the arm is stopped ({reason}); reset first", reason=Reason.STOPPED)
+
+    def ready(self, names: Collection[str], state: JointState, max_age: float) -> None:
+        """Joints answer and have torque; else the guard would stop the whole arm a moment later.
+
+        Args:
+            names: Those that are to move.
+            state: The newest.
+            max_age: Seconds after which a silent joint is lost.
+
+        Raises:
+            GoalError: One does not.
+        """
+        deaf = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > max_age]
+        if deaf:
+            text = f"{', '.join(deaf)} has not been heard of for more than {max_age:g} s; see to the servo"
+            raise GoalError(text, reason=Reason.NOT_READY)
+        limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
+        if limp:
+            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", reason=Reason.NOT_READY)
 
     def limits(self, goal: Mapping[str, float]) -> None:
         """Every joint exists, and its angle in radians is within its limits.

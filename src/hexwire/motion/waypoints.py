@@ -123,10 +123,18 @@ class Spline(Trajectory):
     Args:
         names: Joint names.
         waypoints: At least one; times start at 0 and rise.
+        checked: They are known to be right, and are not looked at again, which takes long for many.
     """
 
-    def __init__(self, names: Sequence[str], waypoints: Sequence[Waypoint]) -> None:
+    def __init__(self, names: Sequence[str], waypoints: Sequence[Waypoint], *, checked: bool = False) -> None:
         self.names = tuple(names)
+        if not checked:
+            self._check(waypoints)
+        self.waypoints = tuple(waypoints)
+        self.duration = waypoints[-1].time
+        self._times = [point.time for point in waypoints]
+
+    def _check(self, waypoints: Sequence[Waypoint]) -> None:
         if not waypoints:
             raise UsageError("a trajectory without a point")
         if waypoints[0].time != 0.0:
@@ -141,9 +149,6 @@ class Spline(Trajectory):
                     raise UsageError(f"point {i + 1} has {len(values)} values for {len(self.names)} joints")
                 if values is not None and not all(map(math.isfinite, values)):
                     raise UsageError(f"point {i + 1} has a value that is not a number")
-        self.waypoints = tuple(waypoints)
-        self.duration = waypoints[-1].time
-        self._times = [point.time for point in waypoints]
 
     def at(self, t: float) -> Sample:
         points = self.waypoints
