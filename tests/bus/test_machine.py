@@ -193,7 +193,7 @@ def test_draining_takes_what_comes_in_a_pause() -> None:
 def test_another_rate_is_learned_anew_and_nothing_is_outstanding() -> None:
     machine = make_machine()
     machine.gave_up((1, 2), 2, READ, 99.0, 100.0)
-    machine.rest(3, 100.0)
+    machine.mark_silent(3, 100.0)
     machine.learning = False
     machine.plan_read(1, "present_position")
     machine.restart(1_000_000)
@@ -211,11 +211,11 @@ def test_every_transaction_is_timed_at_the_beginning() -> None:
     plan, _ = machine.plan_read(1, "present_position")
     for _ in range(63):
         machine.asked_at = 100.0
-        machine.took(plan, 100.001)
+        machine.learn_time(plan, 100.001)
         assert machine.asked_at is None
         assert machine.learning
     machine.asked_at = 100.0
-    machine.took(plan, 100.001)
+    machine.learn_time(plan, 100.001)
     assert not machine.learning
     assert machine.timing.overhead == pytest.approx(0.001 - 16 * 10e-6)
 
@@ -223,11 +223,11 @@ def test_every_transaction_is_timed_at_the_beginning() -> None:
 def test_a_transaction_that_is_not_timed_teaches_nothing() -> None:
     machine = make_machine()
     plan, _ = machine.plan_read(1, "present_position")
-    machine.took(plan, 100.0)
+    machine.learn_time(plan, 100.0)
     assert machine.timing.answers == 0
     # A line that is quicker than its rate says: what was before it is not counted, nor is less than nothing.
     machine.asked_at = 100.3
-    machine.took(plan, 100.1)
+    machine.learn_time(plan, 100.1)
     assert machine.timing.overhead == 0.0
 
 

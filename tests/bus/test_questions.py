@@ -106,7 +106,7 @@ def test_only_the_missing_are_asked_again_and_one_alone_by_a_plain_read() -> Non
 def test_who_was_silent_goes_first_in_a_sync_read() -> None:
     machine, servos = make_machine(), Servos(1, 2)
     plan = machine.plans.block(56, 2, (1, 2, 3))
-    machine.rest(3, machine.now)
+    machine.mark_silent(3, machine.now)
     found = Play(machine, servos)(questions.ask_many(machine, plan, None))
     assert set(found) == {1, 2}
     assert servos.asked == [(3, 1, 2, 56, 2)]

@@ -45,7 +45,7 @@ def _read_together(line: BusLine, address: int, count: int, ids: tuple[int, ...]
             data = line.transact(plan, timed=True)
             rows = plan.blocks(data)
             if rows is not None:
-                machine.took(plan, line.clock())
+                machine.learn_time(plan, line.clock())
                 machine.extra_answers += len(ids) - 1
                 return {i: ServoBlock(i, address, row) for i, row in zip(ids, rows, strict=True)}
         found = {i: ServoBlock(i, address, b"", 0, SILENT) for i in ids}

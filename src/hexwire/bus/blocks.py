@@ -1,7 +1,7 @@
 """Registers read together with their neighbours, so that the length of the answer tells whose it is.
 
 Owns which blocks contain a register, and what the attempts at one of them have told. Sans I/O and sans time; which
-lengths are free is `servo_doubts`' to say.
+lengths are free, `doubts` says.
 """
 
 from __future__ import annotations

@@ -146,9 +146,10 @@ class BusLine:
         return self.run(self.machine.any_doubted(servo_ids, params))
 
     def transact(self, plan: ReadPlan | SyncReadPlan, *, timed: bool = False) -> bytes:
-        """Send a prepared read and take what comes at once: the fast path. What it says is the caller's to see.
+        """Send a prepared read and take what comes: the fast path. The caller checks it.
 
-        Where `machine.asked_at` is set afterwards, and the answers are sound, `machine.took` learns from it.
+        Where `machine.asked_at` is set afterwards and the answers are sound, the caller has `machine.learn_time`
+        learn from it.
 
         Args:
             plan: What is asked.
@@ -187,7 +188,7 @@ class BusLine:
             PreemptedError: It came as the packet was sent.
         """
         epochs = self.epochs
-        if token is not None and not epochs.holds(token):
+        if token is not None:
             epochs.check(token, _WHAT)
         now = self.clock()
         self.machine.posted(packet, now)

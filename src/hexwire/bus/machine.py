@@ -178,7 +178,7 @@ class BusMachine:
             self.busy_until = left = 0.0
         return left
 
-    def rest(self, servo_id: int, now: float) -> None:
+    def mark_silent(self, servo_id: int, now: float) -> None:
         """A servo answered nothing: leave it alone for a while."""
         self.silent[servo_id] = now + _SILENT_REST
 
@@ -191,7 +191,7 @@ class BusMachine:
         busy = self.busy_until
         self.busy_until = (busy if busy > now else now) + len(packet) * self.timing.byte_time
 
-    def took(self, plan: ReadPlan | SyncReadPlan | WritePlan, now: float) -> None:
+    def learn_time(self, plan: ReadPlan | SyncReadPlan | WritePlan, now: float) -> None:
         """Learn how long the transaction begun at `asked_at` took, if it is timed.
 
         Its answers were sound: an echo would teach a wrong time.

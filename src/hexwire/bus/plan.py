@@ -259,8 +259,8 @@ class SyncReadPlan:
         missing = self.length - len(data)
         if missing <= 0:
             return 0.0
-        tail = data[-self.size :]
-        if tail[:4] == self._last and sum(tail[2:]) & 0xFF == 0xFF:
+        at = len(data) - self.size
+        if at >= 0 and data.startswith(self._last, at) and sum(data[at + 2 :]) & 0xFF == 0xFF:
             return 0.0  # servos answer in order, and this was the last
         return missing * self.base / self.length + self.allowance
 

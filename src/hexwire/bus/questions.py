@@ -70,7 +70,7 @@ def ask_one(
             # It may have answered; asking the same again is no help.
             break
     else:
-        machine.rest(servo_id, machine.now)
+        machine.mark_silent(servo_id, machine.now)
     machine.count.given_up += 1
     return None, collector
 
@@ -122,7 +122,7 @@ def ask_block(
             left = max(left, 1)
         first = False
     else:
-        machine.rest(servo_id, machine.now)
+        machine.mark_silent(servo_id, machine.now)
     machine.count.given_up += 1
     return None, collector
 
@@ -200,7 +200,7 @@ def ask_many(machine: BusMachine, plan: SyncReadPlan, data: bytes | None) -> Con
         if servo_id not in found:
             machine.count.given_up += 1
             if silent.get(servo_id, 0.0) <= begin:
-                machine.rest(servo_id, begin)
+                machine.mark_silent(servo_id, begin)
     return found
 
 
@@ -224,7 +224,7 @@ def settle(machine: BusMachine, servo_id: int, params: int) -> Conversation[bool
     if settled:
         machine.doubts.settled(servo_id, params)
     else:
-        machine.rest(servo_id, machine.now)
+        machine.mark_silent(servo_id, machine.now)
     return settled
 
 

@@ -230,7 +230,7 @@ class ServoBus:
             plan.latest = raw
             plan.stamp = now = line.clock()
             if machine.asked_at is not None:
-                machine.took(plan, now)
+                machine.learn_time(plan, now)
             return _new(Reading, (servo_id, register, raw, 0, 0.0, "", raw))
 
     def read_block(self, servo_id: int, address: int, count: int) -> ServoBlock:
@@ -274,7 +274,7 @@ class ServoBus:
                 return self._sync_carefully(plan, register, data)
             now = line.clock()
             if machine.asked_at is not None:
-                machine.took(plan, now)
+                machine.learn_time(plan, now)
             machine.extra_answers += len(ids) - 1
             readings = self._newest[name] = Readings(register, ids, raw, now)
             return readings
@@ -452,7 +452,7 @@ class ServoBus:
         name, ids, machine = register.name, plan.ids, self._machine
         if rows is not None:
             now = self.now()
-            machine.took(plan, now)
+            machine.learn_time(plan, now)
             machine.extra_answers += len(ids) - 1
             raws: tuple[int | None, ...] = tuple(register.decode(row) for row in rows)
             readings = Readings(register, ids, raws, now)

@@ -101,7 +101,7 @@ def _exchange(line: BusLine, plan: WritePlan) -> bytes | None:
     if data != plan.acknowledgement:
         return data
     machine.asked_at = start
-    machine.took(plan, line.clock())
+    machine.learn_time(plan, line.clock())
     return None
 
 

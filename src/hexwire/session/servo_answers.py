@@ -1,7 +1,7 @@
 """Collecting the answers to one request on a servo bus, whatever comes between them.
 
 Owns what counts as an answer, and when nothing more can come. Sans I/O; the caller feeds bytes and keeps time. This
-is the careful path: what a healthy bus sends is recognised by `servo_plan` at a glance.
+is the careful path: what a healthy bus sends is checked faster, by the plans of `hexwire.bus`.
 
 An answer is a status packet whose header, id, length and checksum fit, and
 
