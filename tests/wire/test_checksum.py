@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.wire.checksum import crc16, frame_check, servo_checksum
+from hexwire.wire.checksum import frame_check
 
 
 def _crc_by_hand(data: bytes, crc: int = 0xFFFF) -> int:
@@ -15,29 +15,16 @@ def _crc_by_hand(data: bytes, crc: int = 0xFFFF) -> int:
     return crc
 
 
-def test_servo_checksum_of_the_chapters_read() -> None:
-    assert servo_checksum(bytes.fromhex("00 04 02 38 02")) == 0xBF
-
-
-def test_crc16_catalogue_check_value() -> None:
-    assert crc16(b"123456789") == 0x29B1
+def test_the_catalogue_s_check_value() -> None:
+    assert frame_check(b"123456789") == 0x29B1
 
 
 @given(st.binary(max_size=64))
-def test_crc16_is_the_polynomial(data: bytes) -> None:
-    assert crc16(data) == _crc_by_hand(data)
+def test_it_is_the_polynomial_but_never_the_unchecked_mark(data: bytes) -> None:
+    crc = _crc_by_hand(data)
+    assert frame_check(data) == (0 if crc == 0xFFFF else crc)
 
 
-@given(st.binary(max_size=64), st.binary(max_size=64))
-def test_crc16_goes_on(first: bytes, second: bytes) -> None:
-    assert crc16(second, crc16(first)) == crc16(first + second)
-
-
-@given(st.binary(max_size=64))
-def test_frame_check_is_the_crc_but_never_the_unchecked_mark(data: bytes) -> None:
-    assert frame_check(data) == (0 if crc16(data) == 0xFFFF else crc16(data))
-
-
-def test_frame_check_of_a_crc_of_ffff_is_zero() -> None:
-    assert crc16(b"") == 0xFFFF
+def test_a_crc_of_ffff_is_zero() -> None:
+    assert _crc_by_hand(b"") == 0xFFFF
     assert frame_check(b"") == 0

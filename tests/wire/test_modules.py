@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.errors import UsageError
 from hexwire.wire import tables
-from hexwire.wire.modules import IpcType, ModuleType, module_name, parse_module
+from hexwire.wire.modules import IpcType, ModuleType, module_name
 
 
 def test_ids_and_strings_are_the_chapters() -> None:
@@ -16,18 +15,9 @@ def test_ids_and_strings_are_the_chapters() -> None:
 
 
 @pytest.mark.parametrize("module", ModuleType)
-def test_name_and_back(module: ModuleType) -> None:
+def test_names(module: ModuleType) -> None:
     assert module_name(module) == module.name
-    assert parse_module(f" {module.name}\n") is module
 
 
 def test_an_unknown_id_still_has_words() -> None:
     assert module_name(42) == "module 42"
-
-
-@pytest.mark.parametrize("text", ["", "ROS2_HOST", "ros1_host", "7", "__class__"])
-def test_an_unknown_name_is_refused_with_what_is_known(text: str) -> None:
-    with pytest.raises(UsageError, match="ARM_7BOT_SERIAL_TRX") as caught:
-        parse_module(text)
-    assert repr(text) in str(caught.value)
-    assert "INVALID" not in str(caught.value)

@@ -186,7 +186,6 @@ def test_board_errors(code: int, servo_id: int, name: str, size: int) -> None:
     assert len(data) == size
     status = sp.parse_status(data)
     assert sp.board_error_name(status) == name
-    assert sp.find_board_error(b"\x00\xff" + data) == (status, name)
     assert list(sp.iter_status(data + data)) == [status, status]
 
 
@@ -202,7 +201,6 @@ def test_board_errors(code: int, servo_id: int, name: str, size: int) -> None:
 )
 def test_what_is_no_board_error(status: StatusPacket) -> None:
     assert sp.board_error_name(status) is None
-    assert sp.find_board_error(b"nothing") is None
 
 
 def test_swapped_one_byte_read_looks_sound_until_it_is_undone() -> None:
@@ -271,7 +269,6 @@ def test_scanning_anything_raises_nothing_and_finds_only_sound_packets(data: byt
         )
     for packet in sp.iter_packets(data):
         assert packet.serialize() in data
-    sp.find_board_error(data)
 
 
 def test_noise_that_looks_like_another_servo_does_not_swallow_the_answer() -> None:

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from hexwire.errors import UsageError
-
-__all__ = ["IpcType", "ModuleType", "module_name", "parse_module"]
+__all__ = ["IpcType", "ModuleType", "module_name"]
 
 
 class ModuleType(IntEnum):
@@ -42,16 +40,3 @@ _NAMES = {member.value: member.name for member in ModuleType}
 def module_name(module_id: int) -> str:
     """Name of a module id; ids the chapter does not have come back as ``module 42``."""
     return _NAMES.get(module_id) or f"module {module_id}"
-
-
-def parse_module(text: str) -> ModuleType:
-    """Look a module up by the chapter's string.
-
-    Raises:
-        UsageError: The name is none of the chapter's; the text lists them.
-    """
-    try:
-        return ModuleType[text.strip()]
-    except KeyError:
-        known = ", ".join(m.name for m in ModuleType if m >= 0)
-        raise UsageError(f"unknown module {text!r}; known are {known}") from None

@@ -37,7 +37,6 @@ __all__ = [
     "ServoPacket",
     "StatusPacket",
     "board_error_name",
-    "find_board_error",
     "find_status",
     "iter_packets",
     "iter_status",
@@ -482,13 +481,4 @@ def board_error_name(status: StatusPacket) -> str | None:
         return "ping_silent"
     if status.servo_id == BOARD_ID:
         return next((name for name, code in BOARD_ERRORS.items() if code == status.error), None)
-    return None
-
-
-def find_board_error(data: bytes) -> tuple[StatusPacket, str] | None:
-    """Find the first error the board reports (about itself or a servo) among other bytes, with its name."""
-    for packet in iter_status(data):
-        name = board_error_name(packet)
-        if name is not None:
-            return packet, name
     return None
