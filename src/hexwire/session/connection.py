@@ -47,7 +47,7 @@ class _Pending:
     instead: str = ""
     message_id: int | None = None
     urgent: bool = False
-    frames: list[bytes] = field(default_factory=list)
+    frames: list[bytes] = field(init=False)
     """Of the last sending; those that have not been taken yet can still be kept from it."""
 
 
