@@ -1,6 +1,6 @@
 """Ready-made sets of emulated servos.
 
-Owns which servos an arm has and how they stand at power-up. Knows no board.
+Owns which servos an arm has and their positions at power-up. Knows no board.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _IDLE_LOAD_6 = 52  # the chapter's log: load of id 6 with nothing moving
 
 
 def _arm(weight: float, horizontal: float) -> Callable[[float], float]:
-    """Gravity of a link that weighs most where its servo stands at `horizontal` counts."""
+    """Gravity on a link, with its maximum where the servo is at `horizontal` counts."""
     return lambda shaft: -weight * math.cos((shaft - horizontal) * math.tau / 4096)
 
 
@@ -38,7 +38,7 @@ def make_hex7bot_servos(*, seed: int = 0, start: float = 0.0) -> list[EmulatedSe
     """The seven servos of a Hex7Bot: ids 0..3 legacy, 4..6 HLS at 115200 baud, torque off.
 
     Args:
-        seed: For noise, should a servo be given some.
+        seed: Of the noise, where a servo has some.
         start: The time of power-up.
     """
     servos = []

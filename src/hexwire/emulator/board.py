@@ -5,8 +5,8 @@ watchdog and reports, and both dialects' dispatch. Time comes in as `now`; nothi
 or ptys: bytes go through `receive` and `data_to_send`.
 
 With `dialect=1` it is the chapter's board, which knows nothing else: same bytes, same order, the delays of its
-sketch when the bus is paced. With `dialect=2` it is hexwire's firmware, which answers dialect 1 as well, without
-the chapter's hazards.
+sketch when the bus is paced. With `dialect=2` it is hexwire's firmware, which also answers dialect 1, without the
+chapter's hazards.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _TURNAROUND = 0.001
 
 @dataclass(slots=True)
 class _Task:
-    """A job with what it is for: the request it answers, or the chapter's frame."""
+    """A job and its origin: the request it answers, or the frame in dialect 1."""
 
     job: Job
     request: Request | None = None
@@ -156,7 +156,7 @@ class EmulatedBoard:
         """Start again, as after power-up or the reset button. No servo moves."""
         self.resets += 1
         self.time = now
-        # New at every reset, and when the emulator is started again: time goes on, and the count in a reset.
+        # Differs after every reset and every start of the emulator: the time differs, or the number of resets.
         boot_id = (int(now * 1000) + self.resets) & 0xFFFFFFFF or 1
         self.state = BoardState(boot_id, now, self.settings)
         self.connection = Connection(
@@ -195,7 +195,7 @@ class EmulatedBoard:
 
     def _take_requests(self, now: float) -> None:
         if self.connection.counters.repeats != self._repeats:
-            # Answered from store already; the host is alive all the same.
+            # A repeat that was answered from store also shows that the host is alive.
             self._repeats = self.connection.counters.repeats
             self.state.feed_watchdog(now)
         while (event := self.connection.next_event()) is not None:
@@ -222,7 +222,7 @@ class EmulatedBoard:
     # -- stops --------------------------------------------------------------------------------------
 
     def _stop(self, mode: int, request: Request | None) -> None:
-        """A STOP came, or the watchdog tripped: what was asked before is void from here on."""
+        """A STOP arrived, or the watchdog tripped: every earlier request is void."""
         self.state.latch(torque_off=mode == 1)
         self.connection.take_stop(self.time)
         void, self._tasks = list(self._tasks), deque()
@@ -244,7 +244,7 @@ class EmulatedBoard:
             self.stops.put_back()
 
     def _cut(self) -> _Task:
-        """End the job under way; what is on the wire of the bus ends, and nothing more is waited for."""
+        """End the current job; the packet on the bus is completed, and no answer is awaited."""
         task, self._task = self._task, None
         assert task is not None
         if self._busy:
@@ -266,7 +266,7 @@ class EmulatedBoard:
         return True
 
     def _finish_wait(self) -> None:
-        """The current job's wait is over."""
+        """Resume the current job after its wait."""
         self._busy = False
         self._answer = self._buffer.read(self.time) if self._listening else b""
         self._run(self._answer)
@@ -309,11 +309,11 @@ class EmulatedBoard:
             deadline = sent + wait.reply_length * byte + wait.timeout
             whole = len(heard) - len(wait.packet) * self.wire.echo >= wait.reply_length
             self._busy_until = deadline if finish > deadline or (self.paced and not whole) else finish
-        # An answer that comes too late leaves the line to others until then.
+        # Until a late answer arrives, others may use the line.
         self.wire.free_at = min(finish, max(self._busy_until, sent + len(heard) * byte + _TURNAROUND))
 
     def _sketch_loop(self) -> bool:
-        """The sketch's idle loop: read on; with nothing to read, send the last reply. True if a command came."""
+        """The sketch's idle loop: read; with nothing to read, send the last reply. True if a command arrived."""
         sketch = self._sketch
         if sketch is None:
             return False
@@ -342,7 +342,7 @@ class EmulatedBoard:
         if state.report_due is not None and state.report_due <= now:
             state.report_due += state.report_period
             if state.report_due <= now:
-                # Never a burst of reports after a pause: the line may be slower than the period.
+                # No burst of reports after a pause: the line may be slower than the period.
                 state.report_due = now + state.report_period
             if not (self._report_queued or self._report_unsent):
                 self._report_queued = True
@@ -358,7 +358,7 @@ def make_hex7bot_board(
         dialect: 1 for the chapter's board, 2 for hexwire's.
         baud: Rate of the servo bus; 0 costs no time.
         faults: Fault specifications, see `faults`.
-        seed: For everything random.
+        seed: Of all random numbers.
         start: The time of its start.
     """
     plan = FaultPlan.parse(faults, seed=seed, start=start)

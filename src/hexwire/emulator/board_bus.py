@@ -70,7 +70,7 @@ class BoardBus:
     # -- asking -------------------------------------------------------------------------------------
 
     def ask(self, packet: bytes, *, tries: int = _TRIES, acknowledged: bool = True) -> Sub:
-        """One packet, its answer verified; asked again if it is missing or bad."""
+        """Send one packet and verify the answer; send it again if the answer is missing or bad."""
         state = self._state
         expected = expected_answer(parse_packet(packet), acknowledges_writes=acknowledged)
         for attempt in range(tries):
@@ -89,7 +89,7 @@ class BoardBus:
         return None
 
     def ask_all(self, passed: Passed) -> Several:
-        """What the gate let through; the answers of all who should, a write sent once only."""
+        """Send what the gate let through; returns the answers of all addressed servos. A write is sent once."""
         yield from self._send_first(passed)
         packet = passed.packets[-1]
         request = parse_packet(packet)
@@ -104,15 +104,15 @@ class BoardBus:
         return [f[0] for f in found if f is not None]
 
     def raw(self, passed: Passed, reply_length: int, timeout: float) -> Raw:
-        """What the gate let through; the bytes that came back, echo removed."""
+        """Send what the gate let through; returns the bytes that came back, echo removed."""
         yield from self._send_first(passed)
         answer = yield Transaction(passed.packets[-1], reply_length, timeout)
         return strip_echo(answer or b"", passed.packets[-1])
 
     def _send_first(self, passed: Passed) -> Job:
-        """Note what the packets make of the joints, and send all but the last.
+        """Note what the packets change, and send all but the last.
 
-        Before, not after: a stop may come between a packet and its answer.
+        It is noted before they are sent: a stop may come between a packet and its answer.
         """
         for packet in passed.packets:
             for servo_id in written_ids(parse_packet(packet)):
@@ -127,9 +127,9 @@ class BoardBus:
             yield Transaction(packet, 0)
 
     def discover(self) -> Job:
-        """At start: who is there, where are they, have they torque. A joint with torque stops where it is.
+        """Find out at the start which servos answer, where they are and which have torque; hold those.
 
-        After a stop that came meanwhile nothing is written: it has done that.
+        After a stop that came meanwhile nothing is written: the stop has held them.
         """
         for joint in self._joints:
             status = yield from self.ask(make_ping(joint.servo_id))
@@ -145,7 +145,7 @@ class BoardBus:
     def recheck(self, joint: JointSlot) -> Job:
         """Read what the board must know before it writes a target: torque and mode, an HLS servo's ceiling.
 
-        One that has torque in another mode than position loses it.
+        A joint that has torque in a mode other than position loses it.
         """
         yield from self.read_switches(joint)
         if joint.torque_on and joint.mode:
@@ -158,7 +158,7 @@ class BoardBus:
             register = Series.HLS.register("goal_torque")
             found = yield from self.ask(make_read(joint.servo_id, register.address, register.size))
             if found is not None:
-                # 0 would mean that it cannot move at all.
+                # With a ceiling of 0 it could not move at all.
                 joint.ceiling = abs(register.decode(found.params)) or tables.DEFAULT_CEILING
 
     def read_switches(self, joint: JointSlot) -> Many:
@@ -175,7 +175,7 @@ class BoardBus:
         return 1
 
     def read_target(self, joint: JointSlot) -> Value:
-        """What a joint's servo has as its target; None if it does not say."""
+        """Read the target of a joint's servo; None if it does not answer."""
         row = joint.series.register(_TARGETS[joint.series])
         status = yield from self.ask(make_read(joint.servo_id, row.address, row.size))
         return None if status is None else row.decode(status.params)
@@ -213,7 +213,7 @@ class BoardBus:
         self._is_there(joint)
         position = _LEGACY_PRESENT.decode(status.params)
         now = self._clock()
-        # These servos report no speed: it is the difference to the sample before.
+        # These servos report no speed: it is computed from the previous sample.
         elapsed = now - joint.sampled_at if joint.sampled_at is not None else 0.0
         if elapsed > 0:
             joint.speed = max(-32768, min(32767, round((position - joint.position) / elapsed)))
@@ -239,7 +239,7 @@ class BoardBus:
                 else:
                     self._sample_hls(joint, found[0])
             self._state.bus_timeouts += len(missing)
-            # Only who was there before is asked again: an absent servo must not slow the others down.
+            # Only servos that were present are asked again: an absent one must not slow the others down.
             wanted = [j for j in missing if j.present]
         for joint in wanted:
             joint.present = False
@@ -264,17 +264,17 @@ class BoardBus:
 
     @staticmethod
     def _is_there(joint: JointSlot) -> None:
-        # Who was away may have lost its supply, and its torque with it.
+        # A servo that was absent may have lost its supply, and so its torque.
         joint.unsure |= not joint.present
         joint.present = True
 
     # -- motion -------------------------------------------------------------------------------------
 
     def move(self, targets: Iterable[tuple[JointSlot, int]], duration_ms: int) -> Job:
-        """Write positions, each series its own block."""
+        """Write target positions, in the block that each series wants."""
         legacy, hls = {}, {}
         for joint, position in targets:
-            # A target may switch torque on, and a stop may come before that is known.
+            # A target may switch torque on, and a stop may come before the board knows it.
             joint.unsure |= not joint.torque_on
             joint.target = position
             if joint.series is Series.SEVEN_BOT:
@@ -304,7 +304,7 @@ class BoardBus:
         yield from self.move([(j, j.position) for j in joints if j.sampled_at is not None], 0)
 
     def torque_on(self, joints: list[JointSlot]) -> Many:
-        """Give torque where it does not move anything; returns the mask of joints (by place) that confirmed."""
+        """Switch torque on without motion; returns the mask of joints (by index) that confirmed."""
         yield from self.poll_all()
         for joint in joints:
             if joint.present:
@@ -314,7 +314,7 @@ class BoardBus:
         return (yield from self._switch(joints, on=True))
 
     def torque_off(self, joints: list[JointSlot]) -> Many:
-        """Take torque away and read it back; returns the mask of joints (by place) that confirmed."""
+        """Switch torque off and read it back; returns the mask of joints (by index) that confirmed."""
         return (yield from self._switch(joints, on=False))
 
     def _switch(self, joints: list[JointSlot], on: bool) -> Many:
@@ -324,7 +324,7 @@ class BoardBus:
             if not missing:
                 break
             for joint in missing:
-                # From here on a hold must not write it a target, which could switch it on again.
+                # From now on a hold must not write a target to it, which could switch torque on again.
                 joint.torque_on = joint.torque_on and on
                 joint.unsure = True
             yield Transaction(make_sync_write(_TORQUE, {j.servo_id: bytes((int(on),)) for j in missing}), 0)
@@ -332,7 +332,7 @@ class BoardBus:
         return mask
 
     def confirm(self, joints: list[JointSlot], on: bool) -> Many:
-        """Read torque switches back; returns the mask of joints (by place) that are as wanted."""
+        """Read torque switches back; returns the mask of joints (by index) that are as wanted."""
         mask = 0
         for joint in joints:
             if (yield from self.read_switches(joint)) and joint.torque_on == on:

@@ -46,7 +46,7 @@ class ChapterDialect:
         self._connection = connection
 
     def job(self, frame: Frame | SketchFrame) -> Job:
-        """Act on a frame, or on what the sketch took for one."""
+        """Act on a frame, or on what the sketch takes for one."""
         if isinstance(frame, SketchFrame) and frame.short:
             return self._answer(SHORT_FRAME_PACKET)
         if frame.cmd == Command.SYNC_WRITE:
@@ -75,7 +75,7 @@ class ChapterDialect:
         return joint is not None and joint.series is Series.SEVEN_BOT
 
     def _read(self, body: bytes) -> Job:
-        """`servo_read`: it never drains the bus, so an answer too late goes to the next who asks."""
+        """`servo_read`: it never empties the buffer, so a late answer goes to the next request."""
         servo_id = body[2] if len(body) > 2 else 0
         buffer = bytearray([0xFF, 0xF5, servo_id, 4, 1, 0, 0, ~(servo_id + 5) & 0xFF])
         count = polls = 0

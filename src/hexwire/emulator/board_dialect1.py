@@ -50,7 +50,7 @@ class Dialect1:
         return self._unknown()
 
     def void(self, frame: Frame) -> None:
-        """Answer a frame that a stop made void: as by a silent servo, a sync write not at all."""
+        """Answer a frame that a stop made void, as if the servo were silent; a sync write is not answered."""
         if frame.cmd == Command.SYNC_WRITE:
             return
         if frame.cmd in (Command.READ, Command.PING) and is_packet(frame.body):
@@ -74,7 +74,7 @@ class Dialect1:
         try:
             passed = yield from self._orders.let_through(check_packet(body), chapter=True)
         except RefusedError:
-            # This dialect has no word for "refused": the servo did not answer.
+            # This dialect cannot say "refused"; the closest is a servo that does not answer.
             self._send(no_answer(packet.servo_id, ping=ping))
             return
         answers = yield from self._bus.ask_all(passed)

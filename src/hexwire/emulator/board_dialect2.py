@@ -89,12 +89,12 @@ class Dialect2:
 
     @staticmethod
     def stop_mode(frame: Frame) -> int | None:
-        """What a stop asks for, which goes before everything that is queued; None for any other frame."""
+        """The mode of a valid STOP, which goes before everything in the queue; None for any other frame."""
         sound = frame.cmd == Command.STOP and frame.body in (b"\0", b"\1")
         return frame.body[0] if sound else None
 
     def job(self, request: Request) -> Job:
-        """Act on a request; every way out answers it once."""
+        """Act on a request and answer it exactly once."""
         handler = self._handlers.get(request.frame.cmd)
         if handler is None:
             self._reply(request, Status.UNKNOWN_COMMAND)
@@ -113,7 +113,7 @@ class Dialect2:
         if state.report_due is not None:
             now = self._clock()
             if state.report_due - now < state.report_period / 2:
-                # This one is late: the next must not follow on its heels.
+                # This report is late: the next must not follow it at once.
                 state.report_due += state.report_period
             body = state.report(state.report_fields, now).serialize()
             self._connection.report(Command.JOINT_STATE, body, now)
@@ -123,7 +123,7 @@ class Dialect2:
         self._connection.reply(request, status, b"", self._clock(), voided=voided)
 
     def stop_job(self, mode: int) -> Job:
-        """One stop; everybody who asked for it meanwhile has the same answer."""
+        """One stop; all requests for it that arrive meanwhile get the same answer."""
         joints = self._state.joints
         stopped = yield from Stopping(joints, self._bus, self._clock).run(mode)
         status = Status.SERVO_FAULT if stopped.taken else Status.OK
@@ -149,7 +149,7 @@ class Dialect2:
     def _identify(self, request: Request) -> Job:
         self._body(request, 0)
         state = self._state
-        # A host that identifies itself anew wants no reports it did not ask for.
+        # A host that identifies itself again has not asked for reports yet.
         state.report_due, state.report_period = None, 0.0
         rows = tuple(JointRow(j.servo_id, j.series.code, j.present) for j in state.joints)
         identity = Identity(
@@ -248,7 +248,7 @@ class Dialect2:
         self._reply(request, status, make_stop_reply(on, confirmed))
 
     def _bad_stop(self, request: Request) -> Job:
-        """A sound one never comes here: it goes before all others."""
+        """A valid STOP never gets here: it goes before all others."""
         self._body(request, 1)
         yield from ()
         raise RefusedError(Status.BAD_RANGE)
@@ -356,6 +356,6 @@ class Dialect2:
                     raise RefusedError(Status.FORBIDDEN)
         state.maintenance = bool(on)
         for joint in state.joints:
-            # Whatever was or will be written then: mode and torque are read before a target goes out.
+            # Maintenance may change mode and torque: they are read before a target is sent.
             joint.unsure = True
         self._reply(request, Status.OK, MaintenanceReply(state.maintenance, state.board_flags).serialize())

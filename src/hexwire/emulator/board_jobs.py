@@ -1,7 +1,7 @@
 """What a job of an emulated board waits for, and the serial buffer it may read.
 
-Owns the values that a job yields to the board's scheduler. A job is a generator: it is resumed with the answer when
-that has taken its time. Knows nothing of frames, nor of what a packet says.
+Owns the values that a job yields to the board's scheduler. A job is a generator; it is resumed with the answer when
+the wait is over. Knows nothing of frames, nor of what a packet says.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ Clock = Callable[[], float]
 
 
 class Transaction(NamedTuple):
-    """Drop what has come in, put a packet on the bus; resumed with the bytes that came back.
+    """Empty the buffer and put a packet on the bus; the job is resumed with the bytes that come back.
 
-    The wait ends with the whole answer, or `timeout` after the time that the packet and the answer take.
+    The wait ends with the whole answer, or `timeout` seconds after the packet and the answer could have been sent.
     """
 
     packet: bytes
@@ -30,19 +30,19 @@ class Transaction(NamedTuple):
 
 
 class Send(NamedTuple):
-    """Put a packet on the bus; resumed when it is out. What comes back stays in the serial buffer."""
+    """Put a packet on the bus; the job is resumed when it is sent. What comes back stays in the buffer."""
 
     packet: bytes
 
 
 class Delay(NamedTuple):
-    """What the board's program takes for itself, nothing on a bus that costs no time; resumed with nothing."""
+    """Time that the board's program takes; none on a bus that is not paced. The job is resumed with nothing."""
 
     seconds: float
 
 
 class Pause(NamedTuple):
-    """Let the servos go on for so long, however fast the bus is; resumed with nothing."""
+    """Let the servos go on for this time, paced or not. The job is resumed with nothing."""
 
     seconds: float
 
@@ -52,13 +52,13 @@ Job = Generator[Wait, bytes | None, None]
 
 
 class BusBuffer:
-    """The serial buffer of the servo bus: bytes that have come, or will have by a certain time."""
+    """The serial buffer of the servo bus: bytes that have arrived, and bytes on their way with their time."""
 
     def __init__(self) -> None:
         self._input: list[tuple[float, bytes]] = []
 
     def put(self, data: bytes, when: float) -> None:
-        """Bytes that are there from a time on."""
+        """Add bytes that can be read from a certain time on."""
         self._input.append((when, data))
 
     def waiting(self, now: float) -> int:
@@ -66,7 +66,7 @@ class BusBuffer:
         return sum(len(data) for when, data in self._input if when <= now)
 
     def read(self, now: float) -> bytes:
-        """Take what has come."""
+        """Take what has arrived."""
         data = b"".join(data for when, data in self._input if when <= now)
         self._input = [(when, data) for when, data in self._input if when > now]
         return data

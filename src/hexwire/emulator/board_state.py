@@ -27,8 +27,8 @@ class JointSlot:
     Attributes:
         ceiling: Current ceiling of an HLS servo; 0 is unknown.
         mode: Operating mode as last read; 0 is position.
-        unsure: Its torque switch or mode may have changed: read them before it is written a target.
-        target: What was last written to it as a target; None if nothing was.
+        unsure: Its torque switch or mode may have changed: they are read before a target is written to it.
+        target: The last target written to it; None if there is none.
     """
 
     servo_id: int
@@ -59,7 +59,7 @@ class JointSlot:
 
     @property
     def may_move(self) -> bool:
-        """Whether it may have gone on since it was sampled."""
+        """Whether it may have moved since it was sampled."""
         away = self.target is not None and abs(self.target - self.position) > _ARRIVED
         return self.torque_on and (away or self.speed != 0)
 
@@ -72,7 +72,7 @@ class JointSlot:
 
 @dataclass(slots=True)
 class Settings:
-    """What the board's EEPROM keeps over a reset; None where nothing was stored."""
+    """Settings that the board's EEPROM keeps over a reset; None where nothing is stored."""
 
     limits: list[LimitRow] | None = None
     offsets: list[OffsetRow] | None = None
@@ -151,14 +151,14 @@ class BoardState:
         }
 
     def latch(self, *, torque_off: bool) -> None:
-        """A stop came, or the watchdog tripped: from now on nothing is let through."""
+        """A stop arrived, or the watchdog tripped: the stop holds until RESUME."""
         self.stopped = True
         self.torque_off_stop |= torque_off
         self.maintenance = False
         self.watchdog_due = None
 
     def feed_watchdog(self, now: float) -> None:
-        """A valid frame came."""
+        """A valid frame arrived."""
         if self.watchdog_timeout and not self.watchdog_tripped:
             self.watchdog_due = now + self.watchdog_timeout
 

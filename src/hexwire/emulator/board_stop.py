@@ -1,4 +1,4 @@
-"""The stops of an emulated board: which goes first, what a hold does, and whether the joints really stand.
+"""The stops of an emulated board: which goes first, what a hold does, and whether the joints are at rest.
 
 Owns PROTOCOL.md section 6.3 STOP and the last paragraph of 6.5. Knows requests only as what is answered at the end;
 what a stop voids is the board's.
@@ -23,9 +23,9 @@ _SETTLE_TIME = 0.4
 """Seconds that a joint has to come to rest."""
 _SAMPLE_EVERY = 0.02
 _STILL = 4
-"""Counts between two samples of a joint that stands."""
+"""Counts between two samples of a joint at rest."""
 _SAMPLES = 2
-"""How often in a row, since one that turns back is as far away before as after."""
+"""Consecutive samples at rest: a joint that turns back may be as far away before as after."""
 
 
 class StopQueue:
@@ -71,7 +71,7 @@ class StopQueue:
         return mode
 
     def finish(self) -> list[Request]:
-        """The stop under way is done; whom it answers, in the order of their arrival."""
+        """End the current stop; returns the requests it answers, in the order of their arrival."""
         done = [request for request in self._under_way if request is not None]
         self.mode, self._under_way = None, []
         return done
@@ -79,10 +79,10 @@ class StopQueue:
 
 @dataclass(slots=True)
 class Stopped:
-    """How a stop went, joints by place.
+    """The result of a stop.
 
     Attributes:
-        mask: Joints that hold still, or have no torque.
+        mask: Joints, by index, that hold still or have no torque.
         taken: Torque was taken from a joint that did not hold.
     """
 
@@ -124,7 +124,7 @@ class Stopping:
     held: list[_Held] = field(default_factory=list)
 
     def run(self, mode: int) -> Generator[Wait, bytes | None, Stopped]:
-        """Do it; returns how it went."""
+        """Stop the joints."""
         bus, joints = self.bus, self.joints
         if mode == _TORQUE_OFF:
             return Stopped((yield from bus.torque_off(joints)), taken=False)
@@ -134,7 +134,7 @@ class Stopping:
                 yield from self._look(joint)
         yield from self._hold([j for j in joints if j.torque_on or (j.unsure and j.sampled_at is not None)])
         for joint in joints:
-            # What is believed to be limp is asked all the same: the answer says what the servos do.
+            # Joints believed to have no torque are read as well: only the answer is certain.
             if joint.present and not self._is_held(joint) and not self.mask & self._bit(joint):
                 yield from self._look(joint)
                 if joint.torque_on:
@@ -154,7 +154,7 @@ class Stopping:
         return any(h.joint is joint for h in self.held)
 
     def _look(self, joint: JointSlot) -> Job:
-        """Read mode and torque; who has torque and is not in position mode loses it in the same breath."""
+        """Read mode and torque; a joint with torque that is not in position mode loses it at once."""
         bus = self.bus
         yield from bus.read_switches(joint)
         if joint.torque_on and joint.mode:
@@ -168,7 +168,7 @@ class Stopping:
         self.mask |= yield from self.bus.torque_off(joints)
 
     def _hold(self, joints: list[JointSlot]) -> Job:
-        """Make the present positions the targets, and read back what became of it."""
+        """Make the present positions the targets, and read the targets back."""
         bus = self.bus
         self.held += [_Held(joint) for joint in joints]
         yield from bus.hold(joints)
@@ -181,14 +181,14 @@ class Stopping:
         joint = held.joint
         yield from self.bus.read_switches(joint)
         if joint.mode and not joint.unsure:
-            # It goes on turning whatever its target says.
+            # It goes on turning, whatever its target is.
             yield from self._take_torque([joint])
             return
         target = yield from self.bus.read_target(joint)
         held.took_target = target is not None and target == held.goal
 
     def _settle(self) -> Job:
-        """Read positions until every joint stands at its target, or the time is over."""
+        """Read positions until every joint is at rest at its target, or the time is over."""
         until = self.clock() + _SETTLE_TIME
         while self.clock() < until and any(not h.holds and self._worth_waiting(h) for h in self.held):
             began = self.clock()

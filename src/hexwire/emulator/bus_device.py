@@ -26,7 +26,7 @@ _MAX_PENDING = 4096
 _MIN_PACKET = 6
 _STEP = 0.02
 _PAUSE = 0.001
-"""Seconds of silence after which an unfinished packet may have been given up by its sender."""
+"""Seconds of silence after which the sender may have given up an unfinished packet."""
 
 
 def make_servos(
@@ -44,7 +44,7 @@ def make_servos(
         ids: Servo ids; an id that occurs twice makes two servos that collide.
         baud: Rate they are set to, one for all or one for each id; 0 leaves them as they come from the factory.
         seed: For noise.
-        start: The time at which they get power; what passed before need not be caught up with.
+        start: The time of power-up; earlier time is not simulated.
 
     Raises:
         UsageError: The numbers of series, rates and ids differ, or a series has no such rate.
@@ -64,7 +64,7 @@ def make_servos(
             if rate not in codes:
                 raise UsageError(f"{kind.value} servos do {', '.join(map(str, sorted(codes)))} baud, not {rate}")
             settings["baud_code"] = codes[rate]
-        # Each a little off the middle, so that their answers differ.
+        # Each a little off the centre, so that their answers differ.
         position = kind.neutral + 3 * place
         servos.append(
             EmulatedServo(kind, servo_id, position=position, seed=seed + place, settings=settings, start=start)
@@ -76,12 +76,12 @@ class BusDevice:
     """Emulated servos behind an adapter.
 
     Args:
-        servos: Who is on the wire.
-        paced: Take the time that a line takes; otherwise every servo hears at any rate, at no cost.
+        servos: The servos on the wire.
+        paced: Take the time that a real line takes; otherwise bytes take no time and every servo hears any rate.
         faults: Scripted faults.
         echo: The adapter hears itself.
-        host_baud: Tells the rate at which the host talks and listens. A servo set to another hears what its
-            receiver makes of that, and so does the host of an answer. None is the first servo's present rate.
+        host_baud: Gives the host's present rate. A servo at another rate hears what its receiver makes of the
+            bytes, and so does the host with the answer. None stands for the first servo's present rate.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class BusDevice:
 
     @property
     def pending(self) -> int:
-        """Bytes kept that are no whole packet yet."""
+        """Number of bytes held that are no whole packet yet."""
         return sum(len(ear.data) for ear in self._ears.values())
 
     def receive(self, data: bytes, now: float) -> None:
@@ -123,7 +123,7 @@ class BusDevice:
             self.wire.baud = rate
 
     def _hear(self, data: bytes, rate: int, now: float) -> None:
-        """Let the servos of one rate hear bytes, and do what they say."""
+        """Pass bytes to the servos of one rate, and let them act on whole packets."""
         ear = self._ears.setdefault(rate, _Ear())
         ear.hear(data, now)
         while packet := ear.next_packet():
@@ -139,7 +139,7 @@ class BusDevice:
         self.wire.step(now)
 
     def data_to_send(self) -> bytes:
-        """What has come over the wire by the time of the last `step`."""
+        """Bytes that have arrived by the time of the last `step`."""
         out = []
         while self._answers and self._answers[0][0] <= self._now + 1e-9:
             _, data, rate = self._answers.popleft()
@@ -148,11 +148,11 @@ class BusDevice:
 
     @property
     def answer_due(self) -> float | None:
-        """When the next bytes for the host are there; None if there are none to come."""
+        """When the next bytes for the host arrive; None if there are none."""
         return self._answers[0][0] if self._answers else None
 
     def next_event_time(self) -> float | None:
-        """When the next bytes are there, or the servos want to move on."""
+        """When the next bytes arrive, or the servos want to move on."""
         if self._answers:
             return self._answers[0][0]
         return self._now + _STEP
@@ -200,8 +200,8 @@ class _Ear:
     def next_packet(self) -> bytes:
         """The next whole packet; empty if there is none yet. What stands before it is noise.
 
-        A packet that was never finished, as noise or another rate leave one, does not swallow what comes after a
-        pause: it is waited for only until something whole stands behind it.
+        An unfinished packet, as noise or another rate leaves it, does not swallow what comes after a pause: it is
+        dropped once a whole packet follows it.
         """
         data = self.data
         at = data.find(b"\xff\xff")

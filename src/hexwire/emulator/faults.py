@@ -22,11 +22,12 @@ id.
 | `boot:D`         | board | the board is deaf for D seconds after every start |
 | `sketch`         | board | the board cuts frames at the first 0D 0A and keeps stale bytes, as the chapter's does |
 
-A message is what is handed over at once: a servo packet or an answer on the bus, a write or a read on the host
-line. Faults of a line apply in both directions. Every fault draws from a generator of its own, seeded by the
-plan's seed and its place in the list, so that adding one does not change the others.
+A message is a servo packet or an answer on the bus, or one write or read on the host line. Faults of a line apply
+in both directions. Every fault has a random generator of its own, seeded by the plan's seed and its place in the
+list, so that adding one does not change the others.
 
-Owns specifications and dice. Knows nothing of frames; board and wire ask it at the places named above.
+Owns the specifications and their random numbers. Knows nothing of frames; board and wire ask it at the places
+named above.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ __all__ = ["Fault", "FaultPlan", "parse_fault"]
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One parsed specification. Fields a kind has no use for keep their defaults."""
+    """One parsed specification. Fields that a kind does not use keep their defaults."""
 
     kind: str
     place: str
@@ -133,11 +134,11 @@ def _number(spec: str, name: str, text: str) -> float:
 
 
 class FaultPlan:
-    """All faults of one emulation, with their dice.
+    """All faults of one emulation, with their random numbers.
 
     Args:
         faults: Parsed or written specifications.
-        seed: For the dice.
+        seed: Of the random numbers.
         start: The time that T counts from.
     """
 
@@ -183,7 +184,7 @@ class FaultPlan:
         return bool(self._of("sketch"))
 
     def reset_due(self, now: float) -> str | None:
-        """Cause of a restart that has fallen due since the last call: "reset", "brownout", or None."""
+        """Cause of a restart that became due since the last call: "reset", "brownout", or None."""
         cause = None
         while self._board_at < len(self._restarts) and self._restarts[self._board_at][0] <= now:
             cause = self._restarts[self._board_at][1]

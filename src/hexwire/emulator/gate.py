@@ -59,7 +59,7 @@ _RUN_TIME = Series.SEVEN_BOT.register("run_time").address
 _LEGACY_END = _RUN_TIME + 2
 _OTHER_RAM = (*range(_CEILING, _CEILING + 2), *range(0x30, 0x36))
 _PAIRS = (_TARGET, _CEILING, _SPEED)
-"""Two-byte values of which half a value says nothing."""
+"""Two-byte values, which make no sense by halves."""
 _REGISTERS = 0x100
 
 
@@ -80,7 +80,7 @@ class JointFacts:
         torque_on: It has torque.
         positioning: Its servo is in position mode.
         position: Counts; None if it is silent or was never sampled.
-        late_ms: How old the position of a joint that moves is; 0 for one that stands.
+        late_ms: Age of the position of a moving joint, milliseconds; 0 for one at rest.
         ceiling: Current ceiling of an HLS servo; 0 is unknown.
         minimum: Least position, counts.
         maximum: Greatest position, counts.
@@ -105,8 +105,8 @@ class Passed:
     Attributes:
         packets: One packet, or two for a sync write to servos of both kinds; the answer is that of the last.
         hold: Joints whose present position has to be written as their target first.
-        torque: What the packets make of the torque of joints, as far as they say.
-        targets: Positions that they write as targets.
+        torque: Torque switches that the packets set, by servo id.
+        targets: Target positions that they write, by servo id.
     """
 
     packets: tuple[bytes, ...]
@@ -156,7 +156,7 @@ def check_packet(data: bytes) -> ServoPacket:
 
 
 def written_ids(packet: ServoPacket) -> tuple[int, ...]:
-    """Whom a well-formed packet changes; `BROADCAST_ID` stands for all."""
+    """Ids of the servos that a well-formed packet changes; `BROADCAST_ID` stands for all."""
     if packet.instruction in READ_ONLY:
         return ()
     if packet.instruction == Instruction.SYNC_WRITE:
@@ -215,7 +215,7 @@ class Gate:
         elif packet.instruction == Instruction.SYNC_WRITE:
             address, rows = parse_sync_write(packet)
         else:
-            # What waits in a servo for ACTION no stop can void; the rest resets, recalibrates or is unknown.
+            # No stop could void what waits in a servo for ACTION; the rest resets, recalibrates or is unknown.
             waits = packet.instruction in (Instruction.REG_WRITE, Instruction.ACTION)
             if waits or not self.maintenance:
                 raise RefusedError(Status.FORBIDDEN)
@@ -238,7 +238,7 @@ class Gate:
         return Passed(self._packets(packet, address, rows), tuple(hold), torque, targets)
 
     def _check(self, servo_id: int, address: int, data: bytes) -> None:
-        """Refuse what may not be written to one servo."""
+        """Refuse a write that is not allowed to one servo."""
         joint = self.joints.get(servo_id)
         covered = range(address, address + len(data))
         if any((at in covered) != (at + 1 in covered) for at in _PAIRS):
@@ -288,7 +288,7 @@ class Gate:
 
     @staticmethod
     def _switches(address: int, data: bytes) -> bool | None:
-        """What a write makes of a servo's torque; None if nothing."""
+        """The torque switch after a write; None if the write leaves it."""
         if _covers_target(address, data):
             # The servo switches its torque on by it.
             return True
@@ -319,7 +319,7 @@ class Gate:
             return _TARGET, position + run_time.encode(max(asked, needed))
         head = data[:at] if at else b"\0"
         if joint.late_ms:
-            # A gentle ramp is a gentle brake as well: one that moves would go on past its limit by it.
+            # A gentle ramp also brakes gently: a moving joint would overshoot its limit.
             head = head[:-1] + b"\0"
         ceiling, speed = _HLS.register("goal_torque"), _HLS.register("goal_speed")
         own_ceiling = data[at + 2 : at + 4] or ceiling.encode(joint.ceiling or tables.DEFAULT_CEILING)

@@ -25,13 +25,14 @@ from .servo_motion import TICK, Drive, Motion
 __all__ = ["PhysicsTwin"]
 
 _STALL = {"seven_bot": 3.0, "hls": 0.588}
-"""Newton metres at full drive: 6 kg cm of the small ones is published; the large ones are taken to lift the arm."""
+"""Newton metres at full drive: 6 kg cm is published for the small ones; the large ones are assumed to lift the
+arm."""
 _ARMATURE = {"seven_bot": 0.02, "hls": 0.002}
 """Inertia of motor and gears at the joint, kg m^2: an estimate."""
 _GAIN = 1 / 64
 """Share of full drive a count of error, about a position gain of 32: full drive at 5.6 degrees."""
 _WIND_UP = 1.5 / _GAIN
-"""Counts that the profile may be ahead of the shaft."""
+"""Counts by which the profile may lead the shaft."""
 _PAYLOAD_RADIUS = 0.01
 _WALL = 1.0
 """Share of full drive a count beyond an obstacle set by hand."""
@@ -44,7 +45,7 @@ class PhysicsTwin:
         servos: Those of the arm, by the bus ids of its model; others are left alone.
         model: Geometry and joints.
         payload: Kilograms at the tool.
-        table: There is a table at the height of the base's foot.
+        table: Add a table at the height of the base's foot.
 
     Raises:
         UsageError: The package ``mujoco-core`` is not installed, or the payload makes no sense.
@@ -74,7 +75,7 @@ class PhysicsTwin:
         spec.option.timestep = TICK
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         for geom in spec.geoms:
-            # Links touch the table, not one another: the coupling gate is the planner's affair.
+            # Links touch the table, not one another: the planner checks the joint coupling limit.
             geom.contype, geom.conaffinity = 1, 0
         if table:
             spec.worldbody.add_geom(
@@ -117,7 +118,7 @@ class PhysicsTwin:
         self._mujoco.mj_forward(self._model, self._data)
 
     def advance(self) -> None:
-        """One tick of everything."""
+        """Advance servos and body by one tick."""
         data = self._data
         for shaft in self.shafts:
             if shaft.moved_by_hand():
@@ -131,7 +132,7 @@ class PhysicsTwin:
 
     @property
     def contacts(self) -> int:
-        """How many points of the arm touch the table now."""
+        """Number of contacts between arm and table."""
         return int(self._data.ncon)
 
 

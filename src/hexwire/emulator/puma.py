@@ -34,7 +34,7 @@ _MODE_POSITION, _MODE_TEACH = 0, 1
 _STOP, _STOP_TORQUE_OFF, _RESUME, _TORQUE_ON, _TORQUE_OFF = 1, 2, 3, 4, 5
 _SCALE = tuple(joint.scale for joint in PUMA260.joints)
 _RUN_ON = 0.5
-"""Seconds that a velocity without a position is followed: a host that falls silent leaves no joint running."""
+"""Seconds for which a velocity without a position is followed: no joint runs on when the host falls silent."""
 _FIRMWARE = (1, 0, 0)
 
 
@@ -78,7 +78,7 @@ class EmulatedPuma:
 
     @property
     def moving(self) -> bool:
-        """Whether a joint moves or is about to."""
+        """Whether a joint moves or is about to move."""
         if self._path is not None or any(self._running) or any(abs(v) > 1e-6 for v in self.velocity):
             return True
         return self.power and any(
@@ -114,7 +114,7 @@ class EmulatedPuma:
         self.velocity = [0.0] * n
 
     def _tick(self, now: float) -> None:
-        # Twice the speed limit on a path: following it at the limit needs something in reserve.
+        # Twice the speed limit on a path: to follow it at the limit needs a reserve.
         reserve = 1.0
         if self._path is not None:
             reserve = 2.0
@@ -147,7 +147,7 @@ class EmulatedPuma:
         moved = self.position[i] + self.velocity[i] * TICK
         self.position[i] = max(joint.minimum, min(joint.maximum, moved))
         if self.position[i] != moved:
-            # The end of its way.
+            # The end of its path.
             self.velocity[i] = 0.0
 
     # -- what hosts ask -----------------------------------------------------------------------------

@@ -95,7 +95,7 @@ class Gains:
         by_integral = self.ki_position * self.integral
         held = max(self.i_effort_min, min(self.i_effort_max, by_integral))
         if held != by_integral and self.ki_position:
-            # What is held back must not pile up.
+            # The part that the limit holds back must not accumulate.
             self.integral = held / self.ki_position
         return (
             self.effort
@@ -106,7 +106,7 @@ class Gains:
         )
 
     def acceleration(self, error: float, velocity: float, tick: float) -> float:
-        """rad/s^2 that come of it."""
+        """The resulting acceleration, rad/s^2."""
         return (self.torque(error, velocity, tick) - FRICTION * velocity) / INERTIA
 
 

@@ -1,4 +1,4 @@
-"""A board that only repeats itself: it answers requests as they were answered in recorded traffic.
+"""A board that answers requests as they were answered in recorded traffic.
 
 Owns the table of what was asked and what came back. For taking a fault home: a program meets the very answers that
 were recorded, without the arm. Knows no servos; where the traffic came from is the caller's.
@@ -31,7 +31,7 @@ class RecordedTransfer(NamedTuple):
 
 
 class _Reply(NamedTuple):
-    # A board of the chapter answers a dialect-2 question in its own dialect.
+    # The chapter's board answers a dialect-2 request in its own dialect.
     proto: int
     status: int
     body: bytes
@@ -39,7 +39,7 @@ class _Reply(NamedTuple):
 
 @dataclass(slots=True)
 class _Answers:
-    """All answers to one request, in the order they came; given again from the start when they run out."""
+    """All answers to one request, in the order they came; after the last the first is given again."""
 
     replies: list[_Reply] = field(default_factory=list)
     given: int = 0
@@ -51,7 +51,7 @@ class _Answers:
 
 
 class ReplayedBoard:
-    """Answers from a recording; a served device like an emulated board.
+    """A served device that answers from a recording.
 
     A request is known by dialect, command and body. One that was asked several times gets its answers in turn.
     What was never asked is refused in dialect 2 (`not_supported`), and not answered in dialect 1. Reports are sent
@@ -80,7 +80,7 @@ class ReplayedBoard:
 
     @property
     def known(self) -> int:
-        """How many different requests it can answer."""
+        """Number of different requests it can answer."""
         return len(self._answers)
 
     # -- a served device ----------------------------------------------------------------------------

@@ -36,7 +36,7 @@ _BAUD_RATES = {
 
 
 class ServedDevice(Protocol):
-    """What can be put behind a line: a board, or a bus of servos."""
+    """A device that can be put behind a line: a board, or a bus of servos."""
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the line."""
@@ -48,7 +48,7 @@ class ServedDevice(Protocol):
         """Bytes for the line since the last call."""
 
     def next_event_time(self) -> float | None:
-        """When `step` has something to do by itself."""
+        """When `step` has something to do without input."""
 
     def reset(self, now: float) -> None:
         """Start again."""
@@ -68,7 +68,7 @@ class FakeClock:
         self.time += seconds
 
     def sleep(self, seconds: float) -> None:
-        """What a `Session` does between two tries to open a lost port, instead of really sleeping."""
+        """Let a `Session` wait in simulated time between two attempts to open a lost port."""
         self.advance(seconds)
 
 
@@ -159,7 +159,7 @@ class BoardLink(Link):
         if data:
             self.device.receive(data, now)
         self.device.step(now)
-        # While the line is busy the device keeps what it has: it must know that it sends more than fits.
+        # While the line is busy the device keeps its bytes: it has to notice that it sends too much.
         if self._to_host.next_time() is None:
             out = self.device.data_to_send()
             if out:
@@ -278,7 +278,7 @@ class PtyServer:
         return self.path
 
     def _set_rate(self, slave: int) -> None:
-        # A terminal begins at 38400: a program that sets no rate would hear nothing but garbage.
+        # A terminal starts at 38400: a program that sets no rate would receive garbage only.
         code = next((code for code, rate in _BAUD_RATES.items() if rate == self._baud), None)
         if self._baud and code is not None:
             settings = termios.tcgetattr(slave)
@@ -287,7 +287,7 @@ class PtyServer:
 
     def close(self) -> None:
         """Take the symbolic link and the terminal away."""
-        # In this order: a terminal that is closed gives its number to the next one.
+        # In this order: the number of a closed terminal goes to the next one that is opened.
         if self._name is not None:
             self._name.remove()
             self._name = None
@@ -319,7 +319,7 @@ class PtyServer:
             if flags & select.POLLIN:
                 self._read(now)
             if flags & select.POLLHUP and not flags & select.POLLIN:
-                # Nobody has the port open: do not spin on a condition that stays.
+                # Nobody has the port open: the condition stays, so do not spin on it.
                 self._hung_up = True
                 time.sleep(min(0.02, max(timeout, 0.0)))
         if not events or not any(flags & select.POLLHUP for _, flags in events):
@@ -328,7 +328,7 @@ class PtyServer:
         if data:
             self.device.receive(data, now)
         self.device.step(now)
-        # As long as the line or the host is behind, the device keeps what it has.
+        # While the line or the host is behind, the device keeps its bytes.
         if self._to_host.next_time() is None and not self._unsent:
             out = self.device.data_to_send()
             if out:
@@ -366,7 +366,7 @@ class PtyServer:
         self._unsent = self._unsent[written:]
 
     def _garbled(self, data: bytes, *, inward: bool) -> bytes:
-        """What the other side hears if the host's rate is not ours."""
+        """The bytes that the other side hears if the host uses another rate."""
         if not self._baud or not data:
             return data
         rate = terminal_rate(self._master) or self._baud

@@ -24,7 +24,7 @@ _TERMINAL = re.compile(r"/dev/pts/[0-9]+")
 
 
 class TerminalName:
-    """A symbolic link to a terminal, as long as it is served.
+    """A symbolic link to a terminal while it is served.
 
     While it lasts, a socket without a file is bound that stands for it: so another emulator can tell a name that is
     served from one that was left behind. The system takes it away however this program ends.
@@ -57,7 +57,7 @@ class TerminalName:
             raise
 
     def remove(self) -> None:
-        """Take the link away, if it still leads to our terminal. The terminal must be open still."""
+        """Remove the link if it still leads to our terminal, which must still be open."""
         if self._folder < 0:
             return
         with contextlib.suppress(OSError):
@@ -106,7 +106,7 @@ class TerminalName:
             return
         with contextlib.suppress(FileNotFoundError):
             terminal = Path(target).stat()
-            # One that is younger than the link has only got its number again.
+            # A terminal younger than the link only reuses the number.
             if terminal.st_uid == os.geteuid() and terminal.st_ctime_ns <= found.st_mtime_ns:
                 raise UsageError(
                     f"{self._link} leads to {target}, which a program of yours holds; end that, or choose another "
@@ -117,5 +117,5 @@ class TerminalName:
         """Make it, in place of what `_look` has let pass."""
         with contextlib.suppress(FileNotFoundError):
             os.unlink(self._link.name, dir_fd=self._folder)
-        # Fails if somebody else was quicker.
+        # Fails if another process made it first.
         os.symlink(self._terminal, self._link.name, dir_fd=self._folder)

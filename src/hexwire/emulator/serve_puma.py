@@ -1,4 +1,4 @@
-"""The emulated PUMA 260 behind TCP and UDP, for as many hosts as come.
+"""The emulated PUMA 260 behind TCP and UDP, for any number of hosts.
 
 Owns the loop over listener, links and UDP peers, and has whoever must go go. Everything the robot does is `puma`'s.
 """
@@ -42,7 +42,7 @@ class _Hosts:
     udp_seats: Seats[Peer] = field(default_factory=Seats)
 
     def next_event_time(self) -> float | None:
-        """When somebody has something to do."""
+        """When the next host has something to do."""
         ends = [*(caller.peer for caller in self.callers.values()), *self.peers.values()]
         return min((t for end in ends if (t := end.next_event_time()) is not None), default=None)
 
@@ -92,7 +92,7 @@ def _turn(
         poll.register(fd, select.POLLIN)
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
     robot.step(clock())
-    # Whoever is served already goes before those who come.
+    # Connected hosts go before new ones.
     _serve_callers(hosts, ready, clock)
     if udp is not None:
         _serve_peers(robot, udp, hosts, udp.fileno() in ready, clock)

@@ -2,17 +2,17 @@
 
 Owns one servo's registers, motion and protection, and what each instruction does to them. Knows no line: echo,
 collisions and line rate are `servo_wire`'s. Time comes in as `now`; `step` works in whole milliseconds from 0, so
-that the same commands at the same times give the same registers however the time between is cut.
+that the same commands at the same times give the same registers, whatever steps the time is divided into.
 
-What is assumed where the public documents are silent:
+Assumptions where the public documents say nothing:
 
 - A goal written while the torque is off turns it on. That is measured for STS; the chapter's board moves legacy
-  servos by nothing but such writes.
+  servos only by such writes.
 - Turning the torque on without a new goal holds the shaft where it is.
-- A legacy servo answers reads of 1 and 2 bytes, nothing longer, and no write (`answers_writes` changes that).
-- HLS secondary_id 0 means none: it leaves the factory so, and id 0 is another servo's.
-- After a write of the id the answer still carries the old one.
-- Instructions a series does not have are not answered.
+- A legacy servo answers reads of 1 or 2 bytes, none longer, and no write (`answers_writes` changes that).
+- HLS secondary_id 0 means none: this is the factory value, and id 0 belongs to another servo.
+- The answer to a write of the id still has the old id.
+- Instructions that a series does not have are not answered.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class EmulatedServo:
     """One servo on an emulated bus.
 
     Args:
-        series: Which family it behaves as.
+        series: Its family.
         servo_id: Its stored id, 0..253.
-        position: Where the shaft stands at power-up, counts; None is the series' neutral.
+        position: Of the shaft at power-up, counts; None is the neutral of the series.
         seed: For noise.
         firmware: Version, where the series reports one.
         settings: Stored values of EEPROM registers, by name, instead of the factory's.
@@ -133,7 +133,7 @@ class EmulatedServo:
 
     @property
     def supply(self) -> float:
-        """Supply voltage, V."""
+        """Supply voltage, volts."""
         return self._supply
 
     @supply.setter
@@ -171,7 +171,7 @@ class EmulatedServo:
             self._tick += count
 
     def power_cycle(self, now: float, silent: float = 0.0) -> None:
-        """Take the supply away for a moment: RAM is lost, the shaft stays, and it answers again after `silent`."""
+        """Interrupt the supply: RAM is lost, the shaft stays, the servo answers again after `silent` seconds."""
         self.step(now)
         self._silent_until = self._tick + round(silent / TICK)
         turn = self.series.counts_per_rev
@@ -203,7 +203,7 @@ class EmulatedServo:
             The answer's bytes, or None: not addressed, nothing to say, or still starting.
         """
         if not self.is_addressed(packet):
-            # Nothing changes, and time passes when it is next looked at.
+            # Nothing changes; the time is made up at the next request or step.
             return None
         own = self.servo_id
         broadcast = packet.servo_id == BROADCAST_ID
@@ -346,7 +346,7 @@ class EmulatedServo:
         self.protection.clear()
 
     def _calibrate(self, position: int) -> None:
-        """Make the present position read `position` from now on; stored at once, as the servos do."""
+        """Calibrate so that the present position reads `position`; stored at once, as in the real servos."""
         wanted = round(self.motion.position) % self.series.counts_per_rev - position
         self.registers.put_stored("position_offset", wanted)
         self._target = self.motion.position
@@ -366,13 +366,13 @@ class EmulatedServo:
         return round(shaft) - self._offset() - self._turns(shaft)
 
     def _watch(self) -> None:
-        """Registers or supply have changed: look at the limits again, then drive."""
+        """Registers or supply have changed: update the limits, then the drive."""
         self.protection.limits = control.limits_of(self.registers)
         self.protection.sense(self._supply)
         self._drive()
 
     def _drive(self) -> None:
-        """Tell the motor what the registers and the protection say."""
+        """Command the motor as the registers and the protection say."""
         torque = self.registers.get("torque_enable")
         allowed = self.protection.ceiling
         motion = self.motion
@@ -404,7 +404,7 @@ class EmulatedServo:
         self._shown = self._as_it_was()
 
     def _as_it_was(self) -> tuple[object, ...] | None:
-        """Everything that the read-only registers of a servo at rest depend on; None if they move by themselves."""
+        """All that the read-only registers of a servo at rest depend on; None if they change by themselves."""
         motion, protection = self.motion, self.protection
         if self.noise or not motion.settled:
             return None
@@ -424,7 +424,7 @@ class EmulatedServo:
         registers, motion = self.registers, self.motion
         jitter_position = jitter_load = 0
         if self.noise:
-            # Drawn from the tick, not from a running stream, so that reading more often changes nothing.
+            # Seeded by the tick, so that more frequent reads do not change the noise.
             draw = random.Random(self._seed * 1_000_003 + self._tick)
             jitter_position = round(draw.gauss(0, self.noise))
             jitter_load = round(draw.gauss(0, self.noise))

@@ -1,4 +1,4 @@
-"""From registers to motion and back: what the four series make of the same addresses.
+"""From registers to motion and back: the meaning of the same addresses in the four series.
 
 Owns the units and meanings that differ (goal speed, run time, torque ceiling, offset, modes) as functions of a
 register file. Knows nothing of packets or time.
@@ -53,7 +53,7 @@ _HLS_HELD = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """Arguments of `Motion.command` but for what protection takes away."""
+    """Arguments of `Motion.command`, before protection reduces them."""
 
     drive: Drive
     target: float
@@ -68,7 +68,7 @@ def goal_name(series: Series) -> str:
 
 
 def is_multi_turn(registers: RegisterFile) -> bool:
-    """Whether positions go on past one turn: both limits 0, on the magnetic-encoder series."""
+    """Whether positions continue past one turn: both limits 0, on the magnetic-encoder series."""
     if registers.series not in (Series.STS_SMS, Series.HLS):
         return False
     return registers.get("min_position_limit") == registers.get("max_position_limit") == 0
@@ -110,7 +110,7 @@ def order_for(registers: RegisterFile, mechanics: Mechanics, volts: float, dista
     Args:
         registers: Live registers.
         mechanics: Of the servo.
-        volts: Supply; the top speed goes with it.
+        volts: Supply; the top speed is proportional to it.
         distance: Counts the last goal was away when it was given; a run time is made a speed with it.
         target: Shaft counts of the goal.
     """

@@ -4,8 +4,8 @@ Owns position, velocity and motor torque. Knows no registers and no series: `ser
 fractions of the stall torque, positions encoder counts of the shaft, positive toward higher counts.
 
 The model is a first guess at a geared hobby servo, not a measured one: a trapezoidal speed profile, an inertia,
-dry friction, gravity as a function of the angle, and a motor that cannot give more than its ceiling. What the
-ceiling does not allow does not happen: the joint lags, stalls or sags.
+dry friction, gravity as a function of the angle, and a motor that cannot give more than its ceiling. Where that is
+not enough, the joint lags, stalls or sags.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ __all__ = ["TICK", "Drive", "Mechanics", "Motion", "speed_for_duration"]
 TICK = 0.001
 """Seconds a step of the model. Time is counted in whole ticks from 0, so results do not depend on the caller."""
 
-_CLOSE = 0.01  # counts: nearer than this, and slow, is there
+_CLOSE = 0.01  # counts: a slow shaft that is nearer has arrived
 _COASTING = 15.0  # drag of motor and gears without power, 1/s
 _DAMPING = 60.0  # the same with the winding shorted
 _STIFFNESS = 1 / 64  # torque a count of error against an obstacle, about what a position gain of 32 gives
 
 
 class Drive(Enum):
-    """What the motor is told to do."""
+    """Kind of control of the motor."""
 
     FREE = "free"
     DAMPED = "damped"
@@ -38,17 +38,17 @@ class Drive(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Mechanics:
-    """What a servo's motor and gears can do.
+    """Limits and constants of a servo's motor and gears.
 
     Attributes:
         max_speed: No-load speed at nominal voltage, counts/s.
         max_acceleration: Steepest ramp the servo's own profile uses, counts/s^2.
         full_acceleration: Acceleration of the joint by the whole stall torque, counts/s^2.
         friction: Dry friction while powered or moving.
-        holding_friction: Dry friction of the gears at rest without power; what is below it does not move them.
+        holding_friction: Dry friction of the gears at rest without power; smaller torques do not move them.
         stall_current: Amperes at full torque.
         nominal_voltage: Volts that max_speed belongs to.
-        stops: Mechanical end stops in counts, None for a shaft that turns on and on.
+        stops: Mechanical end stops in counts; None for a shaft that turns without end.
     """
 
     max_speed: float
@@ -93,7 +93,7 @@ class Motion:
         self._obstacle: tuple[float | None, float | None] = (None, None)
 
     def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
-        """Say what the motor should do from now on.
+        """Command the motor.
 
         Args:
             drive: Kind of control.
@@ -112,7 +112,7 @@ class Motion:
 
     @property
     def target(self) -> float:
-        """Where the shaft is sent."""
+        """Target of the shaft, counts."""
         return self._target
 
     @property
@@ -211,7 +211,7 @@ class Motion:
             high = stops[1] if high is None else min(high, stops[1])
         self.blocked = False
         for bound, sign in ((low, -1.0), (high, 1.0)):
-            # At the bound already and pressing on it counts as blocked too.
+            # A shaft that presses against the bound counts as blocked too.
             if bound is not None and (after - bound) * sign >= 0 and self.velocity * sign > 0:
                 after = bound
                 self.blocked = True

@@ -1,4 +1,4 @@
-"""What an emulated servo does to save itself: overload, overcurrent, heat, supply voltage.
+"""How an emulated servo protects itself: overload, overcurrent, heat, supply voltage.
 
 Owns the status bits and the timers behind them, and the winding temperature. Time comes in whole ticks of the
 motion model. Whole numbers are summed where a tick is repeated, so that a thousand ticks at rest may be taken at
@@ -26,7 +26,7 @@ _NEVER = 1 << 62
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the registers allow. Torques are fractions, times ticks.
+    """Limits from the registers. Torques are fractions, times ticks.
 
     Attributes:
         switch: Mask of the faults that take torque away; the others are only reported.
@@ -114,7 +114,7 @@ class Protection:
         return self.status != before
 
     def sense(self, volts: float) -> None:
-        """Look at temperature and supply as they are now."""
+        """Update the status bits of temperature and supply."""
         low, high = self.limits.voltage
         self._bit(VOLTAGE, not low <= volts <= high)
         self._bit(TEMPERATURE, self.temperature > self.limits.temperature)

@@ -6,7 +6,7 @@ Rules where public documents are silent:
 
 - A write to EEPROM registers while the lock is 1 changes the live value and is lost at the next power-up; with
   lock 0 it persists. Servos without a lock register (legacy) always persist.
-- Read-only registers and addresses without a register swallow a write; the latter read 0.
+- A write to a read-only register, or to an address without a register, has no effect; the latter reads 0.
 - A value outside a register's range is clamped if it has a unit, and ignored if it is a bare number (id, baud
   code, mode ...).
 """
@@ -70,7 +70,7 @@ class RegisterFile:
         self._stored = bytearray(256)
         self._has_lock = "lock" in self.rows
         self.version = 0
-        """Grows whenever a live value may have changed."""
+        """Incremented whenever a live value may have changed."""
         # Addresses of the registers of one byte without a sign, which most are: read and written very often.
         self._plain = {r.name: r.address for r in self.rows.values() if r.size == 1 and r.sign_bit is None}
         # Owner of each address, so that a write finds its registers without a search.

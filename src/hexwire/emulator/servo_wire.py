@@ -24,8 +24,8 @@ class ServoWire:
     """Servos on one wire.
 
     Args:
-        servos: Who hangs on it. Two with one id are possible; they collide.
-        baud: Line rate. A servo set to another does not hear. 0 costs no time and all hear.
+        servos: The servos on it. Two may have one id; their answers collide.
+        baud: Line rate. A servo at another rate hears nothing. With 0, bytes take no time and all servos hear.
         echo: The sender hears itself, as with a plain one-wire adapter.
         faults: Scripted faults of the bus.
 
@@ -60,7 +60,7 @@ class ServoWire:
         """The first servo that answers to an id now.
 
         Raises:
-            KeyError: Nobody does.
+            KeyError: There is none.
         """
         for servo in self.servos:
             if servo.servo_id == servo_id:
@@ -128,7 +128,7 @@ class ServoWire:
         return self._at_once([(reply, delay) for _, reply, delay in replies], now)
 
     def _in_order(self, params: bytes, replies: list[tuple[int, bytes, float]], now: float) -> tuple[bytes, float]:
-        """Sync read: each id in its turn; who is missing leaves a gap as long as its answer."""
+        """Sync read: each id in turn; a missing servo leaves a gap as long as its answer."""
         heard = bytearray()
         slot = 250e-6 + self._time(params[1] + 6) if self.baud else 0.0
         for servo_id in params[2:]:

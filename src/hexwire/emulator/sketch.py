@@ -35,7 +35,7 @@ class SketchFrame(NamedTuple):
 
     @property
     def hangs(self) -> bool:
-        """The sketch waits for ever for room for such a packet."""
+        """Whether the sketch waits for ever for room for this packet."""
         return not self.short and self.cmd in (Command.PING, Command.READ) and self.data[36] > _RING
 
     @property
@@ -78,7 +78,7 @@ class SketchReceiver:
             del self._ring[_RING:]
 
     def next_frame(self) -> SketchFrame | None:
-        """Read bytes up to the next that ends what the sketch takes for a frame; None if none does."""
+        """Read bytes to the end of what the sketch takes for a frame; None if there is no end yet."""
         while self._ring and not self.hung:
             byte = self._ring.pop(0)
             if not self._head:

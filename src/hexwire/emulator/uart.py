@@ -1,10 +1,10 @@
-"""What a serial receiver makes of a line: bytes sent at another rate, or by several senders at once.
+"""What a serial receiver hears: bytes sent at another rate, or by several senders at once.
 
 Owns the arithmetic of start bit, eight data bits and stop bit. Knows no packets and no servos; times are seconds.
 
-A line is described by when it is low: high is rest, and a 0 of any sender pulls it down. A receiver waits for a
-falling edge and samples the middle of each bit at its own rate, as the hardware does. So a rate that is a few per
-cent off is understood, any other gives the wrong bytes that it gives on a real line.
+A line is described by the times at which it is low: it rests high, and a 0 of any sender pulls it down. A receiver
+waits for a falling edge and samples the middle of each bit at its own rate, as the hardware does. So a rate that is
+a few per cent off is understood, and any other gives the same wrong bytes as on a real line.
 """
 
 from __future__ import annotations
