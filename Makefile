@@ -32,6 +32,7 @@ TOOLS := $(ROOT)/.tools/uv-$(UV_VERSION)
 UV := $(TOOLS)/bin/uv
 READY := $(ROOT)/.venv/.ready
 CORE := $(ROOT)/.venv/.core
+BYTECODE := $(ROOT)/.venv/.bytecode
 
 # A folder of one's own for caches where there is no home to write to.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
@@ -61,7 +62,9 @@ help: ## this list
 demo: $(CORE) ## an emulated arm moves there and back
 	@$(BIN)/hexwire demo
 
-test: setup system-packages check tests ## everything that must hold: lint, types, import rule, tables, tests
+test: setup system-packages ## everything that must hold: lint, types, import rule, tables, tests
+	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
+	@$(MAKE) --no-print-directory tests
 
 check: lint types imports schema ## all of it but the tests
 
@@ -109,6 +112,12 @@ system-packages:
 
 $(READY): pyproject.toml uv.lock $(UV)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) </dev/null
+	@touch $@
+
+# The workers of pytest all compile the tests at the same time. This does it once, beside the type checker, which
+# leaves a processor free. What cannot be collected is told by the run that follows.
+$(BYTECODE): $(READY) $(shell find '$(ROOT)/src' '$(ROOT)/tests' -name '*.py')
+	@$(BIN)/python -m pytest --collect-only -qq tests >/dev/null 2>&1 || true
 	@touch $@
 
 # Only what the package itself needs; `--inexact` leaves alone what the tests have installed.
