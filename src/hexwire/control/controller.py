@@ -247,6 +247,7 @@ class TrajectoryController:
     ) -> None:
         """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
         self._refuse_if_stopped()
+        self.follower.observe(state)
         begins = self.follower.next_start(now)
         try:
             self._take_over(trajectory, state, now)

@@ -3,7 +3,6 @@
 Owns the order read-update-write, the watchdog while that goes on, and what happens when the robot fails: everything
 stops and goals end. It runs in a thread of its own and reconnects, or in the caller's thread with a robot that is
 the caller's. Must not know who asks, nor what is done with what it reports.
-Over 500 lines because every way in which a robot fails ends here.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
-    CommandRefusedError,
     DeviceError,
     HexwireError,
     LinkError,
@@ -24,16 +22,14 @@ from hexwire.errors import (
     LinkPermissionError,
     PreemptedError,
     ReplyTimeoutError,
-    StoppedError,
     UsageError,
 )
-from hexwire.model.state import JointFlag, JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 
 from .calls import Jobs, of_now
 from .group import ControllerGroup
 from .newest import LatestState
-from .rate import Raster
+from .output import Output
 from .reader import StateReader
 from .waiting import join_or_hang_up
 
@@ -125,18 +121,16 @@ class RobotOwner:
         self._publish_rate, self._command_rate = publish_rate, command_rate
         self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
         self._ending = threading.Event()
-        self._on_state, self._on_sent = on_state, on_sent
+        self._on_state = on_state
+        self._output = Output(robot, self.group, borrowed=borrowed, on_sent=on_sent, look_again=self._look_again)
         self._clock, self._sleep = clock or robot.now, sleep or self._ending.wait
         self._reader: StateReader | None = None
-        self._restarts, self._clamped = 0, frozenset[str]()
+        self._restarts = 0
         self._latest = LatestState(publish_rate)
-        self._raster = Raster()
         self._jobs = Jobs()
         self._thread: threading.Thread | None = None
         # Whose turn it is: what this thread wants done is done at once.
         self._turning = 0
-        # The last stop that the controllers know of. What they were told before a newer one must not be sent.
-        self._known_stop = robot.epochs.mark()
         if not borrowed:
             # Whoever owns a robot decides what a lost link means; one that reconnects by itself would hide it.
             robot.auto_reconnect(on=False)
@@ -284,7 +278,7 @@ class RobotOwner:
 
     def hurry(self) -> None:
         """Let the next state lead to a target, if there was none for a period: something has begun."""
-        self._raster.hurry()
+        self._output.hurry()
 
     def call(self, job: Callable[[], _T]) -> _T:
         """Have something done by the owner between two states, and wait for it.
@@ -321,7 +315,7 @@ class RobotOwner:
             HexwireError: The robot refuses.
         """
         stops = self.group.stops
-        self.call(lambda: self._reset(stops))
+        self.call(lambda: self._output.reset(stops))
 
     def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
         """Torque on, where the joints are, or off; a motion of joints that had none ends, or that lose it.
@@ -332,26 +326,7 @@ class RobotOwner:
         Raises:
             HexwireError: Stopped, or the robot refuses.
         """
-        return self.call(lambda: self._torque(on, names))
-
-    def _torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
-        if on and self.group.reason is not None:
-            raise UsageError(f"the arm is stopped ({self.group.reason}); reset it first")
-        wanted = list(names)
-        if on and self.group.busy:
-            # Torque on is "hold where you are": what has it already and is on its way must not be braked.
-            have = set(self.robot.read().torque_on)
-            wanted = [name for name in names if name not in have]
-        why = "a joint of it had no torque" if on else "the torque was taken away"
-        if not on:
-            self.group.release(why, wanted)
-        whom = None if len(wanted) == len(self.robot.model.names) else wanted
-        confirmed = self.robot.torque(on, whom) if wanted else ()
-        # What was commanded means nothing where a hand moves the joint; nor does what was accepted in between.
-        self.group.release(why, wanted)
-        # The next goal must see it.
-        self._look_again()
-        return tuple(name for name in names if name in confirmed or name not in wanted)
+        return self.call(lambda: self._output.torque(on, names))
 
     # -- the owner's turn -------------------------------------------------------------------------------
 
@@ -375,7 +350,9 @@ class RobotOwner:
                 self._take(state)
                 if not self._borrowed:
                     self._see_restarts()
-                self._update(state)
+                self._output.update(
+                    state, self._latest.speeds(state.names), self._clock(), self.command_period, self.lead
+                )
             self._jobs.run()
         except PreemptedError:
             # A stop took the line from what waited there: no failure, and whoever stopped sees to the rest.
@@ -425,7 +402,7 @@ class RobotOwner:
         # First, since arming a watchdog makes the board forget that it tripped.
         if self.state is not None and (found := board_stop(self.state)) is not None:
             self.group.stop(found)
-            self._tell(logging.WARNING, "%s; reset it before it is to move", found)
+            self._output.tell(logging.WARNING, "%s; reset it before it is to move", found)
         # Only now: between `connect` and the first turn nobody feeds a watchdog.
         self._arm_watchdog()
         rate = 1.0 / self.command_period
@@ -459,7 +436,7 @@ class RobotOwner:
 
     def _lose(self, error: HexwireError) -> None:
         # At the end of everything an emulated board ends as well.
-        self._tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
+        self._output.tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_jobs()
@@ -472,10 +449,6 @@ class RobotOwner:
             # Only now, when nothing can be sent any more: a board that did not hear the stop must stop by itself.
             with suppress(HexwireError):
                 self._watched.close()
-
-    def _tell(self, level: int, text: str, *values: object) -> None:
-        """Log, unless the caller hears of it anyway."""
-        _log.log(logging.DEBUG if self._borrowed else level, text, *values)
 
     def _fail_jobs(self) -> None:
         self._jobs.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
@@ -497,7 +470,7 @@ class RobotOwner:
             return
         self._restarts = restarts
         if self.group.busy or self.group.reason is not None:
-            self._stop(StopReason("board", "the board was reset"))
+            self._output.stop(StopReason("board", "the board was reset"))
         self.group.release("the board was reset")
         # A probe ends reports.
         self._close_reader()
@@ -510,76 +483,12 @@ class RobotOwner:
         if published is not None:
             self._on_state(state, published)
 
-    def _update(self, state: JointState) -> None:
-        """Judge at every state, decide and write at the raster of commands."""
-        # Right before anything is decided: a stop that comes from here on voids the target, resumed or not.
-        asked = self.robot.epochs.mark()
-        if asked.epoch is not self._known_stop.epoch:
-            self._known_stop = asked
-            if self.group.moving and self.group.reason is None:
-                self.group.stop(StopReason("board", "a stop came from elsewhere"))
-        now = self._clock()
-        # A robot that is asked for its states is asked at the raster.
-        due = self._raster.due(now, self.command_period) or self._borrowed
-        order = self.group.cycle(state, self._latest.speeds(state.names), now, self.lead, due=due)
-        if isinstance(order, StopReason):
-            self._stop(order)
-        elif order is not None:
-            self._raster.done(now)
-            with self.robot.epochs.using(asked):
-                self._write(order)
-
-    def _write(self, target: JointTarget) -> None:
-        try:
-            sent = self.robot.write(target)
-        except StoppedError:
-            # States that wait to be read may be of a time before, as after a stall in which the watchdog tripped.
-            self.group.stop(board_stop(self.robot.read()) or StopReason("board", "the board has stopped the arm"))
-        except (CommandRefusedError, UsageError) as error:
-            if self._borrowed:
-                raise
-            # As when somebody else took the torque: this motion is over, and what was commanded means nothing now.
-            _log.error("%s", error)
-            self.group.release(str(error))
-        else:
-            clamped = frozenset(sent.clamped)
-            if not clamped <= self._clamped:
-                text = "the board's own limits are tighter: it kept %s within them"
-                self._tell(logging.WARNING, text, ", ".join(clamped))
-            self._clamped = clamped
-            self._on_sent(sent)
-
-    def _reset(self, stops: int) -> None:
-        suspects = [joint for joint in self.robot.read() if joint.name in self.group.blamed]
-        faults = [(joint.name, JointFlag(joint.flags).faults) for joint in suspects]
-        if blamed := [f"{name} still reports {fault}" for name, fault in faults if fault]:
-            # A servo keeps an overload until its next command. This one holds; the next try shows what is true.
-            self.robot.stop()
-            raise UsageError(f"{', '.join(blamed)}; see to it, and reset again")
-        try:
-            self.robot.resume()
-        except StoppedError as error:
-            raise UsageError("the arm was stopped again meanwhile; reset it again") from error
-        if not self.group.reset(stops):
-            # Whoever stopped it last must not find it ready to move.
-            self.robot.stop()
-            raise UsageError("the arm was stopped again meanwhile; reset it again")
-        self._known_stop = self.robot.epochs.mark()
-        self._look_again()
-
     def _look_again(self) -> None:
         """Something was done: what waits to be read tells of a time before it, and must not be believed."""
         state = self.robot.read()
         if self._reader is not None:
             self._reader.drop_waiting()
         self._take(state)
-
-    def _stop(self, reason: StopReason) -> None:
-        self._tell(logging.ERROR, "stopped: %s", reason)
-        self.group.stop(reason)
-        confirmed = self.robot.stop()
-        if missing := [name for name in self.robot.model.names if name not in confirmed]:
-            self._tell(logging.ERROR, "%s did not confirm the stop", ", ".join(missing))
 
     def deliver(self) -> None:
         """Tell goals that have ended so; after every change from outside."""

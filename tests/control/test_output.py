@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import pytest
+from tests.control.arm_bench import LEAD, PERIOD
+from tests.control.owner_bench import make_controller
+from tests.drivers.arms import Arm
+
+from hexwire.control.group import ControllerGroup
+from hexwire.control.output import Output
+from hexwire.errors import CommandRefusedError, UsageError
+from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.safety import StopReason
+from hexwire.motion.trajectory import Quintic
+from hexwire.motion.waypoints import PointToPoint
+
+
+class Bench:
+    """A board, one controller under way, and what sends for it."""
+
+    def __init__(self, *, borrowed: bool = True) -> None:
+        self.arm = Arm(2)
+        self.robot = self.arm.driver
+        self.robot.torque(True)
+        self.controller = make_controller(self.robot.model)
+        self.group = ControllerGroup((self.controller,))
+        self.sent: list[SentTarget] = []
+        self.looks = 0
+        self.output = Output(
+            self.robot, self.group, borrowed=borrowed, on_sent=self.sent.append, look_again=self.look_again
+        )
+        state = self.robot.read()
+        goal = [angle + 0.2 for angle in state.position]
+        way = PointToPoint(state.names, Quintic(state.position, tuple(goal), 2.0))
+        self.controller.follow(way, state, self.arm.clock())
+
+    def look_again(self) -> None:
+        self.looks += 1
+
+    def update(self, wait: float = 0.0) -> None:
+        self.arm.wait(wait)
+        state = self.robot.read()
+        self.output.update(state, (0.0,) * 7, self.arm.clock(), PERIOD, LEAD)
+
+
+def refuse(target: JointTarget) -> SentTarget:
+    raise CommandRefusedError("JOINT_MOVE", 4, "a joint has no torque")
+
+
+def test_a_target_goes_out_once_a_period_or_with_every_state_of_a_borrowed_robot() -> None:
+    for borrowed, count in ((True, 3), (False, 1)):
+        bench = Bench(borrowed=borrowed)
+        for _ in range(3):
+            bench.update(0.01)
+        assert len(bench.sent) == count
+
+
+def test_a_stop_since_the_last_state_voids_what_is_followed_though_it_is_resumed() -> None:
+    bench = Bench()
+    bench.update()
+    bench.robot.stop()
+    bench.robot.resume()
+    bench.update(PERIOD)
+    assert len(bench.sent) == 1
+    assert str(bench.group.reason) == "a stop came from elsewhere"
+
+
+def test_a_refused_target_ends_the_motion_or_comes_out() -> None:
+    bench = Bench(borrowed=False)
+    bench.robot.write = refuse  # type: ignore[method-assign]
+    bench.update()
+    assert not bench.controller.busy
+    bench = Bench()
+    bench.robot.write = refuse  # type: ignore[method-assign]
+    with pytest.raises(CommandRefusedError):
+        bench.update()
+
+
+def test_joints_that_have_torque_are_not_braked_while_they_move() -> None:
+    bench = Bench()
+    asked: list[Any] = []
+    torque = bench.robot.torque
+
+    def noted(on: bool, joints: Any = None) -> tuple[str, ...]:
+        asked.append(joints)
+        return torque(on, joints)
+
+    bench.robot.torque = noted  # type: ignore[method-assign]
+    names = bench.robot.model.names
+    assert bench.output.torque(True, names) == names
+    assert asked == []
+    bench.controller.hold("enough")
+    bench.robot.torque(False, ["J2"])
+    assert bench.output.torque(True, ("J1", "J2")) == ("J1", "J2")
+    assert bench.looks == 2
+
+
+def test_a_stop_is_ended_unless_another_one_came(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench(borrowed=False)
+    with caplog.at_level(logging.ERROR):
+        bench.output.stop(StopReason("asked", "the test"))
+    assert caplog.messages == ["stopped: the test"]
+    stops = bench.group.stops
+    bench.group.stop(StopReason("asked", "again"))
+    with pytest.raises(UsageError, match="stopped again meanwhile"):
+        bench.output.reset(stops)
+    assert bench.arm.board.state.stopped
+    bench.output.reset(bench.group.stops)
+    assert not bench.arm.board.state.stopped
+    assert bench.group.reason is None
+    bench.output.stop(StopReason("asked", "the test"))
+    with pytest.raises(UsageError, match="the arm is stopped"):
+        bench.output.torque(True, ["J1"])
