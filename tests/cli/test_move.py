@@ -261,7 +261,7 @@ def test_a_move_that_would_fold_the_arm_is_refused_and_nothing_moves(bench: Any)
     result = bench.run("move", "J2=115")
     assert result.exit_code == 2
     assert result.stderr.startswith("error: elbow ")
-    assert result.stderr.endswith(" of the way there; nothing was sent\n")
+    assert result.stderr.endswith(" of the path; nothing was sent\n")
     bench.clock.advance(2.0)
     assert bench.positions() == pytest.approx(before, abs=0.3)
     bench.ok("move", "J2=80", "--wait")

@@ -45,7 +45,7 @@ def test_an_obstacle_in_the_way_of_a_servo_without_load_reading_stops_the_arm(be
     result = bench.run("goto", "150", "160", "200")
     assert result.exit_code == 1
     assert "stopped: J1 is" in result.stderr
-    assert "off its way" in result.stderr
+    assert "off its path" in result.stderr
     assert bench.json("state")["stopped"]
 
 
@@ -55,7 +55,7 @@ def test_a_collision_is_told_by_load_and_error_together(bench: Any) -> None:
     shaft.obstacle = (shaft.position - 10, shaft.position + 10)
     result = bench.run("goto", "0", "220", "200", "--down", "--table", "-500")
     assert result.exit_code == 1
-    assert "stopped: J5 met something: load" in result.stderr
+    assert "stopped: J5 hit something: load" in result.stderr
     assert bench.json("state")["stopped"]
 
 

@@ -194,7 +194,9 @@ def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
     bench.turn(0.5)
     kinematics = bench.arm.settings.kinematics
     assert kinematics is not None
-    assert kinematics.gate_excess(kinematics.from_joints({n: bench.where(n) for n in NAMES})) < math.radians(2.0)
+    assert kinematics.coupling_excess(kinematics.from_joints({n: bench.where(n) for n in NAMES})) < math.radians(
+        2.0
+    )
     bench.ask(bench.arm.reset)
     back = half(bench, "upper", 0.0, 3.0)
     bench.until(lambda: back.ends)

@@ -130,7 +130,7 @@ def test_a_servo_that_falls_silent_on_its_way_stops_the_arm(dialect: int, baud: 
     mute(bench, 5)
     bench.until(lambda: told.ends)
     assert told.ends[0].outcome is Outcome.ABORTED
-    assert "J6 has not been heard of" in told.words
+    assert "J6 has not answered for" in told.words
     assert bench.hardware.connected
     with pytest.raises(UsageError, match="J6 still reports silent"):
         bench.ask(bench.hardware.reset)

@@ -49,7 +49,7 @@ def test_a_way_without_end() -> None:
 def test_the_way_to_the_first_point_may_be_too_fast_by_now(late: bool, reason: Reason, why: str) -> None:
     turn = HEX7BOT.joint("J1").max_speed
     WAYS.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.48), HOME, late=late)
-    with pytest.raises(GoalError, match=rf"^{why}: on the way to the next point, at .* are allowed") as caught:
+    with pytest.raises(GoalError, match=rf"^{why}: on the way to the next point, at .* its limit is") as caught:
         WAYS.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.4), HOME, late=late)
     assert caught.value.reason == reason
 

@@ -105,7 +105,7 @@ def test_all_faults_at_once() -> None:
         "publish_rate: 0 must be above 0 and at most 1000 Hz",
         "wacthdog: unknown, did you mean watchdog?",
         "port: 'my port' is not a link address: it is empty or has blanks in it",
-        "links: no link set 'C'; there are A, B, V1, or name a TOML file",
+        "links: no link set 'C'; use A, B, V1, or a TOML file",
         f"poses/home/J9: no joint 'J9', there are {', '.join(ALL)}",
         "safety/load: -1 must be above 0",
         f"joints: no joint 'J8', there are {', '.join(ALL)}",
@@ -224,7 +224,7 @@ def test_a_file_of_links(tmp_path: Path) -> None:
     assert faults(links=str(file)) == [f"links: {file}: cannot be read: No such file or directory"]
     file.write_text("a=120\nz=1\n", encoding="utf-8")
     (text,) = faults(links=str(file))
-    assert text.startswith(f"links: {file}:2: z is no key of a link set")
+    assert text.startswith(f"links: {file}:2: z is not a key of a link set")
 
 
 # -- poses ----------------------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ LEROBOT_ROW = '"drive_mode": 0, "homing_offset": 0, "range_min": 1, "range_max":
     [
         ("", ":1:1: no JSON"),
         ("[]", ": must be a table, not a list"),
-        ("{}", ": no LeRobot calibration: it has no joint"),
+        ("{}", ": is not a LeRobot calibration: it has no joint"),
         ('{"a": 3}', ": a must be a table, not 3"),
         ('{"a": {"id": 1}}', r": a\.drive_mode is missing"),
         (f'{{"a": {{"id": "x", {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not the text 'x'"),

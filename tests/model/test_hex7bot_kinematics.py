@@ -160,7 +160,7 @@ def test_too_near_says_so() -> None:
     k = A.links
     report = A.reach_wrist((0.0, 0.0, k.e))
     assert report.excess == pytest.approx(k.reach[0] - k.d)
-    assert "inside the 71.2 mm to which they fold" in report.cause
+    assert "less than the 71.2 mm of the folded arm" in report.cause
 
 
 def test_forbidden_by_a_joint_names_it_and_the_excess() -> None:
@@ -198,12 +198,12 @@ def test_gates(name: str, t1_t2: tuple[float, float], words: str) -> None:
     assert len(found) == 1
     assert words in found[0]
     # The number that goes with the words.
-    excess = math.degrees(MODELS[name].gate_excess(rad([90, *t1_t2, 90, 90, 90])))
+    excess = math.degrees(MODELS[name].coupling_excess(rad([90, *t1_t2, 90, 90, 90])))
     assert excess == pytest.approx(float(found[0].split(" deg")[0].split()[-1]), abs=0.06)
 
 
 def test_no_gate_no_excess() -> None:
-    assert A.gate_excess(rad([90] * 6)) == 0.0
+    assert A.coupling_excess(rad([90] * 6)) == 0.0
 
 
 def test_set_bs_neutral_passes_its_own_gate() -> None:
@@ -247,7 +247,7 @@ def test_points_that_may_hit_the_table() -> None:
     points = A.points(rad([90, 90, 90, 90, 45, 90]))
     assert points["elbow"] == pytest.approx((0, 0.02428, 0.199))
     assert points["tool"] == pytest.approx((0, 0.227553506, 0.249073506))
-    with pytest.raises(UsageError, match="no position of J2, J3"):
+    with pytest.raises(UsageError, match="the position of J2, J3 is missing"):
         A.from_joints({"J1": 0.0, "J4": 0.0, "J5": 0.0, "J6": 0.0})
 
 
@@ -276,7 +276,7 @@ def test_wrong_number_of_angles() -> None:
 
 def test_the_further_in_the_gate_the_larger_its_excess() -> None:
     for t2 in (120.0, 150.0):
-        rows = [A.gate_excess([math.radians(d) for d in (90, t1, t2, 90, 90, 90)]) for t1 in range(100, 180)]
+        rows = [A.coupling_excess([math.radians(d) for d in (90, t1, t2, 90, 90, 90)]) for t1 in range(100, 180)]
         steps = [b - a for a, b in itertools.pairwise(rows)]
         assert rows[0] == 0.0 < rows[-1]
         assert all(0.0 <= step <= math.radians(1.0) + 1e-9 for step in steps)

@@ -24,7 +24,7 @@ elbow = [12, 160]
 
 def test_published_sets_by_name() -> None:
     assert link_set("v1") is LINK_SETS["V1"]
-    with pytest.raises(UsageError, match="no link set 'C'; there are A, B, V1, or name a TOML file"):
+    with pytest.raises(UsageError, match="no link set 'C'; use A, B, V1, or a TOML file"):
         link_set("C")
 
 
@@ -44,10 +44,10 @@ def test_own_limits() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("c = 190.5", "cc = 190.5", "bench.toml:4: cc is no key of a link set; there are a to h"),
+        ("c = 190.5", "cc = 190.5", "bench.toml:4: cc is not a key of a link set; the keys are a to h"),
         ("c = 190.5", "", "bench.toml: c is missing"),
         ("c = 190.5", "c = 'long'", "bench.toml:4: c must be a length in mm"),
-        ("c = 190.5", "c = -1", "bench.toml:4: c = -1 mm is no length"),
+        ("c = 190.5", "c = -1", "bench.toml:4: c = -1 mm is not a valid length"),
         ("c = 190.5", "c = nan", "bench.toml:4: c must be a length in mm"),
         ("c = 190.5", "c = true", "bench.toml:4: c must be a length in mm"),
         ("offset = 90", "", "bench.toml: offset is missing"),

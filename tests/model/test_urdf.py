@@ -90,7 +90,7 @@ def test_no_urdf_of_an_unknown_model() -> None:
         pass
 
     assert "puma260" in make_urdf(Other())
-    with pytest.raises(UsageError, match="no URDF of None"):
+    with pytest.raises(UsageError, match="there is no URDF for None"):
         make_urdf(type("Nothing", (), {"name": None})())
 
 

@@ -56,7 +56,7 @@ def test_gate_of_a_pose_in_the_middle_is_found() -> None:
 
 def test_too_fast_is_found() -> None:
     report = check_trajectory(through(HOME, (160, 90, 90, 90, 90, 90), seconds=0.3), HEX7BOT, A)
-    assert [f.text for f in report.findings] == ["J1 would turn at 233.3 deg/s, 149 are allowed"]
+    assert [f.text for f in report.findings] == ["J1 would turn at 233.3 deg/s, its limit is 149 deg/s"]
 
 
 def test_table_is_found_and_can_be_moved() -> None:
@@ -140,7 +140,7 @@ def test_joints_that_the_model_does_not_know_have_no_gates() -> None:
     spline = Spline(("J7",), [Waypoint(0.0, (NEUTRAL["J7"],)), Waypoint(1.0, (NEUTRAL["J7"] + 0.1,))])
     unknown = {**NEUTRAL, "J2": math.nan}
     assert check_trajectory(spline, HEX7BOT, A, others=unknown).findings == ()
-    with pytest.raises(UsageError, match="not known where J2 is"):
+    with pytest.raises(UsageError, match="the position of J2 is unknown"):
         check_trajectory(one("J3", 5, 1.0), HEX7BOT, A, others=unknown)
 
 
@@ -148,14 +148,14 @@ def test_a_single_move_is_checked_on_its_straight_way() -> None:
     fold = {"J2": NEUTRAL["J2"] + math.radians(60)}
     raised = {**NEUTRAL, "J3": NEUTRAL["J3"] + math.radians(40)}
     check_move(NEUTRAL, fold, A)
-    with pytest.raises(LimitError, match=r"^elbow .*, 6\d % of the way there; nothing was sent$"):
+    with pytest.raises(LimitError, match=r"^elbow .*, after 6\d % of the path; nothing was sent$"):
         check_move(raised, fold, A)
     low = A.to_joints([math.radians(d) for d in (90, 60, 155, 90, 90, 90)])
-    with pytest.raises(LimitError, match=r"^the tool .* below the table at 12 mm, 98 % of the way there; nothing"):
+    with pytest.raises(LimitError, match=r"^the tool .* below the table at 12 mm, after 98 % of the path; nothing"):
         check_move(NEUTRAL, low, A, 0.012)
     check_move(NEUTRAL, low, A, None)
     check_move({**NEUTRAL, **low}, {"J3": NEUTRAL["J3"]}, A, 0.05)
-    with pytest.raises(UsageError, match="not known where J1 is"):
+    with pytest.raises(UsageError, match="the position of J1 is unknown"):
         check_move({**NEUTRAL, "J1": math.nan}, fold, A)
     check_move({**NEUTRAL, "J7": math.nan}, {"J1": 0.1, "J7": 0.2}, A)
     check_move({**NEUTRAL, "J7": math.nan}, {"J7": 0.2}, A)

@@ -33,7 +33,7 @@ def test_each_kind_is_told_in_words() -> None:
     fence = Fence(A, lowest(LOW) + 0.01)
     fence.begin(UP)
     assert fence.check(GOOD) == {}
-    assert fence.check(FOLDED)["gate"].startswith("elbow folded")
+    assert fence.check(FOLDED)["coupling"].startswith("elbow folded")
     assert fence.check(LOW) == {
         "table": f"the tool would be 10.0 mm below the table at {1e3 * lowest(LOW) + 10:.0f} mm"
     }
@@ -51,10 +51,10 @@ def test_who_begins_outside_may_leave_but_not_get_further_in_or_come_back() -> N
     fence = Fence(A)
     fence.begin(FOLDED)
     assert fence.check(FOLDED) == {}
-    assert "gate" in fence.check(DEEPER)
+    assert "coupling" in fence.check(DEEPER)
     assert fence.check(FOLDED) == {}, "what was refused does not count"
     assert fence.check(GOOD) == {}
-    assert "gate" in fence.check(FOLDED)
+    assert "coupling" in fence.check(FOLDED)
     table = lowest(LOW) + 0.05
     fence = Fence(A, table)
     fence.begin(LOW)
@@ -75,12 +75,12 @@ def test_an_arm_in_motion_has_a_little_more_room_than_a_plan(depth: float, plan:
 
 def test_a_joint_that_nobody_has_heard_of_opens_nothing() -> None:
     unknown = {**UP, "J2": math.nan}
-    with pytest.raises(UsageError, match=r"^it is not known where J2 is, so gates and table cannot be checked$"):
+    with pytest.raises(UsageError, match=r"^the position of J2 is unknown, so the path cannot be checked$"):
         Fence(A).begin(unknown)
     fence = Fence(A, lowest(LOW) + 0.01, moving=True)
     fence.begin(unknown)
     assert fence.check(unknown) == {}
-    assert "gate" in fence.check(FOLDED)
+    assert "coupling" in fence.check(FOLDED)
     assert "table" in fence.check(LOW)
 
 
@@ -136,6 +136,6 @@ def test_nobody_creeps_in() -> None:
     fence = Fence(A)
     fence.begin(here)
     assert fence.check(deeper) == {}, "on its way out it may"
-    assert "gate" in fence.check_end(here, deeper), "but not to stay"
+    assert "coupling" in fence.check_end(here, deeper), "but not to stay"
     assert fence.check_end(here, here) == {}
     assert fence.check_end(here, posture(147, 120)) == {}

@@ -141,7 +141,7 @@ def test_after_forgetting_motion_starts_where_a_hand_has_led_the_arm() -> None:
     run(follower, 0.0, 3.0)
     follower.forget()
     assert follower.mode is Mode.HOLD
-    with pytest.raises(UsageError, match="not known yet"):
+    with pytest.raises(UsageError, match="is still unknown"):
         follower.desired(("J1",), 3.0)
     follower.observe(state({"J1": J1 - 0.2}))
     assert follower.desired(("J1",), 3.0).position == (J1 - 0.2,)
@@ -151,7 +151,7 @@ def test_after_forgetting_motion_starts_where_a_hand_has_led_the_arm() -> None:
 
 def test_a_trajectory_from_elsewhere_is_refused() -> None:
     follower = started()
-    with pytest.raises(LimitError, match=r"begins 57\.3 deg from where J1 is; move there first"):
+    with pytest.raises(LimitError, match=r"starts 57\.3 deg from the position of J1; move there first"):
         follower.follow(way(J1 + 1.0, J1), 0.0)
     assert follower.done
 
@@ -241,7 +241,7 @@ def test_after_reset_motion_starts_where_the_arm_is() -> None:
     run(follower, 0.0, 1.0)
     follower.stop("x")
     follower.reset()
-    with pytest.raises(UsageError, match="nothing has been heard of it"):
+    with pytest.raises(UsageError, match="is still unknown: it has not answered yet"):
         follower.set_point({"J1": J1}, 1.0)
     follower.cycle(state({"J1": J1 - 0.2}), 1.0, LEAD)
     follower.set_point({"J1": J1 - 0.2}, 1.0)
@@ -259,7 +259,7 @@ def test_a_jam_stops_the_motion_once() -> None:
 
 
 def test_nothing_is_known_before_the_first_cycle() -> None:
-    with pytest.raises(UsageError, match="not known yet where J1 is"):
+    with pytest.raises(UsageError, match="the position of J1 is still unknown"):
         Follower(HEX7BOT).follow(way(J1, J1 + 0.1), 0.0)
     with pytest.raises(UsageError, match="must be above 0"):
         Follower(HEX7BOT, blend=0.0)

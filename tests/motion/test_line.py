@@ -113,5 +113,5 @@ def test_the_puma_draws_lines_too() -> None:
 
 
 def test_speeds_must_make_sense() -> None:
-    with pytest.raises(UsageError, match="speed or acceleration of 0"):
+    with pytest.raises(UsageError, match="speeds and accelerations must be finite and above 0, not 0"):
         Line(A, START, moved(0.01, 0, 0), speed=0.0)

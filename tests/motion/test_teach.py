@@ -50,7 +50,7 @@ def test_stillness_goes_motion_stays() -> None:
 
 def test_speed() -> None:
     assert taught([0, 1, 2]).faster(2.0).times == pytest.approx((0.0, 0.05, 0.1))
-    with pytest.raises(UsageError, match="speed factor of -1"):
+    with pytest.raises(UsageError, match="speed factor must be finite and above 0, not -1"):
         taught([0, 1]).faster(-1.0)
 
 
@@ -63,7 +63,7 @@ def test_smoothing_takes_tremor_away_and_keeps_the_ends() -> None:
     assert smooth.rows[0] == pytest.approx((shaky[0],))
     assert smooth.rows[-1] == pytest.approx((shaky[-1],))
     assert taught(shaky).smoothed(0.0) == taught(shaky)
-    with pytest.raises(UsageError, match="width of -1"):
+    with pytest.raises(UsageError, match="width must be finite and not negative, not -1"):
         taught(shaky).smoothed(-1.0)
 
 

@@ -289,7 +289,7 @@ def test_the_arm_as_a_whole_stays_out_of_its_gate_and_can_be_led_back() -> None:
     hand.begin()
     notes = {hand.cycle(a1=1.0).note for _ in range(200)}
     assert any(note.startswith("elbow folded") for note in notes)
-    assert model.gate_excess(model.from_joints(hand.positions)) == 0.0
+    assert model.coupling_excess(model.from_joints(hand.positions)) == 0.0
     there = hand.positions["J2"]
     assert there > start["J2"] + 0.3
     hand.cycle(a1=-1.0)

@@ -73,5 +73,5 @@ def test_poses_of_two_arms_are_refused() -> None:
 
 @pytest.mark.parametrize("duration", [-1.0, math.nan, math.inf])
 def test_a_duration_that_is_none_is_refused(duration: float) -> None:
-    with pytest.raises(UsageError, match="makes no sense"):
+    with pytest.raises(UsageError, match="must be finite and not negative"):
         Quintic((0.0,), (1.0,), duration)

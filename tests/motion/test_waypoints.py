@@ -118,7 +118,7 @@ def test_samples_are_multiples_of_the_period_and_end_at_the_end(duration: float,
 
 
 def test_samples_want_a_period() -> None:
-    with pytest.raises(UsageError, match="period of 0 s"):
+    with pytest.raises(UsageError, match="period must be finite and above 0 s, not 0"):
         next(Spline(("a",), [Waypoint(0.0, (0.0,))]).samples(0.0))
 
 
@@ -140,7 +140,7 @@ def test_scaled_runs_the_same_way_faster() -> None:
     assert fast.start == (0.0,)
     assert fast.goal == (1.0,)
     derivatives_agree(fast, 0.3)
-    with pytest.raises(UsageError, match="speed factor of 0"):
+    with pytest.raises(UsageError, match="speed factor must be finite and above 0, not 0"):
         Scaled(way, 0.0)
 
 

@@ -148,7 +148,7 @@ def test_all_faults_at_once() -> None:
         "~qqq: unknown, 'hexwire-ros1 --help' lists them",
         "~publish_rate: 0 must be above 0 and at most 1000 Hz",
         "~port: 'my port' is not a link address: it is empty or has blanks in it",
-        "~links: no link set 'C'; there are A, B, V1, or name a TOML file",
+        "~links: no link set 'C'; use A, B, V1, or a TOML file",
         f"~poses/home/J9: no joint 'J9', there are {', '.join(ALL)}",
         "~safety/load: -1 must be above 0",
         f"~joints: no joint 'J8', there are {', '.join(ALL)}",

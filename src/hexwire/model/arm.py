@@ -1,6 +1,6 @@
-"""What an arm is made of: joints, their servos, how counts become angles, and their limits.
+"""The model of an arm: joints, their servos, the conversion of counts to angles, and limits.
 
-Owns `JointModel` and `ArmModel`. Series are plain strings here; what they mean on the wire is not known.
+Owns `JointModel` and `ArmModel`. Series are plain strings; must not know what they mean on the wire.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class JointModel:
     """One joint and its servo.
 
     Attributes:
-        name: As in ``J1``.
+        name: Name, such as ``J1``.
         servo_id: Bus id.
         series: Servo series: seven_bot, scs, sts_sms or hls.
         neutral: Count at which the joint is at `offset`.
@@ -66,9 +66,9 @@ class JointModel:
         """Refuse an angle outside the limits.
 
         Raises:
-            LimitError: With the joint, the angle and the limits in degrees.
+            LimitError: The text has the joint, the angle and the limits in degrees.
         """
-        # Half a count of grace, so that a limit itself can be named in rounded degrees.
+        # A tolerance of half a count, so that the limit itself can be given in rounded degrees.
         grace = 0.5 * self.scale
         if not self.minimum - grace <= angle <= self.maximum + grace:
             low, high = math.degrees(self.minimum), math.degrees(self.maximum)
@@ -83,7 +83,7 @@ class ArmModel:
     """An arm: its joints in order.
 
     Attributes:
-        name: As in ``hex7bot``.
+        name: Name, such as ``hex7bot``.
         joints: Joint models, in the order of every tuple of joint values.
     """
 
@@ -106,18 +106,18 @@ class ArmModel:
         return tuple(joint.name for joint in self.joints)
 
     def joint(self, name: str) -> JointModel:
-        """A joint by name; upper and lower case are alike.
+        """A joint by name, ignoring case.
 
         Raises:
-            UsageError: There is none; the text lists them.
+            UsageError: There is no such joint; the text lists the joints.
         """
         return self.joints[self.index(name)]
 
     def index(self, name: str) -> int:
-        """Place of a joint in the order.
+        """Index of a joint.
 
         Raises:
-            UsageError: There is none of this name.
+            UsageError: There is no joint of this name.
         """
         i = self._by_name.get(name)
         if i is None:

@@ -1,7 +1,7 @@
 """Kinematics of many poses at once: the same formulas over arrays.
 
-Owns the vectorised path, which needs numpy, and the plain one, which does not. Which one runs is decided at each
-call; both give the same numbers to rounding. Knows the formulas of the arms and nothing else.
+Owns the vectorised implementation, which needs numpy, and the plain one, which does not. Each call chooses between
+them; both give the same numbers except for rounding. Knows only the formulas of the arms.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def hex7bot_inverse_many(model: KinematicModel, k: LinkSet, positions: Any, rota
                         np.arctan2(-wrist * m[..., 0, 1], wrist * m[..., 0, 0]),
                     )
                     table[:, branch] = np.stack([t0, t1, p + k.offset, math.pi / 2 - roll, t4, -turn], -1)
-                    # A singular wrist has one way, not two; and a row is a way or it is none.
+                    # A singular wrist has one solution, not two; and a row is complete or all NaN.
                     table[np.isnan(table[:, branch]).any(-1) | (singular & (wrist < 0)), branch] = math.nan
                     branch += 1
     return np.arctan2(np.sin(table), np.cos(table))
@@ -169,5 +169,5 @@ def puma260_inverse_many(model: KinematicModel, positions: Any, rotations: Any) 
 
 
 def _arc_cosine(np: Any, cosine: Any) -> Any:
-    """Arc cosine that forgives rounding just outside -1..1, and is NaN further out."""
+    """Arc cosine that tolerates rounding just outside -1..1, and is NaN further out."""
     return np.arccos(np.where(np.abs(cosine) <= 1.0 + 1e-12, np.clip(cosine, -1.0, 1.0), math.nan))

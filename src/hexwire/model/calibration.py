@@ -1,7 +1,7 @@
-"""What calibration finds of each joint: its middle and its ends in counts, when, and on which servo.
+"""Calibration of each joint: its middle and its ends in counts, the date, and the servo.
 
-Owns the value, its TOML text, the import of LeRobot's files, and the bookkeeping of the two steps people know: put
-the arm in the middle, then move every joint through its range. Reads and writes text, no files; knows no servo.
+Owns the value, its TOML text, the import of LeRobot's files, and the data of the two calibration steps: move the
+arm to the middle, then move every joint through its range. Reads and writes text, not files; must not know servos.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Calibration", "JointCalibration", "RangeSweep"]
 
 _TURN = 4096
 _LEAST_RANGE = 20
-"""Counts that a joint must have moved in a sweep; less is a joint that was forgotten."""
+"""Counts that a joint must move in a sweep; a joint that moved less was forgotten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,10 @@ class JointCalibration:
         middle: Count of the middle position.
         low: Lowest count it may go to.
         high: Highest count it may go to.
-        sign: 1, or -1 where the joint counts the other way.
-        servo_offset: Position offset that was stored in the servo then; None if it has none.
-        model: Servo model, as in ``sts3215``.
-        firmware: As in ``3.10``.
+        sign: 1, or -1 if the direction is reversed.
+        servo_offset: Position offset stored in the servo at that time; None if it has none.
+        model: Servo model, such as ``sts3215``.
+        firmware: Firmware version, such as ``3.10``.
     """
 
     name: str
@@ -62,8 +62,8 @@ class Calibration:
 
     Attributes:
         arm: Name of the arm's model.
-        taken: When, ISO 8601; empty if unknown.
-        joints: One row a joint.
+        taken: Date and time, ISO 8601; empty if unknown.
+        joints: One row per joint.
     """
 
     arm: str
@@ -71,7 +71,7 @@ class Calibration:
     joints: tuple[JointCalibration, ...]
 
     def apply(self, model: ArmModel) -> ArmModel:
-        """The model with these middles and limits in place of its own.
+        """The model with these middles and limits instead of its own.
 
         Raises:
             UsageError: A joint has another servo id in the model, or does not exist there.
@@ -88,7 +88,7 @@ class Calibration:
             if row.servo_id != joint.servo_id:
                 raise UsageError(
                     f"{joint.name} was calibrated on servo {row.servo_id}, but {model.name} has servo "
-                    f"{joint.servo_id} there: calibrate again, or put the servo's id right"
+                    f"{joint.servo_id} there: calibrate again, or correct the servo's id"
                 )
             joint = replace(joint, neutral=row.middle, sign=joint.sign * row.sign)
             ends = sorted((joint.counts_to_angle(row.low), joint.counts_to_angle(row.high)))
@@ -111,7 +111,7 @@ class Calibration:
         """Read the TOML text.
 
         Raises:
-            ConfigError: It is none, or a key is unknown, missing or wrong; the text names it.
+            ConfigError: It is not TOML, or a key is unknown, missing or wrong; the text names it.
         """
         root = parse_toml(text, file).table(("arm", "taken", "joints"), ("arm", "taken", "joints"))
         rows = [_row(item) for item in root["joints"].rows(_MOST_JOINTS)]
@@ -120,13 +120,13 @@ class Calibration:
 
     @classmethod
     def from_lerobot(cls, text: str, *, arm: str, taken: str = "", file: str = "") -> Calibration:
-        """Take a LeRobot calibration file over.
+        """Import a LeRobot calibration file.
 
         LeRobot's middle is the middle of its range, its `homing_offset` is stored in the servo, and `drive_mode` 1
-        turns a joint round.
+        reverses a joint.
 
         Raises:
-            ConfigError: It is no such file.
+            ConfigError: It is not such a file.
         """
         root = parse_json(text, file)
         rows = []
@@ -139,13 +139,13 @@ class Calibration:
             Item(name, file, "a joint's name").text(100, least=1)
             rows.append(_checked(item, name, servo_id, (low + high) // 2, low, high, -1 if turned else 1, offset))
         if not rows:
-            raise root.fault("no LeRobot calibration: it has no joint")
+            raise root.fault("is not a LeRobot calibration: it has no joint")
         return cls(arm, taken, tuple(rows))
 
 
 _MOST_JOINTS = 253
 _MOST_COUNTS = 1_000_000
-"""Counts that no servo has, over all its turns."""
+"""Counts beyond any servo, over all its turns."""
 _LEROBOT = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
 _TEXTS = ("name", "model", "firmware")
 _NEEDED = ("name", "servo_id", "middle", "low", "high")
@@ -179,7 +179,7 @@ def _check_names(rows: Sequence[JointCalibration], item: Item) -> None:
 
 
 class RangeSweep:
-    """Takes positions while a person moves the joints, and finds the ends of each.
+    """Collects positions while the user moves the joints, and finds the ends of each.
 
     Args:
         middles: Count of each joint's middle, by name.
@@ -192,12 +192,12 @@ class RangeSweep:
         self._high = dict(middles)
 
     def receive(self, positions: Mapping[str, int | None]) -> None:
-        """Take positions in; a joint whose servo did not answer is None or left out."""
+        """Process positions; a joint whose servo did not answer is None or left out."""
         for name, raw in positions.items():
             if raw is None or name not in self._last:
                 continue
             last = self._last[name]
-            # A single-turn sensor jumps from 4095 to 0: the shorter way is the one the joint took.
+            # A single-turn sensor jumps from 4095 to 0: the joint took the shorter direction.
             counts = last + (raw - last + _TURN // 2) % _TURN - _TURN // 2
             self._last[name] = counts
             self._low[name] = min(self._low[name], counts)
@@ -210,7 +210,7 @@ class RangeSweep:
 
     @property
     def unmoved(self) -> tuple[str, ...]:
-        """Joints that were not moved yet."""
+        """Joints that have not been moved yet."""
         return tuple(name for name, (low, high) in self.ranges.items() if high - low < _LEAST_RANGE)
 
     @property
@@ -225,7 +225,7 @@ class RangeSweep:
 
         Args:
             model: The arm.
-            taken: When, ISO 8601.
+            taken: Date and time, ISO 8601.
             servos: Offset, model and firmware of each joint's servo.
 
         Raises:

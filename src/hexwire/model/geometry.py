@@ -1,7 +1,7 @@
 """Kinematics of an arm by the robot's name and the name or file of its link set.
 
-Owns which robots have a geometry, and is the one place of this room that reads a file: a link set that people
-wrote. Must not know drivers, nor what is done with a model.
+Owns the list of robots with a geometry, and is the only module of this package that reads a file: a user's link
+set. Must not know drivers, nor how a model is used.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
 
     Args:
         robot: One of `ROBOTS`.
-        links: Link set of the 7Bot: a published one by name, or the path of a TOML file. Of no account for others.
-        for_motion: With limits that the robot's joints allow as well, where the two differ.
+        links: Link set of the 7Bot: the name of a published one, or the path of a TOML file. Ignored for others.
+        for_motion: Restrict the limits to those of the robot's joints, if they differ.
 
     Raises:
-        UsageError: No such robot or link set, or the link set's file cannot be read or has a mistake.
+        UsageError: No such robot or link set, or the link set's file cannot be read or contains an error.
     """
     if robot == "puma260":
         from .puma260 import Puma260Model

@@ -1,6 +1,6 @@
 """The Hex7Bot: six joints and a gripper on seven bus servos.
 
-Owns the constants of this arm and where each comes from. Kinematics live elsewhere.
+Owns the constants of this arm and the source of each. Must not know its kinematics.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .arm import ArmModel, JointModel
 __all__ = ["HEX7BOT"]
 
 NEUTRAL = 2047
-"""Count of the neutral pose; the chapter's J1 (2053 read, -4.47257 deg printed) fits no other."""
+"""Count of the neutral pose; no other value fits the chapter's J1 (2053 read, -4.47257 deg printed)."""
 
 
 def _joint(
@@ -38,11 +38,11 @@ def _joint(
 HEX7BOT = ArmModel(
     "hex7bot",
     (
-        # Offsets: from the angles printed in the chapter's log, which are whole counts off these. Signs: only
-        # J1's can be recovered from it; the others are taken to be alike.
+        # Offsets: from the angles printed in the chapter's log, which differ from these by whole counts. Signs:
+        # only J1's can be recovered from the log; the others are assumed to be the same.
         # Ranges about neutral: the bus-servo version of the 7Bot library, 10..170, 10..180, 10..170, 0..180,
-        # 0..180 and 0..360 deg with neutral at 90; J6 ends where a turn of the encoder ends. The gripper's
-        # travel is the first 7Bot's 90 deg, put about neutral because this arm's is not published.
+        # 0..180 and 0..360 deg with neutral at 90; J6 ends at the end of an encoder turn. The gripper's travel is
+        # the first 7Bot's 90 deg, centred on neutral because this arm's travel is not published.
         _joint("J1", 0, -0.087265, -80.0, 80.0, 2.6),
         _joint("J2", 1, 0.95993, -80.0, 90.0, 2.6),
         _joint("J3", 2, -0.04363, -80.0, 80.0, 2.6),

@@ -1,8 +1,8 @@
 """`Hex7BotModel`: kinematics of the 7Bot family, closed form, all branches.
 
 Owns the geometry. Angles t0..t5 are the 7Bot's own: servo angles in radians, a quarter turn is neutral. The
-forearm hangs in a parallelogram, so t2 sets its pitch against the base, whatever t1 does. How servo angles and
-the angles of the driver's joints hang together is in `from_joints` and `to_joints`. Knows no counts.
+forearm is part of a parallelogram, so t2 sets its pitch relative to the base, independent of t1. `from_joints` and
+`to_joints` convert between servo angles and the driver's joint angles. Must not know counts.
 
 With p = t2 - offset, in the plane of the arm (rho forward, z up):
 wrist rho = d + a cos t1 + h sin p + c cos p, z = e + a sin t1 + h cos p - c sin p;
@@ -58,7 +58,7 @@ class Hex7BotModel(KinematicModel):
 
     Args:
         links: The link set; set A if None, since its library has the interface that the chapter uses.
-        arm: Whose joint angles `from_joints` and `to_joints` translate.
+        arm: The arm whose joint angles `from_joints` and `to_joints` convert.
     """
 
     name = "hex7bot"
@@ -69,7 +69,7 @@ class Hex7BotModel(KinematicModel):
         self.ranges = self.links.ranges
 
     def within_arm(self) -> Hex7BotModel:
-        """The same with limits that the arm's joints allow as well: for motion, where both count."""
+        """The same model with limits restricted to those of the arm's joints, for motion."""
         narrow = Hex7BotModel(self.links, self.arm)
         ranges = []
         for own, joint in zip(self.ranges, self.arm.joints, strict=False):
@@ -84,7 +84,7 @@ class Hex7BotModel(KinematicModel):
         joints = self.arm.joints[:6]
         missing = [joint.name for joint in joints if joint.name not in positions]
         if missing:
-            raise UsageError(f"no position of {', '.join(missing)}")
+            raise UsageError(f"the position of {', '.join(missing)} is missing")
         return tuple(_NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in joints)
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
@@ -127,7 +127,7 @@ class Hex7BotModel(KinematicModel):
         return Pose(_plus(self.wrist(angles), column(rotation, 2), self.links.f), rotation)
 
     def side(self, pose: Pose) -> Vector:
-        """The side point of the tool, which tells its turn about its own axis, metres."""
+        """The side point of the tool, which shows its turn about its own axis, metres."""
         return _plus(pose.position, column(pose.rotation, 0), -self.links.g)
 
     def forward_many(self, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
@@ -147,7 +147,7 @@ class Hex7BotModel(KinematicModel):
         return self._sorted(solutions)
 
     def inverse_wrist(self, wrist: Vector) -> tuple[Solution, ...]:
-        """Every t0, t1, t2 that takes the wrist centre to a place in metres; see `inverse`."""
+        """All t0, t1, t2 that put the wrist centre at a position in metres; see `inverse`."""
         solutions = []
         for angles, branch in self._arm_branches(wrist):
             turned = tuple(r.nearest_turn(t) for r, t in zip(self.ranges, angles, strict=False))
@@ -165,9 +165,9 @@ class Hex7BotModel(KinematicModel):
         x, y, z = wrist
         long = k.forearm
         found = []
-        for facing, way in ((0.0, "front"), (math.pi, "back")):
+        for facing, side_name in ((0.0, "front"), (math.pi, "back")):
             rho = math.hypot(x, y) * (1.0 if facing == 0.0 else -1.0)
-            # On the base axis every t0 is right; straight ahead is as good as any.
+            # On the base axis any t0 is correct: use straight ahead.
             t0 = (_NEUTRAL if abs(rho) < _ON_THE_AXIS else math.atan2(y, x)) + facing
             r, s = rho - k.d, z - k.e
             square = r * r + s * s
@@ -183,7 +183,7 @@ class Hex7BotModel(KinematicModel):
             for side, bend in ((1.0, "elbow up"), (-1.0, "elbow down")):
                 t1 = math.atan2(s, r) + side * shoulder
                 p = k.forearm_angle - t1 + side * (math.pi - elbow)
-                found.append(((t0, t1, p + k.offset), f"{way}, {bend}"))
+                found.append(((t0, t1, p + k.offset), f"{side_name}, {bend}"))
         return found
 
     def _wrist_branches(
@@ -194,7 +194,7 @@ class Hex7BotModel(KinematicModel):
         # m = Rx(roll) Ry(t4) Rz(-t5)
         off_axis = math.hypot(m[1][2], m[2][2])
         if off_axis < SINGULAR:
-            # Roll and t5 turn about one line: the roll is left at neutral and t5 takes the whole turn.
+            # Roll and t5 turn about one line: the roll stays at neutral and t5 takes the whole turn.
             t4 = math.copysign(_NEUTRAL, m[0][2])
             return [((_NEUTRAL, t4, -math.atan2(m[1][0], m[1][1])), ONE_LINE, True)]
         found = []
@@ -211,7 +211,7 @@ class Hex7BotModel(KinematicModel):
         return self.reach_wrist(self._wrist_of(pose))
 
     def reach_wrist(self, wrist: Vector) -> Reach:
-        """Whether the links reach a place of the wrist centre, in metres."""
+        """Whether the links reach a position of the wrist centre, in metres."""
         k = self.links
         low, high = k.reach
         reports = []
@@ -223,7 +223,7 @@ class Hex7BotModel(KinematicModel):
                 )
                 reports.append((line - high, line, cause))
             elif line < low - 1e-12:
-                cause = f"{1e3 * (low - line):.1f} mm inside the {1e3 * low:.1f} mm to which they fold"
+                cause = f"{1e3 * (low - line):.1f} mm less than the {1e3 * low:.1f} mm of the folded arm"
                 reports.append((low - line, line, cause))
             else:
                 return Reach(True, 0.0, "")
@@ -231,13 +231,13 @@ class Hex7BotModel(KinematicModel):
         return Reach(False, excess, f"the wrist would be {1e3 * line:.1f} mm from the shoulder, {cause}")
 
     def violations(self, angles: Sequence[float]) -> tuple[str, ...]:
-        return super().violations(angles) + self._gates(angles[1], angles[2])
+        return super().violations(angles) + self._coupling_violations(angles[1], angles[2])
 
     def _arm_violations(self, angles: Sequence[float]) -> tuple[str, ...]:
         middle = [0.5 * (r.minimum + r.maximum) for r in self.ranges[3:]]
         return self.violations((*angles, *middle))
 
-    def _gates(self, t1: float, t2: float) -> tuple[str, ...]:
+    def _coupling_violations(self, t1: float, t2: float) -> tuple[str, ...]:
         k = self.links
         elbow = self._elbow(t1, t2)
         found = []
@@ -249,17 +249,17 @@ class Hex7BotModel(KinematicModel):
                 f"elbow {side} {decimal(off, 3)} deg too far: {decimal(math.degrees(elbow))} deg between upper arm "
                 f"and forearm, {decimal(math.degrees(low))} to {decimal(math.degrees(high))} deg allowed"
             )
-        gate = k.elevation
-        if gate is not None and gate.elevation(t1, elbow) > gate.maximum + 1e-9:
-            raised = math.degrees(gate.elevation(t1, elbow))
+        limit = k.elevation
+        if limit is not None and limit.elevation(t1, elbow) > limit.maximum + 1e-9:
+            raised = math.degrees(limit.elevation(t1, elbow))
             found.append(
-                f"arm raised {decimal(raised - math.degrees(gate.maximum), 3)} deg too far: {decimal(raised)} deg "
-                f"from shoulder to wrist, {decimal(math.degrees(gate.maximum))} deg allowed"
+                f"arm raised {decimal(raised - math.degrees(limit.maximum), 3)} deg too far: {decimal(raised)} deg "
+                f"from shoulder to wrist, {decimal(math.degrees(limit.maximum))} deg allowed"
             )
         return tuple(found)
 
     def _elbow(self, t1: float, t2: float) -> float:
-        """Interior elbow angle within half a turn of the middle of what is allowed: folded past 0 is below 0."""
+        """Interior elbow angle within half a turn of the middle of its range; negative if folded past 0."""
         low, high = self.links.elbow
         return wrap(self.links.elbow_angle(t1, t2), 0.5 * (low + high))
 
@@ -276,8 +276,8 @@ class Hex7BotModel(KinematicModel):
         return multiply(rotation_z(heading), rotation_y(math.pi), rotation_z(-angles[5]))
 
     def carried(self, position: Vector, angles: Sequence[float]) -> Matrix:
-        # The tool turns with the base and keeps its angle to the arm's plane. Where the base will point depends on
-        # the wrist, and that on the tool: a few rounds settle it, since the tool is short.
+        # The tool turns with the base and keeps its angle to the arm's plane. The direction of the base depends on
+        # the wrist, and the wrist on the tool: a few iterations converge, since the tool is short.
         first = self.rotation(angles)
         turned = first
         for _ in range(30):
@@ -285,7 +285,7 @@ class Hex7BotModel(KinematicModel):
             turned = multiply(rotation_z(math.atan2(wrist[1], wrist[0]) - angles[0]), first)
         return turned
 
-    def gate_excess(self, angles: Sequence[float]) -> float:
+    def coupling_excess(self, angles: Sequence[float]) -> float:
         k = self.links
         elbow = self._elbow(angles[1], angles[2])
         excess = max(0.0, k.elbow[0] - elbow, elbow - k.elbow[1])
@@ -305,7 +305,7 @@ class Hex7BotModel(KinematicModel):
         to_forearm = multiply(rotation_z(t0), rotation_y(p))
         rolled = multiply(to_forearm, rotation_x(_NEUTRAL - t3))
         pitch_axis = column(to_forearm, 1)
-        # Turning axes; t1 turns nothing but the upper arm.
+        # Rotation axes; t1 turns only the upper arm.
         axes: list[Vector] = [
             (0.0, 0.0, 1.0),
             (0.0, 0.0, 0.0),
@@ -331,7 +331,7 @@ class Hex7BotModel(KinematicModel):
         wrist = self.wrist(angles)
         from_axis = math.hypot(wrist[0], wrist[1])
         bend = abs(math.sin(k.elbow_angle(angles[1], angles[2]) + k.forearm_angle))
-        # Roll and t5 are one line where the tool lies along the forearm.
+        # Roll and t5 are on one line if the tool is parallel to the forearm.
         wrist_bend = abs(math.cos(angles[4]))
         return Singularity(
             {"base axis": min(1.0, from_axis / k.reach[1]), "elbow": bend, "wrist": wrist_bend},

@@ -1,6 +1,6 @@
-"""Link sets of the 7Bot family: three that were published, and those that people write.
+"""Link sets of the 7Bot family: the three published ones, and those in users' files.
 
-Owns the constants, where each comes from, and the gates that keep forearm and upper arm apart. Lengths are
+Owns the constants, their sources, and the joint coupling limits that keep forearm and upper arm apart. Lengths are
 metres, angles radians; the public tables and the files have millimetres and degrees.
 """
 
@@ -14,19 +14,19 @@ from hexwire.inputs import parse_toml
 
 from .kinematics import JointRange
 
-__all__ = ["LINK_SETS", "ElevationGate", "LinkSet", "link_set", "parse_link_set"]
+__all__ = ["LINK_SETS", "ElevationLimit", "LinkSet", "link_set", "parse_link_set"]
 
 JOINT_NAMES = ("t0", "t1", "t2", "t3", "t4", "t5")
 _LENGTHS = "abcdefgh"
 
 
 @dataclass(frozen=True, slots=True)
-class ElevationGate:
+class ElevationLimit:
     """Set B's upper bound for the line from shoulder to wrist.
 
     Attributes:
-        side: The source's first side of its triangle, metres.
-        forearm: The second, metres: c + d there.
+        side: First side of the source's triangle, metres.
+        forearm: Second side, metres: c + d in the source.
         maximum: Largest elevation above the horizontal, radians.
     """
 
@@ -45,9 +45,9 @@ class LinkSet:
     """Lengths and limits of one arm.
 
     Attributes:
-        name: As in ``A``.
+        name: Name, such as ``A``.
         a: Upper arm.
-        b: Crank that drives the forearm; its length enters neither wrist nor tip.
+        b: Crank that drives the forearm; its length affects neither wrist nor tip.
         c: Forearm.
         d: Shoulder axis before the base axis.
         e: Shoulder axis above the table.
@@ -56,9 +56,9 @@ class LinkSet:
         h: Forearm axis above the elbow, square to the forearm.
         offset: Servo angle t2 at which the forearm is level, radians.
         ranges: Limits of t0..t5, radians.
-        elbow: Least and largest interior angle between upper arm and forearm: the coupling gate, radians.
-        elevation: A further gate, or None.
-        source: Where the numbers come from.
+        elbow: Smallest and largest interior angle between upper arm and forearm: the joint coupling limit, radians.
+        elevation: An additional limit, or None.
+        source: Source of the numbers.
     """
 
     name: str
@@ -73,7 +73,7 @@ class LinkSet:
     offset: float
     ranges: tuple[JointRange, ...]
     elbow: tuple[float, float]
-    elevation: ElevationGate | None = None
+    elevation: ElevationLimit | None = None
     source: str = ""
 
     @property
@@ -88,11 +88,11 @@ class LinkSet:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Least and largest distance of the wrist centre from the shoulder, metres."""
+        """Smallest and largest distance of the wrist centre from the shoulder, metres."""
         return abs(self.forearm - self.a), self.forearm + self.a
 
     def elbow_angle(self, t1: float, t2: float) -> float:
-        """Interior angle between upper arm and forearm, radians: what the coupling gate bounds."""
+        """Interior angle between upper arm and forearm, radians, bounded by the joint coupling limit."""
         return math.pi + self.offset - t1 - t2
 
 
@@ -103,7 +103,7 @@ def _make(
     limits_deg: tuple[tuple[float, float], ...],
     elbow_deg: tuple[float, float],
     *,
-    elevation: ElevationGate | None = None,
+    elevation: ElevationLimit | None = None,
     source: str = "",
 ) -> LinkSet:
     a, b, c, d, e, f, g, h = (length / 1000 for length in lengths)
@@ -116,7 +116,7 @@ def _make(
 
 
 _MOST = 1e5
-"""Millimetres or degrees that no arm has; what is beyond is no number of a link set."""
+"""Millimetres or degrees beyond any arm; larger numbers in a link set are errors."""
 _BUS_LIMITS = ((10.0, 170.0), (10.0, 180.0), (10.0, 170.0), (0.0, 180.0), (0.0, 180.0), (0.0, 360.0))
 _RAD = 180 / math.pi
 
@@ -127,7 +127,7 @@ LINK_SETS = {
         90.0,
         _BUS_LIMITS,
         # t1 + t2 < 260 deg is an interior elbow angle above 10 deg. The other end is not published for this
-        # set: set B's, which all versions of the elbow come near.
+        # set: it is set B's, which is close to that of all versions.
         (10.0, 165.0),
         source="public 7Bot bus-servo library, the version with MyArm and Steer_Num that the chapter includes",
     ),
@@ -135,7 +135,7 @@ LINK_SETS = {
         "B",
         (120.0, 40.0, 159.30, 16.92, 51.75, 51.50, 8.0, 28.80),
         90.0,
-        # -1..3.14, -0.8..2.79 and -1..3.14 rad; the wrist's as in the other version of the same library.
+        # -1..3.14, -0.8..2.79 and -1..3.14 rad; the wrist as in the other version of the same library.
         (
             (-1.0 * _RAD, 3.14 * _RAD),
             (-0.8 * _RAD, 2.79 * _RAD),
@@ -143,7 +143,7 @@ LINK_SETS = {
             *_BUS_LIMITS[3:],
         ),
         (0.48 * _RAD, 2.88 * _RAD),
-        elevation=ElevationGate(0.19055, 0.17622, math.radians(78.0)),
+        elevation=ElevationLimit(0.19055, 0.17622, math.radians(78.0)),
         source="public 7Bot bus-servo library, the other published set",
     ),
     "V1": _make(
@@ -160,25 +160,25 @@ LINK_SETS = {
 
 
 def link_set(name: str) -> LinkSet:
-    """A published link set by name; upper and lower case are alike.
+    """A published link set by name, ignoring case.
 
     Raises:
-        UsageError: There is none of this name.
+        UsageError: There is no link set of this name.
     """
     found = LINK_SETS.get(name.upper())
     if found is None:
-        raise UsageError(f"no link set {name!r}; there are {', '.join(LINK_SETS)}, or name a TOML file")
+        raise UsageError(f"no link set {name!r}; use {', '.join(LINK_SETS)}, or a TOML file")
     return found
 
 
 def parse_link_set(text: str, *, file: str = "") -> LinkSet:
     """A link set from a TOML file's text.
 
-    Needs the lengths ``a`` to ``h`` in millimetres and ``offset`` in degrees. May have ``name``, ``limits`` (six
-    pairs of degrees) and ``elbow`` (a pair of degrees); those of set A if not.
+    Required are the lengths ``a`` to ``h`` in millimetres and ``offset`` in degrees; ``name``, ``limits`` (six
+    pairs of degrees) and ``elbow`` (a pair of degrees) are optional and default to those of set A.
 
     Raises:
-        ConfigError: No TOML, a key that is unknown or missing, or a value that makes no sense; with its line.
+        ConfigError: Not TOML, a key is unknown or missing, or a value is invalid; the error has its line.
     """
     data = parse_toml(text, file).value
 
@@ -189,14 +189,14 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
 
     for key in data:
         if key not in {*_LENGTHS, "offset", "name", "limits", "elbow"}:
-            raise bad(key, "is no key of a link set; there are a to h, offset, name, limits, elbow")
+            raise bad(key, "is not a key of a link set; the keys are a to h, offset, name, limits, elbow")
     lengths = []
     for key in _LENGTHS:
         value = _number(data.get(key))
         if value is None:
             raise bad(key, "must be a length in mm" if key in data else "is missing")
         if value < 0 or (key in "ac" and value == 0):
-            raise bad(key, f"= {value:g} mm is no length")
+            raise bad(key, f"= {value:g} mm is not a valid length")
         lengths.append(value)
     offset = _number(data.get("offset"))
     if offset is None:

@@ -1,6 +1,6 @@
-"""What every arm's kinematics can answer: where the tool is, which joint angles take it there, and how well.
+"""The interface of every arm's kinematics: forward, inverse, reach, Jacobian and singularities.
 
-Owns the values that are shared and the parts that no arm does its own way. Knows no arm; angles are radians,
+Owns the shared values and the parts that are the same for all arms. Knows no particular arm; angles are radians,
 lengths metres.
 """
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["JointRange", "KinematicModel", "Reach", "Singularity", "Solution", "numpy_or_none", "wrap"]
 
 ONE_LINE = "wrist singular"
-"""Branch of a wrist of which two joints turn about one line."""
+"""Branch name of a wrist in which two joints turn about one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class JointRange:
     """Limits of one joint.
 
     Attributes:
-        name: As messages name it.
+        name: Name in messages.
         minimum: Radians.
         maximum: Radians.
     """
@@ -49,7 +49,7 @@ class JointRange:
         return 0.0
 
     def nearest_turn(self, angle: float) -> float:
-        """The angle, turned by whole turns to where the limits are or, if it never is, as near as can be."""
+        """The angle plus whole turns, so that it is inside the limits or as close to them as possible."""
         turned = wrap(angle, 0.5 * (self.minimum + self.maximum))
         return min(
             (turned, turned - math.tau, turned + math.tau), key=lambda a: (abs(self.excess(a)), abs(a - turned))
@@ -57,28 +57,28 @@ class JointRange:
 
 
 _GRACE = 1e-9
-"""Rounding is no violation, radians."""
+"""Tolerance for rounding, radians."""
 SINGULAR = 1e-12
 """Sine between two joint axes below which they are one line."""
 NEAR_SINGULAR = 1e-6
-"""Below this the share of the two joints is mostly rounding, though the pose is right."""
+"""Below this, the split between the two joints is mostly rounding, although the pose is correct."""
 
 
 def wrap(angle: float, centre: float = 0.0) -> float:
-    """The angle by whole turns within half a turn of `centre`, radians."""
+    """The angle plus whole turns, within half a turn of `centre`, radians."""
     return centre + math.remainder(angle - centre, math.tau)
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """One way to reach a pose.
+    """One solution of the inverse kinematics.
 
     Attributes:
         angles: Joint angles, radians.
-        branch: Words for the choices, as in ``front, elbow up, wrist 1``.
-        violations: What forbids it, in words; empty if nothing does.
-        singular: Two joints turn about one line here, so their share of the turn was chosen.
-        free: Change of the joints that leaves the pose as it is, where they are exactly one line; else empty.
+        branch: Description of the branch, such as ``front, elbow up, wrist 1``.
+        violations: Descriptions of violated limits; empty if there are none.
+        singular: Two joints turn about one line here, so the split of the turn between them is arbitrary.
+        free: Change of the joints that does not change the pose, if they are exactly on one line; otherwise empty.
     """
 
     angles: tuple[float, ...]
@@ -88,7 +88,7 @@ class Solution:
     free: tuple[float, ...] = ()
 
     def slid(self, near: Sequence[float]) -> tuple[float, ...]:
-        """The angles of the same pose that are nearest to `near`: where joints are one line, there is a choice."""
+        """The angles for the same pose that are nearest to `near`: on a singular wrist there is a choice."""
         if not self.free:
             return self.angles
         apart = [b - a for a, b in zip(self.angles, near, strict=True)]
@@ -97,22 +97,22 @@ class Solution:
 
     @property
     def allowed(self) -> bool:
-        """No limit forbids it."""
+        """Whether no limit is violated."""
         return not self.violations
 
     def distance(self, angles: Sequence[float]) -> float:
-        """Largest turn of a joint from `angles` to here, radians."""
+        """Largest turn of a joint from `angles` to this solution, radians."""
         return max(abs(a - b) for a, b in zip(self.angles, angles, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Whether the links are long, and short, enough for a place.
+    """Whether the links can reach a position.
 
     Attributes:
-        reachable: They are. Limits of joints are another matter.
-        excess: Metres by which they are not; 0 if they are.
-        cause: What is at fault, in words; empty if nothing is.
+        reachable: Whether they can, regardless of joint limits.
+        excess: Missing distance in metres; 0 if reachable.
+        cause: Description of the cause; empty if reachable.
     """
 
     reachable: bool
@@ -122,10 +122,10 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Singularity:
-    """How near a pose is to where the arm cannot move in some direction.
+    """How close a pose is to a singularity, where the arm cannot move in some direction.
 
     Attributes:
-        measures: By name of the kind of singularity: 0 is singular, 1 as far off as can be.
+        measures: By name of the kind of singularity: 0 is singular, 1 is as far away as possible.
         manipulability: Absolute determinant of the Jacobian, metres cubed.
         near: Names of the measures below a twentieth.
     """
@@ -135,7 +135,7 @@ class Singularity:
 
     @property
     def near(self) -> tuple[str, ...]:
-        """Names of the singularities that are near."""
+        """Names of the singularities that are close."""
         return tuple(name for name, value in self.measures.items() if value < _NEAR)
 
 
@@ -146,7 +146,7 @@ class KinematicModel(ABC):
     """Kinematics of one arm of six joints.
 
     Attributes:
-        name: As in ``hex7bot``.
+        name: Name, such as ``hex7bot``.
         ranges: Limits of the joints in order.
     """
 
@@ -158,19 +158,19 @@ class KinematicModel(ABC):
         """Pose of the tool tip at joint angles.
 
         Raises:
-            UsageError: Not six finite numbers.
+            UsageError: The angles are not six finite numbers.
         """
 
     @abstractmethod
     def inverse(self, pose: Pose) -> tuple[Solution, ...]:
-        """Every way to reach a pose of the tool tip, limits or not; those that limits allow come first.
+        """All solutions for a pose of the tool tip, regardless of limits; those within the limits come first.
 
-        Empty if the links do not reach it: `reach` says why.
+        Empty if the links cannot reach the pose: `reach` gives the cause.
         """
 
     @abstractmethod
     def reach(self, pose: Pose) -> Reach:
-        """Whether the links reach a pose of the tool tip, and if not, by how much and why."""
+        """Whether the links reach a pose of the tool tip; if not, the missing distance and the cause."""
 
     @abstractmethod
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
@@ -178,26 +178,26 @@ class KinematicModel(ABC):
 
     @abstractmethod
     def singularity(self, angles: Sequence[float]) -> Singularity:
-        """How near joint angles are to a singularity."""
+        """How close joint angles are to a singularity."""
 
     @abstractmethod
     def forward_many(self, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
-        """Positions (N, 3) and rotations (N, 3, 3) of the tip: arrays where numpy is there, else nested lists."""
+        """Positions (N, 3) and rotations (N, 3, 3) of the tip: arrays with numpy, otherwise nested lists."""
 
     @abstractmethod
     def inverse_many(self, positions: Any, rotations: Any) -> Any:
-        """Joint angles (N, 8, 6), one row a branch, within half a turn; NaN where the links do not reach.
+        """Joint angles (N, 8, 6), one row per branch, within half a turn; NaN if the links do not reach.
 
-        An array where numpy is there, else nested lists.
+        An array with numpy, otherwise nested lists.
         """
 
     @abstractmethod
     def points(self, angles: Sequence[float]) -> Mapping[str, Vector]:
-        """Places of the arm that may hit the table, by name, metres."""
+        """Points of the arm that may hit the table, by name, metres."""
 
     @abstractmethod
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
-        """The model's angles of joint positions as the driver names and gives them, radians.
+        """The model's angles for the driver's joint positions, radians.
 
         Raises:
             UsageError: A joint is missing.
@@ -205,7 +205,7 @@ class KinematicModel(ABC):
 
     @abstractmethod
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
-        """Joint positions for the driver of the model's angles, radians."""
+        """The driver's joint positions for the model's angles, radians."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -214,16 +214,16 @@ class KinematicModel(ABC):
 
     @abstractmethod
     def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
-        """A rotation with the tool pointing straight down at a place in metres, its turn as near as can be."""
+        """A rotation with the tool pointing straight down at a position in metres, with the smallest turn."""
 
     def carried(self, position: Vector, angles: Sequence[float]) -> Matrix:
-        """The tool's rotation at `angles` when the arm carries it to a place in metres."""
+        """The tool's rotation after the arm carries it from `angles` to a position in metres."""
         return self.forward(angles).rotation
 
     # -- shared -------------------------------------------------------------------------------------
 
     def violations(self, angles: Sequence[float]) -> tuple[str, ...]:
-        """What limits say against joint angles, in words; empty if nothing."""
+        """Descriptions of the limits that joint angles violate; empty if there are none."""
         self._six(angles)
         found = []
         for limit, angle in zip(self.ranges, angles, strict=True):
@@ -236,29 +236,29 @@ class KinematicModel(ABC):
                 )
         return tuple(found)
 
-    def gate_excess(self, angles: Sequence[float]) -> float:
-        """How far a gate that is no single joint's limit is violated, radians; 0 if it is not, or there is none."""
+    def coupling_excess(self, angles: Sequence[float]) -> float:
+        """Excess over the joint coupling limit in radians; 0 if it is not violated, or there is none."""
         return 0.0
 
     def check(self, angles: Sequence[float]) -> None:
-        """Refuse joint angles that limits forbid.
+        """Refuse joint angles that violate limits.
 
         Raises:
-            LimitError: With each violation.
+            LimitError: The text lists each violation.
         """
         found = self.violations(angles)
         if found:
             raise LimitError("; ".join(found))
 
     def best(self, pose: Pose, near: Sequence[float] | None = None) -> Solution:
-        """The allowed way to reach a pose that turns the joints least.
+        """The allowed solution for a pose with the smallest joint motion.
 
         Args:
-            pose: Of the tool tip.
+            pose: Pose of the tool tip.
             near: Present joint angles; the middle of the limits if None.
 
         Raises:
-            LimitError: No way; the text says by how much and what the cause is.
+            LimitError: There is no allowed solution; the text gives the excess and the cause.
         """
         solutions = self.inverse(pose)
         if not solutions:
@@ -289,7 +289,7 @@ class KinematicModel(ABC):
 
 
 def numpy_or_none() -> Any:
-    """The numpy module where it is installed, else None. Imported on first use, never with the package."""
+    """The numpy module if it is installed, otherwise None. Imported on first use, never with the package."""
     try:
         import numpy
     except ImportError:

@@ -1,6 +1,6 @@
-"""Places and directions in space: three-vectors, rotation matrices, poses.
+"""Vectors, rotation matrices and poses.
 
-Owns this small algebra in plain tuples, so that kinematics need no numpy. Knows no arm.
+Owns this algebra in plain tuples, so that kinematics need no numpy. Must not know arms.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A place and a direction in the frame of the arm's base.
+    """A position and an orientation in the frame of the arm's base.
 
     Attributes:
         position: x, y, z in metres.
@@ -128,7 +128,7 @@ def rotation_from_numbers(numbers: Sequence[float]) -> Matrix:
     """A rotation from nine numbers, row by row, made exactly orthogonal.
 
     Raises:
-        UsageError: Not nine numbers, or further from a rotation than a hundredth, as by a typing slip.
+        UsageError: Not nine numbers, or off a rotation by more than a hundredth, for example after a typing error.
     """
     if len(numbers) != 9 or not all(math.isfinite(n) for n in numbers):
         raise UsageError(f"a rotation has nine numbers, row by row; got {len(numbers)}")
@@ -139,9 +139,9 @@ def rotation_from_numbers(numbers: Sequence[float]) -> Matrix:
     skew = max(abs(_dot(x, y)), abs(_dot(y, z)), abs(_dot(z, x)), *(abs(n - 1) for n in lengths))
     if skew > 0.01 or _dot(cross(x, y), z) < 0:
         raise UsageError(
-            "these nine numbers are no rotation: its columns must be of length 1, square and right-handed"
+            "these nine numbers are not a rotation: the columns must be perpendicular, right-handed and of length 1"
         )
-    # The middle error of three axes is shared; one step of it takes printed digits to machine precision.
+    # The error is shared by the three axes; a few steps take printed digits to machine precision.
     m: Matrix = ((x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2]))
     for _ in range(4):
         m = _closer_to_orthogonal(m)

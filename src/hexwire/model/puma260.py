@@ -35,16 +35,16 @@ __all__ = ["PUMA260", "Puma260Model", "angles_to_counts", "counts_to_angles"]
 # Degrees; the same source as the model.
 _LIMITS = ((-5, 313), (-256, 76), (-214, 34), (-384, 194), (-32, 212), (-267, 267))
 
-# Encoder counts a turn of the motor, and gear ratio with its sign: constants of a YARP robot whose measured
-# ranges fit this arm. They need a check on the bench.
+# Encoder counts per turn of the motor, and gear ratio with its sign: constants of a YARP robot whose measured
+# ranges match this arm. They must be checked on the real arm.
 _ENCODERS = ((1000, -46.72), (1000, 69.9733), (1000, -42.9867), (800, 43.5111), (800, 39.3846), (800, 31.7692))
-# Turns of motor 5 a turn of joint 4, and of motor 6 a turn of joints 4 and 5, same source: the wrist's shafts
-# run through one another.
+# Turns of motor 5 per turn of joint 4, and of motor 6 per turn of joints 4 and 5, from the same source: the wrist's
+# shafts are concentric.
 _WRIST_5_4 = -9.8462 * 800 / math.tau
 _WRIST_6_4 = 800 / math.tau
 _WRIST_6_5 = -5.59999 * 800 / math.tau
 
-# The laboratory that commands this arm keeps to 5 degrees every 100 ms.
+# The laboratory that uses this arm limits it to 5 degrees every 100 ms.
 _MAX_SPEED = math.radians(50.0)
 
 
@@ -70,10 +70,10 @@ PUMA260 = ArmModel("puma260", tuple(_joint(i) for i in range(6)))
 
 
 def counts_to_angles(counts: Sequence[float]) -> tuple[float, ...]:
-    """Joint angles in radians of six encoder counts, wrist coupling taken out.
+    """Joint angles in radians of six encoder counts, with the wrist coupling removed.
 
     Raises:
-        UsageError: Not six counts.
+        UsageError: There are not six counts.
     """
     if len(counts) != len(PUMA260.joints):
         raise UsageError(f"puma260 has {len(PUMA260.joints)} encoders, got {len(counts)} counts")
@@ -85,10 +85,10 @@ def counts_to_angles(counts: Sequence[float]) -> tuple[float, ...]:
 
 
 def angles_to_counts(angles: Sequence[float]) -> tuple[int, ...]:
-    """Nearest encoder counts of six joint angles in radians, wrist coupling put in.
+    """Nearest encoder counts of six joint angles in radians, including the wrist coupling.
 
     Raises:
-        UsageError: Not six angles.
+        UsageError: There are not six angles.
     """
     if len(angles) != len(PUMA260.joints):
         raise UsageError(f"puma260 has {len(PUMA260.joints)} joints, got {len(angles)} angles")
@@ -148,7 +148,7 @@ class Puma260Model(KinematicModel):
         up = z - SHOULDER
         upper, lean = math.hypot(UPPER, DROP), math.atan2(DROP, UPPER)
         found = []
-        for side, way in ((1.0, "right"), (-1.0, "left")):
+        for side, facing in ((1.0, "right"), (-1.0, "left")):
             ahead = side * math.sqrt(max(0.0, square))
             q1 = math.atan2(y, x) - math.atan2(SIDE, ahead)
             line2 = ahead * ahead + up * up
@@ -165,7 +165,7 @@ class Puma260Model(KinematicModel):
                 q2 = lean - raised
                 # At q2 + q3 = 0 the forearm points to -z, an elevation of -90 deg.
                 q3 = -math.pi / 2 - forearm - q2
-                found.append(((q1, q2, q3), f"{way}, {bend}"))
+                found.append(((q1, q2, q3), f"{facing}, {bend}"))
         return found
 
     def _wrist_branches(
@@ -177,7 +177,7 @@ class Puma260Model(KinematicModel):
         level = math.hypot(m[0][0], m[1][0])
         if level < SINGULAR:
             q5 = math.copysign(math.pi / 2, -m[2][0])
-            # q4 and q6 turn about one line: q4 is left at zero.
+            # q4 and q6 turn about one line: q4 stays at zero.
             return [((0.0, q5, math.atan2(-m[1][2], m[1][1])), ONE_LINE, True)]
         found = []
         for sign, wrist in ((1.0, "wrist 1"), (-1.0, "wrist 2")):
@@ -205,7 +205,7 @@ class Puma260Model(KinematicModel):
             text += f"{1e3 * (line - high):.1f} mm beyond the {1e3 * high:.1f} mm that upper arm and forearm reach"
             return Reach(False, line - high, text)
         if line < low - 1e-12:
-            text += f"{1e3 * (low - line):.1f} mm inside the {1e3 * low:.1f} mm to which they fold"
+            text += f"{1e3 * (low - line):.1f} mm less than the {1e3 * low:.1f} mm of the folded arm"
             return Reach(False, low - line, text)
         return Reach(True, 0.0, "")
 
@@ -221,7 +221,7 @@ class Puma260Model(KinematicModel):
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
         missing = [name for name in PUMA260.names if name not in positions]
         if missing:
-            raise UsageError(f"no position of {', '.join(missing)}")
+            raise UsageError(f"the position of {', '.join(missing)} is missing")
         return tuple(positions[name] for name in PUMA260.names)
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:

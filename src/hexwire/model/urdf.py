@@ -1,8 +1,8 @@
 """URDF files of the arms, from the same constants as their kinematics.
 
-Owns the file's form. The joints of a file are those of the driver: joint states go in as they come. The 7Bot's
-parallelogram is a joint that mimics J2 with the multiplier -1. Lengths are published; masses are not, and are
-estimates that suit a simulation. Knows no files: it gives text.
+Owns the format. The joints are those of the driver, so joint states apply without conversion. The 7Bot's
+parallelogram is a joint that mimics J2 with the multiplier -1. Lengths are published; masses are not published and
+are estimates for a simulation. Returns text and must not know files.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ __all__ = ["LEVEL_JOINT", "ROOT_LINK", "TIP_LINK", "make_urdf"]
 LEVEL_JOINT = "J2_level"
 """The mimic joint of the 7Bot: it keeps the elbow's frame level while J2 moves."""
 ROOT_LINK = "base_link"
-"""The frame that REP-105 has an arm hang on. Without matter: ROS's kinematics library takes none in a root."""
+"""The root frame of an arm by REP-105. Without mass, since ROS's kinematics library accepts none in a root link."""
 TIP_LINK = "tool"
-"""The link whose frame is the pose that the kinematics give."""
+"""The link whose frame is the pose of the kinematics."""
 
 _HALF = math.pi / 2
 _GREYS = (("dark", 0.45), ("light", 0.8))
-# Nobody publishes torques; a stall of 6 kg.cm is known of the small servos only.
+# Torques are not published; only the stall torque of the small servos, 6 kg.cm, is known.
 _EFFORT = 3.0
 
 
@@ -39,11 +39,11 @@ class _Writer:
     links: int = 0
 
     def link(self, name: str, mass: float, start: Vector, end: Vector, radius: float) -> None:
-        """A link whose matter is a rod from `start` to `end`, metres and kilograms."""
+        """A link that is a rod from `start` to `end`, metres and kilograms."""
         length = max(math.dist(start, end), 1e-3)
         middle = tuple((a + b) / 2 for a, b in zip(start, end, strict=True))
         along = tuple((b - a) / length for a, b in zip(start, end, strict=True))
-        # Rotation that takes z to the rod: yaw and pitch do.
+        # Yaw and pitch that turn the z axis along the rod.
         pitch = math.atan2(math.hypot(along[0], along[1]), along[2]) if any(along) else 0.0
         yaw = math.atan2(along[1], along[0]) if any(along[:2]) else 0.0
         origin = f'<origin xyz="{_three(middle)}" rpy="{_three((0.0, pitch, yaw))}"/>'
@@ -51,7 +51,7 @@ class _Writer:
         diagonal = f'ixx="{_n(across)}" iyy="{_n(across)}" izz="{_n(mass * radius**2 / 2)}"'
         inertia = f'<inertia {diagonal} ixy="0" ixz="0" iyz="0"/>'
         shape = f'<geometry><cylinder radius="{_n(radius)}" length="{_n(length)}"/></geometry>'
-        # In turns, so that one link can be told from the next.
+        # Alternating, so that adjacent links can be distinguished.
         shade, value = _GREYS[self.links % 2]
         colour = f'<material name="{shade}"><color rgba="{value} {value} {value} 1"/></material>'
         self.links += 1
@@ -64,7 +64,7 @@ class _Writer:
         ]
 
     def frame(self, name: str) -> None:
-        """A link without matter."""
+        """A link without mass."""
         self.rows.append(f'  <link name="{name}"/>')
 
     def joint(
@@ -99,7 +99,7 @@ def make_urdf(model: KinematicModel) -> str:
     """The URDF text of an arm.
 
     Raises:
-        UsageError: There is none of this model.
+        UsageError: There is no URDF for this model.
     """
     writer = _Writer()
     writer.frame(ROOT_LINK)
@@ -111,7 +111,7 @@ def make_urdf(model: KinematicModel) -> str:
         _puma260(writer)
         remark = "model: see hexwire.model.puma260"
     else:
-        raise UsageError(f"no URDF of {model.name}")
+        raise UsageError(f"there is no URDF for {model.name}")
     head = [
         '<?xml version="1.0"?>',
         f"<!-- Made by 'hexwire model urdf'; {remark.replace('--', '-')}.",
@@ -133,7 +133,7 @@ def _hex7bot(out: _Writer, model: Hex7BotModel) -> None:
         return neutral - joints[i].sign * joints[i].offset
 
     out.link("base", 0.6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.6 * k.e), 0.055)
-    # Signs: every joint turns as its servo angle does, so J2 and J3 turn about -y and y, J4 about -x, J6 about -z.
+    # Signs: every joint turns like its servo angle, so J2 and J3 turn about -y and y, J4 about -x, J6 about -z.
     out.joint(
         "J1", "base", "turret", (0.0, 0.0, 0.0), (0.0, 0.0, zero(0, _HALF)), _axis(2, joints[0].sign), limits(0)
     )
@@ -163,7 +163,7 @@ def _hex7bot(out: _Writer, model: Hex7BotModel) -> None:
     out.link("flange", 0.03, (0.0, 0.0, 0.4 * k.f), (0.0, 0.0, k.f), 0.008)
     out.joint("tool_mount", "flange", TIP_LINK, (0.0, 0.0, k.f))
     out.frame(TIP_LINK)
-    # The jaw that the gripper's servo moves; its place is not published.
+    # The jaw moved by the gripper's servo; its position is not published.
     out.joint("J7", "flange", "jaw", (0.0, 0.01, 0.5 * k.f), (zero(6), 0.0, 0.0), (1.0, 0.0, 0.0), limits(6))
     out.link("jaw", 0.01, (0.0, 0.0, 0.0), (0.0, 0.0, 0.5 * k.f), 0.003)
 
@@ -208,5 +208,5 @@ def _three(v: Iterable[float]) -> str:
 
 
 def _n(value: float) -> str:
-    """Every digit that counts: the poses must agree to rounding."""
+    """All significant digits: the poses must agree except for rounding."""
     return repr(value + 0.0)

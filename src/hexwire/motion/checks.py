@@ -1,7 +1,7 @@
-"""A trajectory is checked as a whole before anything moves.
+"""Checks of a complete trajectory or path before anything moves.
 
-Owns the check: limits and speeds of joints, the gates of the arm, the table. Must not know robots, nor how a
-trajectory came to be.
+Owns the checks of joint limits, joint speeds, the joint coupling limit and the table. Must not know robots, nor how
+a trajectory was made.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .waypoints import Sample, Trajectory
 __all__ = ["Finding", "InJoints", "MotionReport", "check_move", "check_trajectory"]
 
 _TURN = math.radians(1.0)
-"""Radians between two looks at a move."""
+"""Radians between two checks of a move."""
 _STEP = 0.01
 """Seconds between checks: 1.5 degrees of the fastest 7Bot joint."""
 
 
 class InJoints(Trajectory):
-    """A trajectory in a model's own angles as one of the driver's joints.
+    """Converts a trajectory in a model's own angles to the driver's joints.
 
     Args:
         other: The trajectory, in the model's angles.
@@ -55,11 +55,11 @@ class InJoints(Trajectory):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong, and when it first is.
+    """A violation, and when it first occurs.
 
     Attributes:
         time: Seconds from the start.
-        text: In words.
+        text: Description.
     """
 
     time: float
@@ -71,13 +71,13 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class MotionReport:
-    """What a check found.
+    """Result of a check.
 
     Attributes:
         duration: Seconds.
         peak_speed: Highest speed of each joint, radians per second.
-        lowest: Height of the lowest of the arm's points, metres; infinite without a model.
-        findings: The first of each kind; empty if the trajectory may be run.
+        lowest: Height of the lowest point of the arm, metres; infinite without a model.
+        findings: The first violation of each kind; empty if the trajectory is allowed.
     """
 
     duration: float
@@ -86,10 +86,10 @@ class MotionReport:
     findings: tuple[Finding, ...]
 
     def require(self) -> MotionReport:
-        """Refuse a trajectory that must not be run.
+        """Refuse a trajectory that is not allowed.
 
         Raises:
-            LimitError: With every finding; nothing was sent.
+            LimitError: There are findings; the text lists them all. Nothing was sent.
         """
         if self.findings:
             raise LimitError("; ".join(map(str, self.findings)) + "; nothing was sent")
@@ -108,18 +108,19 @@ def check_trajectory(
 ) -> MotionReport:
     """Check a trajectory of driver joints from start to end.
 
-    An arm that begins beyond a gate or below the table, as one that has sunk without torque, may leave there: it
-    must not get further in, nor come back.
+    An arm that starts beyond the joint coupling limit or below the table, because it has sunk without torque, may
+    move out of the forbidden region, but neither further in nor back in.
 
     Args:
-        trajectory: What shall be run; its names are the arm's, any subset.
+        trajectory: The trajectory; its joints are any subset of the arm's.
         arm: Limits and speeds.
-        model: Kinematics, for gates and table; neither is checked without it, or if it knows none of the joints.
-        others: Positions of joints that the trajectory leaves where they are, radians.
-        meanwhile: What such joints do from its beginning on, if they move. The trajectory's own rest at its end
-            until they have ended too.
+        model: Kinematics, for the joint coupling limit and the table; without it, or if it knows none of the
+            joints, neither is checked.
+        others: Positions of joints that the trajectory does not move, radians.
+        meanwhile: Trajectories of other joints that start at the same time. The trajectory's own joints rest at
+            their end until these have ended too.
         table: Height above the base below which no point of the arm may come, metres; None for no table.
-        step: Seconds between two samples that are looked at.
+        step: Seconds between two samples.
     """
     joints = [arm.joint(name) for name in trajectory.names]
     found: dict[str, Finding] = {}
@@ -132,7 +133,7 @@ def check_trajectory(
     def note(kind: str, t: float, text: str) -> None:
         found.setdefault(kind, Finding(t, text))
 
-    for t, sample in _looks(trajectory, max((other.duration for other in meanwhile), default=0.0), step):
+    for t, sample in _samples(trajectory, max((other.duration for other in meanwhile), default=0.0), step):
         since = t - last[0] if last else 0.0
         for i, (joint, angle) in enumerate(zip(joints, sample.position, strict=True)):
             try:
@@ -142,16 +143,16 @@ def check_trajectory(
                 note(joint.name, t, str(error).partition(";")[0] + advice)
             speed = abs(sample.velocity[i])
             if last:
-                # Two looks may lie a rounding apart; a way that takes no time at all is a jump all the same.
+                # Two samples may be a rounding error apart; a distance covered in no time is still a jump.
                 speed = max(speed, abs(angle - last[1][i]) / max(since, 1e-6))
             peak[i] = max(peak[i], speed)
-            # A thousandth of grace: an optimal motion runs at its limit.
+            # A tolerance of 0.1 %: an optimal motion runs at its limit.
             if not speed <= joint.max_speed * 1.001:
                 note(
                     f"{joint.name} speed",
                     t,
                     f"{joint.name} would turn at {decimal(math.degrees(speed))} deg/s, "
-                    f"{decimal(math.degrees(joint.max_speed))} are allowed",
+                    f"its limit is {decimal(math.degrees(joint.max_speed))} deg/s",
                 )
         if fence is not None:
             where = dict(others or {})
@@ -171,17 +172,17 @@ def check_trajectory(
 def check_move(
     here: Mapping[str, float], goal: Mapping[str, float], model: KinematicModel, table: float | None = 0.0
 ) -> None:
-    """Check the straight way of joints to a goal for gates and table.
+    """Check the straight path of joints to a goal against the joint coupling limit and the table.
 
     Args:
-        here: Where all joints are and stay, radians.
-        goal: Where some of them shall go, radians.
+        here: Present positions of all joints, radians.
+        goal: Goal positions of some joints, radians.
         model: Kinematics.
         table: Height above the base below which no point of the arm may come, metres; None for no table.
 
     Raises:
-        LimitError: It must not be gone; nothing was sent.
-        UsageError: It is not known where a joint is.
+        LimitError: The path is not allowed; nothing was sent.
+        UsageError: The position of a joint is unknown.
     """
     goal = {name: goal[name] for name in model.joint_names if name in goal}
     if not goal:
@@ -193,12 +194,12 @@ def check_move(
         moved = {name: here[name] + i / steps * (angle - here[name]) for name, angle in goal.items()}
         posture = {**here, **moved}
         if found := fence.check(posture) if i < steps else Fence(model, table).check_end(here, posture):
-            where = "there" if i == steps else f"{100 * i // steps} % of the way there"
+            where = "at the goal" if i == steps else f"after {100 * i // steps} % of the path"
             raise LimitError(f"{'; '.join(found.values())}, {where}; nothing was sent")
 
 
-def _looks(trajectory: Trajectory, until: float, step: float) -> Iterator[tuple[float, Sample]]:
-    """Samples of a trajectory, and of its end as long as others are still moving."""
+def _samples(trajectory: Trajectory, until: float, step: float) -> Iterator[tuple[float, Sample]]:
+    """Samples of a trajectory, and of its end while other trajectories continue."""
     yield from trajectory.samples(step)
     for i in range(1, math.ceil((until - trajectory.duration) / step) + 1):
         t = trajectory.duration + i * step

@@ -1,4 +1,4 @@
-"""What the arm is told in each cycle: a trajectory, set-points from outside, or to hold.
+"""The target of the arm in each cycle: from a trajectory, from streamed set-points, or hold.
 
 Owns the choice: the latest set-point wins, a new trajectory blends in, lost set-points mean hold, a stop is
 latched. Time comes in as an argument. Must not know robots, clocks or threads.
@@ -23,15 +23,15 @@ from .waypoints import Blend, Sample, Spline, Tail, Trajectory, Waypoint
 __all__ = ["Follower", "FollowerCounters", "Mode"]
 
 _STALL = 1.0
-"""Leads behind the last command from which the loop has stalled."""
-_LOOK = 0.01
-"""Seconds between two looks at a blend."""
+"""Delay behind the last command, in leads, from which the loop counts as stalled."""
+_BLEND_STEP = 0.01
+"""Seconds between two samples of a blend."""
 _INSTANT = 0.05
-"""Seconds that even a step is granted: a trajectory without duration may begin a little off."""
+"""Minimum blend time in seconds for the start check: a trajectory without duration may start slightly off."""
 
 
 class Mode(Enum):
-    """What the follower does."""
+    """Mode of the follower."""
 
     HOLD = "hold"
     TRAJECTORY = "trajectory"
@@ -41,16 +41,16 @@ class Mode(Enum):
 
 @dataclass(slots=True)
 class FollowerCounters:
-    """What happened.
+    """Event counters.
 
     Attributes:
         cycles: Cycles run.
-        set_points: Set-points that came.
-        replaced: Set-points that a newer one overtook before they were sent.
-        lost: Times that set-points stayed away and the arm held.
+        set_points: Set-points received.
+        replaced: Set-points replaced by a newer one before they were sent.
+        lost: Times that set-points stopped coming and the arm held.
         blends: Trajectories that replaced a motion.
         stops: Stops.
-        slips: Stalls of the loop after which a trajectory went on where it was, and did not make up for them.
+        slips: Stalls of the loop after which a trajectory continued where it was instead of catching up.
     """
 
     cycles: int = 0
@@ -63,19 +63,19 @@ class FollowerCounters:
 
 
 class Follower:
-    """Decides cycle by cycle where the joints go.
+    """Computes the target of the joints in each cycle.
 
     Args:
         arm: Limits and speeds.
-        limits: When to stop by itself.
+        limits: Thresholds for an automatic stop.
         blend: Seconds in which a new trajectory takes over from a motion.
         lost_after: Seconds without a set-point after which the arm holds.
-        jump: Share of a joint's speed limit that the start of a trajectory may ask for while blending in.
+        jump: Share of a joint's speed limit that the start of a trajectory may require while blending in.
 
     Attributes:
-        mode: What it does.
-        reason: Why it is stopped, or None.
-        counters: What happened.
+        mode: Present mode.
+        reason: Reason of the stop, or None.
+        counters: Event counters.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Follower:
     ) -> None:
         for value in (blend, lost_after, jump):
             if not 0 < value < math.inf:
-                raise UsageError(f"{value:g} makes no sense; it must be above 0")
+                raise UsageError(f"blend, lost_after and jump must be above 0 and finite, not {value:g}")
         self.arm = arm
         self.guard = Guard(limits or SafetyLimits())
         self.mode = Mode.HOLD
@@ -98,24 +98,24 @@ class Follower:
         self._blend, self._lost_after, self._jump = blend, lost_after, jump
         self._trajectory: Trajectory | None = None
         self._started = 0.0
-        # What it took over from, and when that had begun.
+        # The trajectory before it, and when that one started.
         self._earlier: tuple[Trajectory, float] | None = None
         self._set_point: dict[str, float] = {}
         self._set_point_time = -math.inf
         self._fresh = False
-        # Where the joints were told to be last, and when.
+        # The last commanded positions, and when they are due.
         self._command: dict[str, float] = {}
         self._command_due = -math.inf
         self._state: JointState | None = None
 
-    # -- what others ask --------------------------------------------------------------------------
+    # -- requests ---------------------------------------------------------------------------------
 
     def follow(self, trajectory: Trajectory, now: float) -> None:
-        """Follow a trajectory from now on; a motion under way blends into it.
+        """Follow a trajectory from now on; a running motion blends into it.
 
         Raises:
             UsageError: No state is known yet, or a joint does not exist.
-            LimitError: Stopped, or it starts too far from where the arm is.
+            LimitError: Stopped, or the trajectory starts too far from the present position.
         """
         running = self._running(trajectory.names)
         blend = self._blended(trajectory, now)
@@ -126,7 +126,7 @@ class Follower:
         self._set_point = {}
 
     def takeover(self, trajectory: Trajectory, now: float) -> Iterator[tuple[float, dict[str, float]]]:
-        """Where a motion under way would take the joints until a trajectory has taken over; changes nothing.
+        """The joint positions while a trajectory takes over from a running motion; changes nothing.
 
         Yields:
             Seconds from its start, and radians by joint; nothing if the joints are at rest.
@@ -138,13 +138,13 @@ class Follower:
         if self._running(trajectory.names) is None:
             return
         seconds = min(self._blend, trajectory.duration)
-        steps = max(1, math.ceil(seconds / _LOOK))
+        steps = max(1, math.ceil(seconds / _BLEND_STEP))
         for i in range(steps + 1):
             t = seconds * i / steps
             yield t, self._within_limits(dict(zip(blend.names, blend.sample(t).position, strict=True)))
 
     def _running(self, names: tuple[str, ...]) -> Trajectory | None:
-        """The motion under way of just these joints."""
+        """The running motion of exactly these joints."""
         running = self._trajectory
         return running if self.mode is Mode.TRAJECTORY and running is not None and running.names == names else None
 
@@ -158,24 +158,24 @@ class Follower:
         switch = 0.0
         running = self._running(names)
         if running is not None:
-            # What was told last may be ahead of now; going back behind it would be a jump.
+            # The last command may be ahead of now; going back behind it would be a jump.
             old, switch = running, max(now, self._command_due) - self._started
         seconds = min(self._blend, trajectory.duration)
         here = old.sample(switch).position
         for name, a, b in zip(names, here, trajectory.start, strict=True):
-            # The blend closes the gap as a quintic does, whose peak speed is above its mean.
+            # The blend closes the gap as a quintic, whose peak speed is above its mean.
             if not PEAK_SPEED * abs(b - a) <= self._jump * self.arm.joint(name).max_speed * max(seconds, _INSTANT):
                 gap = math.degrees(abs(b - a))
                 raise LimitError(
-                    f"the trajectory begins {decimal(gap, 3)} deg from where {name} is; move there first"
+                    f"the trajectory starts {decimal(gap, 3)} deg from the position of {name}; move there first"
                 )
         return Blend(old, switch, trajectory, seconds)
 
     def set_point(self, positions: Mapping[str, float], now: float) -> None:
-        """Go to a set-point; it replaces one that waits, and any trajectory.
+        """Move to a set-point; it replaces a waiting set-point and any trajectory.
 
         Raises:
-            LimitError: Outside limits, or stopped; the set-point before stays in force.
+            LimitError: Outside limits, or stopped; the previous set-point stays in force.
             UsageError: A joint does not exist, or no state is known yet.
         """
         self._refuse_if_stopped()
@@ -194,7 +194,7 @@ class Follower:
         self.mode = Mode.STREAM
 
     def hold(self) -> None:
-        """Stay where the last command was."""
+        """Hold the last commanded position."""
         if self.mode is not Mode.STOPPED:
             self._trajectory, self._set_point, self._fresh = None, {}, False
             self.mode = Mode.HOLD
@@ -209,20 +209,20 @@ class Follower:
         self.counters.stops += 1
 
     def reset(self) -> None:
-        """End a stop. Nothing moves by it; what is followed next starts where the arm is then."""
+        """End a stop without moving; the next motion starts at the arm's position at that time."""
         if self.mode is Mode.STOPPED:
             self.mode, self.reason = Mode.HOLD, None
             self.forget()
 
     def forget(self) -> None:
-        """What was commanded no longer holds, as when a hand moves the arm: the next motion starts where it is."""
+        """Forget the last command, for example before motion by hand: the next motion starts where the arm is."""
         self.hold()
         self._command, self._command_due, self._state = {}, -math.inf, None
         self.guard.forget()
 
     @property
     def done(self) -> bool:
-        """No trajectory is under way, and no set-point is pursued."""
+        """Whether no trajectory is running and no set-point is followed."""
         return self.mode in {Mode.HOLD, Mode.STOPPED}
 
     def remaining(self, now: float) -> float:
@@ -232,27 +232,27 @@ class Follower:
         return max(0.0, self._started + self._trajectory.duration - now)
 
     def ahead(self, when: float) -> Trajectory | None:
-        """What is left at a time of the trajectory under way, or None."""
+        """The rest of the running trajectory at a time, or None."""
         return None if self._trajectory is None else Tail(self._trajectory, when - self._started)
 
     def observe(self, state: JointState) -> None:
-        """Take note of a state between cycles, so that what begins now begins where the arm is."""
+        """Store a state between cycles, so that a motion that starts now starts at the arm's position."""
         self._state = state
 
     def next_start(self, now: float) -> float:
-        """When a trajectory given now would begin: not before what was sent already is due."""
+        """When a trajectory given now would start: not before the last command is due."""
         return max(now, self._command_due)
 
     def desired(self, names: tuple[str, ...], now: float) -> Sample:
-        """Where joints are meant to be at a time; at rest unless a trajectory of just these joints is under way.
+        """Desired state of joints at a time; at rest unless a trajectory of exactly these joints is running.
 
         Raises:
-            UsageError: It is not known yet where they are.
+            UsageError: Their position is still unknown.
         """
         running = self._running(names)
         if running is not None:
             if now < self._started and self._earlier is not None:
-                # What was sent before goes on until then.
+                # The earlier trajectory applies until then.
                 earlier, began = self._earlier
                 return earlier.sample(now - began)
             return running.sample(now - self._started)
@@ -262,15 +262,15 @@ class Follower:
     # -- the cycle ----------------------------------------------------------------------------------
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
-        """One cycle: what to send now.
+        """Run one cycle.
 
         Args:
-            state: Just read.
-            now: Seconds, same clock as everywhere here.
-            lead: Seconds ahead for which a target is sent; the servos take that long to get there.
+            state: The state just read.
+            now: Seconds, on the same clock as all other times here.
+            lead: Seconds ahead for which a target is sent; the servos take that long to reach it.
 
         Returns:
-            A target to write; a reason to stop the arm, once; None to leave it alone.
+            A target to write; a reason to stop the arm, once; None if nothing is to be sent.
         """
         self.counters.cycles += 1
         self._state = state
@@ -299,19 +299,19 @@ class Follower:
         return None
 
     def _within_limits(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """While it turns round, a motion may swing out beyond both that it joins."""
+        """Clamp to the limits: a blend that reverses may overshoot both of its trajectories."""
         joints = {name: self.arm.joint(name) for name in positions}
         return {n: min(max(angle, joints[n].minimum), joints[n].maximum) for n, angle in positions.items()}
 
     def _slip(self, now: float, lead: float) -> None:
-        """After a stall go on from the last command: to make up for it would be a leap."""
+        """After a stall, continue from the last command: catching up would be a jump."""
         stall = now - max(self._command_due, self._started)
         if stall > _STALL * lead:
             self._started += stall
             self.counters.slips += 1
 
     def _towards(self, goal: Mapping[str, float], now: float, lead: float) -> dict[str, float]:
-        """As far towards a goal as speed limits allow since the last command."""
+        """The position as close to a goal as the speed limits allow since the last command."""
         seconds = min(lead, now + lead - self._command_due) if math.isfinite(self._command_due) else lead
         here = dict(zip(goal, self._present(tuple(goal)), strict=True))
         steps = {}
@@ -327,7 +327,7 @@ class Follower:
         return JointTarget.of(positions, lead)
 
     def _present(self, names: tuple[str, ...]) -> tuple[float, ...]:
-        """Where joints were told to be last; where they are, if they were told nothing."""
+        """Last commanded positions of joints, or their present positions if there was no command."""
         state = self._state
         values = []
         for name in names:
@@ -336,7 +336,7 @@ class Follower:
             elif state is not None and name in state.names and math.isfinite(state[name].position):
                 values.append(state[name].position)
             else:
-                raise UsageError(f"it is not known yet where {name} is: nothing has been heard of it")
+                raise UsageError(f"the position of {name} is still unknown: it has not answered yet")
         return tuple(values)
 
     def _refuse_if_stopped(self) -> None:

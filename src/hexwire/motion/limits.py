@@ -1,4 +1,4 @@
-"""Limits on the way down: what is refused, and what is slowed.
+"""The host's limits on targets: what is refused, and what is slowed down.
 
 Owns the host's check of a target against an arm model. A position outside the limits is refused, never
 silently moved; a motion that would be too fast is given more time, and the caller is told. The board checks
@@ -21,7 +21,7 @@ __all__ = ["check_target", "needed_duration"]
 def needed_duration(model: ArmModel, start: Mapping[str, float], goal: Mapping[str, float]) -> float:
     """Shortest time in seconds in which no joint exceeds its speed limit at constant speed.
 
-    Joints whose start position is not there or not a number do not count.
+    Joints whose start position is missing or not a number do not count.
     """
     return max(
         (
@@ -38,11 +38,11 @@ def check_target(model: ArmModel, target: JointTarget, start: Mapping[str, float
 
     Args:
         model: The arm.
-        target: What is asked.
+        target: The requested target.
         start: Present positions in radians by joint name, as far as they are known.
 
     Returns:
-        The target with the arm's own joint names, and a duration that no speed limit forbids.
+        The target with the arm's own joint names, and a duration that respects every speed limit.
 
     Raises:
         LimitError: A position is outside its limits; nothing may be sent.

@@ -1,6 +1,6 @@
-"""Straight lines in space: the tip on a line, the tool turning evenly, the joints as they must.
+"""Straight lines in space: the tip moves on a line while the tool turns evenly.
 
-Owns the line's time law and the choice of branch along it. Must not know one arm from another, nor clocks.
+Owns the line's time law and the choice of solution branch along it. Must not know particular arms or clocks.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from .waypoints import Sample, Trajectory
 __all__ = ["Line"]
 
 _STEP = 0.002
-"""Metres between places at which the branch is looked after."""
+"""Metres between points at which the branch is chosen."""
 _TURN_STEP = math.radians(1.0)
 _JUMP = math.radians(15.0)
-"""Turn of a joint over one step beyond which the line is not a smooth motion."""
+"""Turn of a joint in one step above which the motion is not smooth."""
 
 
 class Line(Trajectory):
     """The tool tip on a straight line from the pose at `start` to a goal.
 
-    Joint values are solved anew at every sample, so the tip is on the line at all times, not at knots only.
+    Joint values are computed at every sample, so the tip is always on the line, not only at knots.
 
     Args:
         model: Kinematics.
@@ -39,7 +39,7 @@ class Line(Trajectory):
         turn_speed: Of the tool, radians per second.
 
     Raises:
-        LimitError: A place on the line is out of reach or limits, or the line leads through a singularity; with
+        LimitError: A point of the line is out of reach or limits, or the line passes a singularity; the text says
             how far along.
     """
 
@@ -55,15 +55,15 @@ class Line(Trajectory):
     ) -> None:
         for value in (speed, acceleration, turn_speed):
             if not 0 < value < math.inf:
-                raise UsageError(f"a speed or acceleration of {value:g} makes no sense")
+                raise UsageError(f"speeds and accelerations must be finite and above 0, not {value:g}")
         self.names = tuple(r.name for r in model.ranges)
         self._model, self._goal = model, goal
         self._from = model.forward(start)
         length = distance(self._from.position, goal.position)
         _, turn = rotation_between(self._from.rotation, goal.rotation)
-        # The time law runs over the share of the way, 0 to 1; what takes longest sets its limits.
+        # The time law runs over the share of the line, 0 to 1; the slower of moving and turning sets its limits.
         self._law = Trapezoid(
-            ("way",),
+            ("share",),
             (0.0,),
             (1.0 if length or turn else 0.0,),
             (1.0 / max(length / speed, turn / turn_speed, 1e-9),),
@@ -74,13 +74,13 @@ class Line(Trajectory):
         self._knots = self._follow(tuple(start), steps)
 
     def pose(self, share: float) -> Pose:
-        """Pose of the tip at a share of the way, 0..1."""
+        """Pose of the tip at a share of the line, 0..1."""
         a, b = self._from, self._goal
         x, y, z = (p + share * (q - p) for p, q in zip(a.position, b.position, strict=True))
         return Pose((x, y, z), slerp(a.rotation, b.rotation, share))
 
     def at(self, t: float) -> Sample:
-        # Differences of exact positions; the step is small against any motion and large against rounding.
+        # Differences of exact positions; the step is small compared to any motion and large compared to rounding.
         h = min(1e-4, self.duration / 8) or 1e-4
         middle = min(max(t, h), max(self.duration - h, h))
         before, here, after = self._solve(middle - h), self._solve(middle), self._solve(middle + h)
@@ -125,7 +125,7 @@ class Line(Trajectory):
                 ]
                 raise LimitError(
                     f"at {share:.0%} of the line: {joint} would have to turn {decimal(math.degrees(jump), 3)} deg "
-                    "at once; the line leads past a singularity, take another or move the joints"
+                    "at once; the line passes a singularity, choose another line or move the joints"
                 )
             knots.append(angles)
         return knots

@@ -1,6 +1,6 @@
-"""The shortest time from pose to pose under limits of speed and acceleration.
+"""Time-optimal motion from pose to pose under limits of speed and acceleration.
 
-Owns the trapezoid, and the use of ruckig where it is installed. Must not know robots: limits come in as numbers.
+Owns the trapezoid, and the use of ruckig if it is installed. Must not know robots: limits come in as numbers.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["Trapezoid", "time_optimal"]
 
 
 class Trapezoid(Trajectory):
-    """From rest to rest: each joint speeds up evenly, keeps its speed, slows down evenly; all arrive together.
+    """From rest to rest: each joint accelerates, moves at constant speed and decelerates; all arrive together.
 
     The slowest joint sets the time; the others move at the lowest speed that keeps up with it.
 
@@ -25,9 +25,9 @@ class Trapezoid(Trajectory):
         names: Joint names.
         start: Radians.
         goal: Radians.
-        max_speed: Radians per second, above 0, one a joint.
-        max_acceleration: Radians per second squared, above 0, one a joint.
-        duration: Take this time if it is longer than needed.
+        max_speed: Radians per second, above 0, one per joint.
+        max_acceleration: Radians per second squared, above 0, one per joint.
+        duration: Minimum duration in seconds.
     """
 
     def __init__(
@@ -43,17 +43,18 @@ class Trapezoid(Trajectory):
         self.names = tuple(names)
         _check(self.names, start, goal, max_speed, max_acceleration)
         self._start, self._goal = tuple(start), tuple(goal)
-        ways = [b - a for a, b in zip(start, goal, strict=True)]
+        distances = [b - a for a, b in zip(start, goal, strict=True)]
         self.duration = max(
             duration,
             *(
-                shortest_time(abs(way), speed, acceleration)
-                for way, speed, acceleration in zip(ways, max_speed, max_acceleration, strict=True)
+                shortest_time(abs(distance), speed, acceleration)
+                for distance, speed, acceleration in zip(distances, max_speed, max_acceleration, strict=True)
             ),
         )
-        # Per joint: speed on the flat part with its sign, acceleration, time of speeding up.
+        # Per joint: signed speed of the constant part, signed acceleration, duration of the acceleration.
         self._rows = [
-            _row(way, acceleration, self.duration) for way, acceleration in zip(ways, max_acceleration, strict=True)
+            _row(distance, acceleration, self.duration)
+            for distance, acceleration in zip(distances, max_acceleration, strict=True)
         ]
 
     def at(self, t: float) -> Sample:
@@ -72,21 +73,22 @@ class Trapezoid(Trajectory):
         return Sample(tuple(c[0] for c in columns), tuple(c[1] for c in columns), tuple(c[2] for c in columns))
 
 
-def shortest_time(way: float, speed: float, acceleration: float) -> float:
-    """Seconds from rest to rest over a way not below 0 under both limits."""
-    if way <= speed * speed / acceleration:
-        return 2 * math.sqrt(way / acceleration)
-    return way / speed + speed / acceleration
+def shortest_time(distance: float, speed: float, acceleration: float) -> float:
+    """Seconds from rest to rest over a non-negative distance under both limits."""
+    if distance <= speed * speed / acceleration:
+        return 2 * math.sqrt(distance / acceleration)
+    return distance / speed + speed / acceleration
 
 
-def _row(way: float, acceleration: float, duration: float) -> tuple[float, float, float]:
-    if way == 0 or duration == 0:
+def _row(distance: float, acceleration: float, duration: float) -> tuple[float, float, float]:
+    if distance == 0 or duration == 0:
         return 0.0, 0.0, 0.0
-    # way = v (T - v / a), the smaller v.
+    # distance = v (T - v / a), the smaller v.
     speed = 0.5 * (
-        acceleration * duration - math.sqrt(max(0.0, (acceleration * duration) ** 2 - 4 * acceleration * abs(way)))
+        acceleration * duration
+        - math.sqrt(max(0.0, (acceleration * duration) ** 2 - 4 * acceleration * abs(distance)))
     )
-    sign = math.copysign(1.0, way)
+    sign = math.copysign(1.0, distance)
     return sign * speed, sign * acceleration, speed / acceleration
 
 
@@ -114,7 +116,7 @@ def time_optimal(
     max_jerk: Sequence[float] | None = None,
     velocity: Sequence[float] | None = None,
 ) -> Trajectory:
-    """The fastest way to a goal at rest.
+    """The fastest motion to a goal, ending at rest.
 
     With ruckig, jerk can be limited and the start can be in motion. Without it, a trapezoid from rest.
 
@@ -128,7 +130,7 @@ def time_optimal(
         velocity: At the start, radians per second; at rest if None.
 
     Raises:
-        UsageError: Numbers that make no sense, or a start in motion without ruckig.
+        UsageError: The numbers are invalid, or the start is in motion without ruckig.
     """
     _check(tuple(names), start, goal, max_speed, max_acceleration)
     moving = velocity is not None and any(velocity)
@@ -148,12 +150,12 @@ def time_optimal(
     trajectory = ruckig.Trajectory(len(names))
     result = ruckig.Ruckig(len(names)).calculate(request, trajectory)
     if int(result) < 0:
-        raise UsageError(f"ruckig finds no way to the goal: {result}")
+        raise UsageError(f"ruckig finds no motion to the goal: {result}")
     return _Ruckig(tuple(names), tuple(goal), trajectory)
 
 
 def ruckig_or_none() -> Any:
-    """The ruckig module where it is installed, else None."""
+    """The ruckig module if it is installed, otherwise None."""
     try:
         import ruckig
     except ImportError:

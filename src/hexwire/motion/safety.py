@@ -1,7 +1,7 @@
-"""What makes a moving arm stop by itself: following error, load, faults, old states.
+"""Conditions that stop a moving arm automatically: following error, load, faults, old states.
 
-Owns the thresholds and the judgement, cycle by cycle; time comes in as an argument. Must not know what the arm
-was doing, nor how it is stopped.
+Owns the thresholds and their check in each cycle; time comes in as an argument. Must not know what the arm was
+doing, nor how it is stopped.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ __all__ = ["Guard", "SafetyLimits", "StopReason", "board_stop"]
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """Thresholds. Times are how long something must last to count, seconds.
+    """Thresholds. A condition must last for its time to count. Times are in seconds.
 
     Attributes:
-        following_error: A joint this far from where it was told to be, radians.
-        following_time: For this long.
-        lag: Servos may be this far behind; nearer than that in time is no error.
-        load: Drive effort that is an overload, fraction of full.
-        load_time: For this long.
-        collision_load: Drive effort that means a collision together with `collision_error`.
+        following_error: Distance of a joint from its command, radians.
+        following_time: Its time.
+        lag: Permitted delay of a servo; a joint that is only late by less has no following error.
+        load: Effort that counts as an overload, fraction of full.
+        load_time: Its time.
+        collision_load: Effort that, together with `collision_error`, means a collision.
         collision_error: Distance from the command, radians.
-        collision_time: For this long.
-        max_age: A joint not heard of for this long is lost.
+        collision_time: Their time.
+        max_age: A joint without a new position for this long is lost.
         faults: Servo faults that stop the arm at once.
     """
 
@@ -56,19 +56,19 @@ class SafetyLimits:
 
     @classmethod
     def at_period(cls, period: float, **chosen: Any) -> Self:
-        """Thresholds for a line that takes a state and a target once a period.
+        """Thresholds for a line that carries one state and one target per period.
 
-        A slow line makes states old and commands late without anything being wrong.
+        On a slow line states are old and commands late, although nothing is wrong.
 
         Args:
             period: Seconds between two cycles.
-            **chosen: Thresholds that were set on purpose; the period does not change them.
+            **chosen: Thresholds set explicitly; the period does not change them.
 
         Raises:
             UsageError: The period or a threshold is not above 0.
         """
         if not 0 < period < math.inf:
-            raise UsageError(f"a period of {period:g} s makes no sense")
+            raise UsageError(f"a period must be finite and above 0 s, not {period:g}")
         usual = cls()
         widened = {"lag": max(usual.lag, 2.5 * period), "max_age": max(usual.max_age, 3 * period)}
         return cls(**(widened | chosen))
@@ -80,8 +80,8 @@ class StopReason:
 
     Attributes:
         kind: asked, following, overload, collision, fence, fault, lost or board.
-        text: In words.
-        joint: Name of the joint; empty if it is none in particular.
+        text: Description.
+        joint: Name of the joint; empty if no particular joint is the reason.
     """
 
     kind: str
@@ -93,7 +93,7 @@ class StopReason:
 
 
 def board_stop(state: JointState) -> StopReason | None:
-    """Why the board has stopped the arm, as far as it tells; None if it has not."""
+    """Why the board has stopped the arm, as far as it reports a reason; None if it has not."""
     if not state.stopped:
         return None
     why = "its watchdog tripped, because the host fell silent" if state.watchdog_tripped else "it was told to"
@@ -101,7 +101,7 @@ def board_stop(state: JointState) -> StopReason | None:
 
 
 class Guard:
-    """Judges states against what was commanded.
+    """Checks states against the commands.
 
     Args:
         limits: Thresholds.
@@ -115,23 +115,23 @@ class Guard:
         self._judged = math.inf
 
     def forget(self) -> None:
-        """Start afresh, as after a stop."""
+        """Restart, for example after a stop."""
         self._commands.clear()
         self._since.clear()
         self._seen.clear()
         self._judged = math.inf
 
     def commanded(self, positions: Mapping[str, float], due: float) -> None:
-        """Note where joints shall be at a time."""
+        """Record the commanded positions of joints at a time."""
         for name, angle in positions.items():
             history = self._commands.setdefault(name, deque())
             history.append((due, angle))
-            # The command that was in force when the window began counts as well.
+            # The command in force at the start of the window counts too.
             while len(history) > 1 and history[1][0] < due - self.limits.lag - 2 * self.limits.max_age:
                 history.popleft()
 
     def judge(self, state: JointState, now: float) -> StopReason | None:
-        """Whether the arm must stop, by the worst of its joints; None if all is well."""
+        """The reason why the arm must stop; None if there is none."""
         limits = self.limits
         self._pass_over_stalls(now)
         stopped = board_stop(state)
@@ -140,14 +140,14 @@ class Guard:
         for joint in state:
             name = joint.name
             flags = JointFlag(joint.flags)
-            # A joint that says nothing of where it is has not been heard of, whatever else it says.
+            # A joint that does not report its position counts as silent, whatever else it reports.
             if JointFlag.SILENT not in flags and joint.age <= limits.max_age and math.isfinite(joint.position):
                 self._seen[name] = now - joint.age
             if name not in self._commands:
                 continue
             heard = self._seen.setdefault(name, now)
             if now - heard > limits.max_age:
-                return StopReason("lost", f"{name} has not been heard of for {now - heard:.2f} s", name)
+                return StopReason("lost", f"{name} has not answered for {now - heard:.2f} s", name)
             if flags & limits.faults:
                 return StopReason("fault", f"{name} reports {flags & limits.faults}", name)
             error = self._error(name, joint.position, now - joint.age)
@@ -159,10 +159,10 @@ class Guard:
                 limits.collision_time,
                 (load > limits.collision_load and error > limits.collision_error),
             ):
-                text = f"{name} met something: load {load:.0%}, {math.degrees(error):.1f} deg off its way"
+                text = f"{name} hit something: load {load:.0%}, {math.degrees(error):.1f} deg off its path"
                 return StopReason("collision", text, name)
             if self._lasts("following", name, now, limits.following_time, error > limits.following_error):
-                return StopReason("following", f"{name} is {math.degrees(error):.1f} deg off its way", name)
+                return StopReason("following", f"{name} is {math.degrees(error):.1f} deg off its path", name)
             if self._lasts("overload", name, now, limits.load_time, load > limits.load):
                 return StopReason("overload", f"{name} is overloaded: load {load:.0%}", name)
         return None
@@ -174,16 +174,16 @@ class Guard:
         for due, angle in reversed(self._commands[name]):
             if due <= when:
                 low, high = min(low, angle), max(high, angle)
-                # This one was in force when the window began; what is older does not count.
+                # This command was in force at the start of the window; older ones do not count.
                 if due <= begin:
                     break
         if high < low:
-            # Nothing is due yet: the oldest command is what the joint is on its way to.
+            # Nothing is due yet: the joint is moving to the oldest command.
             low = high = self._commands[name][0][1]
         return max(0.0, low - position, position - high)
 
     def _pass_over_stalls(self, now: float) -> None:
-        """Time in which nobody looked is no proof that something lasted: it counts as one cycle."""
+        """Time without checks does not prove that a condition lasted: it counts as one cycle."""
         stall = now - self._judged - 0.4 * self.limits.lag
         if stall > 0:
             for key in self._since:

@@ -1,4 +1,4 @@
-"""What a hand has taught: joint positions over time, edited and made into a trajectory.
+"""Taught motions: joint positions over time, edited and made into a trajectory.
 
 Owns the edits: trim, speed, smooth. Pure; must not know files, robots or clocks.
 """
@@ -23,12 +23,12 @@ __all__ = ["Taught", "approach"]
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """Joint positions as they were recorded. Edits give new ones.
+    """Recorded joint positions. Edits return a new object.
 
     Attributes:
         names: Joint names.
-        times: Seconds from the first, rising.
-        rows: Positions in radians, one row a time.
+        times: Seconds from the first sample, rising.
+        rows: Positions in radians, one row per time.
     """
 
     names: tuple[str, ...]
@@ -37,12 +37,12 @@ class Taught:
 
     @classmethod
     def of(cls, names: Sequence[str], samples: Iterable[tuple[float, Sequence[float]]]) -> Taught:
-        """From pairs of time and positions; the time starts anew at 0.
+        """From pairs of time and positions; times are shifted to start at 0.
 
-        Samples that are not later than the one before, as from a clock that was set back, are left out.
+        Samples that are not later than the previous one, for example after a clock was set back, are left out.
 
         Raises:
-            UsageError: No sample, or one with another number of values.
+            UsageError: There is no sample, or one has a wrong number of values.
         """
         times: list[float] = []
         rows: list[tuple[float, ...]] = []
@@ -67,7 +67,7 @@ class Taught:
         return self.times[-1]
 
     def trimmed(self, start: float = 0.0, end: float = math.inf) -> Taught:
-        """Only what is between two times, seconds.
+        """Only the samples between two times, seconds.
 
         Raises:
             UsageError: Nothing is left.
@@ -78,7 +78,7 @@ class Taught:
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), self.rows[low:high])
 
     def without_stillness(self, threshold: float = math.radians(0.5)) -> Taught:
-        """Without the time before the first motion and after the last; `threshold` radians are none."""
+        """Without the time before the first and after the last motion; up to `threshold` radians count as rest."""
         rows = self.rows
 
         def moved(row: Sequence[float], rest: Sequence[float]) -> bool:
@@ -92,21 +92,21 @@ class Taught:
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), rows[low:high])
 
     def faster(self, speed: float) -> Taught:
-        """At another speed; 2 takes half the time."""
+        """With another speed; a factor of 2 takes half the time."""
         if not 0 < speed < math.inf:
-            raise UsageError(f"a speed factor of {speed:g} makes no sense")
+            raise UsageError(f"a speed factor must be finite and above 0, not {speed:g}")
         return Taught(self.names, tuple(t / speed for t in self.times), self.rows)
 
     def smoothed(self, width: float) -> Taught:
-        """Without tremor: each value becomes the weighted mean of its neighbours; nothing is delayed.
+        """Without tremor: each value becomes the weighted mean of its neighbours, without delay.
 
-        The ends stay where they are, since the window shrinks towards them.
+        The ends do not change, since the window shrinks towards them.
 
         Args:
             width: Seconds to either side; 0 changes nothing.
         """
         if not 0 <= width < math.inf:
-            raise UsageError(f"a width of {width:g} s makes no sense")
+            raise UsageError(f"a smoothing width must be finite and not negative, not {width:g} s")
         if width == 0:
             return self
         out = []
@@ -131,12 +131,12 @@ class Taught:
         """A trajectory through every sample, smooth in speed, at rest at both ends.
 
         Raises:
-            UsageError: It lasts longer than a motion may.
+            UsageError: It is longer than the limit for a motion.
         """
         if not self.duration <= LONGEST:
             raise UsageError(
-                f"what was recorded lasts {decimal(self.duration)} s, and a motion may take {LONGEST:g} s: "
-                "was the clock set meanwhile? Take a part, with --from and --to"
+                f"the recording lasts {decimal(self.duration)} s, and a motion may take {LONGEST:g} s: "
+                "was the clock changed while recording? Select a part with --from and --to"
             )
         n = len(self.times)
         rest = (0.0,) * len(self.names)
@@ -159,13 +159,13 @@ def approach(
     speed: float = 0.5,
     acceleration: float = 4.0,
 ) -> Trajectory:
-    """A careful way to where something begins.
+    """A slow motion to the start of another motion.
 
     Args:
         arm: Speed limits.
         names: Joint names.
-        here: Where the joints are, radians.
-        goal: Where it begins, radians.
+        here: Present positions of the joints, radians.
+        goal: Start positions of the other motion, radians.
         speed: Share of the speed limits.
         acceleration: Radians per second squared.
     """

@@ -1,7 +1,7 @@
-"""Teleoperation: what a joystick asks of an arm, one cycle at a time.
+"""Teleoperation: from the state of a joystick to set-points of an arm, one cycle at a time.
 
-Owns the rules that make it safe (the dead-man button, what a lost channel means, which axes count) and joint and
-Cartesian jog. Time comes in as `now`. Knows no devices, channels or boards; axes and buttons are plain numbers.
+Owns the rules that make it safe (the dead-man button, a lost channel, which axes count) and joint and Cartesian
+jog. Time comes in as `now`. Knows no devices, channels or boards; axes and buttons are plain numbers.
 """
 
 from __future__ import annotations
@@ -21,45 +21,45 @@ from .fence import Fence
 __all__ = ["Action", "Jog", "JogMode", "StickMap", "Teleop"]
 
 _LONGEST_STEP = 0.1
-"""Seconds that one cycle integrates at most: a program that stood still must not make up for it."""
+"""Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
 _MOST_LEAD = math.radians(10.0)
-"""How far a set-point runs ahead of a joint that does not follow: it must not leap when it is let go."""
+"""How far a set-point may run ahead of a blocked joint, which must not jump when it is released."""
 _TRIES = (1.0, 0.5, 0.25)
-"""Shares of a Cartesian step that are tried before it is refused."""
+"""Shares of a Cartesian step to try before it is refused."""
 _STRAIN = 1.5
-"""How much over its speed a joint may be for a Cartesian step."""
+"""Factor by which a joint may exceed its speed limit in a Cartesian step."""
 
 
 class JogMode(Enum):
-    """What the axes move."""
+    """Meaning of the axes."""
 
     JOINT = "joint"
     CARTESIAN = "cartesian"
 
 
 class Action(Enum):
-    """What to do now."""
+    """What to do in this cycle."""
 
     IDLE = "idle"
     """Nothing: the arm holds already."""
     MOVE = "move"
     """Send the set-point."""
     HOLD = "hold"
-    """Hold where the joints are, at once."""
+    """Hold the present position, at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class StickMap:
-    """Which axis and button does what; the numbers of a common game pad.
+    """Assignment of axes and buttons; the defaults fit a common game pad.
 
     Attributes:
         axes: For each joint in joint jog, and for x, y, z and the turns about them in Cartesian jog, the axis that
-            moves it; negative -1-n for axis n the other way round; None for none.
+            moves it; -1-n for axis n reversed; None for no axis.
         dead_man: Button that must be held for anything to move.
-        mode: Button that changes between joint and Cartesian jog.
-        close: Button that closes the gripper (the joint behind the kinematics' own, if there is one).
+        mode: Button that switches between joint and Cartesian jog.
+        close: Button that closes the gripper (the joint after those of the kinematics, if there is one).
         open: Button that opens it.
-        dead_zone: Deflection that counts as none.
+        dead_zone: Deflection that counts as zero.
     """
 
     axes: tuple[int | None, ...] = (0, -2, -5, 3, 6, 7)
@@ -71,7 +71,7 @@ class StickMap:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.dead_zone < 1.0:
-            raise UsageError(f"a dead zone of {self.dead_zone:g} makes no sense; 0 to below 1 does")
+            raise UsageError(f"a dead zone must be from 0 to below 1, not {self.dead_zone:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Jog:
     Attributes:
         action: What to do.
         positions: With MOVE the set-point, radians by joint name.
-        note: For the person who holds the stick, in words; empty if there is nothing to say.
+        note: Message for the user; may be empty.
     """
 
     action: Action
@@ -92,20 +92,20 @@ class Jog:
 class Teleop:
     """The rules, and the set-point.
 
-    The dead-man button counts only after it was seen released: a button that is stuck, or held while the channel
-    comes back, moves nothing. An axis counts only after it was seen at rest with the button held, so that a stick
-    that is deflected already, or a trigger that rests at one end, moves nothing either.
+    The dead-man button counts only after it was released once: a stuck button, or one held while the channel comes
+    back, moves nothing. An axis counts only after it was at rest while the button was held, so that a stick that is
+    already deflected, or a trigger that rests at one end, moves nothing either.
 
     Args:
         arm: Joints and limits.
-        kinematics: For Cartesian jog; None allows joint jog only.
-        stick: Which axis does what.
-        mode: How it begins.
-        share: Part of each joint's speed limit at full deflection.
+        kinematics: For Cartesian jog; with None only joint jog is possible.
+        stick: Assignment of axes and buttons.
+        mode: Initial mode.
+        share: Share of each joint's speed limit at full deflection.
         linear: Speed of the tool at full deflection, m/s.
         angular: The same for turns, rad/s.
-        stale: Age of the stick's state in seconds from which the channel counts as lost.
-        fence: Where the arm as a whole must not be; None for nowhere.
+        stale: Age of the joystick state in seconds from which the channel counts as lost.
+        fence: Check of the whole arm; None for no check.
     """
 
     def __init__(
@@ -122,9 +122,9 @@ class Teleop:
         fence: Fence | None = None,
     ) -> None:
         if not 0.0 < share <= 1.0:
-            raise UsageError(f"a share of {share:g} of the speed limits makes no sense; above 0 to 1 does")
+            raise UsageError(f"the share of the speed limits must be above 0 and at most 1, not {share:g}")
         if mode is JogMode.CARTESIAN and kinematics is None:
-            raise UsageError(f"no Cartesian jog for {arm.name}: its kinematics are not known")
+            raise UsageError(f"no Cartesian jog for {arm.name}: its kinematics are unknown")
         self.arm = arm
         self.kinematics = kinematics
         self.stick = stick or StickMap()
@@ -147,10 +147,10 @@ class Teleop:
         """One cycle.
 
         Args:
-            axes: -1..1 each, as last heard.
+            axes: Last received values, -1..1 each.
             buttons: Bit i is button i.
-            age: Seconds since they were heard; infinite if never.
-            positions: Where the joints are, radians by name.
+            age: Seconds since they were received; infinite if never.
+            positions: Present joint positions, radians by name.
             now: Seconds, monotonic.
         """
         if not age < self._stale:
@@ -165,7 +165,7 @@ class Teleop:
         if not self._free:
             return self._hold("release the dead-man button first")
         if not all(math.isfinite(positions.get(name, math.nan)) for name in self.arm.names):
-            return self._hold("the joints' positions are not known")
+            return self._hold("the joint positions are unknown")
         if not self._active:
             self._active = True
             self._alive.clear()
@@ -192,12 +192,12 @@ class Teleop:
         return Jog(action, {}, note)
 
     def _change_mode(self, pressed: int) -> None:
-        # Only while nothing moves: the axes mean something else afterwards.
+        # Only while nothing moves, because the meaning of the axes changes.
         if pressed >> self.stick.mode & 1 and self.kinematics is not None:
             self.mode = JogMode.JOINT if self.mode is JogMode.CARTESIAN else JogMode.CARTESIAN
 
     def _wanted(self, axes: Sequence[float]) -> list[float]:
-        """Deflection asked of each direction, -1..1, without what does not count."""
+        """Deflection for each direction, -1..1; axes that do not count give 0."""
         wanted = []
         zone = self.stick.dead_zone
         for source in self.stick.axes:
@@ -212,7 +212,7 @@ class Teleop:
             elif axis not in self._alive:
                 value = 0.0
             else:
-                # From nothing at the edge of the dead zone, so that there is no jump.
+                # Zero at the edge of the dead zone, so that there is no jump.
                 value = math.copysign((abs(value) - zone) / (1.0 - zone), value)
             wanted.append(value if source >= 0 else -value)
         return wanted
@@ -223,7 +223,7 @@ class Teleop:
             if not deflection:
                 continue
             goal = self._goal[joint.name] + deflection * self._share * joint.max_speed * step
-            # A joint that stands outside its limits may come back, but go no further out.
+            # A joint outside its limits may move back, but not further out.
             low, high = (min(joint.minimum, self._goal[joint.name]), max(joint.maximum, self._goal[joint.name]))
             self._goal[joint.name] = max(low, min(high, goal))
             if goal != self._goal[joint.name]:
@@ -266,11 +266,13 @@ class Teleop:
         return problem
 
     def _too_fast(self, joints: Mapping[str, float], step: float) -> str:
-        """Why the joints cannot go there in one step: near a singular pose they would have to jump."""
+        """Why the joints cannot make this step; empty if they can. Near a singular pose they would have to jump."""
         for name, angle in joints.items():
             joint = self.arm.joint(name)
             if not abs(angle - self._goal[name]) <= _STRAIN * joint.max_speed * step:
-                return f"{name} would have to jump: near a singular pose; go another way, or by joints"
+                return (
+                    f"{name} would have to jump: near a singular pose; choose another direction, or move the joints"
+                )
             if not joint.minimum <= angle <= joint.maximum:
                 return f"{name} at the limit"
         return ""
@@ -278,19 +280,19 @@ class Teleop:
     def _gripper(self, buttons: int, step: float) -> None:
         joints = len(self.kinematics.ranges) if self.kinematics is not None else len(self.stick.axes)
         for joint in self.arm.joints[joints : joints + 1]:
-            way = (buttons >> self.stick.close & 1) - (buttons >> self.stick.open & 1)
-            goal = self._goal[joint.name] + way * self._share * joint.max_speed * step
+            direction = (buttons >> self.stick.close & 1) - (buttons >> self.stick.open & 1)
+            goal = self._goal[joint.name] + direction * self._share * joint.max_speed * step
             self._goal[joint.name] = max(joint.minimum, min(joint.maximum, goal))
 
     def _keep_near(self, positions: Mapping[str, float], before: Mapping[str, float]) -> bool:
-        """Take a step back that runs too far ahead; whether there was one."""
+        """Undo a step that runs too far ahead of the joints; return whether there was one."""
         ahead = [
             name
             for name, goal in self._goal.items()
             if not abs(goal - positions[name]) <= max(_MOST_LEAD, abs(before[name] - positions[name]))
         ]
         if ahead and self.mode is JogMode.CARTESIAN:
-            # All of it: the tool must not leave its line because one joint lags.
+            # Undo the whole step: the tool must not leave its line because one joint lags.
             self._goal = dict(before)
         for name in ahead:
             self._goal[name] = before[name]

@@ -1,6 +1,6 @@
-"""Where the joints shall be at which time: point-to-point motion, pure.
+"""Point-to-point motion: joint positions as a function of time, pure.
 
-Owns the shape of the way between two poses. Must not know clocks, limits or who follows it.
+Owns the shape of the motion between two poses. Must not know clocks, limits or its users.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Quintic:
     and arrive together.
 
     Attributes:
-        start: Pose at time 0, one value a joint; any unit.
+        start: Pose at time 0, one value per joint; any unit.
         goal: Pose at the end, in the same order.
         duration: Seconds; 0 is a step.
     """
@@ -36,9 +36,9 @@ class Quintic:
 
     def __post_init__(self) -> None:
         if len(self.start) != len(self.goal):
-            raise UsageError(f"a trajectory from {len(self.start)} joints to {len(self.goal)} makes no sense")
+            raise UsageError(f"a trajectory cannot go from {len(self.start)} joints to {len(self.goal)}")
         if not 0 <= self.duration < math.inf:
-            raise UsageError(f"a trajectory of {self.duration} s makes no sense")
+            raise UsageError(f"the duration of a trajectory must be finite and not negative, not {self.duration} s")
 
     def position(self, t: float) -> tuple[float, ...]:
         """Pose at `t` seconds: the start before 0, exactly the goal from the end on."""
@@ -53,5 +53,5 @@ class Quintic:
     @staticmethod
     def shortest_duration(start: Sequence[float], goal: Sequence[float], max_speed: Sequence[float]) -> float:
         """Seconds in which no joint exceeds its speed limit (unit of the pose per second, above 0)."""
-        ways = zip(start, goal, max_speed, strict=True)
-        return max((PEAK_SPEED * abs(b - a) / speed for a, b, speed in ways), default=0.0)
+        rows = zip(start, goal, max_speed, strict=True)
+        return max((PEAK_SPEED * abs(b - a) / speed for a, b, speed in rows), default=0.0)

@@ -1,6 +1,6 @@
-"""Waypoints as people and ROS write them: JSON in the form of a JointTrajectory.
+"""Waypoint files: JSON in the format of ROS's JointTrajectory.
 
-Owns that form. Pure: the content comes in as it is in the file. Must not know files, robots or clocks.
+Owns that format. Pure: the content of the file comes in as an argument. Must not know files, robots or clocks.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ __all__ = ["parse_waypoints"]
 
 _MOST_JOINTS = 253
 _MOST = 1e4
-"""Radians, or radians per second, that no joint does: a wrong unit."""
+"""Radians, or radians per second, beyond any joint: the unit is wrong."""
 _MOST_ACCELERATION = 1e6
 
 
 def parse_waypoints(content: str | bytes, name: str) -> Spline:
-    """The trajectory that a file holds.
+    """Parse the trajectory in a file.
 
     Args:
         content: JSON, UTF-8: `joint_names`, and `points` with `time_from_start` (seconds, or ROS's secs and nsecs),
-            `positions` (radians) and maybe `velocities` and `accelerations`.
-        name: What errors call it.
+            `positions` (radians) and optionally `velocities` and `accelerations`.
+        name: Name of the file in error texts.
 
     Returns:
         A spline through the points.
 
     Raises:
-        ConfigError: It is no JSON, or not of this form, or its points make no trajectory; the text names the place.
+        ConfigError: Not JSON, another format, or the points are not a trajectory; the text names the place.
     """
     root = parse_json(content, name).table(needed=("joint_names", "points"))
     names = [row.text(100, least=1) for row in root["joint_names"].rows(_MOST_JOINTS, 1)]
@@ -39,12 +39,12 @@ def parse_waypoints(content: str | bytes, name: str) -> Spline:
         raise root["joint_names"].fault("name a joint twice")
     points = [_waypoint(row) for row in root["points"].rows()]
     try:
-        way = Spline(names, points)
+        spline = Spline(names, points)
     except UsageError as error:
         raise ConfigError(str(error), file=name) from None
-    if way.duration > LONGEST:
-        raise ConfigError(f"lasts {way.duration:.6g} s; a motion may take {LONGEST:g} s", file=name)
-    return way
+    if spline.duration > LONGEST:
+        raise ConfigError(f"lasts {spline.duration:.6g} s; a motion may take {LONGEST:g} s", file=name)
+    return spline
 
 
 def _waypoint(row: Item) -> Waypoint:
@@ -58,7 +58,7 @@ def _waypoint(row: Item) -> Waypoint:
 
 
 def _seconds(item: Item) -> float:
-    """ROS writes a duration as seconds and nanoseconds; people write a number."""
+    """A duration: ROS writes seconds and nanoseconds; handwritten files have a number."""
     if not isinstance(item.value, dict):
         return item.number(0, LONGEST, "s")
     parts = item.table()
@@ -70,7 +70,7 @@ def _seconds(item: Item) -> float:
 
 
 def _values(item: Item | None, most: float) -> tuple[float, ...] | None:
-    """ROS writes an empty list for what is not given."""
+    """A list of values; ROS writes an empty list for missing values."""
     if item is None or item.value is None:
         return None
     return tuple([row.number(-most, most) for row in item.rows()]) or None

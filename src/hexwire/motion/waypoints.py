@@ -70,10 +70,10 @@ class Trajectory(ABC):
             UsageError: The period is not above 0, or the trajectory has more than ten million of them.
         """
         if not 0 < period < math.inf:
-            raise UsageError(f"a period of {period:g} s makes no sense")
+            raise UsageError(f"a period must be finite and above 0 s, not {period:g}")
         if not self.duration / period <= _MOST_SAMPLES:
-            raise UsageError(f"{decimal(self.duration)} s in steps of {decimal(period)} s are too many samples")
-        # A hair less, so that rounding makes no sample just before the end; but the start is always one.
+            raise UsageError(f"{decimal(self.duration)} s in steps of {decimal(period)} s give too many samples")
+        # Slightly less, so that rounding adds no sample just before the end; but the start is always a sample.
         count = max(math.ceil(self.duration / period - 1e-9), int(self.duration > 0))
         for i in range(count):
             yield i * period, self.sample(i * period)
@@ -115,10 +115,10 @@ class Waypoint:
 
 
 class Spline(Trajectory):
-    """Through waypoints, as ROS's joint trajectory controller does it.
+    """A spline through waypoints, as in ROS's joint trajectory controller.
 
-    Between two points that give positions only the way is linear, with velocities cubic, with accelerations as
-    well quintic; where two neighbours give different things, the poorer one counts.
+    Between two points it is linear if they have positions only, cubic if they have velocities, quintic if they also
+    have accelerations; if two neighbours differ, the lower order counts.
 
     Args:
         names: Joint names.
@@ -170,11 +170,11 @@ def _between(a: Waypoint, b: Waypoint, t: float) -> Sample:
     if order == 1:
         rows = [(q, (r - q) / long) for q, r in zip(a.position, b.position, strict=True)]
         share = min(1.0, u / long)
-        # At the end exactly the waypoint, whatever rounding says.
+        # Exactly the waypoint at the end, despite rounding.
         position = b.position if share == 1.0 else tuple(q + k * u for q, k in rows)
         return Sample(position, tuple(k for _, k in rows), (0.0,) * len(rows))
     if long < _SHORTEST:
-        # The factors of a polynomial over no time at all are beyond what numbers can be: a step is what is left.
+        # The coefficients of a polynomial over such a short time would overflow: use a step.
         share = min(1.0, u / long)
         steps = [
             (r if share == 1.0 else q + (r - q) * share, (r - q) / long)
@@ -226,7 +226,7 @@ class PointToPoint(Trajectory):
 
     Args:
         names: Joint names.
-        quintic: The way.
+        quintic: The motion.
     """
 
     def __init__(self, names: Sequence[str], quintic: Quintic) -> None:
@@ -244,7 +244,7 @@ class PointToPoint(Trajectory):
 
 
 class Scaled(Trajectory):
-    """The same way at another speed.
+    """The same trajectory at another speed.
 
     Args:
         other: The trajectory.
@@ -253,12 +253,12 @@ class Scaled(Trajectory):
 
     def __init__(self, other: Trajectory, speed: float) -> None:
         if not 0 < speed < math.inf:
-            raise UsageError(f"a speed factor of {speed:g} makes no sense")
+            raise UsageError(f"a speed factor must be finite and above 0, not {speed:g}")
         self._other, self._speed = other, speed
         self.names = other.names
         self.duration = other.duration / speed
         if not self.duration <= LONGEST:
-            raise UsageError(f"{decimal(self.duration)} s are too long for a motion; it may take {LONGEST:g} s")
+            raise UsageError(f"{decimal(self.duration)} s is too long for a motion; it may take {LONGEST:g} s")
 
     def at(self, t: float) -> Sample:
         k = self._speed
@@ -267,12 +267,12 @@ class Scaled(Trajectory):
 
 
 class Tail(Trajectory):
-    """What is left of a trajectory.
+    """The rest of a trajectory.
 
     Args:
         whole: The trajectory.
         begin: Seconds from its start; before it the joints rest there.
-        longest: Seconds after which it is cut off.
+        longest: Maximum duration in seconds.
     """
 
     def __init__(self, whole: Trajectory, begin: float, longest: float = math.inf) -> None:
@@ -287,10 +287,10 @@ class Blend(Trajectory):
     """From one trajectory into another without a jump in position, velocity or acceleration.
 
     Args:
-        old: What the arm follows; may be over.
+        old: The present trajectory; may be over.
         switch: Time of `old` at which the new one begins.
-        new: What it shall follow; the same joints.
-        seconds: How long the change takes; not longer than the new one lasts.
+        new: The next trajectory, of the same joints.
+        seconds: Duration of the change; at most that of the new trajectory.
     """
 
     def __init__(self, old: Trajectory, switch: float, new: Trajectory, seconds: float) -> None:
