@@ -167,17 +167,17 @@ def test_codes_are_those_of_the_schema() -> None:
     assert sum(SCHEMA["state_fields"].values()) == c.ALL_FIELDS
 
 
-@pytest.mark.parametrize("mask", range(64))
-def test_every_field_mask_has_the_rows_of_the_schema(mask: int) -> None:
+def test_every_field_mask_has_the_rows_of_the_schema() -> None:
     layout = SCHEMA["commands"]["JOINT_STATE"]["rows"]
-    wanted = [name for name, _, *cond in layout if not cond or mask & SCHEMA["state_fields"][cond[0]]]
-    rows = [{name: 10 * (i + 1) + j for j, name in enumerate(wanted)} for i in range(2)]
-    fields = {"time_us": 5, "fields": mask, "board_flags": 0, "joints": 2, "spare": 0}
-    line = {"command": "JOINT_STATE", "part": "reply", "fields": fields, "rows": rows}
-    report = c.JointReport.parse(encode(line))
-    assert report == value_of(line)
-    assert report.fields == mask
-    assert report.serialize() == encode(line)
+    for mask in range(64):
+        wanted = [name for name, _, *cond in layout if not cond or mask & SCHEMA["state_fields"][cond[0]]]
+        rows = [{name: 10 * (i + 1) + j for j, name in enumerate(wanted)} for i in range(2)]
+        fields = {"time_us": 5, "fields": mask, "board_flags": 0, "joints": 2, "spare": 0}
+        line = {"command": "JOINT_STATE", "part": "reply", "fields": fields, "rows": rows}
+        report = c.JointReport.parse(encode(line))
+        assert report == value_of(line), f"mask {mask:#x}"
+        assert report.fields == mask
+        assert report.serialize() == encode(line), f"mask {mask:#x}"
 
 
 def test_a_newer_board_may_append_counters() -> None:

@@ -37,14 +37,15 @@ def test_si_there_and_back(register: Register, data: st.DataObject) -> None:
     assert register.from_si(register.to_si(value)) == value
 
 
-@pytest.mark.parametrize(("series", "register"), EVERY, ids=lambda value: getattr(value, "name", ""))
-def test_rows_are_sound(series: Series, register: Register) -> None:
-    assert register.byte_order == series.byte_order
-    assert series.at(register.address) is register
-    assert (register.unit is None) == (register.scale is None)
-    assert (register.si_unit == "") == (register.unit is None)
-    for limit in (register.minimum, register.maximum, register.default):
-        assert limit is None or limit in register.fits
+def test_rows_are_sound() -> None:
+    for series, register in EVERY:
+        row = f"{series.name} {register.name}"
+        assert register.byte_order == series.byte_order, row
+        assert series.at(register.address) is register, row
+        assert (register.unit is None) == (register.scale is None), row
+        assert (register.si_unit == "") == (register.unit is None), row
+        for limit in (register.minimum, register.maximum, register.default):
+            assert limit is None or limit in register.fits, row
 
 
 def test_no_bits_or_notes_without_a_register() -> None:
