@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Plan"]
 
 _TICK = 1e-9
-"""Seconds; the resolution of ROS's times. Less than this from now is now."""
+"""Seconds; times are whole nanoseconds. Less than this from now is now."""
 _HAIR = 1e-6
 """Seconds: as good as now."""
 _THERE = 1e-3

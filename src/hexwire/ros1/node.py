@@ -1,7 +1,7 @@
 """The ROS 1 node `hardware_interface`: messages in, messages out, nothing decided.
 
 Owns topics, services, actions, the parameter server and the node's life. The only module that knows rospy. Must not
-decide anything about the arm: that is `arm`, `controller` and what is below them.
+decide anything about the arm: that is control.
 """
 
 from __future__ import annotations
