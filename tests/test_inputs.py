@@ -208,7 +208,7 @@ def at(text: str) -> Item:
         ("null", "must be a number, not nothing"),
         ("true", "must be a number, not true"),
         ('"1"', "must be a number, not the text '1'"),
-        ("[1]", "must be a number, not a list"),
+        ("[1]", "must be a number, not the list [1]"),
         ("{}", "must be a number, not a table"),
         ("-0.5", "is -0.5, and must be 0 to 10 mm"),
         ("1e308", "is 1e+308, and must be 0 to 10 mm"),

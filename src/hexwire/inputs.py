@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import reprlib
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -304,7 +305,7 @@ class Item:
             ConfigError: It is no table, or a key is unknown or missing.
         """
         if not isinstance(self.value, dict):
-            raise self._wrong("a table")
+            raise self.wrong_kind("a table")
         for key in needed:
             if key not in self.value:
                 raise self._at(_step(key, self.where)).fault("is missing")
@@ -321,7 +322,7 @@ class Item:
             ConfigError: It is no list, or one with too many or too few values.
         """
         if not isinstance(self.value, list):
-            raise self._wrong("a list")
+            raise self.wrong_kind("a list")
         if len(self.value) < least or (most is not None and len(self.value) > most):
             wanted = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
             raise self.fault(f"has {len(self.value)} values, and {wanted} are wanted")
@@ -335,7 +336,7 @@ class Item:
         """
         value = self.value
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._wrong("a number")
+            raise self.wrong_kind("a number")
         try:
             number = float(value)
         except OverflowError:
@@ -354,7 +355,7 @@ class Item:
         """
         value = self.value
         if isinstance(value, bool) or not isinstance(value, int):
-            raise self._wrong("a whole number")
+            raise self.wrong_kind("a whole number")
         if not low <= value <= high:
             shown = value if abs(value) < 10**_MOST_DIGITS else "too large"
             raise self.fault(f"is {shown}, and must be {low} to {high}")
@@ -367,7 +368,7 @@ class Item:
             ConfigError: It is something else, or longer, or shorter, or has what cannot be printed.
         """
         if not isinstance(self.value, str):
-            raise self._wrong("a text")
+            raise self.wrong_kind("a text")
         if not least <= len(self.value) <= most:
             raise self.fault(f"has {len(self.value)} characters, and {least} to {most} are allowed")
         if not self.value.isprintable():
@@ -377,10 +378,13 @@ class Item:
     def _at(self, step: str, value: Any = None) -> Item:
         return Item(value, self.file, f"{self.where}{step}", self.places)
 
-    def _wrong(self, wanted: str) -> ConfigError:
+    def wrong_kind(self, wanted: str) -> ConfigError:
+        """The error that says which kind of value is wanted, and which this is."""
         value = self.value
-        if isinstance(value, dict | list):
-            got = "a table" if isinstance(value, dict) else "a list"
+        if isinstance(value, Mapping):
+            got = "a table"
+        elif isinstance(value, list | tuple):
+            got = f"the list {reprlib.repr(list(value[:_SHOWN]))}"
         elif isinstance(value, bool) or value is None:
             got = {True: "true", False: "false", None: "nothing"}[value]
         elif isinstance(value, str):

@@ -63,7 +63,7 @@ LEROBOT_ROW = '"drive_mode": 0, "homing_offset": 0, "range_min": 1, "range_max":
     ("text", "named"),
     [
         ("", ":1:1: no JSON"),
-        ("[]", ": must be a table, not a list"),
+        ("[]", ": must be a table, not the list"),
         ("{}", ": is not a LeRobot calibration: it has no joint"),
         ('{"a": 3}', ": a must be a table, not 3"),
         ('{"a": {"id": 1}}', r": a\.drive_mode is missing"),

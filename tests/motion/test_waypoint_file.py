@@ -59,7 +59,7 @@ def test_what_is_no_json(content: str | bytes, place: str) -> None:
     ("content", "error"),
     [
         ("null", "must be a table, not nothing"),
-        ("[]", "must be a table, not a list"),
+        ("[]", "must be a table, not the list []"),
         ("{}", "joint_names is missing"),
         ('{"joint_names": 7, "points": []}', "joint_names must be a list, not 7"),
         ('{"joint_names": [], "points": []}', "joint_names has 0 values, and 1 to 253 are wanted"),
@@ -69,7 +69,7 @@ def test_what_is_no_json(content: str | bytes, place: str) -> None:
         ('{"joint_names": ["J1"], "points": [{"positions": [0]}]}', "points[0].time_from_start is missing"),
         (_point("0", "x"), "points[0].positions must be a list, not the text 'x'"),
         (_point("0", ["x"]), "points[0].positions[0] must be a number, not the text 'x'"),
-        (_point("[]", [0]), "points[0].time_from_start must be a number, not a list"),
+        (_point("[]", [0]), "points[0].time_from_start must be a number, not the list []"),
         (_point('{"secs": "x"}', [0]), "points[0].time_from_start.secs must be a number, not the text 'x'"),
         (_point("1e308", [0]), "points[0].time_from_start is 1e+308, and must be 0 to 3600 s"),
         (_point("1e999", [0]), "points[0].time_from_start is not a number that makes sense here"),

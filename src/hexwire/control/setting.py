@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, ClassVar
 
-from hexwire.errors import UsageError
+from hexwire.errors import ConfigError, UsageError
+from hexwire.inputs import Item
 
 __all__ = ["Default", "Faults", "Setting", "rate_setting"]
 
@@ -121,15 +122,10 @@ class Faults:
     def number(self, name: str, value: object, row: Setting) -> float:
         """A finite number within the row's bounds; no text, no switch."""
         default = row.default if isinstance(row.default, float) else 0.0
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self.wrong_kind(name, value, "a number")
-            return default
         try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            self.add(name, f"{number} is not a number that makes sense here")
+            number = Item(value).number()
+        except ConfigError as error:
+            self.add(name, error)
             return default
         if not row.allows(number):
             self.add(name, f"{number:g} must be {row.bounds}{f' {row.unit}' if row.unit else ''}")
@@ -189,18 +185,4 @@ class Faults:
 
     def wrong_kind(self, name: str, value: object, wanted: str) -> None:
         """A value of another type than is wanted."""
-        if isinstance(value, bool):
-            got = str(value).lower()
-        elif isinstance(value, str):
-            got = f"the text {_short(repr(value))}"
-        elif isinstance(value, Mapping):
-            got = "a table"
-        elif isinstance(value, list | tuple):
-            got = f"the list {_short(str(list(value)))}"
-        else:
-            got = _short(str(value))
-        self.add(name, f"must be {wanted}, not {got}")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}..."
+        self.add(name, Item(value).wrong_kind(wanted))
