@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from tests.control.arm_bench import SPLIT, SUCCEEDED, free, guide, make_bench, order
+from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.arm import taught_part
+from hexwire.control.teach_mode import hand_guided
 from hexwire.errors import HexwireError, UsageError
 from hexwire.motion.waypoint_file import parse_waypoints
 
@@ -33,7 +36,7 @@ def test_teaching_and_playing_back(tmp_path: Path) -> None:
     way = parse_waypoints(path.read_bytes(), path.name)
     assert way.goal[0] == pytest.approx(end, abs=0.02)
     (taught,) = bench.taught
-    assert taught is bench.arm.lessons.taught
+    assert taught is bench.arm.teach_mode.taught
     bench.ask(lambda: bench.arm.go_to("home"))
     assert bench.ask(bench.arm.teach_play) == f"played {taught.duration:.1f} s"
     assert bench.where("J1") == pytest.approx(end, abs=0.02)
@@ -66,7 +69,7 @@ def test_an_arm_without_torque_is_taught_and_left_so() -> None:
     guide(bench, "J1", 0.4)
     bench.ask(bench.arm.teach_stop)
     assert not any(bench.torques())
-    assert bench.arm.lessons.taught is not None
+    assert bench.arm.teach_mode.taught is not None
 
 
 def test_a_moving_arm_is_not_taught() -> None:
@@ -84,7 +87,7 @@ def test_torque_comes_back_even_if_nothing_was_recorded() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)
     bench.hardware.observers.clear()
-    bench.arm.lessons._teacher._samples.clear()
+    bench.arm.teach_mode._teacher._samples.clear()
     with pytest.raises(UsageError, match="nothing was recorded"):
         bench.ask(bench.arm.teach_stop)
     assert all(bench.torques())
@@ -114,15 +117,15 @@ def test_a_stop_while_teaching_begins() -> None:
     bench = make_bench()
     service = bench.begin(bench.arm.teach_start)
     pause = threading.Event()
-    while not bench.arm.lessons._active and service.thread.is_alive():
+    while not bench.arm.teach_mode._active and service.thread.is_alive():
         pause.wait(0.001)
     bench.arm.stop("test")
     bench.settle(service)
     with pytest.raises(HexwireError):
         service.answer()
     assert free(bench)
-    assert not bench.arm.lessons._active
-    assert not bench.arm.lessons._teacher.active
+    assert not bench.arm.teach_mode._active
+    assert not bench.arm.teach_mode._teacher.active
 
 
 def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
@@ -132,8 +135,8 @@ def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
     bench.silence("J6")
     with pytest.raises(UsageError, match=r"^taught .* points; J6 did not confirm that torque is on$"):
         bench.ask(bench.arm.teach_stop)
-    assert bench.arm.lessons.taught is not None
-    assert not bench.arm.lessons._active
+    assert bench.arm.teach_mode.taught is not None
+    assert not bench.arm.teach_mode._active
     assert free(bench)
 
 
@@ -145,7 +148,7 @@ def test_what_was_taught_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="cannot be saved"):
         bench.ask(bench.arm.teach_stop)
     assert all(bench.torques())
-    assert bench.arm.lessons.taught is not None
+    assert bench.arm.teach_mode.taught is not None
 
 
 def test_a_joint_that_keeps_its_torque_is_not_taught() -> None:
@@ -153,7 +156,7 @@ def test_a_joint_that_keeps_its_torque_is_not_taught() -> None:
     bench.silence("J2")
     with pytest.raises(UsageError, match="J2 did not confirm that torque is off"):
         bench.ask(bench.arm.teach_start)
-    assert not bench.arm.lessons._active
+    assert not bench.arm.teach_mode._active
     assert free(bench)
     assert bench.torques()[0], "the others hold again"
 
@@ -166,7 +169,7 @@ def test_a_robot_that_is_lost_while_it_is_taught() -> None:
     bench.turn(1.0)
     with pytest.raises(UsageError, match="the robot cannot be reached"):
         bench.arm.teach_stop()
-    assert bench.arm.lessons.taught is not None
+    assert bench.arm.teach_mode.taught is not None
     bench.link.lost = False
     bench.until(lambda: bench.hardware.connected)
     bench.turn(1.0)
@@ -179,8 +182,8 @@ def test_a_part_of_what_was_taught() -> None:
     bench.ask(bench.arm.teach_start)
     guide(bench, "J7", 0.3)
     bench.ask(bench.arm.teach_stop)
-    assert bench.arm.lessons.taught is not None
-    part = taught_part(bench.arm.lessons.taught, ("J7", "J1"))
+    assert bench.arm.teach_mode.taught is not None
+    part = taught_part(bench.arm.teach_mode.taught, ("J7", "J1"))
     assert part.names == ("J7", "J1")
     assert part.goal == pytest.approx((0.3, J1), abs=0.02)
     bench.ask(bench.arm.teach_play)
@@ -193,3 +196,13 @@ def test_a_stopped_arm_keeps_its_torque_and_is_not_taught() -> None:
         bench.ask(bench.arm.teach_start)
     assert all(bench.torques())
     assert free(bench)
+
+
+@pytest.mark.parametrize("limp", [False, True])
+def test_a_hand_leads_an_arm_without_torque_that_holds_in_the_end_unless_it_is_left_limp(limp: bool) -> None:
+    arm = EmulatedArm(2)
+    arm.driver.torque(True)
+    with suppress(KeyboardInterrupt), hand_guided(arm.driver, limp=limp):
+        assert arm.torques() == [False] * 7
+        raise KeyboardInterrupt
+    assert arm.torques() == [not limp] * 7

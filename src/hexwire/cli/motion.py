@@ -9,7 +9,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -352,22 +352,16 @@ def _record_by_hand(
 ) -> None:
     """Torque off, record until it ends, torque on."""
     from hexwire.control.loop import RateLoop
-    from hexwire.control.power import give_torque
+    from hexwire.control.teach_mode import hand_guided
 
     # A rate that makes no sense is refused while the arm still has its torque.
     loop = RateLoop(rate or robot.command_rate)
-    robot.torque(False)
-    note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
-    try:
+    # Ctrl-C is the usual end.
+    with hand_guided(robot, limp=limp), suppress(KeyboardInterrupt):
+        note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
         for _ in loop.ticks(math.inf if duration is None else duration):
             state = robot.read()
             recording.joint_state(state, time.time() - (time.monotonic() - state.stamp))
-    except KeyboardInterrupt:
-        # The usual end. What follows must not be lost to a second one.
-        pass
-    finally:
-        if not limp:
-            give_torque(robot, robot.model.names, robot.read())
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:

@@ -10,6 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, UsageError
@@ -22,7 +23,7 @@ from .outcomes import Reason
 from .owner import RobotOwner
 from .path_check import PathCheck
 from .power import switch_torque
-from .teach_mode import Lessons
+from .teach_mode import TeachMode
 from .waiting import Alone, Waiter
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ _log = logging.getLogger(__name__)
 
 _NEVER = 1e9
 _GRACE = 10.0
-"""Seconds beyond a motion's own duration that whoever waits for its end is patient."""
+"""Seconds beyond a motion's own duration in which the arm must arrive, where its settings name no other time."""
 
 
 class Arm:
@@ -59,7 +60,7 @@ class Arm:
     Attributes:
         hardware: The robot and its owner.
         controllers: By name; the only one has the empty name.
-        lessons: Teaching by hand, and what was taught.
+        teach_mode: Teaching by hand, and what was taught.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Arm:
             sleep=sleep,
         )
         self.controllers: dict[str, TrajectoryController] = {}
-        self.lessons = Lessons(self.hardware, settings.teach_directory, on_taught)
+        self.teach_mode = TeachMode(self.hardware, settings.teach_directory, on_taught)
         # One request at a time that takes the arm for longer: a pose, teaching, playing back.
         self._busy = threading.Lock()
 
@@ -148,7 +149,7 @@ class Arm:
         controller, hardware = self.controllers[name], self.hardware
         try:
             received = hardware.now()
-            self.lessons.refuse()
+            self.teach_mode.refuse()
             state = hardware.newest()
             if not goal.points and listener is None:
                 self.hold(name, "an empty trajectory came")
@@ -160,7 +161,7 @@ class Arm:
             # Takes long for a long one, so not under the lock.
             controller.check_path(plan.trajectory(start, received), state, others)
             with hardware.locked():
-                self.lessons.refuse()
+                self.teach_mode.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
                 now = hardware.now()
@@ -210,7 +211,7 @@ class Arm:
             HexwireError: The arm is stopped or cannot be reached.
         """
         hardware = self.hardware
-        self.lessons.refuse()
+        self.teach_mode.refuse()
         shares: dict[str, dict[str, float]] = {}
         for joint, angle in positions.items():
             owner = next((key for key, c in self.controllers.items() if joint in c.joints), None)
@@ -221,7 +222,7 @@ class Arm:
         if not shares:
             raise UsageError("it holds no position, and these servos take nothing else")
         with hardware.locked():
-            self.lessons.refuse()
+            self.teach_mode.refuse()
             state, now = hardware.newest(), hardware.now()
             path = PathCheck(self.settings.model, self.settings.kinematics, self.settings.table)
             for key, share in shares.items():
@@ -245,7 +246,7 @@ class Arm:
         try:
             confirmed = self.hardware.stop(why)
         finally:
-            self.lessons.abandon()
+            self.teach_mode.abandon()
         missing = [name for name in self.settings.model.names if name not in confirmed]
         if missing:
             raise UsageError(f"stopped, but {', '.join(missing)} did not confirm it")
@@ -266,8 +267,8 @@ class Arm:
         Raises:
             HexwireError: Stopped, being taught, or not every joint confirmed it.
         """
-        with self.lessons.power:
-            self.lessons.refuse()
+        with self.teach_mode.power:
+            self.teach_mode.refuse()
             switch_torque(self.hardware, on, self._all_joints())
         return f"torque is {'on' if on else 'off'}"
 
@@ -290,21 +291,21 @@ class Arm:
         """Take the torque away and take down where a hand leads the arm. Somebody must hold it.
 
         Raises:
-            HexwireError: As `Lessons.start`, or somebody else has the arm.
+            HexwireError: As `TeachMode.start`, or somebody else has the arm.
         """
         names = self._all_joints()
         with self._alone():
-            self.lessons.start(names)
+            self.teach_mode.start(names)
         return f"teaching {', '.join(names)}; they have no torque"
 
     def teach_stop(self) -> str:
         """End teaching; joints that had torque before hold where they are now.
 
         Raises:
-            HexwireError: As `Lessons.stop`, or somebody else has the arm.
+            HexwireError: As `TeachMode.stop`, or somebody else has the arm.
         """
         with self._alone():
-            return self.lessons.stop()
+            return self.teach_mode.stop()
 
     def teach_play(self) -> str:
         """Go to where what was taught begins, follow it, and wait for its end.
@@ -312,7 +313,7 @@ class Arm:
         Raises:
             HexwireError: Nothing was taught, or it cannot be followed.
         """
-        taught = self.lessons.taught
+        taught = self.teach_mode.taught
         if taught is None:
             raise UsageError("nothing was taught since the node started")
         with self._alone():
@@ -371,7 +372,7 @@ class Arm:
             raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
         ways: dict[str, Trajectory] = {}
         with self.hardware.locked():
-            self.lessons.refuse()
+            self.teach_mode.refuse()
             state, now = self.hardware.newest(), self.hardware.now()
             for key, controller in self.controllers.items():
                 joints = controller.joints
@@ -397,10 +398,13 @@ class Arm:
         try:
             with hardware.locked():
                 for key, way in ways.items():
-                    self.controllers[key].follow(way, state, hardware.now(), listener=waiter)
+                    tolerances = self.controllers[key].settings.tolerances
+                    tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
+                    self.controllers[key].follow(way, state, hardware.now(), listener=waiter, tolerances=tolerances)
             hardware.hurry()
             hardware.deliver()
-            waiter.wait(max(way.duration for way in ways.values()) + _GRACE)
+            # The controllers judge the arrival; this is for an owner that judges nothing any more.
+            waiter.wait(max(way.duration for way in ways.values()) + 2.0 * _GRACE)
         finally:
             # If one fails, or nobody waits any more, the others must not go on.
             with hardware.locked():

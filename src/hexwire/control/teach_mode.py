@@ -7,29 +7,49 @@ otherwise: that is the owner's business, who asks here first.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.errors import HexwireError, UsageError
 
-from .power import switch_torque
+from .power import give_torque, switch_torque
 from .teaching import Teacher, save, tolerance_of
 
 if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
     from hexwire.motion.teach import Taught
 
     from .owner import RobotOwner
 
-__all__ = ["Lessons"]
+__all__ = ["TeachMode", "hand_guided"]
 
 _TREMOR = 0.1
 """Seconds to either side over which taught positions are smoothed."""
 
 
-class Lessons:
+@contextmanager
+def hand_guided(robot: RobotDriver, *, limp: bool = False) -> Iterator[None]:
+    """In this context the joints have no torque, so that a hand can lead the arm. Somebody must hold it.
+
+    Args:
+        robot: Attached, and nobody else's.
+        limp: Leave the torque off at the end; else the joints hold where they are then.
+
+    Raises:
+        ServoError: A joint got no torque at the end.
+    """
+    robot.torque(False)
+    try:
+        yield
+    finally:
+        if not limp:
+            give_torque(robot, robot.model.names, robot.read())
+
+
+class TeachMode:
     """What hands teach an arm. Any thread may call these; `start` and `stop` one at a time.
 
     Args:
