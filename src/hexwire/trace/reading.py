@@ -151,8 +151,8 @@ class Reader:
             name = "frame" if self.line == "host" else "packet"
             return Reading("bad", *place, f"bad {name}: {piece.problem}", data, time, "", piece.problem)
         if piece.kind == "packet":
-            return self._packet(Reading("packet", *place, "", data, time))
-        return self._frame(Reading("frame", *place, "", data, time), piece.kind == "cooked")
+            return self._packet(place, data, time)
+        return self._frame(place, data, time, piece.kind == "cooked")
 
     # -- finding ------------------------------------------------------------------------------------
 
@@ -239,8 +239,7 @@ class Reader:
 
     # -- pairing ------------------------------------------------------------------------------------
 
-    def _frame(self, found: Reading, cooked: bool) -> Reading:
-        data = found.data
+    def _frame(self, place: tuple[Any, int, int], data: bytes, time: float, cooked: bool) -> Reading:
         dialect, seq, cmd, ext = data[33], data[34], data[38], data[39]
         reply, report = dialect == 2 and ext & 0x80, dialect == 2 and ext & 0x40
         src, dst = _i32(data, 16), _i32(data, 20)
@@ -254,20 +253,19 @@ class Reader:
         if dialect == 1 and 0 <= data.find(TAIL, 4) < len(data) - 2:
             text += MARKER
         text += ICRNL if cooked else ""
-        found = found._replace(
-            text=text, words=words + hazard, answer=from_board, answers=asked[0] if asked else None
-        )
+        before = asked[0] if asked else None
+        found = Reading("frame", *place, text, data, time, words + hazard, "", from_board, before)
         if not from_board and (reply or not report) and not (dialect == 1 and cmd == CMD_SYNC_WRITE):
             self._asked[slot] = (found, body[2:] if cmd == CMD_TRANSACT else body)
         return found
 
-    def _packet(self, found: Reading) -> Reading:
+    def _packet(self, place: tuple[Any, int, int], data: bytes, time: float) -> Reading:
         asked = self._asked.get("bus")
-        words, answer, hazard = self._servo_words(found.data, asked[1] if asked else None, "bus", None)
+        words, answer, hazard = self._servo_words(data, asked[1] if asked else None, "bus", None)
         text, before = words + hazard, asked[0] if answer and asked else None
-        found = found._replace(text=text, words=text, answer=answer, answers=before)
+        found = Reading("packet", *place, text, data, time, text, "", answer, before)
         if not answer:
-            self._asked["bus"] = (found, found.data)
+            self._asked["bus"] = (found, data)
         elif asked and asked[1][4] != SYNC_READ:
             del self._asked["bus"]
         return found
