@@ -153,9 +153,11 @@ def _move(
     view: View,
 ) -> str:
     """Torque on, there and back; returns the summary."""
+    from hexwire.control.arrival import Arrival, Tolerance, Verdict
     from hexwire.control.loop import RateLoop
     from hexwire.model.state import JointTarget
     from hexwire.motion.trajectory import Quintic
+    from hexwire.motion.waypoints import Sample as MotionSample
 
     model = robot.model
     safety = ", and off by itself if we fall silent"
@@ -187,20 +189,18 @@ def _move(
         cycle(t)
     # Where the line or the machine is slow, the cycle that would have sent the end may have been skipped.
     robot.write(JointTarget.of(dict(zip(model.names, start, strict=True)), loop.period))
-    for _ in RateLoop(rate).ticks(max(_SETTLE, 3 * loop.period)):
-        if not _away(cycle(2 * leg), start):
+    rest = (0.0,) * len(start)
+    tolerance = dict.fromkeys(model.names, Tolerance(_BACK_WITHIN))
+    arrival = Arrival(tolerance, robot.now(), max(_SETTLE, 3 * loop.period), early=True)
+    for _ in RateLoop(rate).ticks():
+        position = cycle(2 * leg).position
+        verdict = arrival.judge(robot.now(), model.names, MotionSample(start, rest, rest), position, rest)
+        if verdict is Verdict.ARRIVED:
             break
-    else:
-        raise ServoError(f"the arm did not come back to where it started: {_away(cycle(2 * leg), start)}")
+        if verdict is Verdict.MISSED:
+            off = ", ".join(f"{row.joint} by {math.degrees(row.by):.1f} deg" for row in arrival.off)
+            raise ServoError(f"the arm did not come back to where it started: {off}")
     return _summary(robot, loop, before)
-
-
-def _away(state: JointState, pose: tuple[float, ...]) -> str:
-    """The joints that are not at `pose`, in words."""
-    off = zip(state.names, state.position, pose, strict=True)
-    return ", ".join(
-        f"{name} by {math.degrees(abs(a - b)):.1f} deg" for name, a, b in off if not abs(a - b) < _BACK_WITHIN
-    )
 
 
 def _summary(robot: Hex7BotDriver, loop: RateLoop, before: dict[str, int]) -> str:
