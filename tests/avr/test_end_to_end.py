@@ -51,7 +51,8 @@ def test_the_command_line() -> None:
         assert probe.returncode == 0, probe.stderr
         assert json.loads(probe.stdout)["firmware"] == VERSION
         assert hexwire("torque", "on", "--port", board.path).returncode == 0
-        moved = hexwire("move", "J4=10", "--wait", "--tolerance", "0.3", "--port", board.path)
+        # Short: the simulated chip is slow on a busy machine, and the command waits two seconds more than this.
+        moved = hexwire("move", "J4=10", "--wait", "--duration", "0.3", "--tolerance", "0.3", "--port", board.path)
         assert moved.returncode == 0, moved.stderr
         state = hexwire("state", "--port", board.path, "--json")
         joints = {joint["name"]: joint for joint in json.loads(state.stdout)["joints"]}
