@@ -252,7 +252,7 @@ def test_the_other_kind_of_device(machine: Machine) -> None:
 def test_a_servo_bus_at_another_rate_where_a_board_was_meant(machine: Machine, baud: int) -> None:
     (bad,) = machine.run("--port", machine.bus(baud=baud)).bad
     assert f"is a servo bus (servos 1, 2, 3, 4, 5, 6 answer at {baud} baud)" in bad["text"]
-    assert f"--robot so101 --baud {baud}, or look with `hexwire bus scan --baud {baud}`" in bad["text"]
+    assert f"--robot so101 --baud {baud}, or try `hexwire bus scan --baud {baud}`" in bad["text"]
 
 
 def test_a_port_in_use(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,7 +123,7 @@ def test_with_tls_only_clients_of_the_authority_command_it(tmp_path: Path) -> No
         (("--robot", "puma260", "state", "--dialect", "1", "--port", "udp://127.0.0.1:9"), 2, "no option dialect"),
         (("--robot", "puma260", "state", "--timeout", "0.1", "--port", "udp://127.0.0.1:9"), 1, "no answer to"),
         (("sim", "puma260", "--tcp", "nowhere"), 2, "the port is missing"),
-        (("sim", "puma260", "--tcp", ":0", "--udp", "0.0.0.0:0"), 2, "name the host that is heard"),
+        (("sim", "puma260", "--tcp", ":0", "--udp", "0.0.0.0:0"), 2, "name the host to accept"),
         (("sim", "puma260", "--ca", "ca.pem", "--tcp", ":0"), 2, "TLS needs --ca, --cert and --key together"),
         (("sim", "puma260", "--peer", "127.0.0.1"), 2, "--peer needs --udp"),
     ],

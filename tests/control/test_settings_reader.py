@@ -104,7 +104,7 @@ def test_all_faults_at_once() -> None:
     ) == [
         "publish_rate: 0 must be above 0 and at most 1000 Hz",
         "wacthdog: unknown, did you mean watchdog?",
-        "port: 'my port' is not a link address: it is empty or has blanks in it",
+        "port: 'my port' is not a link address: it is empty or contains blanks",
         "links: no link set 'C'; use A, B, V1, or a TOML file",
         f"poses/home/J9: no joint 'J9', there are {', '.join(ALL)}",
         "safety/load: -1 must be above 0",

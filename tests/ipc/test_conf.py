@@ -71,16 +71,16 @@ def test_an_empty_file_has_no_channels() -> None:
     [
         ("PUMA CLIENT_TRX JOY_STICK TCP h 1", "1:1", "unknown module_name 'PUMA'"),
         ("# x\nJOY_STICK CLIENT_TRX\n  ROS1_HOST  TCPP h 1", "3:14", "unknown interface 'TCPP'"),
-        ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2 3", "1:42", "'3' is one word too many"),
-        ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2", "1:40", "'2' is one word too many: only a UDP server"),
+        ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2 3", "1:42", "unexpected word '3'"),
+        ("JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1 2", "1:40", "unexpected word '2': only a UDP server"),
         ("JOY_STICK CLIENT_TRX ROS1_HOST\n\n  TCP h 1", "3:3", "an indented line continues a record"),
         (
             "JOY_STICK CLIENT_TRX ROS1_HOST\nROS1_HOST CLIENT_TX JOY_STICK TCP h 1",
             "1:1",
             "ends before its interface",
         ),
-        ("  JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1", "1:3", "start it in the first column"),
-        ("# note\n  JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1", "2:3", "start it in the first column"),
+        ("  JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1", "1:3", "start the line in the first column"),
+        ("# note\n  JOY_STICK CLIENT_TRX ROS1_HOST TCP h 1", "2:3", "start the line in the first column"),
         ("JOY_STICK CLIENT_TX ROS1_HOST TCP h 1\nJOY_STICK CLIENT_TX ROS1_HOST TCP h 1", "2:1", "in line 1"),
     ],
 )

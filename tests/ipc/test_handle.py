@@ -35,7 +35,7 @@ def test_a_configured_handle_takes_everything_from_the_file(tmp_path: Path) -> N
 def test_a_module_that_the_file_does_not_name(tmp_path: Path) -> None:
     file = tmp_path / "ipc_msg.conf"
     file.write_text(CONF.replace("TEMPLATE_ROBOT", "ARM_7BOT_SERIAL_TRX"))
-    with pytest.raises(ConfigError, match=r"no channel of ARM_7BOT_ARDUINO_TRX; the file has .*ROS1_HOST"):
+    with pytest.raises(ConfigError, match=r"no channel for ARM_7BOT_ARDUINO_TRX; the file has .*ROS1_HOST"):
         IpcHandle(ModuleType.ARM_7BOT_ARDUINO_TRX, file).open()
 
 

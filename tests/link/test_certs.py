@@ -75,13 +75,13 @@ def test_a_server_without_hosts_is_called_by_its_name_or_on_loopback(tmp_path: P
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     first = make_authority(tmp_path)
     before = first.key.read_bytes()
-    with pytest.raises(UsageError, match=r"ca\.pem is there already"):
+    with pytest.raises(UsageError, match=r"ca\.pem already exists"):
         make_authority(tmp_path)
     issue_certificate(tmp_path, "arm", "server")
-    with pytest.raises(UsageError, match=r"arm\.pem is there already"):
+    with pytest.raises(UsageError, match=r"arm\.pem already exists"):
         issue_certificate(tmp_path, "arm", "client")
     (tmp_path / "arm.pem").unlink()
-    with pytest.raises(UsageError, match=r"arm\.key is there already"):
+    with pytest.raises(UsageError, match=r"arm\.key already exists"):
         issue_certificate(tmp_path, "arm", "client")
     assert first.key.read_bytes() == before
 
@@ -105,7 +105,7 @@ def test_other_wrong_wishes(tmp_path: Path) -> None:
     make_authority(tmp_path)
     with pytest.raises(UsageError, match="'a b' is neither a host name nor an IP address"):
         issue_certificate(tmp_path, "arm", "server", hosts=["a b"])
-    with pytest.raises(UsageError, match="a client is known by its name"):
+    with pytest.raises(UsageError, match="a client is identified by its name"):
         issue_certificate(tmp_path, "arm", "client", hosts=["arm"])
 
 

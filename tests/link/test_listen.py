@@ -41,8 +41,8 @@ def test_addresses() -> None:
     assert make_link("tcp-listen://:15030").url == "tcp-listen://127.0.0.1:15030", "loopback unless told"
     for url, words in (
         ("tcp-listen://h", "the port is missing"),
-        ("tcp-listen://h:1?timeout=1", "unknown option 'timeout'; tcp-listen:// knows: none"),
-        ("tcp-listen://h:1/x", "has no meaning"),
+        ("tcp-listen://h:1?timeout=1", "unknown option 'timeout'; options of tcp-listen://: none"),
+        ("tcp-listen://h:1/x", "is not allowed"),
     ):
         with pytest.raises(UsageError, match=words):
             make_link(url)
@@ -56,7 +56,7 @@ def test_before_anybody_calls() -> None:
         assert time.monotonic() >= deadline
         assert link.flush_input() == 0
         link.write(b"", 0.0)
-        with pytest.raises(LinkTimeoutError, match="nobody has called yet"):
+        with pytest.raises(LinkTimeoutError, match="no client has connected yet"):
             link.write(b"x", in_a_moment())
         assert link.is_open
 
@@ -93,7 +93,7 @@ def test_a_second_caller_is_hung_up_on_while_the_first_is_served() -> None:
         assert link.read(soon()) == b"1"
         with TcpLink("127.0.0.1", link.listener.port) as second:
             assert link.read(in_a_moment()) == b""
-            with pytest.raises(LinkLostError, match="turns others away"):
+            with pytest.raises(LinkLostError, match="disconnects others"):
                 second.read(soon())
         assert link.listener.refused == 1
         assert "busy with another client" in link.listener.last_refusal

@@ -123,7 +123,7 @@ def test_a_signal_handler_may_close_it_while_it_waits() -> None:
 
 def test_one_port_has_one_listener() -> None:
     with Listener() as listener:
-        with pytest.raises(LinkBusyError, match="listens already"):
+        with pytest.raises(LinkBusyError, match="is already listening"):
             listener.open()
         with pytest.raises(LinkBusyError, match="that port is in use; stop the other program"):
             Listener(port=listener.port).open()
@@ -196,7 +196,7 @@ def test_a_caller_that_left_before_it_was_let_in(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(listener_module, "prepare", left)
         assert listener.accept(in_a_moment()) is None
         assert listener.refused == 1
-        assert listener.last_refusal.endswith("hung up at once")
+        assert listener.last_refusal.endswith("disconnected at once")
 
 
 def test_turning_away_serves_nobody_and_ends() -> None:

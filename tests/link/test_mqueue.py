@@ -79,8 +79,8 @@ def test_addresses() -> None:
         ("mq:///", "is not a queue name"),
         ("mq:///a/b", "is not a queue name"),
         ("mq:///arm?role=boss", "role must be one of client, server, not 'boss'"),
-        ("mq:///arm?depth=0", "depth must be a whole number from 1"),
-        ("mq:///arm?mode=1", "unknown option 'mode'; mq:// knows: role, depth, size, unlink, trust"),
+        ("mq:///arm?depth=0", "depth must be an integer from 1"),
+        ("mq:///arm?mode=1", "unknown option 'mode'; options of mq://: role, depth, size, unlink, trust"),
     ],
 )
 def test_wrong_addresses(url: str, words: str) -> None:
@@ -135,7 +135,7 @@ def test_queues_that_another_user_made_are_not_used(
     assert not link.is_open
     first = name + (".tx" if server else ".rx")
     assert str(caught.value) == (
-        f"{link.url}: queue {first} belongs to {owner}, who could read and write what goes over it; take another "
+        f"{link.url}: queue {first} belongs to {owner}, who could read and write its messages; choose another "
         f"name, or add trust={owner} to the address"
     )
 
@@ -150,14 +150,14 @@ def test_queues_of_one_who_is_trusted_by_name_are_used(name: str, monkeypatch: p
     ):
         client.write(b"hello", soon())
         assert far.read(soon()) == b"hello"
-    with pytest.raises(UsageError, match="trust=no-such-user, and there is no such user"):
+    with pytest.raises(UsageError, match="trust=no-such-user, but there is no such user"):
         QueueLink(name, trust=["no-such-user"]).open()
 
 
 @pytest.mark.parametrize(
     ("mode", "trusted", "words"),
     [
-        (0o666, False, r"\.rx is open to all users \(mode 666\); have it removed, or take another name"),
+        (0o666, False, r"\.rx is open to all users \(mode 666\); have it removed, or choose another name"),
         (0o602, True, r"\.rx is open to all users \(mode 602\)"),
         (0o660, False, r"\.rx is open to a group \(mode 660\)"),
         (0o660, True, ""),
@@ -197,7 +197,7 @@ def test_a_queue_that_is_removed_while_it_is_opened_is_made_anew(
 def test_the_owner_of_an_end_is_named(name: str) -> None:
     with QueueLink(name, server=True), pytest.raises(LinkBusyError) as caught:
         QueueLink(name, server=True).open()
-    assert str(caught.value) == f"mq://{name}?role=server has a server already: this program; close that first"
+    assert str(caught.value) == f"mq://{name}?role=server already has a server: this program; close that first"
 
 
 def test_a_queue_that_exists_keeps_its_own_limits(name: str) -> None:

@@ -46,7 +46,7 @@ def test_schemes_of_other_packages() -> None:
     link = open_link("radio://1?capacity=8192")
     assert link.is_open
     link.close()
-    with pytest.raises(UsageError, match="unknown option 'x'; radio:// knows: capacity"):
+    with pytest.raises(UsageError, match="unknown option 'x'; options of radio://: capacity"):
         make_link("radio://1?x=1")
     with pytest.raises(UsageError, match=r"known: .*radio"):
         make_link("can://can0")

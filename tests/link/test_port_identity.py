@@ -84,8 +84,8 @@ def test_a_link_that_another_user_has_put_where_everybody_may_write(
     if shared:
         for port in (by_name, by_mine, replace(by_name, owner=SOMEBODY)):
             assert why_not(port) == (
-                f"is reached by the link {link}, which user {SOMEBODY} has put into a folder that everybody may "
-                "write to; name the port itself"
+                f"is reached by the link {link}, which user {SOMEBODY} has placed in a folder that everybody may "
+                "write to; use the port's own name"
             )
     else:
         assert why_not(replace(by_name, owner=SOMEBODY)) == ""
@@ -110,7 +110,7 @@ def test_a_terminal_that_a_program_runs_in_is_no_robot(pty: tuple[int, int]) -> 
         assert shell.stdout.readline() == b"ready\n"
         problem = why_not(identify_port(name, os.fstat(slave)))
         assert problem.startswith("is the terminal that ")
-        assert problem.endswith(f"(pid {shell.pid}) runs in, and no robot")
+        assert problem.endswith(f"(pid {shell.pid}) runs in, not a robot")
         shell.communicate(b"")
     assert why_not(identify_port(name, os.fstat(slave))) == ""
 
@@ -127,11 +127,11 @@ def test_our_own_terminal_by_its_other_name() -> None:
         (replace(LINKED, link_made=5_000_000_001), ""),
         (
             replace(LINKED, link_made=4_999_999_999),
-            "is stale: the terminal it leads to was made after the link /tmp/arm",
+            "is stale: the terminal it leads to was created after the link /tmp/arm",
         ),
         (replace(LINKED, link_made=4_000_000_000), ""),  # a file system of whole seconds
         (replace(LINKED, link_made=2_000_000_000), "is stale"),
-        (replace(LINKED, owner=SOMEBODY), f"leads to a terminal of user {SOMEBODY}, and "),
+        (replace(LINKED, owner=SOMEBODY), f"leads to a terminal of user {SOMEBODY}, but "),
         (replace(LINKED, owner=SOMEBODY, link_owner=SOMEBODY), ""),
         (SERIAL, ""),
     ],
@@ -157,12 +157,12 @@ def test_a_bare_terminal_of_another_user(monkeypatch: pytest.MonkeyPatch) -> Non
         (
             replace(SERIAL, usb=MEGA),
             replace(SERIAL, usb=replace(MEGA, serial="B2")),
-            "is another device now: 2341:0042 with serial number B2, and it was 2341:0042 with serial number A1",
+            "is another device now: 2341:0042 with serial number B2 instead of 2341:0042 with serial number A1",
         ),
         (
             replace(SERIAL, usb=UNO),
             replace(SERIAL, usb=MEGA),
-            "is another device now: 2341:0042 with serial number A1, and it was 2341:0043",
+            "is another device now: 2341:0042 with serial number A1 instead of 2341:0043",
         ),
         (replace(SERIAL, usb=MEGA), SERIAL, "is another device now"),
         (SERIAL, SERIAL, ""),
@@ -213,7 +213,7 @@ def test_processes_that_go_or_cannot_be_read_are_passed_over(
     number = (minor & 0xFF) | os.major(port.device) << 8 | (minor & ~0xFF) << 12
     (tmp_path / "5").mkdir()
     (tmp_path / "5" / "stat").write_text(f"5 (a (b) c) S 1 5 5 {number} 5 0\n")
-    assert why_not(port) == "is the terminal that a (b) c (pid 5) runs in, and no robot"
+    assert why_not(port) == "is the terminal that a (b) c (pid 5) runs in, not a robot"
     # One's own counts where the port is a pseudo-terminal, not where one opened a port without care.
     (tmp_path / "5").rename(tmp_path / str(os.getpid()))
     assert why_not(port) != ""

@@ -100,10 +100,13 @@ def test_addresses(lab: Path) -> None:
     assert isinstance(waiting, TcpListenLink)
     assert waiting.url == "tcps-listen://127.0.0.1:5"
     for url, words in (
-        ("tcps://h:5?ca=x&cert=y", r"the option key=FILE is missing; 'hexwire cert new' makes the files"),
-        (f"tcps://h:5?{options}&verify=0", "unknown option 'verify'; tcps:// knows: ca, cert, key, name, timeout"),
+        ("tcps://h:5?ca=x&cert=y", r"the option key=FILE is missing; 'hexwire cert new' creates the files"),
+        (
+            f"tcps://h:5?{options}&verify=0",
+            "unknown option 'verify'; options of tcps://: ca, cert, key, name, timeout",
+        ),
         (f"tcps-listen://:5?{options}&timeout=1", "unknown option 'timeout'"),
-        (f"tcps://h:5/x?{options}", "has no meaning"),
+        (f"tcps://h:5/x?{options}", "is not allowed"),
     ):
         with pytest.raises(UsageError, match=words):
             make_link(url)
@@ -163,10 +166,10 @@ def use_link(link: TcpLink) -> None:
 @pytest.mark.parametrize(
     ("who", "words"),
     [
-        ("other/client", "certificate of the other end is not good: (self-signed|unable to get local issuer)"),
-        ("expired", "certificate of the other end is not good: certificate has expired"),
-        ("early", "certificate of the other end is not good: certificate is not yet valid"),
-        ("server", "certificate of the other end is not good: unsuitable certificate purpose"),
+        ("other/client", "certificate of the other end is not valid: (self-signed|unable to get local issuer)"),
+        ("expired", "certificate of the other end is not valid: certificate has expired"),
+        ("early", "certificate of the other end is not valid: certificate is not yet valid"),
+        ("server", "certificate of the other end is not valid: unsuitable certificate purpose"),
     ],
 )
 def test_clients_that_are_not_let_in(lab: Path, who: str, words: str) -> None:
@@ -222,7 +225,7 @@ def test_a_client_without_a_certificate(lab: Path) -> None:
 @pytest.mark.parametrize(
     ("who", "ca", "words"),
     [
-        ("other/server", "ca", "the certificate of the other end is not good: "),
+        ("other/server", "ca", "the certificate of the other end is not valid: "),
         ("expired-server", "ca", "certificate has expired"),
         ("client", "ca", "unsuitable certificate purpose"),
         ("elsewhere", "ca", "(IP address|Hostname) mismatch"),

@@ -76,10 +76,10 @@ def test_addresses() -> None:
     [
         ("udp://h:0", "the peer's port must be from 1 to 65535"),
         ("udp://h:1?bind=a:b", "must be a number from 0 to 65535, not 'b'"),
-        ("udp://h:1?port=5", "unknown option 'port'; udp:// knows: bind"),
-        ("udp-listen://0.0.0.0:5", "name the host that is heard, as in ?peer=192.168.1.20"),
-        ("udp-listen://10.0.0.1:5?peer=10.0.0.2:7", "is called by udp://10.0.0.2:7?bind="),
-        ("udp-listen://:5/x", "has no meaning"),
+        ("udp://h:1?port=5", "unknown option 'port'; options of udp://: bind"),
+        ("udp-listen://0.0.0.0:5", "name the host to accept, as in ?peer=192.168.1.20"),
+        ("udp-listen://10.0.0.1:5?peer=10.0.0.2:7", "use udp://10.0.0.2:7?bind="),
+        ("udp-listen://:5/x", "is not allowed"),
     ],
 )
 def test_wrong_addresses(url: str, words: str) -> None:
@@ -116,7 +116,7 @@ def test_only_the_peers_host_is_heard_by_the_waiting_side() -> None:
         other.sendto(b"move!", ("127.0.0.1", near.port))
         assert near.read(in_a_moment()) == b""
         assert near.dropped == 1
-        with pytest.raises(LinkTimeoutError, match="has not spoken yet"):
+        with pytest.raises(LinkTimeoutError, match="has not sent anything yet"):
             near.write(b"x", soon())
         assert near.is_open
         assert near.url == f"udp-listen://127.0.0.1:{near.port}?peer=127.0.0.1"
@@ -236,7 +236,7 @@ def test_what_cannot_be_bound_or_reached() -> None:
         UdpLink("127.0.0.1", 9, bind="::1").open()
     with pytest.raises(LinkNotFoundError, match="there is no host"):
         UdpLink("x" * 70, 9).open()
-    with pytest.raises(LinkNotFoundError, match=r"no way to that host \(.*\); check the address and bind="):
+    with pytest.raises(LinkNotFoundError, match=r"no route to that host \(.*\); check the address and bind="):
         UdpLink("192.0.2.7", 9, bind="127.0.0.1").open()
     with UdpListenLink() as near, pytest.raises(LinkBusyError, match="that port is in use"):
         UdpListenLink(port=near.port).open()

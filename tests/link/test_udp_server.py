@@ -93,7 +93,7 @@ def test_other_errors_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_cannot_be_bound() -> None:
-    with pytest.raises(UsageError, match=r"name the host that is heard, as in \?peer=192.168.1.20"):
+    with pytest.raises(UsageError, match=r"name the host to accept, as in \?peer=192.168.1.20"):
         UdpServer("0.0.0.0", 5)
     with pytest.raises(LinkNotFoundError, match="no such address"):
         UdpServer("192.0.2.1", 9, peer="127.0.0.1").open()
@@ -102,7 +102,7 @@ def test_what_cannot_be_bound() -> None:
         server.receive()
     with server:
         assert server.url == f"udp-listen://127.0.0.1:{server.port}?peer=127.0.0.1"
-        with pytest.raises(LinkBusyError, match="listens already"):
+        with pytest.raises(LinkBusyError, match="is already listening"):
             server.open()
         with pytest.raises(LinkBusyError, match="that port is in use"):
             UdpServer(port=server.port).open()

@@ -88,10 +88,10 @@ def test_what_the_file_does_not_name(tmp_path: Path) -> None:
     file = tmp_path / "ipc_msg.conf"
     file.write_text(CHAPTER)
     named = "the file has PUMA260_HOST_IO_TRX, PUMA260_HOST_JNT_CMD_TX"
-    with pytest.raises(ConfigError, match=f"no channel of JOY_STICK; {named}"):
+    with pytest.raises(ConfigError, match=f"there is no channel for JOY_STICK; {named}"):
         Session.from_conf(file, ModuleType.JOY_STICK).open()
     file.write_text(CHAPTER.replace("TCP 192.168.1.175 15030", f"TCP 127.0.0.1 {free_port()}"))
-    with pytest.raises(LinkNotFoundError, match="nobody listens there"):
+    with pytest.raises(LinkNotFoundError, match="no server listens there"):
         Session.from_conf(file, HOST).open()
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         Session.from_conf(tmp_path / "none.conf", HOST).open()

@@ -1,7 +1,7 @@
-"""One channel of `ipc_msg.conf`: what it says, whether that makes sense, and the link it needs.
+"""One channel of `ipc_msg.conf`: its fields, their validation, and the link it needs.
 
-Owns the meaning that both forms of the file share, and the wording of its errors. Must not know how a file is
-written, nor open a link.
+Owns the meaning shared by both formats of the file, and the wording of its errors. Must not know the file formats,
+nor open a link.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MODULES = {module.name: module for module in ModuleType if module is not ModuleT
 
 
 class Direction(enum.Enum):
-    """Who opens the channel and which way it carries data."""
+    """Which side opens the channel, and in which direction it carries data."""
 
     CLIENT_TX = "CLIENT_TX"
     CLIENT_RX = "CLIENT_RX"
@@ -40,17 +40,17 @@ class Direction(enum.Enum):
 
     @property
     def is_server(self) -> bool:
-        """The module waits to be called."""
+        """Whether the module listens."""
         return self.value.startswith("SERVER")
 
     @property
     def sends(self) -> bool:
-        """The module sends on this channel."""
+        """Whether the module sends on this channel."""
         return self.value.endswith(("_TX", "_TRX"))
 
     @property
     def receives(self) -> bool:
-        """The module receives on this channel."""
+        """Whether the module receives on this channel."""
         return self.value.endswith(("_RX", "_TRX"))
 
 
@@ -65,8 +65,8 @@ class ChannelConf:
         interface: Queue, TCP, UDP or serial.
         address: Host, device path or queue name; for a server the address to bind.
         port: TCP or UDP port; baud rate of a serial port; None for a queue.
-        peer: Host that a UDP server listens to; user whose queue is trusted besides one's own; else empty.
-        line: Line of the file it starts on; 0 if it came from elsewhere. Does not count when comparing.
+        peer: Host that a UDP server accepts; user whose queue is trusted besides this user's own; otherwise empty.
+        line: Line of the file where it starts; 0 if it does not come from a file. Ignored in comparisons.
     """
 
     module: ModuleType
@@ -81,7 +81,7 @@ class ChannelConf:
 
 @dataclass(frozen=True)
 class Cell:
-    """A word of the file and where it stands, both from 1."""
+    """A word of the file and its line and column, both from 1."""
 
     text: str
     line: int
@@ -89,7 +89,7 @@ class Cell:
 
 
 class Record:
-    """The words of one channel by column name; every complaint about them comes from here."""
+    """The words of one channel by column name; all errors about them are made here."""
 
     def __init__(self, cells: Mapping[str, Cell], start: Cell, file: str) -> None:
         self.cells = cells
@@ -133,22 +133,20 @@ class Record:
         direction = Direction(self.one_of("direction", (member.value for member in Direction)))
         destination = MODULES[self.one_of("destination_module", MODULES)]
         interface = IpcType[self.one_of("interface", (member.name for member in IpcType))]
-        address, port, peer = self._way(interface, direction)
+        address, port, peer = self._endpoint(interface, direction)
         return ChannelConf(module, direction, destination, interface, address, port, peer, self.start.line)
 
-    def _way(self, interface: IpcType, direction: Direction) -> tuple[str, int | None, str]:
-        """Address, port and peer, by what the interface needs."""
+    def _endpoint(self, interface: IpcType, direction: Direction) -> tuple[str, int | None, str]:
+        """Address, port and peer, as the interface requires."""
         listens = interface is IpcType.UDP and direction.is_server
         if "peer" in self.cells and not listens and interface is not IpcType.QUEUE:
-            raise self.error(
-                "peer", f"{self.text('peer')!r} is one word too many: only a UDP server names its peer"
-            )
+            raise self.error("peer", f"unexpected word {self.text('peer')!r}: only a UDP server names its peer")
         if interface is IpcType.QUEUE:
             name = self.text("address")
             if not _QUEUE.fullmatch(name):
                 raise self.error("address", f"bad address {name!r}: a queue is named by letters, digits, . _ and -")
             if "port" in self.cells:
-                raise self.error("port", f"a queue has no port; {self.text('port')!r} is one word too many")
+                raise self.error("port", f"a queue has no port; unexpected word {self.text('port')!r}")
             if "peer" in self.cells and not _USER.fullmatch(self.text("peer")):
                 raise self.error("peer", f"bad user {self.text('peer')!r}: trust takes the name of one user")
             return name, None, self.text("peer")
@@ -166,7 +164,7 @@ class Record:
         if listens and not peer and not is_loopback(host):
             raise self.error(
                 "address",
-                f"a UDP server on {host} must name the host it listens to, in a column behind the port",
+                f"a UDP server on {host} must name the host it accepts, in a column after the port",
             )
         return host, port, peer
 
@@ -180,7 +178,7 @@ def _is_address(text: str) -> bool:
 
 
 def make_channels(records: list[Record]) -> list[ChannelConf]:
-    """Make the channels and check them against each other."""
+    """Create the channels and check them against each other."""
     channels: list[ChannelConf] = []
     taken: dict[tuple[object, ...], ChannelConf] = {}
     for record in records:
@@ -202,7 +200,7 @@ def make_channels(records: list[Record]) -> list[ChannelConf]:
 
 
 def link_url(channel: ChannelConf) -> str:
-    """The address of the link that a channel needs, for `make_link`."""
+    """URL of the link that a channel needs, for `make_link`."""
     listen = channel.direction.is_server
     if channel.interface is IpcType.SERIAL:
         return f"serial://{quote(channel.address)}?baud={channel.port}"
@@ -217,7 +215,7 @@ def link_url(channel: ChannelConf) -> str:
 
 
 def rows_of(channels: Iterable[ChannelConf]) -> list[dict[str, str | int]]:
-    """What a writer of either form writes: for each channel its fields, in order, under their TOML keys."""
+    """The fields of each channel in order, by their TOML keys, for the writers of both formats."""
     rows = []
     for channel in channels:
         row: dict[str, str | int] = {

@@ -1,15 +1,15 @@
-"""`ipc_msg.conf`: which module talks to which over what channel.
+"""`ipc_msg.conf`: the modules and the channels between them.
 
-Owns the chapter's columns and the choice between the two forms of the file. What a channel means is
-`hexwire.ipc.channel`'s; the TOML form is `hexwire.ipc.conf_toml`'s.
+Owns the chapter's columns and the choice between the two formats of the file. `hexwire.ipc.channel` owns the
+meaning of a channel, `hexwire.ipc.conf_toml` the TOML format.
 
-The chapter's form (PROTOCOL.md, the section on `ipc_msg.conf`)::
+The chapter's format (PROTOCOL.md, the section on `ipc_msg.conf`)::
 
     # module_name   direction   destination_module  interface  address         [port]
     ARM_7BOT_SERIAL_TRX  CLIENT_TRX  ARM_7BOT_ARDUINO_TRX  SERIAL  /dev/ttyUSB0  115200
 
-A record starts in the first column and goes on in indented lines; so does a comment. For SERIAL the port number
-is the baud rate. A UDP server that is not on loopback names the host it listens to in one more column.
+A record starts in the first column and continues on indented lines; so does a comment. For SERIAL the port number
+is the baud rate. A UDP server that is not on loopback names the host it accepts in one more column.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ _TRUST = "trust="
 
 
 def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
-    """Read the chapter's form.
+    """Parse the chapter's format.
 
     Args:
         text: Contents of the file.
         file: Its name, for errors.
 
     Raises:
-        ConfigError: With file, line and column: an unknown name, a bad address or port, a word too many, a record
-            that ends early, two channels that exclude each other.
+        ConfigError: With file, line and column: an unknown name, a bad address or port, an unexpected word, a
+            record that ends early, two channels that exclude each other.
     """
     records: list[list[Cell]] = []
     open_record: list[Cell] | None = None
@@ -61,7 +61,7 @@ def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
             continue
         cells = _cells(line, number)
         if not cells:
-            # A comment of its own ends nothing: it may stand inside a record.
+            # A comment line ends nothing: it may be inside a record.
             after_comment = True
         elif not line[0].isspace():
             open_record, after_comment = cells, False
@@ -69,10 +69,10 @@ def parse_conf(text: str, file: str = "") -> list[ChannelConf]:
         elif open_record is not None and (not after_comment or len(open_record) < NEEDED):
             open_record.extend(cells)
         elif after_comment and cells[0].text not in MODULES:
-            pass  # the comment goes on, as in the chapter's own file
+            pass  # the comment continues, as in the chapter's own file
         else:
             raise ConfigError(
-                "an indented line continues a record, and there is none; start it in the first column",
+                "an indented line continues a record, but there is none; start the line in the first column",
                 file=file,
                 line=number,
                 column=cells[0].column,
@@ -89,20 +89,20 @@ def _from_columns(cells: list[Cell], file: str) -> Record:
     named = dict(zip(COLUMNS, cells, strict=False))
     port = named.get("port")
     if port is not None and named["interface"].text == IpcType.QUEUE.name and port.text.startswith(_TRUST):
-        # A queue has no port; what stands there may say whose queue it may be.
+        # A queue has no port; this column may name a trusted user instead.
         named.pop("port")
         named["peer"] = Cell(port.text.removeprefix(_TRUST), port.line, port.column + len(_TRUST))
     record = Record(named, cells[0], file)
     if len(cells) > len(COLUMNS):
         extra = cells[len(COLUMNS)]
-        raise ConfigError(f"{extra.text!r} is one word too many", file=file, line=extra.line, column=extra.column)
+        raise ConfigError(f"unexpected word {extra.text!r}", file=file, line=extra.line, column=extra.column)
     return record
 
 
 def load_conf(path: str | Path) -> list[ChannelConf]:
-    """Read a configuration file of either form.
+    """Read a configuration file in either format.
 
-    A name that ends in ``.toml`` is TOML, and so is a file whose first line of substance starts with ``[``.
+    A file is TOML if its name ends in ``.toml`` or its first line that is not empty or a comment starts with ``[``.
 
     Raises:
         ConfigError: The file cannot be read or is wrong.
@@ -116,7 +116,7 @@ def load_conf(path: str | Path) -> list[ChannelConf]:
 
 
 def to_conf(channels: Iterable[ChannelConf]) -> str:
-    """Write the chapter's form; `parse_conf` reads the same channels back."""
+    """Write the chapter's format; `parse_conf` reads the same channels back."""
     table = [["# module_name", *COLUMNS[1:5], "[port]"]]
     table += [
         [f"{_TRUST}{value}" if key == "trust" else str(value) for key, value in row.items()]

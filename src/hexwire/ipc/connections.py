@@ -1,7 +1,7 @@
-"""The session machine for a channel: made as its link needs it.
+"""Creates the session machine that fits the link of a channel.
 
-Owns what follows from the kind of link: the longest frame, and over datagrams the random numbers of a conversation
-and the question who is there. Must not know how bytes travel, nor what is asked then.
+Owns the consequences of the kind of link: the longest frame, and over datagrams the random numbers and the IDENTIFY
+requests of a conversation. Must not know how bytes are transported, nor the requests that follow.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from .handle import IpcHandle
 
 __all__ = ["Introduction", "host_connection", "random_number"]
 
-# Seconds between two questions who is there: before the answer, and after it.
+# Seconds between two IDENTIFY requests: before the answer, and after it.
 _ASK_FIRST, _ASK_AGAIN = 0.1, 0.5
 
 
 def random_number() -> int:
-    """A number from 0 to 2**31 - 1 that nobody can foresee, for a conversation over datagrams."""
+    """An unpredictable number from 0 to 2**31 - 1, for a conversation over datagrams."""
     return int.from_bytes(os.urandom(4), "little") >> 1
 
 
@@ -54,13 +54,13 @@ def host_connection(
 
 
 class Introduction:
-    """Asks who is there again and again, for a sender over datagrams that waits for nobody."""
+    """Sends IDENTIFY periodically, for a sender over datagrams that does not wait for answers."""
 
     def __init__(self) -> None:
         self._asked = -math.inf
 
     def ask(self, connection: Connection, now: float) -> None:
-        """Ask if that was not done of late, so that an other end that was started anew is found."""
+        """Send IDENTIFY if the last one is old enough, so that a restarted peer is found."""
         pause = _ASK_AGAIN if connection.in_conversation else _ASK_FIRST
         if now - self._asked >= pause:
             self._asked = now

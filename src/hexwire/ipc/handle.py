@@ -1,7 +1,7 @@
 """The chapter's `IpcHandle`: one channel of one module, named by a configuration file or a URL.
 
-Owns the choice of the link and who is at its two ends. Opening is `open()`; building a handle does no I/O.
-Must not know frames or commands.
+Owns the choice of the link and the modules at its two ends. `open()` opens it; creating a handle does no I/O. Must
+not know frames or commands.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _TYPE_OF_SCHEME = {
 
 
 class IpcHandle:
-    """A channel that is named but not yet open.
+    """A channel that has a name and is not open yet.
 
     Args:
         module: Our module on this channel.
@@ -57,10 +57,10 @@ class IpcHandle:
         module: ModuleType = ModuleType.ARM_7BOT_SERIAL_TRX,
         destination: ModuleType = ModuleType.ARM_7BOT_ARDUINO_TRX,
     ) -> Self:
-        """A channel over the link that `url` names, as in ``serial:///dev/ttyUSB0?baud=115200``.
+        """A channel over the link that `url` names, such as ``serial:///dev/ttyUSB0?baud=115200``.
 
         Raises:
-            UsageError: The URL makes no sense; the text names the part.
+            UsageError: The URL is invalid; the text names the wrong part.
         """
         from hexwire.link.open import make_link
 
@@ -73,7 +73,7 @@ class IpcHandle:
         module: ModuleType = ModuleType.ARM_7BOT_SERIAL_TRX,
         destination: ModuleType = ModuleType.ARM_7BOT_ARDUINO_TRX,
     ) -> Self:
-        """A channel over a link that exists already."""
+        """A channel over an existing link."""
         handle = cls.__new__(cls)
         handle.module = module
         handle.destination = destination
@@ -84,7 +84,7 @@ class IpcHandle:
 
     @property
     def link(self) -> Link:
-        """The link; with a configuration file, the file is read at the first use.
+        """The link; a configuration file is read at the first use.
 
         Raises:
             ConfigError: The file cannot be read, is wrong, or does not name this module.
@@ -95,7 +95,7 @@ class IpcHandle:
 
     @property
     def keeps_messages(self) -> bool:
-        """Whether the link is known and keeps message boundaries."""
+        """Whether the link is known and preserves message boundaries."""
         return self._link is not None and self._link.kind is LinkKind.DATAGRAM
 
     def open(self) -> None:
@@ -122,7 +122,7 @@ class IpcHandle:
                 return make_link(link_url(channel))
         named = ", ".join(sorted({module_name(c.module) for c in channels})) or "none"
         raise ConfigError(
-            f"no channel of {module_name(self.module)}; the file has {named}", file=str(self._conf_file)
+            f"there is no channel for {module_name(self.module)}; the file has {named}", file=str(self._conf_file)
         )
 
     def __enter__(self) -> Self:

@@ -1,12 +1,12 @@
-"""The chapter's `Session`: a link joined to a connection.
+"""The chapter's `Session`: a link and a connection.
 
-Owns the loop that moves bytes between the two, who may use the line when, and what happens when the port goes
-away. It adds and removes the session header through its `Connection`, which owns serial numbers, matching and
-retries. Must not know joints, servos or units.
+Owns the loop that moves bytes between the two, the order in which callers use the line, and the behaviour when the
+port is lost. It adds and removes the session header through its `Connection`, which owns serial numbers, matching
+and retries. Must not know joints, servos or units.
 
-One caller at a time drives the line. A second thread waits its turn, but for an urgent request (a stop), which
-interrupts the one that is waiting. What was called before a stop and is not a mere question is not sent after it,
-whoever sent the stop and however: `epochs` tells which calls that are.
+One caller at a time drives the line. A second thread waits for its turn, except for an urgent request (a stop),
+which interrupts the waiting one. A request made before a stop is not sent after it unless it only reads, whatever
+the origin of the stop: `epochs` decides which calls are affected.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ __all__ = ["Session"]
 _log = logging.getLogger(__name__)
 
 _LOOK = 1.0
-"""Seconds after which a wait looks up: a signal handler may have voided what it waits for."""
+"""Seconds after which a wait checks again: a signal handler may have cancelled its request."""
 _KEPT_RTTS = 8192
 _VOIDED = 3
-"""How often a question is put again that a stop or the watchdog of the board has made void there."""
+"""How often a read is repeated after a stop or the watchdog has cancelled it on the board."""
 _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
 _PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
@@ -64,16 +64,17 @@ class Session(SessionLine):
         dst: The peer's module id; the channel's if None.
         type: Kind of channel, as in the chapter's constructor; the channel's if None.
         policy: Deadlines and retries.
-        reconnect: What to do when the port goes away.
+        reconnect: What to do when the port is lost.
         clock: Monotonic seconds; must be the clock of the link's deadlines.
         wall: Seconds since 1970 for the header's time stamps.
 
     Attributes:
         connection: The state machine, with its counters.
         negotiated: The outcome of the last negotiation, or None.
-        generation: Grows with every reconnection; a driver compares it to see that the board may be another.
-        board_restarts: Resets of the board that showed in its frame counter, the port being open.
-        epochs: The stops, and what they void.
+        generation: Grows with every reconnection; a driver compares it, since the board may be a different one.
+        reconnects: Number of reconnections.
+        board_restarts: Number of board resets seen in its frame counter while the port was open.
+        epochs: The stops, and the calls that they cancel.
         rtts: Round-trip times of the last answers, seconds.
     """
 
@@ -124,7 +125,7 @@ class Session(SessionLine):
     # -- opening and closing ------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the channel. The board is not spoken to; see `negotiate`.
+        """Open the channel. Nothing is sent to the board; see `negotiate`.
 
         Raises:
             LinkError: As `Link.open`.
@@ -137,7 +138,7 @@ class Session(SessionLine):
         self.ipc.open()
         clock = self._clock or getattr(self.ipc.link, "clock", None) or time.monotonic
         self._now = clock
-        # A link in simulated time brings a clock that can sleep.
+        # A link in simulated time has a clock that can sleep.
         self._sleep = getattr(clock, "sleep", time.sleep)
         self._sn = self.connection.sn
         self._datagrams = self.ipc.keeps_messages
@@ -160,7 +161,7 @@ class Session(SessionLine):
 
     @property
     def dialect(self) -> int:
-        """Dialect that requests are sent in."""
+        """Dialect of the requests."""
         return self.connection.dialect
 
     def negotiate(
@@ -171,18 +172,18 @@ class Session(SessionLine):
         dialect: int | None = None,
         look: bool = True,
     ) -> Negotiated:
-        """Find out which dialect the board speaks; waits for a board that is booting.
+        """Find out the dialect of the board; waits for a board that is booting.
 
         Args:
-            boot_window: Seconds to go on asking.
+            boot_window: Seconds to keep asking.
             ping_ids: Servos to ping in dialect 1.
             dialect: Ask only in this dialect.
-            look: When the first questions find no ear, look whether this is a servo bus. That takes a tenth of a
-                second, once; a board that was here before is not kept waiting by it.
+            look: If the first requests get no answer, test for a servo bus. That takes a tenth of a second, once;
+                it is skipped if a board has answered before.
 
         Raises:
             WrongDeviceError: This is a servo bus.
-            ReplyTimeoutError: Nobody answers; the text says what that may mean.
+            ReplyTimeoutError: There is no answer; the text gives possible reasons.
         """
         with self._turn.taken():
             self._negotiation = (boot_window, ping_ids, dialect)
@@ -202,7 +203,7 @@ class Session(SessionLine):
                 if negotiator.outcome.servo_id is not None:
                     raise is_servo_bus(self.ipc.link.url, [negotiator.outcome.servo_id])
                 if look and negotiator.outcome.frames == negotiator.outcome.echoes:
-                    # Its supply may have come on since, or the machine stalled when we looked first.
+                    # The servos may have been switched on since, or the machine stalled during the first test.
                     self._look_for_servos()
                 raise negotiator.outcome.as_error(self.ipc.link.url)
             self.negotiated = negotiator.outcome
@@ -216,7 +217,7 @@ class Session(SessionLine):
         if servo_ids:
             raise is_servo_bus(self.ipc.link.url, servo_ids)
 
-    # -- asking -------------------------------------------------------------------------------------
+    # -- requests -----------------------------------------------------------------------------------
 
     def request(
         self,
@@ -229,27 +230,27 @@ class Session(SessionLine):
         repeatable: bool = False,
         guard: Callable[[], None] | None = None,
     ) -> Reply:
-        """Ask and wait for the answer. The status is the caller's to look at.
+        """Send a request and wait for the answer. The caller must check the status.
 
-        A command that stops the arm is urgent by itself and voids what was called before it. What acts and was
-        called before a stop is not sent after it.
+        A command that stops the arm is always urgent and cancels earlier calls. A call that acts and was made
+        before a stop is not sent after it.
 
-        Over datagrams, if nobody has said who is there yet, that is asked first.
+        Over datagrams, IDENTIFY is sent first if no conversation exists yet.
 
         Args:
             cmd: Command code.
             body: Its body; in dialect 1 a servo packet.
             window: Seconds to wait for each answer; the policy's if None.
-            attempts: How often to send; the policy's if None.
+            attempts: Maximum number of transmissions; the policy's if None.
             urgent: Go first, and interrupt a request that waits in another thread.
-            repeatable: Send it again after a reconnection. Never for what moves an arm.
-            guard: Called when it is this request's turn, before anything is sent; refuses it by raising.
+            repeatable: Send it again after a reconnection. Never for a request that moves an arm.
+            guard: Called when it is this request's turn, before anything is sent; raises to refuse it.
 
         Raises:
             ReplyTimeoutError: No answer.
-            LinkLostError: The port went away; if it came back, the text says that this was not repeated.
-            StoppedError: A stop came, or is under way; this was not sent.
-            PreemptedError: A stop took the line; this was sent and may have been done before the stop.
+            LinkLostError: The port was lost; if it came back, the text says that the request was not repeated.
+            StoppedError: A stop came first, or is in progress; the request was not sent.
+            PreemptedError: A stop took the line; the request was sent and may have been executed before the stop.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
         effect = effect_of(self.connection.dialect, cmd, body)
@@ -267,8 +268,8 @@ class Session(SessionLine):
             reply = self._request(cmd, body, window, attempts, effect, urgent, repeatable, guard, token)
         except PreemptedError:
             if effect is Effect.RESUME and self.epochs.stopped_by_this_thread:
-                # A signal handler may stop the arm when the bytes are about to leave and nothing holds them any
-                # more. They came after the stop then, and ended it.
+                # A signal handler may stop the arm at the moment when the bytes can no longer be held back. They
+                # then arrive after the stop and end it, so stop again.
                 self.request(*self._stop, repeatable=True)
             raise
         for _ in range(_VOIDED):
@@ -294,7 +295,7 @@ class Session(SessionLine):
         self._turn.begin(self.ipc.link.wake if urgent else None)
         try:
             if urgent:
-                # What waits for an answer is not sent again behind a stop; nor is what has not left yet.
+                # Requests that wait for an answer, or have not been sent yet, must not be sent after a stop.
                 self.connection.void()
             while True:
                 if token is not None:
@@ -305,7 +306,9 @@ class Session(SessionLine):
                     if self._datagrams and cmd != Command.IDENTIFY and not self.connection.in_conversation:
                         asked = self.connection.request(Command.IDENTIFY, b"", self.now(), urgent=urgent)
                         self._await(asked, Command.IDENTIFY, Effect.NONE, urgent, token)
-                    if self.connection.dialect == tables.PROTO_CHAPTER:  # what came unread answers nothing to come
+                    if (
+                        self.connection.dialect == tables.PROTO_CHAPTER
+                    ):  # bytes received before cannot be its answer
                         self.connection.receive(self.ipc.link.read(self._now()), self._now())
                     ticket = self.connection.request(
                         cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
@@ -322,14 +325,14 @@ class Session(SessionLine):
             self._turn.end()
 
     def send(self, cmd: int, body: bytes = b"") -> None:
-        """Send a frame and do not wait for an answer; one that comes is thrown away.
+        """Send a frame without waiting for an answer; an answer is discarded.
 
-        Over datagrams it is sent only if the other end has said who it is. It is asked again and again by the way,
-        so that one that was started anew is found; until it answers, what is sent is lost.
+        Over datagrams it is sent only in a conversation. IDENTIFY is also sent periodically, so that a restarted
+        peer is found; until it answers, frames are lost.
 
         Raises:
-            LinkError: The line takes nothing.
-            StoppedError: As `request`. A stop that is sent so is not confirmed: all is refused until a resume.
+            LinkError: The line accepts no bytes.
+            StoppedError: As `request`. A stop sent like this is not confirmed: all is refused until a resume.
         """
         effect = effect_of(self.connection.dialect, cmd, body)
         if effect is Effect.STOP:
@@ -371,15 +374,15 @@ class Session(SessionLine):
         connection, epochs = self.connection, self.epochs
         try:
             if connection.dialect != tables.PROTO_CHAPTER and not self._turn.urgent_waiting:
-                # Nothing can have happened yet: the usual case is one step, and the answer is there.
+                # Nothing can have happened yet. Usually the answer arrives in this one step.
                 self._step(self._now() + _LOOK, token)
             while True:
                 while (event := connection.next_event()) is not None:
                     if event.__class__ is Reply and event.ticket == ticket:
                         if token is not None and event.frame is None:
-                            # Never answered: it counts as done, and leaves only now.
+                            # It is never answered: it counts as done, but is only sent now.
                             epochs.check(token, command_name(cmd))
-                        # What is never answered counts as done when it is sent; and a confirmation may be due.
+                        # A request that is never answered counts as done once sent; a confirmation may be due too.
                         self._write()
                         if token is not None and event.frame is None and not epochs.holds(token):
                             raise PreemptedError(_PREEMPTED.format(command_name(cmd)))
@@ -401,12 +404,12 @@ class Session(SessionLine):
                 ):
                     raise PreemptedError(_PREEMPTED.format(command_name(cmd)))
                 if self.connection is not connection:
-                    raise LinkLostError(f"{self.ipc.link.url} was lost and opened anew", url=self.ipc.link.url)
+                    raise LinkLostError(f"{self.ipc.link.url} was lost and opened again", url=self.ipc.link.url)
                 self._step(self._now() + _LOOK, token)
         except BaseException as error:
             left = connection.abandon(ticket)
             if isinstance(error, PreemptedError) and token is not None and (effect is Effect.NONE or not left):
-                # Nothing of it was done; and whatever it was to be part of is over.
+                # It was not executed, and the operation that it belongs to is over.
                 epochs.check(token, command_name(cmd))
             raise
 
@@ -414,11 +417,11 @@ class Session(SessionLine):
         frame = reply.frame
         if frame is not None and reply.attempts == 1 and reply.ticket > self._noted and not self._datagrams:
             self._noted = reply.ticket
-            # A frame counter that starts again is a board that did.
+            # A restarted frame counter means a restarted board.
             self.board_restarts += frame.sn < self._board_sn
             self._board_sn = frame.sn
 
-    # -- when it does not work ----------------------------------------------------------------------
+    # -- reconnection -------------------------------------------------------------------------------
 
     def _reopen(self, lost: LinkLostError) -> None:
         policy = self.reconnect
@@ -439,8 +442,8 @@ class Session(SessionLine):
             except LinkClosedError:
                 raise
             except LinkError as error:
-                # Whatever the reason: udev sets the permissions of a port a moment after it is there, and a
-                # plug in motion comes and goes.
+                # For any reason: udev sets the permissions of a port shortly after it appears, and a plug that is
+                # being inserted may lose contact.
                 link.close()
                 if self.now() - started >= policy.give_up_after:
                     raise LinkLostError(
@@ -449,7 +452,7 @@ class Session(SessionLine):
                     ) from lost
                 self._sleep(policy.interval)
             except BaseException:
-                # Nobody knows who is there now: nothing may be sent until someone opens this anew.
+                # The device is unknown now: nothing may be sent until the session is opened again.
                 link.close()
                 raise
             else:

@@ -1,7 +1,7 @@
-"""The line of a session: bytes between link and connection, and what came of them in order.
+"""The line of a session: bytes between link and connection, and the resulting events in order.
 
-Owns the step that writes and reads once, the queues of what was not asked for, and whose turn it is. Must not know
-what is asked, nor what to do when the port goes away: that is `Session`'s.
+Owns the step that writes and reads once, the queues of unsolicited frames, and the lock of the line. Must not know
+the requests, nor what to do when the port is lost: `Session` does.
 """
 
 from __future__ import annotations
@@ -31,16 +31,18 @@ _T = TypeVar("_T")
 _WRITE_TIMEOUT = 2.0
 _KEPT = 256
 _ORPHANS = 32
-_NO_ANSWER = "has the board lost its power, is a plug loose?"
-_NO_CONVERSATION = "is the other end there? If it was started anew, or this machine slept, open the line again"
+_NO_ANSWER = "has the board lost power, or is a plug loose?"
+_NO_CONVERSATION = (
+    "is the other end running? If it was restarted, or this machine was suspended, open the line again"
+)
 
 
 class SessionLine(ABC):
-    """What `Session` is made on; see there.
+    """The base class of `Session`; see there.
 
     Args:
         ipc: The channel.
-        clock: Monotonic seconds, until the link is open and may bring a clock of its own.
+        clock: Monotonic seconds, until the link is open and may provide its own clock.
     """
 
     connection: Connection
@@ -65,7 +67,7 @@ class SessionLine(ABC):
         return self._now()
 
     def share_stops(self, other: SessionLine) -> None:
-        """Both lead to the same arm: a stop that goes over one of them voids what waits at the other."""
+        """Share the stops of two sessions of one arm: a stop on one cancels what waits on the other."""
         self.epochs = other.epochs
         self.epochs.on_stop(self._look_up)
 
@@ -73,24 +75,24 @@ class SessionLine(ABC):
         if self._turn.owner:
             self.ipc.link.wake()
 
-    # -- what nobody asked for ------------------------------------------------------------------------
+    # -- unsolicited frames ---------------------------------------------------------------------------
 
     def receive(self, timeout: float | None = None) -> Frame | None:
-        """Wait for the next frame that answers nothing we asked; None if none came within `timeout` seconds."""
+        """Wait for the next frame that is not an answer; None if none arrives within `timeout` seconds."""
         return self._receive(self._frames, timeout)
 
     def stream(self, timeout: float | None = None) -> Iterator[Frame]:
-        """Yield unsolicited frames as they come; ends when none came for `timeout` seconds."""
+        """Yield unsolicited frames as they arrive; ends when none arrives for `timeout` seconds."""
         for frame, _ in self.reports(timeout):
             yield frame
 
     def reports(self, timeout: float | None = None) -> Iterator[tuple[Frame, float]]:
-        """As `stream`, each frame with the time of its arrival: it may have waited while something was asked."""
+        """Like `stream`, each frame with its time of arrival: it may have waited during a request."""
         while (row := self._receive(self._reports, timeout)) is not None:
             yield row
 
     def poll_reports(self) -> Frame | None:
-        """Take what has arrived without waiting; the newest unsolicited frame, or None."""
+        """Process received bytes without waiting; returns the newest unsolicited frame, or None."""
         with self._turn.taken():
             self._step(self.now())
             self._sort_events()
@@ -103,7 +105,7 @@ class SessionLine(ABC):
         looked = False
         while True:
             with self._turn.taken():
-                # A stop goes first; nothing is lost by listening again after it.
+                # A stop goes first; reading can continue after it without loss.
                 while not self._turn.urgent_waiting:
                     self._sort_events()
                     if queue:
@@ -119,11 +121,11 @@ class SessionLine(ABC):
     # -- the loop -----------------------------------------------------------------------------------
 
     def _step(self, deadline: float | None, token: Token | None = None) -> None:
-        """Write what is due, read once, until `deadline` or the connection's own next one.
+        """Write pending bytes and read once, until `deadline` or the connection's own next deadline.
 
         Args:
-            deadline: As said.
-            token: The call that waits here: once a stop has come, nothing of it is written.
+            deadline: Latest time to return.
+            token: The call that waits here: after a stop, nothing of it is written.
         """
         connection = self.connection
         out = connection.data_to_send()
@@ -134,7 +136,7 @@ class SessionLine(ABC):
         if token is not None and not self.epochs.holds(token):
             return
         if len(out) == 1 and due is not None:
-            # The hot path, one request and its answer: the link does both in one go.
+            # The fast path, one request and its answer: the link does both in one call.
             data = link.exchange(out[0], max(0.0, due - self._now()))
         else:
             for frame in out:
@@ -173,7 +175,7 @@ class SessionLine(ABC):
 
     def _timed_out(self, event: TimedOut) -> ReplyTimeoutError:
         if self.connection.dialect == tables.PROTO_CHAPTER:
-            # What is still on its way belongs to the request that was given up.
+            # Bytes that are still to come belong to the abandoned request.
             try:
                 self.ipc.link.flush_input()
             except (LinkLostError, LinkClosedError):

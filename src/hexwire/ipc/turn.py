@@ -1,6 +1,6 @@
-"""Who may use the line: one at a time, and what is urgent first.
+"""The lock of a line: one user at a time, urgent callers first.
 
-Owns the lock of a session and the count of urgent callers that wait for it. Must not know links or frames.
+Owns the lock of a session and the count of waiting urgent callers. Must not know links or frames.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ _LET_THROUGH = 0.001
 class Turn:
     """A lock that an urgent caller gets before all others.
 
-    The same thread may take it again, as a signal handler does, or a request that opens the port anew.
+    The same thread may acquire it again, for example in a signal handler or in a request that reopens the port.
 
     Attributes:
-        owner: The thread that has it; 0 if nobody has.
-        urgent_waiting: How many urgent callers wait. Who has the turn should give it up soon if there are any.
+        owner: The thread that has it; 0 if it is free.
+        urgent_waiting: Number of waiting urgent callers. The owner should release the lock soon if there are any.
     """
 
     def __init__(self) -> None:
@@ -30,15 +30,15 @@ class Turn:
         self.urgent_waiting = 0
         self._lock = threading.RLock()
         self._depth = 0
-        # Re-entrant for the same reason; what a signal handler counts in between it has counted back as well.
+        # Re-entrant for the same reason; a signal handler undoes its own count before it returns.
         self._counting = threading.RLock()
 
     def begin(self, interrupt: Callable[[], None] | None = None) -> None:
-        """Wait for the turn.
+        """Acquire the lock.
 
         Args:
-            interrupt: Given, the caller is urgent: it goes before all who are not. Called once it is counted,
-                to wake the one who has the turn.
+            interrupt: If given, the caller is urgent and goes before all others. Called after it is counted, to
+                wake the owner.
         """
         if interrupt is not None:
             self._count(1)
@@ -48,11 +48,11 @@ class Turn:
             finally:
                 self._count(-1)
         else:
-            # Who has the turn already must not wait for an urgent caller who waits for it.
+            # The owner must not wait for an urgent caller that waits for the owner.
             mine = self.owner == threading.get_ident()
             self._lock.acquire()
             while self.urgent_waiting and not mine:
-                # Let it through: it counts itself before it waits for the lock.
+                # Let the urgent caller go first: it counts itself before it waits for the lock.
                 self._lock.release()
                 time.sleep(_LET_THROUGH)
                 self._lock.acquire()
@@ -60,7 +60,7 @@ class Turn:
         self._depth += 1
 
     def end(self) -> None:
-        """Give the turn back."""
+        """Release the lock."""
         self._depth -= 1
         if not self._depth:
             self.owner = 0
@@ -68,7 +68,7 @@ class Turn:
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Have the turn, as one who is not urgent."""
+        """Hold the lock, as a caller that is not urgent."""
         self.begin()
         try:
             yield

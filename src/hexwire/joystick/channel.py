@@ -1,8 +1,8 @@
 """The JOY_STICK module: a channel that carries axes and buttons.
 
-Owns both ends: a sender that says everything again and again, and a receiver that knows how old the newest state
-is. Nothing is answered and nothing repeated, since the next state is on its way. Must not know where the axes come
-from, nor what they move.
+Owns both ends: a sender that sends the complete state periodically, and a receiver that knows the age of the newest
+state. States are not answered or repeated, since the next one follows. Must not know where the axes come from, nor
+what they move.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 __all__ = ["JoystickReceiver", "JoystickSender"]
 
 _FORGET_ORDER = 1.0
-"""Seconds of silence after which a sender may count from the beginning."""
+"""Seconds of silence after which a sender may restart its count."""
 _MOST_READS = 64
 
 
 class JoystickSender:
-    """The end with the stick. Open it, as a context manager, and send the state some 50 times a second.
+    """The end with the joystick. Open it as a context manager, and send the state about 50 times per second.
 
     Args:
         session: A session of the JOY_STICK module.
@@ -58,10 +58,10 @@ class JoystickSender:
         return cls(Session.from_conf(file, ModuleType.JOY_STICK))
 
     def send(self, state: JoystickState) -> None:
-        """Send a state; whether it arrives is not known. Over datagrams it is lost until the other end answers.
+        """Send a state, without confirmation. Over datagrams, states are lost until the other end answers.
 
         Raises:
-            LinkError: The line takes nothing.
+            LinkError: The line accepts no bytes.
         """
         self.session.send(Command.JOYSTICK, state.serialize())
 
@@ -76,7 +76,7 @@ class JoystickSender:
 
 
 class JoystickReceiver:
-    """The other end: the newest state, and its age.
+    """The receiving end: the newest state, and its age.
 
     Args:
         ipc: The channel.
@@ -84,9 +84,9 @@ class JoystickReceiver:
 
     Attributes:
         state: The newest state; None before the first.
-        received: States taken.
-        ignored: Frames that were none, or older than one that was there already. Those that a datagram link's
-            session refuses are counted by the session instead.
+        received: States accepted.
+        ignored: Frames that are not states, or older than the newest one. Frames that a datagram link's session
+            refuses are counted by the session instead.
     """
 
     def __init__(self, ipc: IpcHandle, clock: Callable[[], float] = time.monotonic) -> None:
@@ -102,7 +102,7 @@ class JoystickReceiver:
 
     @classmethod
     def from_url(cls, url: str, module: ModuleType = ModuleType.ROS1_HOST) -> Self:
-        """A receiver over the link that `url` names, as ``udp-listen://127.0.0.1:15040``."""
+        """A receiver over the link that `url` names, such as ``udp-listen://127.0.0.1:15040``."""
         return cls(IpcHandle.from_url(url, module, ModuleType.JOY_STICK))
 
     @classmethod
@@ -112,11 +112,11 @@ class JoystickReceiver:
 
     @property
     def age(self) -> float:
-        """Seconds since the newest state came; infinite if none ever did."""
+        """Seconds since the newest state arrived; infinite before the first."""
         return self._clock() - self._heard
 
     def open(self) -> None:
-        """Open the channel. Nobody need be at the other end."""
+        """Open the channel. The other end need not be open."""
         self.ipc.open()
         self._sn = None
         self._conversation = 0
@@ -127,12 +127,12 @@ class JoystickReceiver:
         self.ipc.close()
 
     def poll(self, deadline: float | None = 0.0) -> JoystickState | None:
-        """Take what has arrived; wait for the first frame until `deadline`.
+        """Process received bytes; wait for the first frame until `deadline`.
 
-        A line that was lost is opened again by later calls, so a sender may come back.
+        Later calls open a lost line again, so a sender may come back.
 
         Returns:
-            The newest state, if there is one that was not there before.
+            The newest state, if a new one has arrived.
         """
         before = self.received
         link = self.ipc.link
@@ -146,7 +146,7 @@ class JoystickReceiver:
                 self._take(data, link.kind is LinkKind.DATAGRAM)
                 data = link.read(0.0)
         except LinkLostError:
-            # Its last word is as old as it is; opened again by the next call, perhaps for another sender.
+            # The next call opens the line again, perhaps for another sender.
             self._sn = None
         except LinkError:
             if link.is_open:
@@ -167,7 +167,7 @@ class JoystickReceiver:
             if conversations is None:
                 self._frame(event.frame, now)
             elif event.frame.cmd == Command.IDENTIFY:
-                # Where a conversation begins with it; a stream of states needs nobody's answer.
+                # Only where a conversation begins with it; states themselves are never answered.
                 self._connection.reply(event, Status.OK, self._identity(), now)
             else:
                 if conversations.count != self._conversation:
@@ -175,7 +175,7 @@ class JoystickReceiver:
                 if self._frame(event.frame, now):
                     self.ipc.link.confirm()
         for frame in self._connection.data_to_send():
-            # One that cannot go is lost, as on the way: the sender asks again.
+            # An answer that cannot be sent counts as lost: the sender asks again.
             with contextlib.suppress(LinkTimeoutError):
                 self.ipc.link.write(frame, 0.0)
 
@@ -186,7 +186,7 @@ class JoystickReceiver:
         ).serialize()
 
     def _frame(self, frame: Frame, now: float) -> bool:
-        """Take a state; False if it is none, or an old one."""
+        """Accept a state; False if the frame is not a state, or an old one."""
         newer = self._sn is None or 0 < (frame.sn - self._sn) & 0xFFFFFFFF < 1 << 31
         known = frame.proto == tables.PROTO_HEXWIRE and frame.cmd == Command.JOYSTICK
         if not known or frame.src != self.ipc.destination or not (newer or now - self._heard > _FORGET_ORDER):

@@ -1,7 +1,7 @@
-"""Joysticks and game pads of this machine, through either interface of Linux.
+"""Joysticks and game pads of this machine, through both interfaces of Linux.
 
-Owns the two device formats (`/dev/input/jsN` and, with the `evdev` package, `/dev/input/eventN`) and how their
-numbers become axes of -1..1. Must not know channels or arms.
+Owns the two device formats (`/dev/input/jsN` and, with the `evdev` package, `/dev/input/eventN`) and the scaling of
+their values to axes of -1..1. Must not know channels or arms.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class JoystickDevice(ABC):
 
     @property
     def state(self) -> JoystickState:
-        """As it is, as far as it has been read."""
+        """The state, as far as it has been read."""
         return JoystickState(tuple(self._axes), self._buttons)
 
     @abstractmethod
@@ -65,7 +65,7 @@ class JoystickDevice(ABC):
         """Open the device.
 
         Raises:
-            LinkNotFoundError: There is none.
+            LinkNotFoundError: The device does not exist.
             LinkPermissionError: This user may not read it.
         """
 
@@ -75,14 +75,14 @@ class JoystickDevice(ABC):
 
     @abstractmethod
     def fileno(self) -> int:
-        """Descriptor that turns readable when something changes."""
+        """Descriptor that becomes readable when something changes."""
 
     @abstractmethod
     def _read(self) -> None:
-        """Take every event that is there."""
+        """Process all available events."""
 
     def read(self, timeout: float = 0.0) -> JoystickState:
-        """Wait for a change, at most `timeout` seconds; returns the state as it is then.
+        """Wait for a change, at most `timeout` seconds; returns the state after it.
 
         Raises:
             LinkLostError: It was unplugged.
@@ -120,7 +120,7 @@ class JoystickDevice(ABC):
 
 
 class JsJoystick(JoystickDevice):
-    """A joystick through ``/dev/input/jsN``: needs no package, and has no calibration but the kernel's."""
+    """A joystick through ``/dev/input/jsN``: needs no package, and has only the kernel's calibration."""
 
     def __init__(self, path: str) -> None:
         super().__init__(path)
@@ -134,7 +134,7 @@ class JsJoystick(JoystickDevice):
             raise _explain(error, self.path) from error
         self._rest = b""
         self._buttons = 0
-        # The kernel tells everything at the beginning; the counts only say how many there are before that.
+        # The kernel sends the complete state first; the counts give the number of axes before that.
         self._axes = [0.0] * min(self._count(_GET_AXES), _MOST)
 
     def close(self) -> None:
@@ -163,16 +163,16 @@ class JsJoystick(JoystickDevice):
         try:
             fcntl.ioctl(self._fd, request, answer)
         except OSError:
-            return 0  # something that only speaks the format, such as a pipe
+            return 0  # something that only has the format, such as a pipe
         return answer[0]
 
 
 class EvdevJoystick(JoystickDevice):
-    """A joystick through ``/dev/input/eventN``, with the ranges that the device states.
+    """A joystick through ``/dev/input/eventN``, with the ranges that the device reports.
 
     Args:
         path: The device.
-        device: Stands for `evdev.InputDevice(path)`; for tests.
+        device: Replaces `evdev.InputDevice(path)`; for tests.
     """
 
     def __init__(self, path: str, device: Any = None) -> None:
@@ -194,7 +194,7 @@ class EvdevJoystick(JoystickDevice):
         axes = sorted(abilities.get(_EV_ABS, ()), key=lambda pair: int(pair[0]))[:_MOST]
         self._axis_of = {code: (number, info) for number, (code, info) in enumerate(axes)}
         codes = [code for code in abilities.get(_EV_KEY, ()) if code >= _FIRST_BUTTON]
-        # The order of the other interface, so that button 4 is the same one: joysticks' own before the rest.
+        # The order of the other interface, so that button numbers agree: joystick buttons first.
         codes.sort(key=lambda code: (code < _FIRST_JOYSTICK, code))
         self._button_of = {code: number for number, code in enumerate(codes[:_MOST])}
         self._device = device
@@ -223,7 +223,7 @@ class EvdevJoystick(JoystickDevice):
             self._read_all()
 
     def _read_all(self) -> None:
-        """Ask for everything: at the beginning, and when the kernel says that events were lost."""
+        """Read the complete state: at the start, and when the kernel reports lost events."""
         for code, (number, info) in self._axis_of.items():
             self._set_axis(number, _normal(self._device.absinfo(code).value, info))
         down = set(self._device.active_keys())
@@ -239,7 +239,7 @@ def _normal(value: int, info: Any) -> float:
 
 
 def find_joysticks(folder: Path = _INPUT) -> list[str]:
-    """Paths of the joysticks of this machine: each once, through evdev where that package is installed."""
+    """Paths of the joysticks of this machine: each once, through evdev if that package is installed."""
     try:
         evdev = _import_evdev()
     except UsageError:
@@ -249,7 +249,7 @@ def find_joysticks(folder: Path = _INPUT) -> list[str]:
         try:
             device = evdev.InputDevice(path)
         except OSError:
-            continue  # gone, or not ours to read
+            continue  # gone, or not readable
         try:
             if _is_joystick(device.capabilities(absinfo=False)):
                 found.append(path)
@@ -267,10 +267,10 @@ def open_joystick(path: str | None = None) -> JoystickDevice:
     """Open a joystick; the caller closes it.
 
     Args:
-        path: The device; the only one that is plugged in if None.
+        path: The device; the only one plugged in if None.
 
     Raises:
-        LinkNotFoundError: There is none.
+        LinkNotFoundError: There is no joystick.
         UsageError: There are several, or `evdev` is needed and not installed.
     """
     if path is None:
@@ -299,5 +299,5 @@ def _explain(error: OSError, path: str) -> LinkError:
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return LinkNotFoundError(f"{path}: there is no such device; 'hexwire joystick list' lists them", url=path)
     if error.errno == errno.EBUSY:
-        return LinkBusyError(f"{path}: another program holds it", url=path)
+        return LinkBusyError(f"{path}: another program has it open", url=path)
     return LinkError(f"{path} cannot be opened: {error.strerror or error}", url=path)

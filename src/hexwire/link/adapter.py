@@ -1,9 +1,9 @@
-"""What the USB adapter adds: its latency timer, found, reported and set where the system lets us.
+"""The latency timer of a USB adapter: read, reported, and set if the system permits.
 
-Owns the paths of the kernel's setting and the advice. Must not know what is spoken on the line.
+Owns the paths of the kernel's setting and the advice. Must not know the protocol on the line.
 
-An FTDI chip hands bytes over when its buffer is full or its timer ends, 16 ms by default; every answer of a servo
-waits for it, so nothing gets above 61 requests a second. CH340, CP210x and CDC-ACM adapters have no such timer.
+An FTDI chip delivers bytes when its buffer is full or its timer ends, 16 ms by default; every answer of a servo
+waits for it, so at most 61 requests per second are possible. CH340, CP210x and CDC-ACM adapters have no such timer.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _UDEV_RULE = 'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{l
 
 @dataclass(frozen=True, slots=True)
 class AdapterReport:
-    """What is known of an adapter's latency.
+    """The latency of an adapter.
 
     Attributes:
         device: Path of the port.
-        driver: Kernel driver, as in ``ftdi_sio``; empty if unknown.
+        driver: Kernel driver, such as ``ftdi_sio``; empty if unknown.
         latency_ms: Its latency timer; None if it has none.
-        overhead: Measured seconds an answer takes beyond the line's own time; NaN if nothing was measured.
-        held_back: The measured times look like a latency timer, whatever the system says.
-        advice: What to do, one line; empty if all is well.
+        overhead: Measured seconds that an answer takes beyond the time on the line; NaN without a measurement.
+        held_back: Whether the measured times indicate a latency timer, whatever the system reports.
+        advice: What to do, one line; empty if nothing.
     """
 
     device: str
@@ -44,7 +44,7 @@ def _timer(device: str, sysfs: Path) -> Path:
 
 
 def set_latency(device: str, milliseconds: int = 1, *, sysfs: Path = _SYSFS) -> bool:
-    """Set an adapter's latency timer; False where it has none or this user may not."""
+    """Set an adapter's latency timer; False if it has none or this user has no permission."""
     try:
         _timer(device, sysfs).write_text(f"{milliseconds}\n", encoding="ascii")
     except OSError:
@@ -55,13 +55,13 @@ def set_latency(device: str, milliseconds: int = 1, *, sysfs: Path = _SYSFS) -> 
 def inspect_adapter(
     device: str, overhead: float = float("nan"), held_back: bool = False, *, sysfs: Path = _SYSFS
 ) -> AdapterReport:
-    """Look at an adapter's latency timer, set it low if that is allowed, and say what is left to do.
+    """Read an adapter's latency timer, set it low if permitted, and report what is left to do.
 
     Args:
         device: Path of the port.
         overhead: `LineTiming.overhead` of a bus on it.
-        held_back: `LineTiming.holds_back` of it.
-        sysfs: Where the kernel keeps the setting.
+        held_back: `LineTiming.holds_back` of that bus.
+        sysfs: Folder of the kernel's setting.
     """
     latency = _read(device, sysfs)
     if latency is not None and latency > _GOOD_MS and set_latency(device, sysfs=sysfs):
@@ -74,13 +74,13 @@ def inspect_adapter(
     if latency is not None and latency > _GOOD_MS:
         timer = _timer(device, sysfs)
         advice = (
-            f"the adapter holds every answer back for up to {latency} ms: 'echo 1 | sudo tee {timer}' now, and "
-            f"for good this line in /etc/udev/rules.d/99-servo-adapter.rules: {_UDEV_RULE}"
+            f"the adapter delays every answer by up to {latency} ms: run 'echo 1 | sudo tee {timer}', and to make "
+            f"it permanent add this line to /etc/udev/rules.d/99-servo-adapter.rules: {_UDEV_RULE}"
         )
     elif held_back:
         advice = (
             f"every answer takes {overhead * 1000:.0f} ms longer than the line needs: an adapter's latency timer, "
-            "a hub, or a program between; try another adapter or port"
+            "a hub, or a program in between; try another adapter or port"
         )
     return AdapterReport(device, driver, latency, overhead, held_back, advice)
 

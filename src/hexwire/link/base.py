@@ -1,11 +1,11 @@
-"""The byte link: what every line between host and board can do, whatever it is made of.
+"""The byte link: the interface of every line between host and board.
 
-Owns the contract, `Link`. How most links keep it is `hexwire.link.poll_link`'s. Must not know frames, sessions or
-what the bytes mean.
+Owns the contract, `Link`. Most links implement it through `hexwire.link.poll_link`. Must not know frames, sessions
+or the meaning of the bytes.
 
-A **stream** link (serial, TCP) delivers bytes in order and keeps no boundaries: a read may return a part of
-what was written, or several writes in one piece. A **datagram** link (UDP, message queue) delivers whole
-messages of at most `max_message` bytes, or none.
+A **stream** link (serial, TCP) delivers bytes in order and preserves no boundaries: a read may return part of a
+write, or several writes together. A **datagram** link (UDP, message queue) delivers whole messages of at most
+`max_message` bytes, or nothing.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 
 __all__ = ["WRITE_TIME", "Link", "LinkKind"]
 
-# A request of `exchange` that the line does not take within this many seconds is given up.
+# Seconds after which `exchange` abandons a request that the line does not accept.
 WRITE_TIME = 1.0
 
 
 class LinkKind(enum.Enum):
-    """What a link keeps of the boundaries between writes."""
+    """Whether a link preserves the boundaries between writes."""
 
     STREAM = "stream"
     DATAGRAM = "datagram"
 
 
 class Link(ABC):
-    """A line that carries bytes both ways. Building one does no I/O; `open` does.
+    """A line that carries bytes in both directions. Creating a link does no I/O; `open` does.
 
     One thread may read while another writes. Any thread may `close` or `wake`.
 
     Attributes:
-        url: The link's address, as in ``serial:///dev/ttyUSB0?baud=115200``.
+        url: The link's address, such as ``serial:///dev/ttyUSB0?baud=115200``.
         kind: Stream or datagram.
-        max_message: Longest write in bytes, or None where there is no such limit.
+        max_message: Longest write in bytes, or None if there is no such limit.
     """
 
     kind: LinkKind
@@ -59,13 +59,13 @@ class Link(ABC):
         Raises:
             LinkNotFoundError: There is no such port, host or queue.
             LinkPermissionError: This user may not open it.
-            LinkBusyError: It has an owner already, in another program or in this one.
+            LinkBusyError: Another program, or this one, already has it open.
             LinkTimeoutError: The peer did not answer in time.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Close the line and free what it held. Harmless if it is closed already; allowed from any thread.
+        """Close the line and free its resources. Harmless if already closed; allowed from any thread.
 
         A read or write that waits in another thread ends with LinkClosedError.
         """
@@ -75,49 +75,49 @@ class Link(ABC):
         """Wait for bytes.
 
         Args:
-            deadline: Value of `time.monotonic` at which to give up; None waits without end. A deadline in the
-                past takes what is there already.
+            deadline: Value of `time.monotonic` at which to give up; None waits forever. With a deadline in the
+                past, only bytes that have already arrived are returned.
 
         Returns:
-            One or more bytes of a stream, one whole message of a datagram link, or ``b""`` if nothing came by
-            the deadline or `wake` was called.
+            One or more bytes of a stream, one whole message of a datagram link, or ``b""`` if nothing arrived
+            by the deadline or `wake` was called.
 
         Raises:
-            LinkLostError: The line went away.
+            LinkLostError: The line was lost.
             LinkClosedError: It is not open, or was closed during the wait.
         """
 
     @abstractmethod
     def write(self, data: bytes, deadline: float | None = None) -> None:
-        """Hand over all of `data`; return when the system has taken it. Writing nothing does nothing.
+        """Write all of `data`; return when the system has accepted it. Writing nothing does nothing.
 
         Args:
             data: The bytes; at most `max_message` of them.
-            deadline: Value of `time.monotonic` at which to give up; None waits without end.
+            deadline: Value of `time.monotonic` at which to give up; None waits forever.
 
         Raises:
             UsageError: More than `max_message` bytes; nothing was written.
-            LinkTimeoutError: The line did not take everything in time. A stream may have taken a part.
-            LinkLostError: The line went away.
+            LinkTimeoutError: The line did not accept everything in time. A stream may have accepted part of it.
+            LinkLostError: The line was lost.
             LinkClosedError: It is not open, or was closed during the wait.
         """
 
     def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
-        """Write a request and read what comes back: what a request-and-answer bus does all day.
+        """Write a request and read the bytes that come back: the fast path of a request-and-answer bus.
 
         Args:
             data: The request.
             window: Seconds to wait for the first bytes.
-            rest: Tells from the bytes that are here how long to wait for more, in seconds; 0.0 if they are all.
-                None takes the first bytes as they come.
+            rest: Returns the seconds to wait for more, given the bytes received so far; 0.0 if they are complete.
+                With None, the first bytes are returned.
 
         Returns:
-            As `read`; with `rest`, all that came before a wait was over or `wake` was called.
+            As `read`; with `rest`, all bytes that arrived before a wait ended or `wake` was called.
 
         Raises:
             LinkError: As `write` and `read`.
         """
-        # A link in simulated time has a clock of its own.
+        # A link in simulated time has its own clock.
         clock = getattr(self, "clock", monotonic)
         self.write(data, clock() + WRITE_TIME)
         answer = more = self.read(clock() + window)
@@ -128,18 +128,18 @@ class Link(ABC):
 
     @abstractmethod
     def flush_input(self) -> int:
-        """Throw away what has arrived and was not read.
+        """Discard bytes that have arrived but were not read.
 
         Returns:
-            Number of bytes thrown away.
+            Number of bytes discarded.
         """
 
     @abstractmethod
     def wake(self) -> None:
-        """Make the read that waits now, or else the next one, return at once. Allowed from any thread."""
+        """Make the waiting read, or otherwise the next one, return at once. Allowed from any thread."""
 
     def confirm(self) -> None:  # noqa: B027 (most links have nothing to choose)
-        """Say that what was read last made sense. A link that has to choose its other end keeps to that one."""
+        """Confirm that the bytes read last were valid. A link that chooses its peer then keeps that peer."""
 
     def __enter__(self) -> Self:
         self.open()

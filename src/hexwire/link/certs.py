@@ -1,9 +1,9 @@
-"""Certificates for a lab: a private authority, and what it signs for servers and clients.
+"""Certificates for a lab: a private authority, and the certificates it signs for servers and clients.
 
-Owns the files and what is in them (P-256 keys, one purpose per certificate). Needs the `cryptography` package,
-which is imported only here. Must not know how a link uses the files; that is `hexwire.link.tls`'s.
+Owns the files and their contents (P-256 keys, one purpose per certificate). Needs the `cryptography` package, which
+is imported only here. Must not know how a link uses the files; `hexwire.link.tls` does.
 
-The authority's key decides who may move the robots: keep it off the robots.
+The authority's key decides who may move the robots: do not copy it to the robots.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ __all__ = ["CertFiles", "issue_certificate", "make_authority"]
 
 AUTHORITY = "ca"
 AUTHORITY_DAYS = 3650
-# Clients of other makers refuse server certificates that last longer.
+# Other vendors' clients refuse server certificates that are valid longer.
 CERTIFICATE_DAYS = 825
-# A single-board computer without a clock of its own may be somewhat behind when it starts.
+# The clock of a single-board computer without a real-time clock may be slow when it starts.
 _BACKDATED = timedelta(days=1)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 
@@ -41,8 +41,8 @@ class CertFiles:
     """A certificate and its private key, both PEM.
 
     Attributes:
-        cert: The certificate; may be shown to anybody.
-        key: Its key, readable for its owner alone.
+        cert: The certificate; public.
+        key: Its key, readable only by its owner.
     """
 
     cert: Path
@@ -56,16 +56,16 @@ def make_authority(
     days: float = AUTHORITY_DAYS,
     now: datetime | None = None,
 ) -> CertFiles:
-    """Make a private authority: ``ca.pem`` and ``ca.key`` in `folder`, which is made if need be.
+    """Create a private authority: ``ca.pem`` and ``ca.key`` in `folder`, which is created if necessary.
 
     Args:
-        folder: Where the files go.
-        name: Name that the certificate bears.
-        days: How long it is good for.
-        now: When it is made; for tests.
+        folder: Folder for the files.
+        name: Name in the certificate.
+        days: Validity in days.
+        now: Time of creation; for tests.
 
     Raises:
-        UsageError: The files are there already, cannot be written, or `cryptography` is not installed.
+        UsageError: The files already exist, cannot be written, or `cryptography` is not installed.
     """
     _need_cryptography()
     from cryptography import x509
@@ -92,18 +92,18 @@ def issue_certificate(
     days: float = CERTIFICATE_DAYS,
     now: datetime | None = None,
 ) -> CertFiles:
-    """Sign a certificate with the authority in `folder`: ``NAME.pem`` and ``NAME.key`` beside it.
+    """Create a certificate signed by the authority in `folder`: ``NAME.pem`` and ``NAME.key`` in the same folder.
 
     Args:
-        folder: Where ``ca.pem`` and ``ca.key`` are.
-        name: Name of the files and of the bearer: letters, digits, ``. _ -``.
-        kind: What it is good for: to be called, or to call.
-        hosts: Host names and addresses under which a server is called; without any, its name and loopback.
-        days: How long it is good for, at most as long as the authority.
-        now: When it is made; for tests.
+        folder: Folder with ``ca.pem`` and ``ca.key``.
+        name: Name of the files and of the subject: letters, digits, ``. _ -``.
+        kind: Purpose: to listen, or to connect.
+        hosts: Host names and addresses of a server; without any, its name and loopback.
+        days: Validity in days, at most that of the authority.
+        now: Time of creation; for tests.
 
     Raises:
-        UsageError: There is no authority, a name is wrong, the files are there already or cannot be written, or
+        UsageError: There is no authority, a name is wrong, the files already exist or cannot be written, or
             `cryptography` is not installed.
     """
     _need_cryptography()
@@ -128,16 +128,16 @@ def issue_certificate(
         names = [_alternative_name(host) for host in hosts or (name, "localhost", "127.0.0.1", "::1")]
         builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
     elif hosts:
-        raise UsageError("hosts are for a server's certificate: a client is known by its name")
+        raise UsageError("only a server's certificate has hosts: a client is identified by its name")
     return _write(Path(folder), name, _sign(builder, authority_key), key)
 
 
 def _need_cryptography() -> None:
     try:
-        import cryptography  # noqa: F401 (asked for here, so that the error names the way out)
+        import cryptography  # noqa: F401 (imported here, so that the error names the remedy)
     except ImportError as error:
         raise UsageError(
-            "making certificates needs the package cryptography: pip install 'hexwire[tls]'"
+            "creating certificates needs the package cryptography: pip install 'hexwire[tls]'"
         ) from error
 
 
@@ -190,7 +190,7 @@ def _builder(
     from cryptography import x509
 
     if not 0 < days <= 36500:
-        raise UsageError(f"a certificate is good for 1 to 36500 days, not {days:g}")
+        raise UsageError(f"a certificate is valid for 1 to 36500 days, not {days:g}")
     start = now or datetime.now(UTC)
     return (
         x509.CertificateBuilder()
@@ -218,7 +218,7 @@ def _load_authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivat
     try:
         cert_text, key_text = (read_bytes(path) for path in files)
     except ConfigError as error:
-        raise UsageError(f"no authority in {folder} ({error}); make one first, and keep its key") from None
+        raise UsageError(f"no authority in {folder} ({error}); create one first, and keep its key") from None
     try:
         key = load_pem_private_key(key_text, password=None)
         certificate = x509.load_pem_x509_certificate(cert_text)
@@ -238,7 +238,7 @@ def _write(folder: Path, name: str, certificate: x509.Certificate, key: Elliptic
         make_folder(folder)
         for path in (files.cert, files.key):
             if os.path.lexists(path):
-                raise UsageError(f"{path} is there already; remove it first, or take another name")
+                raise UsageError(f"{path} already exists; remove it first, or choose another name")
         # A certificate is public, its key is not.
         with OutputFile(files.key) as key_file, OutputFile(files.cert, mode=0o644) as cert_file:
             key_file.file.write(secret)

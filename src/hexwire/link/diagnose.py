@@ -1,7 +1,7 @@
-"""What can be wrong between a program and its port, found without opening it: chip, rights, rules, rivals, rate.
+"""Checks of a serial port without opening it: chip, permissions, udev rules, competing programs, rate.
 
-Owns the looking and the advice, each finding with what to do. Reads the system only; `write_udev_rule` is the one
-thing that writes, and only when asked. Must not know frames or servos.
+Owns the checks and the advice, each finding with a remedy. Only reads the system; `write_udev_rule` is the only
+function that writes, and only on request. Must not know frames or servos.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ __all__ = [
 ]
 
 RULE_PATH = Path("etc/udev/rules.d/70-hexwire.rules")
-"""Where the rule belongs, below the root folder."""
+"""Path of the rule, relative to the root folder."""
 
 _RULE_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 _CH340 = "1a86:7523"
 _AVR_CLOCK = 16_000_000
 _GOOD_BAUD_ERROR = 0.015
-"""Recommended limit for 8N1 with U2X (ATmega2560 datasheet); up to 3.9 % the receiver still copes."""
+"""Recommended limit for 8N1 with U2X (ATmega2560 datasheet); the receiver tolerates up to 3.9 %."""
 
 
 class Level(Enum):
-    """How much a finding matters."""
+    """Severity of a finding."""
 
     OK = "ok"
     HINT = "hint"
@@ -53,14 +53,14 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """Result of one check.
 
     Attributes:
-        level: How much it matters.
-        about: What was looked at.
+        level: Severity.
+        about: What was checked.
         text: What was found.
         advice: What to do; empty if nothing.
-        port: The port it is about, where several were looked at.
+        port: The port concerned, if several were checked.
     """
 
     level: Level
@@ -71,14 +71,13 @@ class Finding:
 
 
 def udev_rule(usb_ids: Iterable[str]) -> str:
-    """Text of a udev rule that gives these devices to the people who may use serial ports, and to no others.
+    """Text of a udev rule that gives access to these devices only to users who may use serial ports.
 
     Args:
-        usb_ids: As ``1a86:7523``.
+        usb_ids: Such as ``1a86:7523``.
     """
     lines = [
-        "# Servo boards and adapters: group dialout and whoever sits at the machine may use them, and ModemManager",
-        "# leaves them alone.",
+        "# Servo boards and adapters: group dialout and local users may use them, and ModemManager ignores them.",
     ]
     for usb_id in sorted(set(usb_ids)):
         vid, pid = usb_id.split(":")
@@ -93,7 +92,7 @@ def write_udev_rule(usb_ids: Iterable[str], root: Path = Path("/")) -> Path:
     """Write the rule.
 
     Raises:
-        LinkPermissionError: This user may not.
+        LinkPermissionError: This user has no permission.
     """
     path = root / RULE_PATH
     try:
@@ -106,7 +105,7 @@ def write_udev_rule(usb_ids: Iterable[str], root: Path = Path("/")) -> Path:
 
 
 def diagnose_port(port: PortInfo, root: Path = Path("/")) -> list[Finding]:
-    """Look at one port: its chip, who may open it, its rules, its latency timer."""
+    """Check one port: its chip, permissions, udev rules and latency timer."""
     findings = [Finding(Level.OK, port.device, port.guess + (f", USB {port.usb_id}" if port.usb_id else ""))]
     findings.append(_permission(port.device))
     if port.usb_id:
@@ -114,7 +113,7 @@ def diagnose_port(port: PortInfo, root: Path = Path("/")) -> list[Finding]:
         if ruled:
             findings.append(Finding(Level.OK, port.device, f"udev rule in {ruled}"))
         else:
-            advice = "hexwire doctor --fix writes one; then unplug and plug in"
+            advice = "hexwire doctor --fix writes one; then unplug the device and plug it in"
             findings.append(Finding(Level.HINT, port.device, f"no udev rule for USB {port.usb_id}", advice))
     report = inspect_adapter(port.device) if root == Path("/") else None
     if report is not None and report.latency_ms is not None:
@@ -124,37 +123,37 @@ def diagnose_port(port: PortInfo, root: Path = Path("/")) -> list[Finding]:
 
 
 def diagnose_system(ports: Iterable[PortInfo], root: Path = Path("/")) -> list[Finding]:
-    """Look at programs that are known to grab serial ports."""
+    """Check for programs that are known to open serial ports of others."""
     findings = []
     ids = {port.usb_id for port in ports if port.usb_id}
     if ids and "ModemManager" in _running(root):
         ignored = all(_mentioned_in_rules(usb_id, root, also="ID_MM_DEVICE_IGNORE") for usb_id in ids)
         if ignored:
-            findings.append(Finding(Level.OK, "ModemManager", "runs, and is told to leave these ports alone"))
+            findings.append(Finding(Level.OK, "ModemManager", "runs, but ignores these ports"))
         else:
-            advice = "hexwire doctor --fix tells it not to by a rule, or: sudo systemctl disable ModemManager"
+            advice = "hexwire doctor --fix writes a rule against it, or: sudo systemctl disable ModemManager"
             findings.append(Finding(Level.BAD, "ModemManager", "runs, and talks to every new serial port", advice))
     if _CH340 in ids:
         rule = _mentioned_in_rules(_CH340, root, named="brltty")
         if rule or "brltty" in _running(root):
             advice = "sudo apt-get remove brltty, or mask its rule for 1a86:7523"
-            findings.append(Finding(Level.BAD, "brltty", "takes CH340 ports for a braille display", advice))
+            findings.append(Finding(Level.BAD, "brltty", "mistakes CH340 ports for a braille display", advice))
     return findings
 
 
 def avr_baud_error(baud: int, clock: int = _AVR_CLOCK) -> float:
-    """How far an AVR's UART (double speed) is off a rate, as a signed fraction."""
+    """Rate error of an AVR's UART (double speed), as a signed fraction."""
     divisor = max(1, round(clock / 8 / baud))
     return clock / 8 / divisor / baud - 1.0
 
 
 def diagnose_baud(baud: int) -> Finding:
-    """Judge a rate for a 16 MHz Mega 2560."""
+    """Check a rate for a 16 MHz Mega 2560."""
     error = avr_baud_error(baud)
     text = f"a 16 MHz board is {error:+.1%} off {baud} baud"
     if abs(error) <= _GOOD_BAUD_ERROR:
         return Finding(Level.OK, "baud rate", text)
-    advice = "fine with a good partner; 250000, 500000 and 1000000 are exact"
+    advice = "works if the other side is accurate; 250000, 500000 and 1000000 are exact"
     return Finding(Level.HINT if abs(error) < 0.039 else Level.BAD, "baud rate", text, advice)
 
 
@@ -162,16 +161,16 @@ def _permission(device: str) -> Finding:
     try:
         status = Path(device).stat()
     except OSError as error:
-        return Finding(Level.BAD, device, f"cannot be looked at: {error.strerror}", "is it still plugged in?")
+        return Finding(Level.BAD, device, f"cannot be checked: {error.strerror}", "is it still plugged in?")
     group = _group(status.st_gid)
     mode = stat.filemode(status.st_mode)
     if os.access(device, os.R_OK | os.W_OK):
         level = Level.HINT if status.st_mode & stat.S_IWOTH else Level.OK
-        advice = "everybody may write to it; a udev rule is better than chmod 777" if level is Level.HINT else ""
+        advice = "all users may write to it; a udev rule is better than chmod 777" if level is Level.HINT else ""
         return Finding(level, device, f"this user may open it ({mode}, group {group})", advice)
     user = owner_name(os.geteuid())
     if status.st_gid == 0 or not status.st_mode & stat.S_IWGRP:
-        advice = "no group may use it: a udev rule that gives it to group dialout helps (--fix writes one for USB)"
+        advice = "no group may use it: a udev rule for group dialout helps (--fix writes one for USB)"
     else:
         advice = f"sudo usermod -aG {group} {user}, then log out and in"
     return Finding(Level.BAD, device, f"this user may not open it ({mode}, group {group})", advice)
@@ -185,7 +184,7 @@ def _group(gid: int) -> str:
 
 
 def _mentioned_in_rules(usb_id: str, root: Path, *, also: str = "", named: str = "") -> str:
-    """The first udev rule file that speaks of a device, or empty."""
+    """The first udev rule file that mentions a device, or empty."""
     vid, pid = usb_id.split(":")
     for folder in _RULE_FOLDERS:
         for path in sorted((root / folder).glob("*.rules")):
@@ -204,7 +203,7 @@ def _mentioned_in_rules(usb_id: str, root: Path, *, also: str = "", named: str =
 
 
 def _running(root: Path) -> set[str]:
-    """Names of the processes there are."""
+    """Names of the running processes."""
     names = set()
     for path in (root / "proc").glob("[0-9]*/comm"):
         try:

@@ -1,7 +1,7 @@
-"""A link made worse on purpose: it splits, delays, drops, flips, doubles, reorders and freezes, all from a seed.
+"""An impaired link: it splits, delays, drops, flips, duplicates, reorders and freezes, reproducibly from a seed.
 
-Owns what happens to bytes on a bad line, in either direction. Wraps any link and needs no thread. Time comes from
-a clock that may be a simulated one. Must not know what the bytes mean.
+Owns the faults of a bad line, in either direction. Wraps any link and needs no thread. Time comes from a clock,
+which may be simulated. Must not know what the bytes mean.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from .base import Link, LinkKind
 
 __all__ = ["NOTHING", "ImpairedLink", "Impairment", "ImpairmentCounters", "Lane"]
 
-# What a lane holds back at most; beyond that the line drops, as a full buffer somewhere on a real one does.
+# Maximum number of pieces that a lane holds back; beyond that it drops them, like a full buffer on a real line.
 _MOST_WAITING = 10_000
 
 
 @dataclass(frozen=True)
 class Impairment:
-    """How bad one direction of a line is.
+    """The faults of one direction of a line.
 
-    The first seven are probabilities from 0 to 1, each for one unit: a message of a datagram link; on a stream what
-    one write or read carried.
+    The first seven are probabilities from 0 to 1 per unit: a message of a datagram link, or one write or read of a
+    stream.
 
     Attributes:
         split: The unit arrives in two to four pieces. Streams only: a datagram is whole or lost.
         drop: A datagram is lost; a stream loses a run of bytes somewhere in the unit.
-        flip: One bit is wrong.
-        duplicate: A datagram comes twice; a stream repeats a run of bytes.
-        reorder: The unit comes behind the one after it, or `delay_time` later if there is none.
-        delay: The unit is late. On a stream all that follows waits for it; a datagram may be overtaken.
-        freeze: The direction stands still with the unit at its head.
+        flip: One bit is inverted.
+        duplicate: A datagram arrives twice; a stream repeats a run of bytes.
+        reorder: The unit arrives after the next one, or `delay_time` later if there is none.
+        delay: The unit is late. On a stream everything after it waits; a datagram may be overtaken.
+        freeze: The direction stops, with the unit at its head.
         delay_time: Longest delay in seconds.
-        freeze_time: Length of a standstill in seconds.
+        freeze_time: Duration of a freeze in seconds.
     """
 
     split: float = 0.0
@@ -70,7 +70,7 @@ NOTHING = Impairment()
 
 @dataclass
 class ImpairmentCounters:
-    """What was done to the units of one direction."""
+    """Counts of the faults in one direction."""
 
     units: int = 0
     split: int = 0
@@ -84,12 +84,12 @@ class ImpairmentCounters:
 
 
 class Lane:
-    """One direction of a bad line: what goes in at one time comes out changed, and perhaps at another.
+    """One direction of a bad line: units come out changed, and possibly at another time.
 
     Args:
-        impairment: How bad it is.
+        impairment: The faults.
         kind: Stream or datagram.
-        seed: Two lanes with the same seed do the same to the same units.
+        seed: Two lanes with the same seed treat the same units alike.
     """
 
     def __init__(self, impairment: Impairment, kind: LinkKind, seed: str) -> None:
@@ -97,7 +97,7 @@ class Lane:
         self._impairment = impairment
         self._stream = kind is LinkKind.STREAM
         self._random = random.Random(seed)
-        # Time at which it comes out, rank that keeps the order of arrival, bytes.
+        # Output time, rank that preserves the order of arrival, bytes.
         self._waiting: list[tuple[float, int, bytes]] = []
         self._rank = 0
         self._held: list[bytes] = []
@@ -106,10 +106,10 @@ class Lane:
         self._frozen_until = 0.0
 
     def put(self, data: bytes, now: float) -> None:
-        """Take a unit in."""
+        """Put a unit in."""
         count, bad = self.counters, self._impairment
         count.units += 1
-        # The same number of draws for each unit, so that one fault does not move all later ones.
+        # The same number of random draws for each unit, so that one fault does not shift all later ones.
         split, drop, flip, duplicate, reorder, delay, freeze = (self._random.random() for _ in range(7))
         choice = random.Random(self._random.getrandbits(64))
         copies = 1
@@ -163,7 +163,7 @@ class Lane:
         return max(min(times), self._frozen_until) if times else None
 
     def clear(self) -> int:
-        """Forget what waits; returns how many bytes that were."""
+        """Discard waiting units; returns the number of bytes discarded."""
         lost = sum(len(data) for _, _, data in self._waiting) + sum(map(len, self._held))
         self._waiting.clear()
         self._held = []
@@ -188,7 +188,7 @@ class Lane:
 
 
 def _run(data: bytes, choice: random.Random) -> tuple[int, int]:
-    """Start and end of one to sixteen bytes somewhere."""
+    """Start and end of a random run of one to sixteen bytes."""
     length = choice.randint(1, min(16, len(data)))
     start = choice.randint(0, len(data) - length)
     return start, start + length
@@ -273,7 +273,7 @@ class ImpairedLink(Link):
 
     def write(self, data: bytes, deadline: float | None = None) -> None:
         if not data or not self.is_open or (self.max_message is not None and len(data) > self.max_message):
-            self.inner.write(data, deadline)  # nothing to impair, or a fault that the link itself explains best
+            self.inner.write(data, deadline)  # nothing to impair, or an error that the link itself reports
             return
         with self._sending:
             self.sent.put(data, self.clock())
@@ -300,7 +300,7 @@ class ImpairedLink(Link):
                 return b""  # woken
 
     def _pass_on_if_free(self, deadline: float | None) -> None:
-        if self._sending.acquire(blocking=False):  # else a writer is at it
+        if self._sending.acquire(blocking=False):  # otherwise a writer does it
             try:
                 self._pass_on(deadline)
             except LinkTimeoutError:

@@ -1,6 +1,6 @@
-"""The waiting side of TCP as a link: one client at a time.
+"""The listening side of TCP as a link: one client at a time.
 
-Owns who is the other end and what becomes of further callers. Listening itself is `hexwire.link.listener`'s. Must
+Owns the choice of the peer and the treatment of further clients. `hexwire.link.listener` does the listening. Must
 not know what the bytes mean.
 """
 
@@ -28,17 +28,17 @@ __all__ = ["TcpListenLink", "TcpsListenLink"]
 
 
 class TcpListenLink(Link):
-    """The waiting side of a line between two: whoever calls first is the other end until the line is lost.
+    """The listening side of a line with one peer: the first client is the peer until the line is lost.
 
-    `open` binds and returns; the first read or write waits for the caller. While one is connected, others are
-    disconnected at once; but a caller without a certificate that has sent nothing for `patience` seconds gives way
-    to the next. After a loss, `open` waits for the next one, on the same port.
+    `open` binds and returns; the first read or write waits for a client. While one is connected, others are
+    disconnected at once, except that a client without a certificate that has sent nothing for `patience` seconds is
+    replaced by the next. After a loss, `open` waits for the next client, on the same port.
 
     Args:
-        host: Address to bind; loopback unless told otherwise.
+        host: Address to bind; loopback by default.
         port: Port; 0 lets the system choose.
-        tls: Certificates; None for connections in the clear.
-        patience: Seconds that a silent caller keeps others out.
+        tls: Certificates; None for unencrypted connections.
+        patience: Seconds for which a silent client keeps others out.
         clock: Monotonic seconds.
     """
 
@@ -72,7 +72,7 @@ class TcpListenLink(Link):
 
     @property
     def url(self) -> str:  # type: ignore[override]  # the port is known only after open()
-        """Address, with the port that it has."""
+        """Address, with the actual port."""
         return self._listener.url
 
     @property
@@ -86,7 +86,7 @@ class TcpListenLink(Link):
 
     def open(self) -> None:
         if self._open and not self._lost:
-            raise LinkBusyError(f"{self.url} is open already: one link object has one owner", url=self.url)
+            raise LinkBusyError(f"{self.url} is already open: one link object has one owner", url=self.url)
         if self._open:
             self._part()
             self._listener.forget_wake()
@@ -133,7 +133,7 @@ class TcpListenLink(Link):
         peer = self._meet(deadline)
         if peer is None:
             if data:
-                raise LinkTimeoutError(f"{self.url}: nobody has called yet", url=self.url)
+                raise LinkTimeoutError(f"{self.url}: no client has connected yet", url=self.url)
             return
         try:
             peer.write(data, deadline)
@@ -145,7 +145,7 @@ class TcpListenLink(Link):
         return 0 if peer is None else peer.flush_input()
 
     def _meet(self, deadline: float | None) -> PeerLink | None:
-        """The other end; waits for one to call."""
+        """The peer; waits for a client to connect."""
         peer = self._peer
         if peer is not None and not self._lost and self._open:
             return peer
@@ -172,7 +172,7 @@ class TcpListenLink(Link):
         return {self._listener.fileno(): self._answer_door}
 
     def _answer_door(self) -> None:
-        """Somebody else calls: hang up on him, or have a caller who never said a word give way to him."""
+        """Another client connects: disconnect it, or replace a silent client by it."""
         silent = self._silent_since
         if silent is None or self._clock() - silent < self._patience or self._peer is None:
             self._listener.turn_away()

@@ -1,7 +1,7 @@
-"""The waiting side of TCP, for servers with many clients.
+"""The listening side of TCP, for servers with many clients.
 
-Owns the listening socket, the TLS handshakes that are under way, and who is let in. Must not know what the
-bytes mean. Binds to loopback unless told otherwise.
+Owns the listening socket, the running TLS handshakes, and the admission of clients. Must not know what the bytes
+mean. Binds to loopback by default.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
 __all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
 
 LOOPBACK = "127.0.0.1"
-# Callers who knock while one is being let in; the kernel makes those beyond it try again a second later.
+# Clients that may connect while another is being accepted; the kernel makes others retry a second later.
 _BACKLOG = 128
 
 
 @dataclass
 class _Handshake:
-    """A caller who has not shown a good certificate yet."""
+    """A client that has not shown a valid certificate yet."""
 
     stream: TlsStream
     peer: str
@@ -53,21 +53,21 @@ class _Handshake:
 
 
 class Listener:
-    """Accepts callers, each as a link of its own.
+    """Accepts clients, each as a separate link.
 
-    Under TLS a caller becomes a link only after its certificate was found good; those who take their time, or
-    never come to an end, hold nobody up.
+    Under TLS a client becomes a link only after its certificate is found valid; clients with a slow or endless
+    handshake do not delay others.
 
     Args:
-        host: Address to bind; loopback unless told otherwise.
+        host: Address to bind; loopback by default.
         port: Port; 0 lets the system choose, see `port` after `open`.
-        tls: Certificates; None for connections in the clear.
-        handshake_timeout: Seconds that a caller has for the TLS handshake.
-        max_handshakes: Handshakes under way at once; one more ends the oldest of the host that has most.
+        tls: Certificates; None for unencrypted connections.
+        handshake_timeout: Seconds that a client has for the TLS handshake.
+        max_handshakes: Maximum number of simultaneous handshakes; one more ends the oldest of the host with most.
 
     Attributes:
-        refused: Callers who were not let in.
-        last_refusal: Why the last of them was not; for a log.
+        refused: Number of clients refused.
+        last_refusal: Reason of the last refusal, for a log.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Listener:
         self._max_handshakes = max_handshakes
         self._handshakes: dict[int, _Handshake] = {}
         self._socket: socket.socket | None = None
-        # The socket and the handshakes under way, as one descriptor that others can watch as well.
+        # The socket and the running handshakes, as one descriptor that others can watch as well.
         self._doors: select.epoll | None = None
         self._waker = Waker()
         self._wait = select.poll()
@@ -102,20 +102,20 @@ class Listener:
 
     @property
     def url(self) -> str:
-        """Address of the listener, with the port that it has."""
+        """Address of the listener, with the actual port."""
         return f"{self._scheme}://{host_and_port(self.host, self.port)}"
 
     def open(self) -> None:
         """Bind and listen.
 
         Raises:
-            LinkBusyError: The port has a listener already.
+            LinkBusyError: The port already has a listener.
             LinkNotFoundError: This machine has no such address.
             LinkPermissionError: The port is reserved.
             UsageError: The certificates cannot be used.
         """
         if self._socket is not None:
-            raise LinkBusyError(f"{self.url} listens already", url=self.url)
+            raise LinkBusyError(f"{self.url} is already listening", url=self.url)
         context = self._tls.server_context() if self._tls else None
         family, address = find_addresses(self.host, self._wanted_port, self.url, passive=True)[0]
         try:
@@ -144,7 +144,7 @@ class Listener:
         self._socket = listening
 
     def close(self) -> None:
-        """Stop listening; links that were accepted live on. Harmless if closed; allowed from any thread."""
+        """Stop listening; accepted links stay open. Harmless if closed; allowed from any thread."""
         self._closing = True
         self._waker.set()
         if self._accepter == threading.get_ident():
@@ -162,25 +162,25 @@ class Listener:
             self._waker.close()
 
     def fileno(self) -> int:
-        """Descriptor that turns readable when `accept` has something to do, for servers that watch many links.
+        """Descriptor that becomes readable when `accept` has something to do, for servers that watch many links.
 
-        Under TLS that is also a handshake under way, so `accept` may come back without a caller.
+        Under TLS that includes running handshakes, so `accept` may return without a client.
         """
         if self._doors is None:
             raise self._closed()
         return self._doors.fileno()
 
     def wake(self) -> None:
-        """Make the `accept` that waits now, or else the next one, return None. Allowed from any thread."""
+        """Make the waiting `accept`, or otherwise the next one, return None. Allowed from any thread."""
         self._waker.set()
 
     def accept(
         self, deadline: float | None, *, watched: Callable[[], dict[int, Callable[[], None]]] = dict
     ) -> PeerLink | None:
-        """Wait for a caller.
+        """Wait for a client.
 
         Args:
-            deadline: Value of `time.monotonic` at which to give up; None waits without end.
+            deadline: Value of `time.monotonic` at which to give up; None waits forever.
             watched: Further descriptors that the new link's reader serves.
 
         Returns:
@@ -214,12 +214,12 @@ class Listener:
                 self.close()
 
     def turn_away(self) -> None:
-        """Hang up on everybody who calls at this moment, handshakes under way included."""
+        """Disconnect all clients that are connecting now, including running handshakes."""
         with self._accepting:
             self._accepter = threading.get_ident()
             for fd in list(self._handshakes):
                 self._drop(fd, "busy with another client")
-            with contextlib.suppress(OSError):  # nobody else is there
+            with contextlib.suppress(OSError):  # no more clients
                 while self._socket is not None:
                     self._socket.accept()[0].close()
                     self._refuse("busy with another client")
@@ -234,7 +234,7 @@ class Listener:
         deadline: float | None,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> tuple[PeerLink | None, bool]:
-        """Wait once for a caller, a handshake or the deadline, and serve what came; True if woken."""
+        """Wait once for a client, a handshake or the deadline, and serve it; True if woken."""
         until = [handshake.deadline for handshake in self._handshakes.values()]
         if deadline is not None:
             until.append(deadline)
@@ -261,11 +261,11 @@ class Listener:
         doors: select.epoll,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> PeerLink | None:
-        """Take a new caller in: as a link, or under TLS into the handshake."""
+        """Accept a new client: as a link, or under TLS into the handshake."""
         try:
             caller, address = listening.accept()
         except OSError as error:
-            # It hung up again, or this process has no descriptor left: neither ends the listener.
+            # It has disconnected, or this process has no descriptor left: neither ends the listener.
             if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
                 self._refuse(f"no room: {error.strerror}")
                 self._make_room()
@@ -275,7 +275,7 @@ class Listener:
             prepare(caller)
         except OSError:
             caller.close()
-            self._refuse(f"{peer}: hung up at once")
+            self._refuse(f"{peer}: disconnected at once")
             return None
         if self._context is None:
             return self._admit(PlainStream(caller), peer, watched)
@@ -291,7 +291,7 @@ class Listener:
     def _shake(
         self, fd: int, doors: select.epoll, watched: Callable[[], dict[int, Callable[[], None]]]
     ) -> PeerLink | None:
-        """Take a handshake one step on."""
+        """Advance a handshake by one step."""
         handshake = self._handshakes[fd]
         try:
             if not handshake.stream.handshake():
@@ -324,13 +324,13 @@ class Listener:
         self._refuse(f"{handshake.peer}: {why}")
 
     def _most_pressing(self) -> int:
-        """The oldest handshake of the host that has most: one that calls without end keeps nobody else out."""
+        """The oldest handshake of the host with most: a host that keeps connecting must not keep others out."""
         hosts = Counter(handshake.peer.rpartition(":")[0] for handshake in self._handshakes.values())
         host = hosts.most_common(1)[0][0]
         return next(fd for fd, handshake in self._handshakes.items() if handshake.peer.rpartition(":")[0] == host)
 
     def _make_room(self) -> None:
-        """Without a free descriptor a caller cannot be taken in nor turned away: wait a moment, do not spin."""
+        """Without a free descriptor a client can neither be accepted nor refused: wait a moment, do not spin."""
         if self._handshakes:
             self._drop(self._most_pressing(), "no room")
         else:
@@ -361,11 +361,11 @@ def listen_address(url: LinkUrl) -> tuple[str, int]:
 
 
 def explain_bind(error: OSError, url: str) -> LinkError:
-    """Turn a failed bind into what a person can do about it."""
+    """Turn a failed bind into an error with advice."""
     if error.errno == errno.EADDRINUSE:
-        return LinkBusyError(f"{url}: that port is in use; stop the other program, or take another port", url=url)
+        return LinkBusyError(f"{url}: that port is in use; stop the other program, or choose another port", url=url)
     if error.errno == errno.EADDRNOTAVAIL:
         return LinkNotFoundError(f"{url}: this machine has no such address; see 'ip address'", url=url)
     if error.errno in (errno.EACCES, errno.EPERM):
-        return LinkPermissionError(f"{url}: this user may not use that port; take one above 1023", url=url)
+        return LinkPermissionError(f"{url}: this user may not use that port; choose one above 1023", url=url)
     return LinkError(f"{url} cannot be opened: {error.strerror or error}", url=url)

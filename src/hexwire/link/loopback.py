@@ -1,7 +1,7 @@
-"""Proof of a cable and adapter: with TX wired to RX, what goes out must come back.
+"""Loopback test of a cable and adapter: with TX wired to RX, every byte sent must come back.
 
-Owns the patterns, the deadlines and the count of errors. Must not know frames. The chapter's first advice when
-nothing works is this very test.
+Owns the patterns, the deadlines and the count of errors. Must not know frames. This test is the chapter's first
+advice when nothing works.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ __all__ = ["LoopbackResult", "loopback_patterns", "try_loopback"]
 _BITS = 10
 _CHUNK = 64
 _SLACK = 1.0
-"""Seconds beyond the line's own time: a USB adapter and a busy machine need some."""
+"""Seconds beyond the time on the line, for a USB adapter and a busy machine."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopbackResult:
-    """What came back at one rate.
+    """Result at one rate.
 
     Attributes:
         baud: The rate.
         sent: Bytes sent.
-        returned: Bytes that came back.
-        wrong: Of those, bytes that differ.
-        wrong_bits: Bits in which they differ.
-        seconds: What it took.
+        returned: Bytes received.
+        wrong: Bytes received that differ.
+        wrong_bits: Bits that differ.
+        seconds: Duration.
     """
 
     baud: int
@@ -42,17 +42,17 @@ class LoopbackResult:
 
     @property
     def lost(self) -> int:
-        """Bytes that did not come back; negative if more came than went."""
+        """Bytes that did not come back; negative if more came back than were sent."""
         return self.sent - self.returned
 
     @property
     def good(self) -> bool:
-        """Every byte came back as it went."""
+        """Whether every byte came back unchanged."""
         return not self.wrong and not self.lost
 
     @property
     def verdict(self) -> str:
-        """In words, with what to look at."""
+        """Description, with what to check."""
         if self.good:
             return "good"
         if not self.returned:
@@ -68,7 +68,7 @@ class LoopbackResult:
 
 
 def loopback_patterns(count: int, seed: int = 0) -> Iterator[bytes]:
-    """Chunks of `count` bytes in all: every byte value, the hardest edges (55, AA, 00, FF), then random ones."""
+    """Chunks of `count` bytes in total: every byte value, the hardest edges (55, AA, 00, FF), then random bytes."""
     fixed = bytes(range(256)) + b"\x55\xaa" * 32 + b"\x00\xff" * 32
     data = fixed + random.Random(seed).randbytes(max(0, count - len(fixed)))
     for at in range(0, min(count, len(data)), _CHUNK):
@@ -78,17 +78,17 @@ def loopback_patterns(count: int, seed: int = 0) -> Iterator[bytes]:
 def try_loopback(
     link: Link, baud: int, count: int, clock: Callable[[], float], progress: Callable[[int], None] | None = None
 ) -> LoopbackResult:
-    """Send patterns over an open link and compare what comes back.
+    """Send patterns over an open link and compare the bytes that come back.
 
     Args:
         link: Open, at `baud`.
         baud: The rate, for the deadlines.
         count: Bytes to send.
         clock: The clock of the link's deadlines.
-        progress: Told how many bytes were sent so far.
+        progress: Called with the number of bytes sent so far.
 
     Raises:
-        LinkError: The line went away or takes nothing.
+        LinkError: The line was lost or accepts no bytes.
     """
     start = clock()
     link.flush_input()

@@ -1,7 +1,7 @@
-"""A link inside one process: what one end writes, the other reads.
+"""A link inside one process: one end reads what the other writes.
 
-Owns the pair of ends, for tests and for programs that hold both sides. It is a socket pair of the kernel, so
-it waits, blocks and breaks as a real line does. Must not know what the bytes mean.
+Owns the pair of ends, for tests and for programs that hold both sides. It is a socket pair of the kernel, so it
+waits, blocks and breaks like a real line. Must not know what the bytes mean.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _numbers = itertools.count(1)
 
 
 class _Wire:
-    """What the two ends share: the half of the socket pair that its owner has not fetched yet."""
+    """Shared by the two ends: the half of the socket pair that its owner has not fetched yet."""
 
     def __init__(self, kind: LinkKind, capacity: int) -> None:
         self._socket_type = socket.SOCK_STREAM if kind is LinkKind.STREAM else socket.SOCK_SEQPACKET
@@ -42,7 +42,7 @@ class _Wire:
             return mine
 
     def give_back(self, end: int) -> None:
-        """This end closes: a half that the other end never fetched leads nowhere now."""
+        """This end closes: close a half that the other end never fetched."""
         with self._lock:
             unfetched = self._waiting.pop(1 - end, None)
         if unfetched is not None:
@@ -50,10 +50,10 @@ class _Wire:
 
 
 class MemoryLink(PollLink):
-    """One end of a line in memory; `memory_pair` makes both.
+    """One end of a line in memory; `memory_pair` creates both.
 
-    An end that is opened first holds its bytes for the other. When one end closes, the other is lost; both
-    can be opened again and are then joined anew.
+    The end that is opened first buffers its bytes for the other. When one end closes, the other is lost; both can
+    be opened again and are then reconnected.
     """
 
     def __init__(self, url: str, kind: LinkKind, wire: _Wire, end: int, max_message: int | None) -> None:
@@ -72,7 +72,7 @@ class MemoryLink(PollLink):
     def _close(self) -> None:
         if self._socket is not None:
             self._wire.give_back(self._end)
-            # The other end must see this one go even if a descriptor was passed on by a fork.
+            # The other end must see the close even if a fork has copied the descriptor.
             with contextlib.suppress(OSError):
                 self._socket.shutdown(socket.SHUT_RDWR)
             self._socket.close()
@@ -94,16 +94,16 @@ class MemoryLink(PollLink):
 def memory_pair(
     kind: LinkKind = LinkKind.STREAM, *, capacity: int = 65536, max_message: int = 8192
 ) -> tuple[MemoryLink, MemoryLink]:
-    """Make two ends of a line in memory, neither open yet.
+    """Create the two ends of a line in memory, not open yet.
 
     Args:
         kind: Stream or datagram.
-        capacity: Bytes that wait unread before a writer has to wait, about: the kernel counts its own
+        capacity: Approximate number of unread bytes at which a writer has to wait: the kernel includes its own
             overhead and has a lower bound of some kilobytes.
-        max_message: Longest datagram in bytes; of no meaning for a stream.
+        max_message: Longest datagram in bytes; ignored for a stream.
 
     Returns:
-        The two ends. What one writes, the other reads.
+        The two ends. Each reads what the other writes.
     """
     wire = _Wire(kind, capacity)
     name = f"memory://{next(_numbers)}"

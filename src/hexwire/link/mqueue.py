@@ -1,12 +1,12 @@
-"""POSIX message queues as a link between two programs of one machine.
+"""POSIX message queues as a link between two programs on one machine.
 
-A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, the server the other way round.
-Owns their names, the system's limits, and the search for queues that somebody left behind; nothing is removed
-unless that is asked for. Must not know what the bytes mean.
+A line has two queues: the client writes ``/name.tx`` and reads ``/name.rx``, the server does the reverse. Owns
+their names, the system's limits, and the search for abandoned queues; nothing is removed unless requested. Must not
+know what the bytes mean.
 
-A queue outlives the programs that use it. What waits in it when an end is opened is from before, perhaps for
-another program: it is dropped. And it may have been made by somebody else, who can then read and write what goes
-over it: a queue must belong to this user, or to one who is trusted by name, and be closed to all others.
+A queue outlives the programs that use it. Messages that wait in it when an end opens it are old, perhaps meant for
+another program, so they are dropped. Another user may have created it and could read and write its traffic: a queue
+must belong to this user, or to a user trusted by name, and be closed to all others.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 __all__ = ["QueueInfo", "QueueLink", "list_queues", "remove_queue"]
 
-# What Linux allows without a change of its settings.
+# Allowed by Linux with its default settings.
 DEFAULT_DEPTH = 10
 DEFAULT_SIZE = 8192
 _NAME = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
@@ -50,21 +50,21 @@ _QUEUES = Path("/dev/mqueue")
 
 
 class QueueLink(PollLink):
-    """One end of a line over two message queues, which are made if they are not there.
+    """One end of a line over two message queues, which are created if they do not exist.
 
-    Only this user may open queues that it makes. The other end need not be there; what was sent before it opens
-    does not reach it.
+    Only this user may open queues created here. The other end need not be open; messages sent before it opens do
+    not reach it.
 
     Args:
         name: Letters, digits, ``. _ -``; with or without a leading slash.
-        server: Take the server's end.
-        depth: Messages that wait unread before a writer has to wait; of a queue that exists, its own counts.
+        server: Be the server's end.
+        depth: Number of unread messages at which a writer has to wait; an existing queue keeps its own depth.
         size: Longest message in bytes; likewise.
         unlink: Remove both queues when this end is closed.
-        trust: Users, besides this one, whose queues are used; such a queue may be open to a group.
+        trust: Users, besides this one, whose queues are accepted; such a queue may be open to a group.
 
     Attributes:
-        dropped: Messages of before that the last opening dropped.
+        dropped: Old messages dropped at the last opening.
     """
 
     kind = LinkKind.DATAGRAM
@@ -113,18 +113,18 @@ class QueueLink(PollLink):
         self._full_or_empty = _posix_ipc().BusyError
         self._inbox = self._queue(self.name + (".tx" if self._server else ".rx"), reads=True)
         try:
-            # The reader is the owner of a queue; its lock ends with the process, whatever becomes of the queue.
+            # The reader is the owner of a queue; its lock ends with the process, whatever happens to the queue.
             fcntl.flock(self._inbox.mqd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             who = lock_owner(os.fstat(self._inbox.mqd)) or "another program"
             role = "server" if self._server else "client"
             raise LinkBusyError(
-                f"{self.url} has a {role} already: {who}; close that first", url=self.url
+                f"{self.url} already has a {role}: {who}; close that first", url=self.url
             ) from error
         self._outbox = self._queue(self.name + (".rx" if self._server else ".tx"), reads=False)
         self.max_message = self._outbox.max_message_size
         self.dropped = 0
-        # At most what fits: another end that never stops writing must not hold this one up.
+        # At most one full queue: a peer that never stops writing must not block this end.
         with contextlib.suppress(self._full_or_empty):
             while self.dropped < self._inbox.max_messages:
                 self._inbox.receive()
@@ -147,7 +147,7 @@ class QueueLink(PollLink):
     def _make_or_find(self, name: str, reads: bool) -> posix_ipc.MessageQueue:
         ipc = _posix_ipc()
         while True:
-            # Nobody else's queue passes for one of ours: it is new, or it is looked at as one that was there.
+            # Never mistake another user's queue for ours: it is either new, or checked like an existing one.
             try:
                 return ipc.MessageQueue(
                     name,
@@ -166,12 +166,12 @@ class QueueLink(PollLink):
                 continue  # removed in between
 
     def _check_owner(self, name: str, status: os.stat_result) -> None:
-        """Refuse a queue that somebody else made, or may use."""
+        """Refuse a queue that another user has created or may use."""
         trusted = {self._user_id(user) for user in self._trust}
         if status.st_uid not in (os.geteuid(), *trusted):
             owner = owner_name(status.st_uid)
             raise LinkPermissionError(
-                f"{self.url}: queue {name} belongs to {owner}, who could read and write what goes over it; take "
+                f"{self.url}: queue {name} belongs to {owner}, who could read and write its messages; choose "
                 f"another name, or add trust={owner} to the address",
                 url=self.url,
             )
@@ -179,14 +179,14 @@ class QueueLink(PollLink):
         if open_to == "all users" or (open_to and not trusted):
             who = f"{open_to} (mode {status.st_mode & 0o777:03o})"
             raise LinkPermissionError(
-                f"{self.url}: queue {name} is open to {who}; have it removed, or take another name", url=self.url
+                f"{self.url}: queue {name} is open to {who}; have it removed, or choose another name", url=self.url
             )
 
     def _user_id(self, user: str) -> int:
         try:
             return pwd.getpwnam(user).pw_uid
         except KeyError as error:
-            raise UsageError(f"{self.url}: trust={user}, and there is no such user") from error
+            raise UsageError(f"{self.url}: trust={user}, but there is no such user") from error
 
     def _close(self) -> None:
         for queue in (self._inbox, self._outbox):
@@ -228,7 +228,7 @@ class QueueLink(PollLink):
             )
         if isinstance(error, _posix_ipc().PermissionsError):
             return LinkPermissionError(
-                f"{self.url} belongs to another user, who lets nobody use it; take another name", url=self.url
+                f"{self.url} belongs to another user and is closed to others; choose another name", url=self.url
             )
         if number == errno.ENOSPC:
             return LinkError(
@@ -249,9 +249,9 @@ class QueueInfo:
     """A message queue of this system.
 
     Attributes:
-        name: With the leading slash.
-        waiting: Bytes that wait unread; -1 if that may not be read.
-        owner: The program that reads it, as ``hexwire (pid 4711)``; empty if there is none.
+        name: Name with the leading slash.
+        waiting: Number of unread bytes; -1 without permission.
+        owner: The program that reads it, such as ``hexwire (pid 4711)``; empty if there is none.
     """
 
     name: str
@@ -260,22 +260,22 @@ class QueueInfo:
 
     @property
     def is_stale(self) -> bool:
-        """Nobody reads it, so somebody may have left it behind."""
+        """No program reads it, so it may have been abandoned."""
         return not self.owner
 
 
 def list_queues(folder: Path = _QUEUES) -> list[QueueInfo]:
-    """List the message queues of this system, those of other programs included.
+    """List the message queues of this system, including those of other programs.
 
     Args:
-        folder: Where the system's queues are mounted.
+        folder: Mount point of the system's queues.
 
     Raises:
-        LinkNotFoundError: They are not mounted, so nobody can list them.
+        LinkNotFoundError: They are not mounted, so they cannot be listed.
     """
     if not folder.is_dir():
         raise LinkNotFoundError(
-            f"{folder} is not there, so queues cannot be listed; run 'sudo mkdir -p {folder} && "
+            f"{folder} does not exist, so queues cannot be listed; run 'sudo mkdir -p {folder} && "
             f"sudo mount -t mqueue none {folder}'"
         )
     queues = []
@@ -286,7 +286,7 @@ def list_queues(folder: Path = _QUEUES) -> list[QueueInfo]:
 
 
 def remove_queue(name: str) -> bool:
-    """Remove a queue and what waits in it; programs that have it open keep theirs until they close it.
+    """Remove a queue and its messages; programs that have it open keep it until they close it.
 
     Returns:
         False if there was no such queue.

@@ -1,8 +1,7 @@
-"""From an address to a link: the table of schemes.
+"""Creates a link from an address: the table of schemes.
 
-Owns which scheme is served by which class, built in or from another package (entry-point group
-``hexwire.links``: name = scheme, value = a callable from `LinkUrl` to `Link`). Imports a class only when its
-scheme is asked for.
+Owns the mapping from schemes to classes, built in or from another package (entry-point group ``hexwire.links``:
+name = scheme, value = a callable from `LinkUrl` to `Link`). Imports a class only when its scheme is used.
 """
 
 from __future__ import annotations
@@ -38,12 +37,12 @@ _BUILT_IN: dict[str, tuple[str, str]] = {
 
 
 def known_schemes() -> list[str]:
-    """Every scheme that `make_link` takes, those of other packages included."""
+    """All schemes that `make_link` accepts, including those of other packages."""
     return sorted({*_BUILT_IN, *(point.name for point in _other_packages())})
 
 
 def make_link(url: str) -> Link:
-    """Build the link for an address, without opening it.
+    """Create the link for an address, without opening it.
 
     Args:
         url: ``serial:///dev/ttyUSB0?baud=115200``, ``tcp://host:port`` and so on, or the plain path of a
@@ -68,14 +67,14 @@ def _build(url: str) -> Link:
 
 
 def _other_packages() -> Iterable[EntryPoint]:
-    # Reading the packages' metadata takes longer than everything else here, and few need it.
+    # Reading the packages' metadata takes longer than everything else here, and is rarely needed.
     from importlib.metadata import entry_points
 
     return entry_points(group=ENTRY_POINT_GROUP)
 
 
 def open_link(url: str) -> Link:
-    """Build the link for an address and open it; the caller closes it.
+    """Create and open the link for an address; the caller closes it.
 
     Raises:
         UsageError: The address is wrong.

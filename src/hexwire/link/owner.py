@@ -1,6 +1,6 @@
-"""Which program has a port or queue, for the text of an error.
+"""Finds the program that has a port or queue open, for error texts.
 
-Owns the reading of ``/proc``. Everything here is a best guess: what may not be looked at comes out as empty text.
+Owns the reading of ``/proc``. Everything here is a best guess: without permission the result is an empty text.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ __all__ = ["device_owner", "lock_owner"]
 
 
 def lock_owner(status: os.stat_result) -> str:
-    """Name the program that holds the lock on a file: ``hexwire (pid 4711)``; empty if it cannot be told."""
+    """Name of the program that holds the lock on a file: ``hexwire (pid 4711)``; empty if unknown."""
     try:
         locks = Path("/proc/locks").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -26,9 +26,9 @@ def lock_owner(status: os.stat_result) -> str:
 
 
 def device_owner(device: str) -> str:
-    """Name the program that has a device open; empty if it cannot be told.
+    """Name of the program that has a device open; empty if unknown.
 
-    The file lock comes first, since a pseudo-terminal is also held open by whoever stands behind it.
+    The file lock is checked first, since the program that serves a pseudo-terminal also holds it open.
     """
     try:
         status = Path(device).stat()
@@ -42,7 +42,7 @@ def device_owner(device: str) -> str:
             if any(fd.stat().st_rdev == status.st_rdev for fd in (process / "fd").iterdir()):
                 return _program(process.name)
         except OSError:
-            continue  # gone meanwhile, or not ours to look at
+            continue  # it has ended, or belongs to another user
     return ""
 
 

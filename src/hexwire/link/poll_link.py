@@ -1,4 +1,4 @@
-"""How most links keep the contract: one loop over one descriptor that poll can watch.
+"""The base of most links: one loop over one descriptor that poll can watch.
 
 Owns deadlines, waiting, waking, and closing from another thread or a signal handler. Must not know what the
 descriptor is, nor what the bytes mean.
@@ -34,7 +34,7 @@ __all__ = ["PollLink"]
 
 _log = logging.getLogger(__name__)
 
-# What flush_input throws away at most, so that a peer that never stops talking cannot hold it for ever.
+# Maximum number of bytes that flush_input discards, so that a peer that never stops sending cannot block it.
 _FLUSH_LIMIT = 1 << 20
 
 
@@ -52,12 +52,12 @@ _OPEN = _State.OPEN
 class PollLink(Link):
     """A link over one descriptor that `poll` can watch.
 
-    A backend supplies `_open`, `_close`, `_fileno`, `_read_ready` and `_write_ready`, all non-blocking but
-    for `_open`, and lets OSError pass: this class turns it into LinkLostError. The descriptor must not change
-    while the link is open.
+    A backend supplies `_open`, `_close`, `_fileno`, `_read_ready` and `_write_ready`, all non-blocking except
+    `_open`. It lets OSError pass: this class turns it into LinkLostError. The descriptor must not change while the
+    link is open.
     """
 
-    # What a person can do about a lost line; ends the error text.
+    # Advice about a lost line, at the end of the error text.
     _lost_advice: ClassVar[str] = ""
 
     def __init__(self, url: str) -> None:
@@ -82,34 +82,34 @@ class PollLink(Link):
         self._wait_to_read = select.poll().poll
         self._write_poll = select.poll()
 
-    # --- what a backend supplies ------------------------------------------------------------------
+    # --- supplied by a backend --------------------------------------------------------------------
 
     @abstractmethod
     def _open(self) -> None:
-        """Open the line or raise; on an error nothing may stay open behind (`_close` is called as well)."""
+        """Open the line or raise; after an error nothing may stay open (`_close` is called as well)."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Close whatever is open; must accept being called when nothing is."""
+        """Close whatever is open; harmless if nothing is."""
 
     @abstractmethod
     def _fileno(self) -> int:
         """Descriptor to wait on."""
 
     def _write_fileno(self) -> int:
-        """Descriptor to wait on before writing, where it is another one."""
+        """Descriptor to wait on before writing, if it is a different one."""
         return self._fileno()
 
     @abstractmethod
     def _read_ready(self) -> bytes:
-        """Read what is there; ``b""`` if there was nothing after all; raise OSError if the line is gone."""
+        """Read available bytes; ``b""`` after a false alarm; raise OSError if the line is lost."""
 
     @abstractmethod
     def _write_ready(self, data: memoryview | bytes) -> int:
-        """Write what fits now; return how many bytes; BlockingIOError if none fit."""
+        """Write what fits now; return the number of bytes; raise BlockingIOError if none fit."""
 
     def _write_given_up(self) -> None:
-        """A write stopped half-way; forget what belongs to it."""
+        """A write was abandoned half-way; forget its state."""
 
     # --- opening and closing ----------------------------------------------------------------------
 
@@ -118,7 +118,7 @@ class PollLink(Link):
         return self._state is _State.OPEN
 
     def fileno(self) -> int:
-        """Descriptor that turns readable when `read` has something, for callers that watch many links."""
+        """Descriptor that becomes readable when `read` has data, for callers that watch many links."""
         if self._state is not _State.OPEN:
             raise self._refusal()
         return self._fd
@@ -126,7 +126,7 @@ class PollLink(Link):
     def open(self) -> None:
         with self._changing:
             if self._state in (_State.OPEN, _State.OPENING):
-                raise LinkBusyError(f"{self.url} is open already: one link object has one owner", url=self.url)
+                raise LinkBusyError(f"{self.url} is already open: one link object has one owner", url=self.url)
             if self._state is _State.LOST:
                 self._release()
             self._closing = False

@@ -1,8 +1,8 @@
-"""Which device a serial port's name leads to, and whether it is still the one that was meant.
+"""The device behind a serial port's name, and whether it is still the intended one.
 
-Owns the questions to the system: is this a terminal that a person works at, does a symbolic link lead to a
-pseudo-terminal that is younger than the link, is this the USB device that was here before. Nothing is written to a
-port to find out. Must not know what a port is opened for.
+Owns the checks: is this a terminal in which a program runs, does a symbolic link lead to a pseudo-terminal that is
+newer than the link, is this the same USB device as before. Nothing is written to a port for this. Must not know why
+a port is opened.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["PortIdentity", "UsbDevice", "identify_port", "why_not", "why_not_aga
 
 _SYSFS = Path("/sys/dev/char")
 _PROC = Path("/proc")
-# Linux, Documentation/admin-guide/devices.txt: Unix98 pseudo-terminals, and the terminal of whoever opens it.
+# Linux, Documentation/admin-guide/devices.txt: Unix98 pseudo-terminals, and the opening process's own terminal.
 _PTS_MAJORS = range(136, 144)
 _OWN_TERMINAL = os.makedev(5, 0)
 _MOST_LINKS = 40
@@ -27,7 +27,7 @@ _SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class UsbDevice:
-    """What a USB device says of itself.
+    """Identity of a USB device.
 
     Attributes:
         vendor: Vendor id, four hexadecimal digits.
@@ -45,20 +45,20 @@ class UsbDevice:
 
 @dataclass(frozen=True)
 class PortIdentity:
-    """What a port's name led to.
+    """The device that a port's name leads to.
 
     Attributes:
         device: Number of the device.
         usb: The USB device behind it; None if there is none.
-        terminal: It is a pseudo-terminal.
-        made: When the pseudo-terminal was made, nanoseconds of the system's clock; 0 for other ports.
+        terminal: Whether it is a pseudo-terminal.
+        made: Creation time of the pseudo-terminal, nanoseconds of the system's clock; 0 for other ports.
         owner: User id of its owner.
-        link: The symbolic link that leads to it; empty if none does.
-        link_made: When that link was made, as `made`.
+        link: The symbolic link that leads to it; empty if there is none.
+        link_made: Creation time of that link, as `made`.
         link_owner: User id of the link's owner.
-        planted: A symbolic link on the way that another user has put where everybody may write; empty if there is
-            none.
-        planter: User id of who did.
+        planted: A symbolic link in the path that another user has placed in a directory that everybody may write
+            to; empty if there is none.
+        planter: User id of that other user.
     """
 
     device: int
@@ -74,17 +74,17 @@ class PortIdentity:
 
 
 def identify_port(name: str, status: os.stat_result) -> PortIdentity:
-    """Look at a port that is open.
+    """Identify an open port.
 
     Args:
-        name: What it was opened by.
-        status: Of the open descriptor.
+        name: The name that was opened.
+        status: Status of the open descriptor.
 
     Raises:
-        OSError: The name does not lead there any more.
+        OSError: The name no longer leads to this device.
     """
     terminal = os.major(status.st_rdev) in _PTS_MAJORS
-    # Input and output leave the time of change alone; making one, or changing its owner or mode, sets it.
+    # Input and output do not affect the change time; creation, and changes of owner or mode, set it.
     made = status.st_ctime_ns if terminal else 0
     usb = None if terminal else _usb_device(status.st_rdev)
     link, path = None, Path(name)
@@ -107,51 +107,49 @@ def identify_port(name: str, status: os.stat_result) -> PortIdentity:
 def why_not(port: PortIdentity) -> str:
     """Why nothing may be written to a port; empty if writing is allowed.
 
-    The text goes on after the port's name.
+    The text continues a sentence that starts with the port's name.
     """
     if port.device == _OWN_TERMINAL:
         return "is the terminal that this program runs in"
     if port.planted:
         return (
-            f"is reached by the link {port.planted}, which {owner_name(port.planter)} has put into a folder that "
-            "everybody may write to; name the port itself"
+            f"is reached by the link {port.planted}, which {owner_name(port.planter)} has placed in a folder that "
+            "everybody may write to; use the port's own name"
         )
     program = _at_work(port.device, itself=port.terminal)
     if program:
-        return f"is the terminal that {program} runs in, and no robot"
+        return f"is the terminal that {program} runs in, not a robot"
     if not port.terminal:
         return ""
     if not port.link:
         if os.geteuid() not in (0, port.owner):
             return f"is a terminal of {owner_name(port.owner)}"
         return ""
-    # A file system that keeps whole seconds is given two.
+    # Allow two seconds on a file system that stores whole seconds.
     slack = 0 if port.link_made % _SECOND else 2 * _SECOND
     if port.made > port.link_made + slack:
         return (
-            f"is stale: the terminal it leads to was made after the link {port.link}, so it is another one; start "
-            "the emulator again, or make the link anew"
+            f"is stale: the terminal it leads to was created after the link {port.link}, so it is a different one; "
+            "start the emulator again, or recreate the link"
         )
     if port.owner != port.link_owner:
         return (
-            f"leads to a terminal of {owner_name(port.owner)}, and {owner_name(port.link_owner)} made the link "
-            f"{port.link}; make it anew"
+            f"leads to a terminal of {owner_name(port.owner)}, but {owner_name(port.link_owner)} created the link "
+            f"{port.link}; recreate the link"
         )
     return ""
 
 
 def why_not_again(before: PortIdentity, now: PortIdentity) -> str:
-    """Why a port is not the one that was open before; empty if it is, or may be."""
+    """Why a port is not the one that was open before; empty if it is or may be the same."""
     if before.usb is not None and now.usb is not None:
-        return "" if before.usb == now.usb else f"is another device now: {now.usb}, and it was {before.usb}"
+        return "" if before.usb == now.usb else f"is another device now: {now.usb} instead of {before.usb}"
     if before.terminal and now.terminal:
-        # A name that the emulator gives anew is checked by its own age; a bare terminal is gone for good.
+        # A link that the emulator creates again is checked by its age; a terminal without a link is gone for good.
         if before.link and now.link:
             return "" if before.owner == now.owner else f"belongs to {owner_name(now.owner)} now"
         same = (before.device, before.made) == (now.device, now.made)
-        return (
-            "" if same else "is another terminal now: the one that was open is gone; take the emulator's new name"
-        )
+        return "" if same else "is another terminal now: the one that was open is gone; use the emulator's new name"
     same = (before.usb, before.device) == (now.usb, now.device)
     return "" if same else "is another device now"
 
@@ -175,7 +173,7 @@ def _word(path: Path) -> str:
 
 
 def _at_work(number: int, *, itself: bool) -> str:
-    """Name a program whose controlling terminal a device is, this one only if `itself`; empty if there is none."""
+    """A program whose controlling terminal is the device, this one only if `itself`; empty if there is none."""
     minor = os.minor(number)
     wanted = (minor & 0xFF) | os.major(number) << 8 | (minor & ~0xFF) << 12  # linux, new_encode_dev
     for process in _PROC.glob("[0-9]*"):
@@ -183,7 +181,7 @@ def _at_work(number: int, *, itself: bool) -> str:
             head, _, tail = (process / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")
             terminal = int(tail.split()[4]) & 0xFFFFFFFF
         except (OSError, ValueError, IndexError):
-            continue  # gone meanwhile
+            continue  # it has ended
         if terminal == wanted and (itself or process.name != str(os.getpid())):
             return f"{head.partition('(')[2]} (pid {process.name})"
     return ""

@@ -1,6 +1,6 @@
-"""The serial ports of this machine and what is probably behind them.
+"""The serial ports of this machine and the devices they probably belong to.
 
-Owns the table of USB identities. Opens no port. Must not know what is spoken on a port.
+Owns the table of USB identities. Opens no port. Must not know the protocol on a port.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from hexwire.errors import LinkNotFoundError, UsageError
 
 __all__ = ["PortInfo", "find_only_board", "find_port", "list_ports"]
 
-# VID:PID -> what it probably is, likely a controller board, likely a servo bus adapter.
-# Arduino's boards.txt for the genuine boards; converter chips by their makers' ids.
+# VID:PID -> probable device, whether likely a controller board, whether likely a servo bus adapter.
+# Arduino's boards.txt for the genuine boards; converter chips by their vendors' ids.
 _MEGA = ("Arduino Mega 2560", True, False)
 _ADK = ("Arduino Mega ADK", True, False)
 _IDENTITIES: dict[tuple[int, int], tuple[str, bool, bool]] = {
@@ -40,14 +40,14 @@ class PortInfo:
     """A serial port.
 
     Attributes:
-        device: Path to open, as ``/dev/ttyUSB0``.
+        device: Path to open, such as ``/dev/ttyUSB0``.
         vid: USB vendor id, or None for a port that is not on USB.
         pid: USB product id, or None.
-        serial_number: USB serial number; empty if it has none, as many clones.
-        description: What the device says of itself; may be empty.
-        guess: What it probably is, in words.
-        likely_board: It may be the arm's controller board.
-        likely_adapter: It may be an adapter straight to the servo bus.
+        serial_number: USB serial number; empty if it has none, like many clones.
+        description: The device's own description; may be empty.
+        guess: The probable device.
+        likely_board: Whether it may be the arm's controller board.
+        likely_adapter: Whether it may be an adapter to the servo bus.
     """
 
     device: str
@@ -88,22 +88,22 @@ def list_ports() -> list[PortInfo]:
 
 
 def find_port(device: str) -> PortInfo:
-    """What is known of one port, listed or not.
+    """Information on one port, listed or not.
 
     Args:
-        device: Its path; may be a symbolic link, as those in ``/dev/serial/by-id``.
+        device: Its path; may be a symbolic link, such as those in ``/dev/serial/by-id``.
     """
     real = os.path.realpath(device)
     for port in list_ports():
         if os.path.realpath(port.device) == real:
             return replace(port, device=device)
     pseudo = real.startswith("/dev/pts/")
-    guess = "pseudo-terminal: an emulator, or a program that passes bytes on" if pseudo else "unknown port"
+    guess = "pseudo-terminal: an emulator, or a program that forwards bytes" if pseudo else "unknown port"
     return PortInfo(device, guess=guess)
 
 
 def find_only_board() -> str:
-    """Find the port when the user names none.
+    """Find the port if the user names none.
 
     Returns:
         Device path of the one port that is likely a controller board.
@@ -123,13 +123,13 @@ def find_only_board() -> str:
             f"no likely board among the serial ports: {_in_words(ports)}; plug it in, or name a port with --port"
         )
     raise LinkNotFoundError(
-        "no serial port on this machine; plug the board in, or name a link with --port (a simulated board: "
-        "'hexwire sim board' prints its path)"
+        "no serial port on this machine; plug the board in, or name a link with --port ('hexwire sim board' prints "
+        "the path of an emulated board)"
     )
 
 
 def ports_in_words() -> str:
-    """The serial ports there are, for the end of an error text."""
+    """The existing serial ports, for the end of an error text."""
     ports = list_ports()
     return f"ports here: {_in_words(ports)}" if ports else "no serial port on this machine"
 

@@ -1,7 +1,7 @@
-"""Who may stay when more callers come than a server has room for.
+"""The places of a server: which clients may stay when there are more than the server accepts.
 
-Owns the places of a server and the order in which they are given up: whoever commands never loses his. Pure: time
-comes in as `now`. Must not know sockets, nor what makes a request good.
+Owns the places and the order in which they are taken away: the commanding client never loses its place. Pure: time
+comes in as `now`. Must not know sockets, nor what makes a request valid.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ class _Guest:
 class Seats(Generic[K]):
     """The places of a server.
 
-    When there is none left, in all or for one host, a place is taken from, in this order:
+    When no place is left, in total or for one host, one is taken from, in this order:
 
-    1. whoever has never sent a good request, the oldest first, whatever bytes came from him;
-    2. whoever has sent none for `idle` seconds, the most silent first, unless he or somebody else from his host
-       commanded last: the channels of a robot that happen to be quiet belong to him who moves it.
+    1. a client that has never sent a valid request, the oldest first, whatever bytes it has sent;
+    2. a client that has sent none for `idle` seconds, the longest silent first, unless it or another client on its
+       host commanded last: quiet channels of a robot belong to the host that moves it.
 
-    If that leaves nobody, the newcomer is turned away.
+    If there is no such client, the new one is refused.
 
     Args:
-        most: Places in all.
-        per_host: Places for one host, of which it takes from its own only.
-        idle: Seconds without a good request after which a guest may have to go.
+        most: Total number of places.
+        per_host: Places for one host; a host beyond that loses one of its own.
+        idle: Seconds without a valid request after which a client may lose its place.
     """
 
     def __init__(self, most: int = 64, *, per_host: int = 32, idle: float = 60.0) -> None:
@@ -51,10 +51,10 @@ class Seats(Generic[K]):
         return len(self._guests)
 
     def admit(self, key: K, host: str, now: float) -> tuple[bool, K | None]:
-        """Give a newcomer a place.
+        """Give a new client a place.
 
         Returns:
-            Whether he has one, and who has to go for it.
+            Whether it has one, and the client that loses its place for it.
         """
         out = None
         mine = [k for k, guest in self._guests.items() if guest.host == host]
@@ -68,7 +68,7 @@ class Seats(Generic[K]):
         return True, out
 
     def heard(self, key: K, now: float, *, commanded: bool = False) -> None:
-        """Note a good request, and whether it changed something."""
+        """Record a valid request, and whether it was a command."""
         guest = self._guests.get(key)
         if guest is not None:
             guest.heard = now
@@ -76,7 +76,7 @@ class Seats(Generic[K]):
                 guest.commanded = now
 
     def leave(self, key: K) -> None:
-        """A guest is gone. Harmless if he was none."""
+        """A client has left. Harmless if it has no place."""
         self._guests.pop(key, None)
 
     def _weakest(self, keys: list[K], now: float) -> K | None:
@@ -92,6 +92,6 @@ class Seats(Generic[K]):
         return keys[min(silent)[1]] if silent else None
 
     def _commander(self) -> str | None:
-        """The host that commanded last, if any that is here did."""
+        """The host that commanded last, among the connected ones."""
         rows = [(guest.commanded, guest.host) for guest in self._guests.values() if guest.commanded is not None]
         return max(rows)[1] if rows else None

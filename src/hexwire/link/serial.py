@@ -1,10 +1,10 @@
 """Serial ports by termios: raw, exclusive, any baud rate, no thread.
 
-Owns the port's settings and the errors a person meets when opening one. Must not know what is behind it.
+Owns the port's settings and the errors of opening a port. Must not know the device on it.
 
-Nothing may touch the bytes on their way: with the terminal's usual line discipline (ICRNL) each 0D arrives as
-0A, which is how the chapter's own log was damaged (PROTOCOL.md section 4). HUPCL is off, so that closing
-the port does not reset the board at its next opening.
+The bytes must not be changed: with the terminal's usual line discipline (ICRNL) each 0D arrives as 0A, which
+damaged the chapter's own log (PROTOCOL.md section 5). HUPCL is off, so that closing the port does not reset the
+board at its next opening.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ __all__ = ["DEFAULT_BAUD", "SerialLink", "terminal_rate"]
 
 DEFAULT_BAUD = 115200
 _BAUD_LOW, _BAUD_HIGH = 50, 12_000_000
-# How far the rate that the driver chose may be from the one asked for: a receiver resynchronises at every
-# start bit and stands about 2 % from each side (ATmega2560 data sheet, table of receiver tolerances).
+# Permitted deviation of the driver's rate from the requested rate: a receiver resynchronises at every start bit and
+# tolerates about 2 % from each side (ATmega2560 data sheet, table of receiver tolerances).
 _BAUD_TOLERANCE = 0.025
 
-# linux/asm-generic/termbits.h and ioctls.h: what Python's termios has no name for.
+# linux/asm-generic/termbits.h and ioctls.h: constants that Python's termios lacks.
 _BOTHER = 0o010000
 _CBAUD = 0o010017
 _TCGETS2 = 0x802C542A
@@ -57,9 +57,9 @@ _DTR_PULSE = 0.05
 
 
 def terminal_rate(fd: int) -> int | None:
-    """Rate that a terminal is set to, bits a second, exactly; None where the system does not tell.
+    """Exact rate of a terminal in bits per second; None if the system does not report it.
 
-    On the master's side of a pseudo-terminal it is the rate that the program on the other side has set.
+    On the master side of a pseudo-terminal it is the rate that the program on the other side has set.
     """
     try:
         return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
@@ -70,17 +70,17 @@ def terminal_rate(fd: int) -> int | None:
 class SerialLink(PollLink):
     """A serial port, 8N1, raw, for one program at a time.
 
-    Opening a port raises DTR, which resets an Arduino; that is the kernel's doing and is left as it is. Ask
-    the board until it answers, then flush.
+    Opening a port raises DTR, which resets an Arduino; the kernel does that, and it is not changed. Ask the board
+    until it answers, then flush.
 
     Args:
-        device: Path, as ``/dev/ttyUSB0``. It may be a symbolic link that vanishes and comes back. A link object is
-            one device for good: another one that comes back under that name is refused, and so is a terminal that
-            somebody works at.
-        baud: Bits a second; any rate that the port's driver can make.
-        low_latency: Ask the driver to hand bytes over at once (FTDI: 1 ms instead of 16); ignored where the
-            driver has no such thing.
-        reset_board: Pulse DTR after opening, to reset a board even where opening does not.
+        device: Path, such as ``/dev/ttyUSB0``. It may be a symbolic link that vanishes and comes back. A link
+            object belongs to one device: a different device that comes back under that name is refused, and so is
+            a terminal in which a program runs.
+        baud: Bits per second; any rate that the port's driver supports.
+        low_latency: Ask the driver to deliver bytes at once (FTDI: 1 ms instead of 16); ignored if the driver does
+            not support it.
+        reset_board: Pulse DTR after opening, to reset a board even if opening does not.
     """
 
     kind = LinkKind.STREAM
@@ -97,7 +97,7 @@ class SerialLink(PollLink):
         if not _BAUD_LOW <= baud <= _BAUD_HIGH:
             raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
         if "\0" in device:
-            raise UsageError(f"{device!r} is not a path: it has a zero character in it")
+            raise UsageError(f"{device!r} is not a path: it contains a zero character")
         super().__init__(f"serial://{device}?baud={baud}")
         self.device = device
         self.baud = baud
@@ -113,7 +113,7 @@ class SerialLink(PollLink):
         if url.netloc:
             raise UsageError(
                 f"{url.text}: a serial address has three slashes, as in serial:///dev/ttyUSB0 "
-                f"({url.netloc!r} stands where a host would)"
+                f"({url.netloc!r} is in the place of a host)"
             )
         if not url.path.strip("/"):
             raise UsageError(f"{url.text}: the device is missing, as in serial:///dev/ttyUSB0")
@@ -125,9 +125,9 @@ class SerialLink(PollLink):
         )
 
     def reset(self) -> None:
-        """Pulse DTR, which resets an Arduino, and drop what had arrived before. Takes 50 ms.
+        """Pulse DTR, which resets an Arduino, and discard what arrived before. Takes 50 ms.
 
-        A port without that line, such as a pseudo-terminal, is left alone.
+        Does nothing on a port without that line, such as a pseudo-terminal.
         """
         fd = self.fileno()
         dtr = struct.pack("I", termios.TIOCM_DTR)
@@ -138,11 +138,11 @@ class SerialLink(PollLink):
         self.flush_input()
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate, of the open port too; nothing else about it changes and no board is reset.
+        """Change the rate, even of an open port; nothing else changes and no board is reset.
 
         Raises:
-            UsageError: The port's driver cannot do that rate.
-            LinkLostError: The port went away.
+            UsageError: The port's driver does not support that rate.
+            LinkLostError: The port was lost.
         """
         if not _BAUD_LOW <= baud <= _BAUD_HIGH:
             raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
@@ -153,7 +153,7 @@ class SerialLink(PollLink):
 
     def flush_input(self) -> int:
         count = super().flush_input()
-        # What the driver holds and the terminal layer has not seen yet cannot be counted, but dropped.
+        # Bytes that are still in the driver cannot be counted, but they can be discarded.
         with contextlib.suppress(termios.error, OSError):
             termios.tcflush(self._port, termios.TCIFLUSH)
         return count
@@ -171,7 +171,7 @@ class SerialLink(PollLink):
             raise self._explain(error) from error
         if not stat.S_ISCHR(os.fstat(self._port).st_mode) or not os.isatty(self._port):
             raise self._no_port("is not a serial port")
-        # Before anything is set or locked: it may be a terminal that a person works at.
+        # Before anything is set or locked: it may be a terminal in which a program runs.
         identity = self._check_identity()
         self._claim()
         self._apply_settings()
@@ -180,10 +180,10 @@ class SerialLink(PollLink):
         self._identity = identity
 
     def _check_identity(self) -> port_identity.PortIdentity:
-        """Refuse a port that is not the one that its name means."""
+        """Refuse a port that is not the intended one."""
         try:
             identity = port_identity.identify_port(self.device, os.fstat(self._port))
-        except OSError as error:  # a link in motion
+        except OSError as error:  # the symbolic link has just changed
             raise self._explain(error) from error
         problem = port_identity.why_not(identity)
         if not problem and self._identity is not None:
@@ -203,7 +203,7 @@ class SerialLink(PollLink):
     def _read_ready(self) -> bytes:
         data = os.read(self._port, 4096)  # the terminal layer holds no more than that
         if not data:
-            # Readable, yet nothing there: the other side of the port is gone.
+            # Readable but empty: the other side of the port is gone.
             raise LinkLostError(f"{self.device} went away{self._lost_advice}", url=self.url)
         return data
 
@@ -213,7 +213,7 @@ class SerialLink(PollLink):
     # --- opening, step by step --------------------------------------------------------------------
 
     def _claim(self) -> None:
-        """Keep other programs out: the lock for those that look for it, TIOCEXCL for all others but root."""
+        """Keep other programs out: the lock for programs that check it, TIOCEXCL for all others except root."""
         try:
             fcntl.flock(self._port, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -226,14 +226,14 @@ class SerialLink(PollLink):
             taken = self._configure()
         except (OSError, termios.error) as error:
             raise LinkLostError(
-                f"{self.device} does not take its settings ({error.args[-1]}){self._lost_advice}",
+                f"{self.device} does not accept its settings ({error.args[-1]}){self._lost_advice}",
                 url=self.url,
             ) from error
         if not taken:
             raise LinkError(f"{self.device} refuses raw mode with 8 data bits: use another port", url=self.url)
 
     def _configure(self) -> bool:
-        """Set raw mode and the rate; False if the port kept something of its own."""
+        """Set raw mode and the rate; False if the port did not accept everything."""
         control = list(termios.tcgetattr(self._port)[6])
         control[termios.VMIN] = 1
         control[termios.VTIME] = 0
@@ -259,7 +259,7 @@ class SerialLink(PollLink):
             raise self._bad_baud("only the usual rates work on this system") from error
 
     def _actual_baud(self) -> int | None:
-        """What the driver made of the rate; None where the system does not tell."""
+        """The actual rate of the driver; None if the system does not report it."""
         return terminal_rate(self._port)
 
     def _ioctl_read(self, request: int, size: int) -> bytes:

@@ -1,8 +1,8 @@
-"""A link that tells an observer every byte that passes, and otherwise is the link it wraps.
+"""A link that reports all its bytes to an observer and otherwise behaves like the link it wraps.
 
-Owns the observation point, and that watching never changes what is watched: what an observer raises is counted and
-goes no further. Must not know what the bytes mean, nor who looks on. Where nobody does, no tap is made: watching
-costs nothing when it is off.
+Owns the observation point, and the rule that observing never changes the traffic: errors of an observer are counted
+and not passed on. Must not know what the bytes mean, nor who observes them. Without an observer there is no tap, so
+observation costs nothing when it is off.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _P = ParamSpec("_P")
 
 
 class Direction(enum.Enum):
-    """Which way bytes went, seen from the host."""
+    """Direction of bytes, seen from the host."""
 
     SENT = "sent"
     RECEIVED = "received"
@@ -32,8 +32,8 @@ class Passed(NamedTuple):
     """Bytes that went over a link.
 
     Attributes:
-        direction: Which way.
-        data: As they were written, or as one read returned them.
+        direction: Direction.
+        data: The bytes of one write, or as returned by one read.
         time: Clock of the link (monotonic seconds) when the call returned.
         url: The link.
     """
@@ -50,26 +50,26 @@ _wrapper: ContextVar[Callable[[Link], Link] | None] = ContextVar("hexwire_link_w
 
 
 class Missed:
-    """Keeps from the watched what its observers raise, and counts it. Any thread.
+    """Catches and counts the errors of observers. Any thread.
 
     Attributes:
-        count: Calls of observers that failed.
-        first: What the first of them raised; None if none did.
+        count: Number of failed calls of observers.
+        first: The first error; None if there was none.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.first: Exception | None = None
-        # Re-entrant: a signal handler may stop the arm, and be watched, in the middle of `add`.
+        # Re-entrant: a signal handler may stop the arm, and be observed, in the middle of `add`.
         self._lock = threading.RLock()
 
     def guard(self, observer: Callable[_P, object]) -> Callable[_P, None]:
-        """The observer, as something that cannot fail."""
+        """The observer, wrapped so that it cannot fail."""
 
         def guarded(*args: _P.args, **kwargs: _P.kwargs) -> None:
             try:
                 observer(*args, **kwargs)
-            except Exception as error:  # noqa: BLE001  # whatever an observer does wrong, the arm goes on
+            except Exception as error:  # noqa: BLE001  # an observer must not affect the arm
                 self.add(error)
 
         return guarded
@@ -78,7 +78,7 @@ class Missed:
         """Count a failure."""
         with self._lock:
             self.count += 1
-            # Without its traceback, which would keep the bytes of that moment for as long as the program runs.
+            # Without its traceback, which would keep the bytes of that moment in memory.
             self.first = self.first or error.with_traceback(None)
 
 
@@ -87,12 +87,12 @@ class TapLink(Link):
 
     Args:
         link: The link that does the work.
-        observer: Told of everything that passes, in the thread that moved it. What it raises is counted, and the
-            bytes go on as if nobody watched.
-        clock: Monotonic seconds; the link's own if it has one.
+        observer: Called for all bytes, in the thread that moved them. Its errors are counted and do not affect the
+            traffic.
+        clock: Monotonic seconds; the link's own clock if it has one.
 
     Attributes:
-        missed: What the observer failed to see.
+        missed: Errors of the observer.
     """
 
     def __init__(self, link: Link, observer: Observer, clock: Callable[[], float] | None = None) -> None:
@@ -106,14 +106,14 @@ class TapLink(Link):
         self._observer = self.missed.guard(observer)
 
     def __getattr__(self, name: str) -> Any:
-        # What only some links have, as `baud` and `set_baud`: who watches a bus must not take that away.
+        # Attributes of some links only, such as `baud` and `set_baud`: a tap must not hide them.
         if name == "link":
             raise AttributeError(name)
         return getattr(self.link, name)
 
     @property
     def url(self) -> str:  # type: ignore[override]  # a listening link learns its port when it opens
-        """Address of the link inside."""
+        """Address of the wrapped link."""
         return self.link.url
 
     @property
@@ -149,9 +149,9 @@ class TapLink(Link):
 
 @contextmanager
 def wrap_new_links(wrapper: Callable[[Link], Link]) -> Iterator[None]:
-    """While this lasts, every link that `make_link` builds in this context goes through `wrapper`.
+    """In this context, every link that `make_link` creates goes through `wrapper`.
 
-    Within another such block both look on, this one outermost.
+    In nested contexts both wrappers apply, the inner context's outermost.
     """
     inner = _wrapper.get()
     token = _wrapper.set(wrapper if inner is None else lambda link: wrapper(inner(link)))
@@ -162,6 +162,6 @@ def wrap_new_links(wrapper: Callable[[Link], Link]) -> Iterator[None]:
 
 
 def tapped(link: Link) -> Link:
-    """The link, wrapped if `wrap_new_links` is in force. For `make_link`."""
+    """The link, wrapped if `wrap_new_links` is active. For `make_link`."""
     wrapper = _wrapper.get()
     return link if wrapper is None else wrapper(link)

@@ -1,7 +1,7 @@
-"""TCP links: the calling side, and one connection that a listener accepted; both in the clear or under TLS.
+"""TCP links: the client side, and one connection accepted by a listener; both plain or with TLS.
 
-Owns sockets and the errors a person meets when connecting. Listening is `hexwire.link.listen`'s. Must not know
-what the bytes mean.
+Owns sockets and the errors of connecting. `hexwire.link.listen` does the listening. Must not know what the bytes
+mean.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ __all__ = ["PeerLink", "PlainStream", "Stream", "TcpLink", "TcpsLink", "find_add
 
 CONNECT_TIMEOUT = 5.0
 _READ_SIZE = 65536
-# A peer that vanished without a word (power cut, cable) is noticed after about 5 + 3 * 2 seconds of silence.
+# A peer that vanishes silently (power cut, cable) is detected after about 5 + 3 * 2 seconds.
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", 10_000))
-_GONE = "the other end closed the connection; a server that has a client already turns others away"
+_GONE = "the other end closed the connection; a server that already has a client disconnects others"
 
 
 class Stream(Protocol):
-    """Bytes over a connected socket, which is non-blocking."""
+    """Bytes over a connected, non-blocking socket."""
 
     socket: socket.socket
 
     def receive(self) -> bytes:
-        """What is there, ``b""`` if there was nothing after all; LinkLostError or OSError if it is over."""
+        """Available bytes, ``b""`` after a false alarm; raises LinkLostError or OSError at the end."""
 
     def send(self, data: memoryview | bytes) -> int:
-        """Take what fits; BlockingIOError if none does."""
+        """Send what fits; raises BlockingIOError if nothing does."""
 
     def given_up(self) -> None:
-        """The caller gives a write up half-way."""
+        """The caller has abandoned a write half-way."""
 
     def close(self) -> None:
-        """Say good-bye if the protocol has a word for it, and close the socket."""
+        """Send the protocol's closing message, if it has one, and close the socket."""
 
 
 class PlainStream:
-    """A socket as it is."""
+    """A plain socket."""
 
     def __init__(self, connected: socket.socket) -> None:
         self.socket = connected
@@ -72,14 +72,14 @@ class PlainStream:
         return data
 
     def given_up(self) -> None:
-        """A plain stream keeps nothing between two writes."""
+        """Nothing to do: a plain stream has no state between two writes."""
 
     def close(self) -> None:
         self.socket.close()
 
 
 class _StreamLink(PollLink):
-    """What the two sides of a connection share."""
+    """Shared by the two sides of a connection."""
 
     kind = LinkKind.STREAM
 
@@ -112,13 +112,13 @@ class _StreamLink(PollLink):
 
 
 class TcpLink(_StreamLink):
-    """The calling side of a TCP connection.
+    """The client side of a TCP connection.
 
     Args:
-        host: Name or address to call.
+        host: Name or address to connect to.
         port: Its port.
         timeout: Seconds that `open` may take.
-        tls: Certificates; None for a connection in the clear.
+        tls: Certificates; None for an unencrypted connection.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class TcpLink(_StreamLink):
                 )
             result = connected.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if not result and connected.getsockname() == connected.getpeername():
-            result = errno.ECONNREFUSED  # nobody there, and the system chose that very port for our own side
+            result = errno.ECONNREFUSED  # no listener, and the system chose the same port for our own side
         if result:
             raise OSError(result, os.strerror(result))
 
@@ -192,11 +192,12 @@ class TcpLink(_StreamLink):
     def _explain(self, error: OSError) -> LinkError:
         if error.errno == errno.ECONNREFUSED:
             return LinkNotFoundError(
-                f"{self.url}: nobody listens there; start the server, or check the port", url=self.url
+                f"{self.url}: no server listens there; start it, or check the port", url=self.url
             )
         if error.errno in (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT, errno.EADDRNOTAVAIL):
             return LinkNotFoundError(
-                f"{self.url}: no way to that host ({error.strerror}); check the address and the cable", url=self.url
+                f"{self.url}: no route to that host ({error.strerror}); check the address and the cable",
+                url=self.url,
             )
         if error.errno in (errno.EACCES, errno.EPERM):
             return LinkPermissionError(f"{self.url}: this machine's firewall forbids the connection", url=self.url)
@@ -217,10 +218,10 @@ class TcpsLink:
 
 
 class PeerLink(_StreamLink):
-    """One connection that a listener accepted, open from the start. Once closed or lost it does not come back.
+    """One connection accepted by a listener, open from the start. It cannot be opened again.
 
     Attributes:
-        peer: Who called, as ``192.168.1.20:51234``.
+        peer: Address of the client, such as ``192.168.1.20:51234``.
     """
 
     def __init__(
@@ -234,7 +235,7 @@ class PeerLink(_StreamLink):
 
     def _open(self) -> None:
         if self._accepted is None:
-            raise LinkNotFoundError(f"{self.url}: {self.peer} has to call again", url=self.url)
+            raise LinkNotFoundError(f"{self.url}: {self.peer} has to connect again", url=self.url)
         self._stream, self._accepted = self._accepted, None
         self._watched.update(self._also_watched)
 
@@ -246,7 +247,7 @@ class PeerLink(_StreamLink):
 
 
 def prepare(connected: socket.socket) -> None:
-    """Set what every TCP connection here has: small packets at once, and notice of a peer that vanished."""
+    """Set the options of every TCP connection: send small packets at once, and detect a vanished peer."""
     connected.setblocking(False)
     connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -264,7 +265,7 @@ def host_and_port(host: str, port: int) -> str:
 def find_addresses(
     host: str, port: int, url: str, *, kind: int = socket.SOCK_STREAM, passive: bool = False
 ) -> list[tuple[int, tuple[object, ...]]]:
-    """Look a host up: address family and socket address, best first.
+    """Look up a host: address family and socket address, best first.
 
     Raises:
         LinkNotFoundError: There is no such host.

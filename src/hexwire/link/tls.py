@@ -24,9 +24,9 @@ __all__ = ["TlsFiles", "TlsStream"]
 _READ_SIZE = 65536
 _RECORD = 16384  # a TLS record carries no more
 _RECORD_HEADER = 5  # type, version, length
-# Answers of the protocol itself (to key updates) that a peer may leave unread.
+# Maximum bytes of the protocol's own answers (to key updates) that a peer may leave unread.
 _MOST_UNSENT = 65536
-# What a peer says, in OpenSSL's words, when it does not like the certificate that it was shown.
+# OpenSSL's errors when a peer refuses our certificate.
 _REFUSALS = (
     "CERTIFICATE_REQUIRED",
     "UNKNOWN_CA",
@@ -49,13 +49,13 @@ _NOT_TLS = (
 
 @dataclass(frozen=True)
 class TlsFiles:
-    """Where the certificates are.
+    """Paths of the certificates.
 
     Attributes:
         ca: The authority whose signature is trusted, PEM.
         cert: Our own certificate, PEM.
         key: Its private key, PEM, without a pass phrase.
-        name: Name that the server's certificate must bear; empty: the host that is called.
+        name: Name that the server's certificate must have; if empty, the host of the connection.
     """
 
     ca: str
@@ -65,18 +65,18 @@ class TlsFiles:
 
     @classmethod
     def from_url(cls, url: LinkUrl, also_known: Sequence[str] = ()) -> TlsFiles:
-        """Take the files from ``?ca=...&cert=...&key=...``."""
+        """Read the paths from ``?ca=...&cert=...&key=...``."""
         url.check_keys(("ca", "cert", "key", "name", *also_known))
         url.check_no_path()
         for key in ("ca", "cert", "key"):
             if key not in url.query:
                 raise UsageError(
-                    f"{url.text}: the option {key}=FILE is missing; 'hexwire cert new' makes the files"
+                    f"{url.text}: the option {key}=FILE is missing; 'hexwire cert new' creates the files"
                 )
         return cls(url.query["ca"], url.query["cert"], url.query["key"], url.query.get("name", ""))
 
     def client_context(self) -> ssl.SSLContext:
-        """Settings of the calling side.
+        """Settings of the client side.
 
         Raises:
             UsageError: A file cannot be read or used.
@@ -84,7 +84,7 @@ class TlsFiles:
         return self._load(ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT))
 
     def server_context(self) -> ssl.SSLContext:
-        """Settings of the waiting side.
+        """Settings of the listening side.
 
         Raises:
             UsageError: A file cannot be read or used.
@@ -98,7 +98,7 @@ class TlsFiles:
         context.verify_mode = ssl.CERT_REQUIRED
         context.options |= ssl.OP_NO_RENEGOTIATION
         for what, file in (("authority", self.ca), ("certificate", self.cert), ("key", self.key)):
-            # OpenSSL would wait for a pipe, and read a device without end.
+            # OpenSSL would wait for a pipe, and read a device forever.
             try:
                 read_bytes(file)
             except ConfigError as error:
@@ -108,7 +108,7 @@ class TlsFiles:
         except ssl.SSLError as error:
             raise UsageError(f"{self.ca} is not an authority's certificate in PEM form") from error
         try:
-            # An empty pass phrase, or OpenSSL would ask at the terminal.
+            # With an empty pass phrase, OpenSSL does not ask on the terminal.
             context.load_cert_chain(self.cert, self.key, password="")
         except (ssl.SSLError, OSError) as error:
             raise UsageError(
@@ -120,12 +120,12 @@ class TlsFiles:
 class TlsStream:
     """TLS over a connected, non-blocking socket.
 
-    It works on buffers of its own between TLS and the socket, so that a write that was given up half-way does
-    not break the protocol, and one thread may receive while another sends.
+    It has its own buffers between TLS and the socket, so that a write abandoned half-way does not break the
+    protocol, and one thread may receive while another sends.
     """
 
     def __init__(self, connected: socket.socket, context: ssl.SSLContext, *, host: str | None = None) -> None:
-        """Wrap a socket; `host` is the name that a server must bear, None on the waiting side."""
+        """Wrap a socket; `host` is the name that the server must have, None on the listening side."""
         self.socket = connected
         self._incoming = ssl.MemoryBIO()
         self._outgoing = ssl.MemoryBIO()
@@ -138,14 +138,14 @@ class TlsStream:
 
     @property
     def wants(self) -> int:
-        """What poll should wait for during the handshake."""
+        """Events that poll should wait for during the handshake."""
         return select.POLLIN | select.POLLOUT if self._unsent else select.POLLIN
 
     def handshake(self) -> bool:
-        """Go as far as the bytes that are there allow; True when it is done.
+        """Continue the handshake with the available bytes; True when it is complete.
 
         Raises:
-            LinkLostError: It failed; says why.
+            LinkLostError: It failed; the text gives the reason.
         """
         with self._lock:
             while not self._shaken:
@@ -154,7 +154,7 @@ class TlsStream:
                     self._shaken = True
                 except ssl.SSLWantReadError:
                     self._flush()
-                    # Not a byte beyond a record: what follows the handshake must stay where poll can see it.
+                    # No byte beyond a record: later bytes must stay in the socket, where poll can see them.
                     if self._unsent or not self._fetch(self._record_rest()):
                         return False
                 except ssl.SSLError as error:
@@ -171,10 +171,10 @@ class TlsStream:
             pieces = []
             ended = False
             try:
-                # Everything that is here, since poll sees the socket only and not what TLS holds.
+                # Read everything, since poll sees only the socket and not the bytes inside TLS.
                 while piece := self._tls.read(_READ_SIZE):
                     pieces.append(piece)
-                ended = True  # the other end said good-bye
+                ended = True  # the other end has closed the session
             except ssl.SSLWantReadError:
                 pass
             except ssl.SSLError as error:
@@ -182,7 +182,7 @@ class TlsStream:
             if ended:
                 if not pieces:
                     raise LinkLostError("the other end closed the connection")
-                # Told next time, even if the other end keeps the socket open.
+                # Reported next time, even if the other end keeps the socket open.
                 with contextlib.suppress(OSError):
                     self.socket.shutdown(socket.SHUT_RD)
             self._flush()
@@ -205,7 +205,7 @@ class TlsStream:
             return sent
 
     def given_up(self) -> None:
-        """What TLS has sealed must still go out before anything else, but belongs to no write any more."""
+        """Data that TLS has encrypted must still be sent first, but no longer belong to a write."""
         with self._lock:
             self._in_flight = 0
 
@@ -233,7 +233,7 @@ class TlsStream:
         return True
 
     def _record_rest(self) -> int:
-        """How many bytes are missing from the header, or else from the body, of the record that is coming in."""
+        """Number of bytes missing from the header, or otherwise from the body, of the incoming record."""
         if len(self._record) >= _RECORD_HEADER:
             whole = _RECORD_HEADER + int.from_bytes(self._record[3:5], "big")
             if len(self._record) < whole:
@@ -242,12 +242,12 @@ class TlsStream:
         return _RECORD_HEADER - len(self._record)
 
     def _drain(self) -> None:
-        """Take what the other end has sent, or closing would reset the line and the alert be lost."""
+        """Read pending bytes; otherwise closing would reset the connection and the alert would be lost."""
         with contextlib.suppress(OSError):
             self.socket.recv(_READ_SIZE)
 
     def _flush(self) -> None:
-        """Move what TLS has sealed to the socket, as far as it goes."""
+        """Move encrypted bytes to the socket, as far as possible."""
         if self._outgoing.pending:
             self._unsent += self._outgoing.read()
         while self._unsent:
@@ -263,7 +263,7 @@ class TlsStream:
 def _explain(error: ssl.SSLError) -> str:
     reason = error.reason or str(error)
     if isinstance(error, ssl.SSLCertVerificationError):
-        return f"the certificate of the other end is not good: {error.verify_message}"
+        return f"the certificate of the other end is not valid: {error.verify_message}"
     if "PEER_DID_NOT_RETURN_A_CERTIFICATE" in reason:
         return "the other end showed no certificate"
     if any(refusal in reason for refusal in _REFUSALS):

@@ -1,7 +1,6 @@
-"""UDP links: whole messages, each of which may be lost, doubled or late, and nobody but the peer is heard.
+"""UDP links: whole messages, each of which may be lost, duplicated or late, from the peer only.
 
-Owns the sockets and the rule about who is heard. Must not know what the bytes mean. What is lost is for the
-session to find out.
+Owns the sockets and the rule that selects the peer. Must not know what the bytes mean. The session detects losses.
 """
 
 from __future__ import annotations
@@ -27,18 +26,18 @@ __all__ = ["MAX_DATAGRAM", "UdpLink", "UdpListenLink", "bind_udp", "check_peer",
 
 # The longest frame on a network link (PROTOCOL.md, command frame).
 MAX_DATAGRAM = 8192
-# Room for a window of fragments that comes at once; the system gives what it allows (net.core.rmem_max).
+# Room for a window of fragments that arrive together; the system may grant less (net.core.rmem_max).
 _RECEIVE_BUFFER = 1 << 20
-# What the network says of an earlier datagram when the peer is away for the moment.
+# Network errors about an earlier datagram when the peer is temporarily absent.
 _AWAY = (errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ETIMEDOUT)
 
 
 def bind_udp(host: str, port: int, url: str, family: int | None = None) -> socket.socket:
-    """Make a socket bound to an address of this machine.
+    """Create a socket bound to an address of this machine.
 
     Raises:
         LinkError: It cannot be bound.
-        UsageError: The address is not of the family that is wanted.
+        UsageError: The address is not of the required family.
     """
     found = find_addresses(host, port, url, kind=socket.SOCK_DGRAM, passive=True)
     matching = [pair for pair in found if family in (None, pair[0])]
@@ -58,25 +57,25 @@ def bind_udp(host: str, port: int, url: str, family: int | None = None) -> socke
 
 
 def check_peer(host: str, port: int, peer: str) -> str:
-    """The host that a waiting side hears: the one named, or this machine if nobody else reaches `host`.
+    """The host that a listening side accepts: the one named, or this machine if no other can reach `host`.
 
     Raises:
-        UsageError: Others reach it, and no host is named.
+        UsageError: Others can reach it, and no host is named.
     """
     if not peer and not is_loopback(host):
         raise UsageError(
-            f"udp-listen://{host_and_port(host, port)}: name the host that is heard, as in ?peer=192.168.1.20"
+            f"udp-listen://{host_and_port(host, port)}: name the host to accept, as in ?peer=192.168.1.20"
         )
     return peer or host
 
 
 def heard_hosts(peer: str, url: str) -> set[str]:
-    """The addresses of the host that is heard."""
+    """The addresses of the accepted host."""
     return {str(address[0]) for _, address in find_addresses(peer, 0, url, kind=socket.SOCK_DGRAM)}
 
 
 def is_away(error: OSError) -> bool:
-    """Whether an error only says that an earlier datagram met nobody."""
+    """Whether an error only reports that an earlier datagram was not received."""
     return error.errno in _AWAY
 
 
@@ -87,7 +86,7 @@ class _UdpBase(PollLink):
     def __init__(self, url: str) -> None:
         super().__init__(url)
         self.dropped = 0
-        """Datagrams that came from elsewhere, from another port than the other end's, or were too long."""
+        """Datagrams from other hosts, from another port than the peer's, or too long."""
         self._socket: socket.socket | None = None
 
     def _close(self) -> None:
@@ -106,7 +105,7 @@ class _UdpBase(PollLink):
 
 
 class UdpLink(_UdpBase):
-    """A line to one peer, whose address and port are known. The system drops what others send.
+    """A line to one peer with known address and port. The system drops datagrams from others.
 
     Args:
         host: The peer's name or address.
@@ -146,7 +145,7 @@ class UdpLink(_UdpBase):
             self._socket.connect(address)
         except OSError as error:
             raise LinkNotFoundError(
-                f"{self.url}: no way to that host ({error.strerror}); check the address and bind=", url=self.url
+                f"{self.url}: no route to that host ({error.strerror}); check the address and bind=", url=self.url
             ) from error
 
     def _read_ready(self) -> bytes:
@@ -165,8 +164,8 @@ class UdpLink(_UdpBase):
         except OSError as error:
             if not is_away(error):
                 raise
-        # That was about an earlier datagram, so this one has not gone yet. If it meets the same, it is lost,
-        # as datagrams are.
+        # The error concerned an earlier datagram, so this one has not been sent yet. If it fails too, it is lost,
+        # like any datagram.
         try:
             return self._socket.send(data)
         except OSError as error:
@@ -176,17 +175,17 @@ class UdpLink(_UdpBase):
 
 
 class UdpListenLink(_UdpBase):
-    """The waiting side of a line to one program of one host, whose port is not known before it speaks.
+    """The listening side of a line to one program on one host, whose port is unknown until it sends.
 
-    Whoever speaks first from the host is the other end. Datagrams from elsewhere, and from other ports of that
-    host, are dropped and counted. Another port takes over when the last datagram of sense, as `confirm` says, is
-    `silence` seconds old; if there was none, that long after the first.
+    The first port of the host that sends is the peer. Datagrams from other hosts, and from other ports of that
+    host, are dropped and counted. Another port takes over when the last valid datagram (see `confirm`) is `silence`
+    seconds old; if there was none, that long after the first.
 
     Args:
-        host: Own address; loopback unless told otherwise.
+        host: Own address; loopback by default.
         port: Own port; 0 lets the system choose, see `port` after `open`.
-        peer: The host that is heard; loopback if the own address is.
-        silence: Seconds after which another port may take over, as said above.
+        peer: The accepted host; loopback if the own address is.
+        silence: Seconds after which another port may take over.
         clock: Monotonic seconds.
     """
 
@@ -220,9 +219,7 @@ class UdpListenLink(_UdpBase):
         if peer:
             peer, peer_port = split_host_port(peer, url.text, port_needed=False)
             if peer_port:
-                raise UsageError(
-                    f"{url.text}: a peer with a known port is called by udp://{url.query['peer']}?bind=..."
-                )
+                raise UsageError(f"{url.text}: for a peer with a known port use udp://{url.query['peer']}?bind=...")
         host, port = listen_address(url)
         return cls(host, port, peer=peer)
 
@@ -254,7 +251,7 @@ class UdpListenLink(_UdpBase):
     def write(self, data: bytes, deadline: float | None = None) -> None:
         if data and self.is_open and self._caller is None:
             raise LinkTimeoutError(
-                f"{self.url}: {self._peer} has not spoken yet, so its port is not known", url=self.url
+                f"{self.url}: {self._peer} has not sent anything yet, so its port is unknown", url=self.url
             )
         super().write(data, deadline)
 

@@ -1,6 +1,6 @@
-"""The waiting side of UDP, for servers with many clients: one socket, each address and port a peer of its own.
+"""The listening side of UDP, for servers with many clients: one socket; each address and port is a separate peer.
 
-Owns the socket and which hosts are heard. Must not know what the bytes mean, nor who may stay.
+Owns the socket and the choice of accepted hosts. Must not know what the bytes mean, nor which clients may stay.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ Peer = tuple[object, ...]
 
 
 class UdpServer:
-    """Hears datagrams and says who sent each; an answer goes to the peer it is meant for and nobody else.
+    """Receives datagrams with their senders; sends each answer only to its peer.
 
     Args:
-        host: Own address; loopback unless told otherwise.
+        host: Own address; loopback by default.
         port: Own port; 0 lets the system choose, see `port` after `open`.
-        peer: The host that is heard; loopback if the own address is.
+        peer: The accepted host; loopback if the own address is.
 
     Attributes:
-        dropped: Datagrams of other hosts, or too long to be ours.
+        dropped: Datagrams from other hosts, or too long.
 
     Raises:
-        UsageError: The own address is reached by others, and no host is named.
+        UsageError: Others can reach the own address, and no host is named.
     """
 
     def __init__(self, host: str = LOOPBACK, port: int = 0, *, peer: str = "") -> None:
@@ -50,7 +50,7 @@ class UdpServer:
 
     @property
     def url(self) -> str:
-        """Address of the server, with the port that it has."""
+        """Address of the server, with the actual port."""
         return f"udp-listen://{host_and_port(self._host, self.port)}?peer={self._peer}"
 
     def open(self) -> None:
@@ -60,23 +60,23 @@ class UdpServer:
             LinkError: As `Link.open`.
         """
         if self._socket is not None:
-            raise LinkBusyError(f"{self.url} listens already", url=self.url)
+            raise LinkBusyError(f"{self.url} is already listening", url=self.url)
         self._heard = heard_hosts(self._peer, self.url)
         self._socket = bind_udp(self._host, self._wanted_port, self.url)
         self.port = self._socket.getsockname()[1]
 
     def close(self) -> None:
-        """Stop hearing. Harmless if closed."""
+        """Close the socket. Harmless if closed."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def fileno(self) -> int:
-        """Descriptor that turns readable when a datagram has come."""
+        """Descriptor that becomes readable when a datagram has arrived."""
         return self._open_socket().fileno()
 
     def receive(self) -> tuple[Peer, bytes] | None:
-        """The next datagram and its sender; None if there is none, or the one that was there is not for us."""
+        """The next datagram and its sender; None if there is none, or it is not accepted."""
         try:
             data, sender = self._open_socket().recvfrom(MAX_DATAGRAM + 1)
         except BlockingIOError:
@@ -91,7 +91,7 @@ class UdpServer:
         return sender, data
 
     def send(self, peer: Peer, data: bytes) -> bool:
-        """Send a datagram; False if it could not go, which is as if it had been lost on the way."""
+        """Send a datagram; False if it could not be sent, which has the same effect as a loss."""
         try:
             self._open_socket().sendto(data, peer)
         except OSError as error:

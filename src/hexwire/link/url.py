@@ -1,4 +1,4 @@
-"""The address of a link, as text that people type: ``scheme://host:port/path?key=value``.
+"""The address of a link, as typed by the user: ``scheme://host:port/path?key=value``.
 
 Owns the syntax and the wording of its errors. Must not know which schemes exist or what they need.
 """
@@ -26,11 +26,11 @@ class LinkUrl:
     """A link's address in parts.
 
     Attributes:
-        text: The address as it was given.
+        text: The address as given.
         scheme: ``serial``, ``tcp`` and so on, in lower case.
-        netloc: What stands between ``//`` and the next ``/`` or ``?``.
+        netloc: The part between ``//`` and the next ``/`` or ``?``.
         path: From the first ``/`` on, percent signs decoded; may be empty.
-        query: The keys and values behind ``?``.
+        query: The keys and values after ``?``.
     """
 
     text: str
@@ -44,24 +44,24 @@ class LinkUrl:
         for key in self.query:
             if key not in known:
                 offer = ", ".join(known) if known else "none"
-                raise UsageError(f"{self.text}: unknown option {key!r}; {self.scheme}:// knows: {offer}")
+                raise UsageError(f"{self.text}: unknown option {key!r}; options of {self.scheme}://: {offer}")
 
     def check_no_path(self) -> None:
-        """Raise UsageError if there is a path where the scheme has no use for one."""
+        """Raise UsageError if there is a path but the scheme does not use one."""
         if self.path not in ("", "/"):
-            raise UsageError(f"{self.text}: {self.path!r} has no meaning behind the host and port")
+            raise UsageError(f"{self.text}: {self.path!r} is not allowed after the host and port")
 
     def host_port(self) -> tuple[str, int]:
-        """Host and port, both of which must be there."""
+        """Host and port; both are required."""
         return split_host_port(self.netloc, self.text)
 
     def integer(self, key: str, default: int, low: int, high: int) -> int:
-        """A whole number of the query, from `low` to `high`."""
+        """An integer of the query, from `low` to `high`."""
         text = self.query.get(key)
         if text is None:
             return default
         if not re.fullmatch(r"[0-9]{1,12}", text) or not low <= int(text) <= high:
-            raise UsageError(f"{self.text}: {key} must be a whole number from {low} to {high}, not {text!r}")
+            raise UsageError(f"{self.text}: {key} must be an integer from {low} to {high}, not {text!r}")
         return int(text)
 
     def seconds(self, key: str, default: float) -> float:
@@ -95,20 +95,20 @@ class LinkUrl:
 
 
 def parse_url(text: str) -> LinkUrl:
-    """Take a link's address apart.
+    """Parse the address of a link.
 
     A text without ``://`` is the path of a serial device: ``/dev/ttyUSB0?baud=115200``.
 
     Raises:
-        UsageError: The text is no address; says which part is wrong.
+        UsageError: The text is not an address; the error names the wrong part.
     """
     if not text or text != text.strip() or any(ord(char) < 0x21 for char in text):
-        raise UsageError(f"{text!r} is not a link address: it is empty or has blanks in it")
+        raise UsageError(f"{text!r} is not a link address: it is empty or contains blanks")
     head, separator, query_text = text.partition("?")
     scheme, has_scheme, rest = head.partition("://")
     if not has_scheme:
         if re.fullmatch(r"(serial|tcp|tcps|udp|mq|tcp-listen|tcps-listen|udp-listen):.*", head):
-            raise UsageError(f"{text!r}: write '//' behind the first colon, as in tcp://192.168.1.10:15030")
+            raise UsageError(f"{text!r}: write '//' after the first colon, as in tcp://192.168.1.10:15030")
         scheme, rest = "serial", head
         netloc, path = "", head
     else:
@@ -117,9 +117,9 @@ def parse_url(text: str) -> LinkUrl:
     if not _SCHEME.fullmatch(scheme.lower()):
         raise UsageError(f"{text!r}: {scheme!r} is not a scheme such as serial, tcp, udp or mq")
     if "#" in text:
-        raise UsageError(f"{text!r}: '#' has no meaning in a link address")
+        raise UsageError(f"{text!r}: '#' is not allowed in a link address")
     if separator and not query_text:
-        raise UsageError(f"{text!r}: nothing stands behind the '?'")
+        raise UsageError(f"{text!r}: nothing follows the '?'")
     return LinkUrl(text, scheme.lower(), netloc, path, _parse_query(query_text, text))
 
 
@@ -136,18 +136,18 @@ def _parse_query(query_text: str, text: str) -> dict[str, str]:
 
 
 def split_host_port(netloc: str, text: str, *, port_needed: bool = True) -> tuple[str, int]:
-    """Split ``host:port``, ``[::1]:port`` or, where the port may be left out, ``host``.
+    """Split ``host:port``, ``[::1]:port`` or, if the port is optional, ``host``.
 
     Args:
         netloc: The text to split.
         text: The whole address, for the error.
-        port_needed: Whether a missing port is an error; if not, it comes out as 0.
+        port_needed: Whether a missing port is an error; otherwise it is returned as 0.
 
     Raises:
         UsageError: The host or the port is missing or wrong.
     """
     if "@" in netloc:
-        raise UsageError(f"{text}: a link address carries no user name or password")
+        raise UsageError(f"{text}: a link address has no user name or password")
     if netloc.startswith("["):
         host, bracket, rest = netloc[1:].partition("]")
         if not bracket or (rest and not rest.startswith(":")):
@@ -169,7 +169,7 @@ def split_host_port(netloc: str, text: str, *, port_needed: bool = True) -> tupl
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host is this machine talking to itself."""
+    """Whether a host name or address is this machine's loopback."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -1,6 +1,6 @@
 """A descriptor that one thread makes readable to end another thread's poll.
 
-Owns one eventfd (or a pipe where the system has none). Knows nothing of links.
+Owns one eventfd (or a pipe if the system has none). Must not know links.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ _ONE = (1).to_bytes(8, sys.byteorder)
 class Waker:
     """Readable from `set` until `clear`. Between `close` and `open` it does nothing.
 
-    A signal handler may do any of it, in the middle of another as well.
+    A signal handler may call any method, even while another one runs.
     """
 
     def __init__(self) -> None:
-        # Held while a descriptor is used: after close() its number may belong to a stranger.
+        # Held while a descriptor is used: after close() another file may have its number.
         self._lock = threading.RLock()
         self._uses = 0
         self._close_pending = False
@@ -42,7 +42,7 @@ class Waker:
 
     def close(self) -> None:
         with self._lock:
-            # A signal handler closes what its own thread is using, which will do it on leaving.
+            # If a signal handler closes it while its own thread uses it, that thread closes it afterwards.
             self._close_pending = self._uses > 0
             if not self._close_pending:
                 fds = {self._receive_fd, self._send_fd} - {-1}
