@@ -1,10 +1,10 @@
-# Everything a person types: `make help` lists it. Needs Debian (or a relative), Python 3.11 or newer, and make;
-# the rest is set up below, inside this folder: uv in .tools, the locked environment in .venv.
+# All targets for users; `make help` lists them. Needs Debian (or a derivative), Python 3.11 or newer, and make;
+# everything else is installed below, inside this folder: uv in .tools, the locked environment in .venv.
 
 UV_VERSION := 0.13.8
 # The optional dependencies that the tests use, see pyproject.toml.
 EXTRAS := mq tls joystick numpy motion record plots sim
-# ROS 1: what the node needs, then what the tests do with it.
+# ROS 1: the packages that the node needs, then those that only the tests need.
 ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rospy python3-sensor-msgs \
     python3-std-srvs python3-trajectory-msgs \
     python3-rosbag python3-roslaunch python3-rosmsg python3-rosnode python3-rosparam python3-rosservice \
@@ -13,17 +13,17 @@ ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rosp
 APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr clang g++ gcc gcc-avr libclang-rt-dev libelf-dev \
     libsimavr-dev make sigrok-cli tshark $(ROS1)
 
-# The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` takes another.
+# The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another.
 PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
     $(shell $(p) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $(p))))
-# Workers begin with neighbouring tests, which share what their fixtures start.
+# Workers start with adjacent tests, which share the processes that their fixtures start.
 PYTEST_ARGS ?= -n auto --dist worksteal
-# The same examples in every run, so that a failure belongs to the change that it meets;
+# The same examples in every run, so that a failure is caused by the change under test;
 # `make tests HYPOTHESIS_PROFILE=default` draws new ones, `=thorough` fifty times as many.
 export HYPOTHESIS_PROFILE ?= ci
 
 ROOT := $(patsubst %/,%,$(dir $(abspath $(lastword $(MAKEFILE_LIST)))))
-# make cuts names at spaces: an `rm -rf` below would go to another folder.
+# make splits names at spaces: an `rm -rf` below would remove another folder.
 ifneq ($(words $(ROOT)) $(words $(CURDIR)) $(wildcard $(ROOT)/uv.lock),1 1 $(ROOT)/uv.lock)
 $(error make cannot work in a folder with a space in its path: move hexwire to another one, or call make in its folder)
 endif
@@ -34,7 +34,7 @@ READY := $(ROOT)/.venv/.ready
 CORE := $(ROOT)/.venv/.core
 BYTECODE := $(ROOT)/.venv/.bytecode
 
-# A folder of one's own for caches where there is no home to write to.
+# A separate folder for caches if there is no writable home.
 ifeq ($(shell test -n "$$HOME" && test -d "$$HOME" && test -w "$$HOME" && echo yes),)
 export HOME := $(ROOT)/.tools/home
 endif
@@ -45,7 +45,7 @@ export UV_NO_PROGRESS := 1
 export UV_LINK_MODE := copy
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
-# An environment that is active in the shell is none of our business.
+# Ignore an environment that is active in the shell.
 unexport VIRTUAL_ENV
 unexport PYTHONPATH
 unexport PYTHONHOME
@@ -56,29 +56,29 @@ unexport PYTHONDONTWRITEBYTECODE
 .DELETE_ON_ERROR:
 .PHONY: help mutants setup system-packages demo test check lint types imports schema tests soak bench analyzers lock clean
 
-help: ## this list
+help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
-demo: $(CORE) ## an emulated arm moves there and back
+demo: $(CORE) ## move an emulated arm there and back
 	@$(BIN)/hexwire demo
 
-test: setup system-packages ## everything that must hold: lint, types, import rule, tables, tests
+test: setup system-packages ## run all checks: lint, types, import rule, tables, tests
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check $(BYTECODE)
 	@$(MAKE) --no-print-directory tests
 
-check: lint types imports schema ## all of it but the tests
+check: lint types imports schema ## run all checks except the tests
 
-analyzers: ## the folders to copy into Wireshark, sigrok and Logic 2: build/analyzers
+analyzers: ## make the plug-in folders for Wireshark, sigrok and Logic 2: build/analyzers
 	@$(PYTHON) '$(ROOT)/schema/assemble.py'
 
-bench: setup ## how fast it is, as ratios against a bare reference
+bench: setup ## measure the speed, as ratios against a bare reference
 	@$(BIN)/python tests/bench
 
-mutants: setup ## how many random faults in the code the tests notice; takes a quarter of an hour
+mutants: setup ## count the random faults in the code that the tests detect (a quarter of an hour)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) --group mutants </dev/null
 	@$(BIN)/python tests/mutation.py $(MUTANTS_ARGS)
 
-setup: $(READY) ## the environment in .venv, from uv.lock
+setup: $(READY) ## create the environment in .venv, from uv.lock
 
 lint: setup
 	$(BIN)/ruff check .
@@ -93,17 +93,17 @@ imports: setup
 schema: setup
 	$(BIN)/python schema/generate.py --check
 
-# The code blocks of the documents are tests too.
+# The code blocks of the documentation are tests too.
 tests: setup system-packages analyzers
 	$(BIN)/python -m pytest $(PYTEST_ARGS) --markdown-docs tests $(wildcard README.md docs)
 
-soak: setup system-packages ## the tests that take samples in `make test`, at full length (an hour)
+soak: setup system-packages ## run the tests that `make test` only samples at full length (an hour)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests
 
-lock: $(UV) ## write uv.lock anew after a change in pyproject.toml
+lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml
 	env -u UV_INDEX -u UV_EXTRA_INDEX_URL -u UV_FIND_LINKS $(UV) lock --default-index https://pypi.org/simple
 
-clean: ## remove everything that make made
+clean: ## remove everything that make has created
 	rm -rf .venv .tools .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -120,12 +120,12 @@ $(BYTECODE): $(READY) $(shell find '$(ROOT)/src' '$(ROOT)/tests' -name '*.py')
 	@$(BIN)/python -m pytest --collect-only -qq tests >/dev/null 2>&1 || true
 	@touch $@
 
-# Only what the package itself needs; `--inexact` leaves alone what the tests have installed.
+# Only the dependencies of the package itself; `--inexact` keeps those that the tests have installed.
 $(CORE): pyproject.toml uv.lock $(UV)
 	$(UV) sync --quiet --frozen --inexact --no-default-groups --python '$(PYTHON)' </dev/null
 	@touch $@
 
-# Debian keeps the part of Python that makes environments in a package of its own, named after the version.
+# Debian has the venv module in a separate package, named after the Python version.
 $(UV):
 	@test -n '$(PYTHON)' || { echo 'no Python from 3.11 to 3.13 here; install one: sudo apt-get install python3' >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || .ci/install-packages \
