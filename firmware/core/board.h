@@ -1,6 +1,6 @@
-// The controller: takes requests in both dialects, runs them one after the other, keeps the arm safe.
-// Owns the order of things: what is queued, what jumps the queue, what is refused. Time and bytes come from a
-// Platform; nothing here waits. PROTOCOL.md sections 5 and 6 say what every command does.
+// The controller: accepts requests in both dialects, executes them one after the other, keeps the arm safe.
+// Owns the order of execution: which requests are queued, jump the queue, or are refused. Time and bytes come from a
+// Platform; nothing here blocks. PROTOCOL.md sections 5 and 6 define every command.
 #ifndef HEXWIRE_BOARD_H
 #define HEXWIRE_BOARD_H
 
@@ -24,40 +24,40 @@ class Board {
  public:
   explicit Board(Platform& platform);
 
-  // Starts afresh after a reset. `boot_id` is new at every reset; `reset_flags` are bits of the board flags.
+  // Restarts after a reset. `boot_id` is new at every reset; `reset_flags` are bits of the board flags.
   void begin(uint32_t boot_id, uint8_t reset_flags);
 
-  // One pass; call it again and again. True if it may rest until the next interrupt.
+  // One pass; call it repeatedly. Returns true if the chip may sleep until the next interrupt.
   bool poll();
 
  private:
   friend struct BoardProbe;  // of the fuzz target
 
-  // What a job is made of. Sweeps and packets take the bus, the rest happens at once.
+  // The steps of a job. Sweeps and packets use the bus, the other steps are immediate.
   enum class Step : uint8_t {
     kReadPosition,
-    kReadStale,        // positions that are too old to judge a way by
+    kReadStale,        // positions that are too old to check a distance
     kReadTorque,
-    kReadUnsure,       // torque that is not known for sure
+    kReadUnsure,       // torque that is uncertain
     kReadMode,
     kReadUnknownMode,
     kReadCeiling,
     kReadTarget,
-    kReadMoving,       // positions of the joints that a hold still watches
-    kReadTaken,        // torque of the joints that a hold took it from
-    kAimPresent,       // target = where the joint is, for all that answered
+    kReadMoving,       // positions of the joints that a hold still checks
+    kReadTaken,        // torque of the joints from which a hold removed it
+    kAimPresent,       // target = present position, for all joints that answered
     kAimHold,          // the same for joints that have torque
     kAimMove,          // targets of JOINT_MOVE
     kAimSyncWrite,     // targets of SYNC_WRITE
-    kJudgePacket,      // now that all is known that the gate needs
+    kJudgePacket,      // when everything that the gate needs is known
     kSendLegacy,
     kSendHls,
     kSendTorque,
     kSendPacket,
-    kSendPacketLegacy, // what the gate made of the host's packet
+    kSendPacketLegacy, // the host's packet as rewritten by the gate
     kSendPacketHls,
-    kTakeOtherMode,    // the torque of joints in another mode than position
-    kTakeRest,         // and of those that do not hold
+    kTakeOtherMode,    // remove torque from joints in a mode other than position
+    kTakeRest,         // and from those that do not hold
     kCheckTorque,
     kCheckTarget,
     kNote,
@@ -91,7 +91,7 @@ class Board {
     uint8_t argument;  // torque on or off, STOP's mode, fields
     uint16_t duration_ms;
     Targets targets;
-    // Of a hold: limp and confirmed, to lose their torque, lost it, still watched.
+    // Joints of a hold: limp and confirmed, to lose their torque, without torque now, still checked.
     Mask limp;
     Mask bad;
     Mask taken;
@@ -101,7 +101,7 @@ class Board {
     int16_t noted[kJoints];
   };
 
-  // board.cpp: the way in and out
+  // board.cpp: input and output
   void tick();
   void receive();
   void accept(const Frame& frame);
@@ -115,7 +115,7 @@ class Board {
   void refuse(uint8_t status) { reply(status, 0); }
   void report();
 
-  // commands.cpp: one function a command
+  // commands.cpp: one function per command
   void execute();
   void execute_chapter();
   void identify();
@@ -133,7 +133,7 @@ class Board {
   void reply_maintenance();
   uint8_t put_state(uint8_t fields);
 
-  // packets.cpp: servo packets of a host, through the gate and back
+  // packets.cpp: servo packets of a host, through the packet gate and back
   const uint8_t* packet() const;
   uint8_t packet_size() const;
   Gate::Circumstances circumstances() const;
@@ -152,7 +152,7 @@ class Board {
   uint8_t board_error(uint8_t id, uint8_t error);
   uint8_t silent_servo(const Request& request);
 
-  // stops.cpp: what a stop does, to the servos and to what waits
+  // stops.cpp: effects of a stop on the servos and on queued requests
   void stop(uint8_t mode);
   bool start_stop();
   void void_next();
@@ -166,7 +166,7 @@ class Board {
   void check_still();
   void finish_hold();
 
-  // jobs.cpp: what takes the bus
+  // jobs.cpp: jobs that use the bus
   void start_job(const Step* program, Mask mask);
   bool start_next();
   void run_job();
@@ -180,7 +180,7 @@ class Board {
   void drop_job();
   void run_bus();
 
-  // moves.cpp: where the joints are to go
+  // moves.cpp: targets of the joints
   Mask lacking(Lack what) const;
   Mask stale() const;
   void skip_reads();

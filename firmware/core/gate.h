@@ -1,6 +1,6 @@
-// What a board lets through to a servo (PROTOCOL.md section 6.4): the one place that knows what torque, limits, speed,
-// maintenance and a stop mean for a packet. Judges packets and rewrites those that move a joint, so that they keep the
-// speed limit. Sends nothing, and knows nothing of frames or requests.
+// The packet gate (PROTOCOL.md section 6.4): the only place that knows what torque, limits, speed, maintenance and a
+// stop mean for a packet to a servo. Checks packets and rewrites those that move a joint, so that they keep the speed
+// limit. Sends nothing; must not know frames or requests.
 #ifndef HEXWIRE_GATE_H
 #define HEXWIRE_GATE_H
 
@@ -19,12 +19,12 @@ inline bool is_read(uint8_t instruction) {
   return instruction == gen::INST_PING || instruction == gen::INST_READ || instruction == gen::INST_SYNC_READ;
 }
 
-// Whole, with its own length and checksum.
+// Whether a packet is complete, with correct length and checksum.
 bool sound_packet(const uint8_t* packet, uint8_t size);
 
 class Gate {
  public:
-  // What the board is about while it judges.
+  // State of the board during the check.
   struct Circumstances {
     bool stopped;
     bool maintenance;
@@ -34,22 +34,22 @@ class Gate {
   enum class Way : uint8_t {
     kAsItIs,
     kTargets,   // rewritten by `make_targets`
-    kTorqueOn,  // after the present positions were written as targets
+    kTorqueOn,  // after the present positions are written as targets
   };
 
   struct Verdict {
     uint8_t status;
     Way way;
     Mask mask;     // joints that move or get torque
-    Mask unclear;  // of those, whose mode or torque must be read before the verdict counts
+    Mask unclear;  // of those, joints whose mode or torque must be read before the result is valid
     Mask silent;   // joints that a move leaves out
   };
 
   Gate(Joints& joints, const Settings& settings) : joints_(joints), settings_(settings) {}
 
-  // Whether a packet is what its instruction needs; before everything else.
+  // Whether a packet is well formed for its instruction; checked before everything else.
   static bool well_formed(const uint8_t* packet, uint8_t size);
-  // Whether it is the chapter's move: a sync write of position and run time to all.
+  // Whether it is the chapter's move: a sync write of position and run time to all servos.
   static bool is_move(const uint8_t* packet, uint8_t size);
 
   // A well-formed packet of PING, READ and TRANSACT.
@@ -57,17 +57,17 @@ class Gate {
   // The chapter's move, of the command SYNC_WRITE.
   Verdict judge_move(const uint8_t* packet, uint8_t size, const Circumstances& now) const;
 
-  // Puts what goes to the joints of one series, instead of a packet whose way is kTargets, into the bus's send buffer;
-  // false if there is nothing.
+  // Puts the packet for the joints of one series, which replaces a kTargets packet, into the bus's send buffer; false if
+  // there is none.
   bool make_targets(ServoBus& bus, const uint8_t* packet, uint8_t series, uint32_t now_ms) const;
   // The targets of the chapter's move, for the joints of `mask`.
   void aim_move(const uint8_t* packet, uint8_t size, Mask mask, uint32_t now_ms, Targets* targets);
 
-  // The nearest position inside the limits; notes whether it is another one.
+  // The nearest position inside the limits; records whether it differs.
   int16_t clamp(uint8_t joint, int32_t wanted);
-  // A duration, lengthened where the joint would exceed its speed limit.
+  // A duration, lengthened if the joint would exceed its speed limit.
   uint32_t at_least(uint32_t duration_ms, uint8_t joint, int16_t target, uint32_t now_ms) const;
-  // Adds a joint and its target, or changes how long it may take.
+  // Adds a joint and its target, or changes its duration.
   void put_target(Targets* targets, uint8_t joint, int16_t position, uint32_t duration_ms) const;
 
  private:

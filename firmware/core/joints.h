@@ -1,5 +1,5 @@
-// The joints: what is known of each, and how a register of many of them is read or written.
-// Owns the joint table and the packets for the two series of this arm. Knows nothing of hosts or jobs.
+// The joints: the state of each, and reading or writing a register of many of them.
+// Owns the joint table and the packets for the two series of this arm. Must not know hosts or jobs.
 #ifndef HEXWIRE_JOINTS_H
 #define HEXWIRE_JOINTS_H
 
@@ -71,34 +71,34 @@ class Joints {
   const Joint& operator[](uint8_t index) const { return joints_[index]; }
   uint8_t find(uint8_t servo_id) const;
   Mask with_series(uint8_t series) const;
-  // A joint that is there, but whose torque has not been read since it came; kNoJoint if there is none.
+  // A joint that is present, but whose torque has not been read since it appeared; kNoJoint if there is none.
   uint8_t torque_unknown() const;
 
-  // It is known to be in another mode than position, or its mode must be read first.
+  // Whether it is known to be in a mode other than position, or its mode must be read first.
   bool other_mode(uint8_t joint) const { return joints_[joint].mode_known && !joints_[joint].in_position; }
   bool mode_unknown(uint8_t joint) const { return has(joint, Item::kMode) && !joints_[joint].mode_known; }
-  // Somebody else may have changed what servos keep to themselves: it must be read anew.
+  // The servos' own settings may have been changed by others: read them again.
   void forget_settings();
 
   // Whether the joint's series has the item.
   bool has(uint8_t joint, Item item) const;
 
-  // Takes an answer's parameters into the table; returns the value where the item is a single one.
+  // Stores an answer's parameters in the table; returns the value if the item is a single one.
   int16_t store(uint8_t joint, Item item, const uint8_t* parameters, uint8_t error, uint32_t now_us,
                 uint32_t now_ms);
-  // It did not answer. When it comes back it may have been without power.
+  // It did not answer. It may have been without power when it answers again.
   void missed(uint8_t joint);
 
-  // Put a packet into the bus's send buffer and return the parameters of each answer.
+  // Put a packet into the bus's send buffer; return the number of parameters of each answer.
   uint8_t make_read(ServoBus& bus, uint8_t joint, Item item) const;
   uint8_t make_sync_read(ServoBus& bus, const uint8_t* joints, uint8_t count, Item item) const;
   // The same for packets without an answer; false if there is nothing to send.
   bool make_targets(ServoBus& bus, const Targets& targets, uint8_t series) const;
   bool make_torque(ServoBus& bus, Mask mask, bool on) const;
 
-  // Speed that gets an HLS joint to its target in that time, in the servo's units.
+  // Speed with which an HLS joint reaches its target in that time, in the servo's units.
   uint16_t hls_speed(uint8_t joint, int16_t target, uint16_t duration_ms) const;
-  // Distance in counts from where the joint was seen last.
+  // Distance in counts from the joint's last known position.
   uint16_t distance(uint8_t joint, int16_t target) const;
 
  private:
@@ -108,19 +108,19 @@ class Joints {
   Joint joints_[kJoints];
 };
 
-// Reads one item of many joints, in as few transactions as the series allow. What happens between the last byte
-// of an answer and the first of the next request is the board's own time on the line, so it is kept short: an
-// answer is only copied then, and understood by `digest` when the next request is on its way.
+// Reads one item of many joints, in as few transactions as the series allow. The time between the last byte of an
+// answer and the first of the next request is the board's own delay, so it is kept short: the answer is only copied,
+// and `digest` parses it while the next request is being sent.
 class Sweep {
  public:
   Sweep(ServoBus& bus, Joints& joints);
 
   void begin(Mask mask, Item item, bool use_sync_read);
-  // Starts the next transaction; false when all are through.
+  // Starts the next transaction; false when all are done.
   bool start_next(uint32_t now_ms);
-  // Takes the result of the transaction that this sweep started.
+  // Stores the result of the transaction that this sweep started.
   void take_result(uint32_t now_us, uint32_t now_ms);
-  // Puts what was taken into the joint table.
+  // Parses the stored result into the joint table.
   void digest();
 
   // Valid after `digest`.

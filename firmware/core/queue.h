@@ -1,5 +1,5 @@
-// Requests that wait for the bus, and replies kept for a host that asks again.
-// Both are bounded: a full queue refuses, a full store forgets its oldest. Neither knows what a request means.
+// Requests that wait for the bus, and replies stored for repeats.
+// Both are bounded: a full queue refuses, a full store drops its oldest entry. Neither knows what a request means.
 #ifndef HEXWIRE_QUEUE_H
 #define HEXWIRE_QUEUE_H
 
@@ -122,7 +122,7 @@ class ReplyStore {
     memcpy(entry.reply, reply, size);
   }
 
-  // A module that starts anew counts from the beginning: nothing it asks may pass for a repeat.
+  // A restarted module restarts its count: none of its requests may be mistaken for a repeat.
   void forget(int32_t src) {
     for (uint8_t i = 0; i < gen::STORED_REPLIES; ++i) {
       if (entries_[i].src == src) entries_[i].used = false;

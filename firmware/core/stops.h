@@ -1,5 +1,5 @@
-// Stops that wait for their turn or their answer, and what a stop has made void (PROTOCOL.md section 6.5).
-// Both are bounded. Neither knows what a stop does to the servos.
+// Stops that wait for their turn or their answer, and requests that a stop has cancelled (PROTOCOL.md section 6.5).
+// Both are bounded. Neither knows the effect of a stop on the servos.
 #ifndef HEXWIRE_STOPS_H
 #define HEXWIRE_STOPS_H
 
@@ -15,7 +15,7 @@ namespace hexwire {
 
 constexpr uint8_t kStopModes = 2;  // 0 holds, 1 takes the torque away
 
-// Who asked for a stop and has no answer yet. One stop answers all of its mode that came before it ended.
+// Hosts that asked for a stop and have no answer yet. One stop answers all of its mode that arrived before it ended.
 class StopList {
  public:
   struct Asker {
@@ -31,7 +31,7 @@ class StopList {
 
   StopList() : wanted_(), outcomes_(), count_(0), askers_() {}
 
-  // False if there is no room for the answer; the stop counts all the same.
+  // False if there is no room for the answer; the stop is executed nevertheless.
   bool add(int32_t src, uint8_t seq, uint8_t mode) {
     if (count_ == kMost) return false;
     askers_[count_++] = Asker{src, seq, mode, false};
@@ -55,7 +55,7 @@ class StopList {
     }
   }
 
-  // Takes the first who can be answered.
+  // Takes the first host that can be answered.
   bool take_done(Asker* asker, Outcome* outcome) {
     for (uint8_t i = 0; i < count_; ++i) {
       if (!askers_[i].done) continue;
@@ -90,7 +90,7 @@ class VoidedStore {
       put(request, now_ms, kDone);
     }
   }
-  // A stop came: what was done before it is not done again.
+  // After a stop: requests executed before it are not executed again.
   void stop() {
     for (uint8_t i = 0; i < kMost; ++i) {
       if (entries_[i].state == kDone) entries_[i].state = kVoid;
