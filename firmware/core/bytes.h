@@ -1,5 +1,5 @@
 // Integers in byte arrays and the three checks of the wire format (PROTOCOL.md sections 3, 4 and 6).
-// Knows nothing of frames; everything is inline and without storage.
+// Must not know frames; everything is inline and without storage.
 #ifndef HEXWIRE_BYTES_H
 #define HEXWIRE_BYTES_H
 
@@ -55,7 +55,7 @@ inline uint16_t crc16_update(uint16_t crc, uint8_t byte) {
   return static_cast<uint16_t>((static_cast<uint16_t>(high) << 8) | low);
 }
 
-// The same over many bytes, going on from `crc`.
+// The same over many bytes, continuing from `crc`.
 uint16_t crc16(const uint8_t* p, uint16_t n, uint16_t crc = 0xFFFF);
 
 // Checksum of a servo packet: `p` points at its id, `n` counts id, length byte, instruction and parameters.

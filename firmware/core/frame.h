@@ -1,5 +1,5 @@
-// Session frames: cut out of a stream by their size, and put together (PROTOCOL.md sections 2, 3 and 6).
-// Owns the receive buffer of one frame. Knows nothing of commands.
+// Session frames: delimited in a stream by their size, and serialized (PROTOCOL.md sections 2, 3 and 6).
+// Owns the receive buffer of one frame. Must not know commands.
 #ifndef HEXWIRE_FRAME_H
 #define HEXWIRE_FRAME_H
 
@@ -33,16 +33,16 @@ class FrameDecoder {
   uint8_t room() const { return static_cast<uint8_t>(sizeof(buffer_) - held_); }
   void added(uint8_t count, uint32_t now);
 
-  // The next good frame. It stays valid until the next call.
+  // The next valid frame. It stays valid until the next call.
   bool next(Frame& frame);
 
-  // Gives up an unfinished frame after the inter-byte time-out; true if `next` should be asked again.
+  // Abandons an unfinished frame after the inter-byte timeout; true if `next` should be called again.
   bool expire(uint32_t now);
 
-  // Bytes that are missing at least until `next` can find a frame.
+  // Minimum number of bytes missing before `next` can find a frame.
   uint8_t missing() const;
 
-  // Something that may become a frame is coming in.
+  // Whether the start of a possible frame has arrived.
   bool receiving() const { return held_ > 0; }
 
  private:

@@ -1,4 +1,4 @@
-// For the files whose speed is the servo line's: the Arduino IDE builds everything for size.
+// For files that determine the speed of the servo line: the Arduino IDE builds everything for size.
 #ifndef HEXWIRE_HOT_H
 #define HEXWIRE_HOT_H
 

@@ -1,4 +1,4 @@
-// What the core asks of a board. Every call returns at once; nothing here may wait.
+// The board's interface to the core. Every call returns at once; nothing here may block.
 #ifndef HEXWIRE_PLATFORM_H
 #define HEXWIRE_PLATFORM_H
 
@@ -11,18 +11,18 @@ class Platform {
   // Free-running microseconds; wraps.
   virtual uint32_t micros() = 0;
 
-  // The host line: bytes that came in, room for bytes to go out, bytes that have not left yet.
+  // The host line: received bytes, room for bytes to send, bytes not sent yet.
   virtual uint16_t host_read(uint8_t* into, uint16_t room) = 0;
   virtual uint16_t host_write_room() = 0;
   virtual uint16_t host_write_waiting() = 0;
   virtual void host_write(const uint8_t* data, uint16_t size) = 0;
 
-  // The servo line. `data` stays untouched until `bus_sending` is false, which means the stop bit has left.
+  // The servo line. `data` must not change until `bus_sending` is false, which means the stop bit has been sent.
   virtual uint8_t bus_read(uint8_t* into, uint8_t room) = 0;
   virtual void bus_write(const uint8_t* data, uint8_t size) = 0;
   virtual bool bus_sending() = 0;
 
-  // Hints for a board that sleeps: it need not wake up before so many more bytes have come in.
+  // Hints for a board that sleeps: it need not wake up before this many more bytes have arrived.
   virtual void host_expect(uint8_t bytes) { (void)bytes; }
   virtual void bus_expect(uint8_t bytes) { (void)bytes; }
 
@@ -35,7 +35,7 @@ class Platform {
   virtual void set_outputs(uint8_t value) = 0;
 
  protected:
-  // Never deleted through this type: a virtual destructor would pull in the heap.
+  // Never deleted through this type: a virtual destructor would need the heap.
   ~Platform() {}
 };
 

@@ -1,6 +1,6 @@
-// When the servos are asked by the board itself, and when a report is due.
-// Positions come every cycle; the slower items take turns in between. Owns no bytes: it starts transactions
-// through a sweep, and only while the bus has nothing better to do.
+// The board's own polling of the servos, and the times of reports.
+// Positions are read every cycle; the slower items take turns in between. Owns no bytes: it starts transactions
+// through a sweep, and only while the bus is idle.
 #ifndef HEXWIRE_POLLER_H
 #define HEXWIRE_POLLER_H
 
@@ -15,22 +15,22 @@ class Poller {
  public:
   Poller(ServoBus& bus, Joints& joints);
 
-  // Somebody wants fresh joint states: poll without a pause for the next seconds.
+  // A host wants fresh joint states: poll without a pause for the next seconds.
   void wake(uint32_t now_ms);
   bool awake(uint32_t now_ms) const { return awake_ && static_cast<int32_t>(awake_until_ms_ - now_ms) > 0; }
 
-  // Reports are on, or somebody asks: positions have precedence over a quiet line.
+  // Reports are on, or a host asks: polling positions has priority over an idle line.
   bool busy(uint32_t now_ms) const { return period_ms_ != 0 || awake(now_ms); }
 
   // 0 stops the reports.
   void set_report(uint16_t period_ms, uint32_t now_us);
-  // True once when a report is due and its samples are there.
+  // True once when a report is due and its samples are available.
   bool take_report(uint32_t now_us);
 
   // Starts a transaction if one is due; true if it did.
   bool start(uint32_t now_us, uint32_t now_ms);
   void take_result(uint32_t now_us, uint32_t now_ms);
-  // Works on what was taken, while the next answer is awaited.
+  // Processes the last result while the next answer is pending.
   void digest() { sweep_.digest(); }
 
   // Counts finished cycles; wraps.

@@ -1,6 +1,6 @@
-// The master of the half-duplex servo line: one transaction at a time, never waiting (PROTOCOL.md section 4).
-// Owns the line's two buffers, the removal of an echo, the search for answers, time-outs and retries.
-// Knows nothing of joints, registers or hosts.
+// The master of the half-duplex servo line: one transaction at a time, non-blocking (PROTOCOL.md section 4).
+// Owns the line's two buffers, the removal of an echo, the search for answers, timeouts and retries.
+// Must not know joints, registers or hosts.
 #ifndef HEXWIRE_SERVO_BUS_H
 #define HEXWIRE_SERVO_BUS_H
 
@@ -15,15 +15,15 @@ namespace hexwire {
 
 enum class BusResult : uint8_t {
   kOk,
-  kSilent,   // nothing came
-  kDamaged,  // something came, but no answer could be made of it
+  kSilent,   // no bytes arrived
+  kDamaged,  // bytes arrived, but no valid answer
 };
 
 constexpr uint8_t kAnyHeader = 0;
 constexpr uint8_t kAnyLength = 0xFF;
 constexpr uint8_t kNoAnswer = 0xFF;
 
-// What counts as the answer to the packet that is sent.
+// Criteria for the answer to the packet that is sent.
 struct Expect {
   uint8_t header;      // second byte, 0xFF or 0xF5; kAnyHeader
   uint8_t parameters;  // of each status packet; kAnyLength
@@ -43,7 +43,7 @@ class ServoBus {
   void begin(uint8_t id, uint8_t instruction);
   void add(uint8_t byte) { packet_[size_++] = byte; }
   void add16(uint16_t value, bool big_endian);
-  // Or takes a whole packet as it is.
+  // Or takes a complete packet unchanged.
   void take(const uint8_t* packet, uint8_t size);
 
   void start_silent();
@@ -57,12 +57,12 @@ class ServoBus {
   bool idle() const { return state_ == State::kIdle; }
   // True once for each transaction that was started, when it has ended.
   bool finished();
-  // Ends the transaction as soon as the line allows: what is being sent is sent, an answer that is
-  // coming is let through, but nothing is waited for.
+  // Ends the transaction as soon as the line allows: a packet being sent and an answer being received
+  // are completed, but nothing else is awaited.
   void hurry(uint32_t now);
 
   BusResult result() const { return result_; }
-  // Status packet number `index` of the answer (raw: all that came); null if it did not come.
+  // Status packet number `index` of the answer (raw: all bytes received); null if it is missing.
   const uint8_t* answer(uint8_t index = 0) const;
   uint8_t answer_size(uint8_t index = 0) const;
 

@@ -1,5 +1,5 @@
-// What is kept across a reset: limits and offsets of every joint, each block with a version and a CRC.
-// Owns the layout in storage and the slow, byte-by-byte writing. Knows nothing of hosts.
+// Settings that survive a reset: limits and offsets of every joint, each block with a version and a CRC.
+// Owns the layout in storage and the slow, byte-by-byte writing. Must not know hosts.
 #ifndef HEXWIRE_SETTINGS_H
 #define HEXWIRE_SETTINGS_H
 
@@ -22,7 +22,7 @@ class Settings {
  public:
   explicit Settings(Platform& platform);
 
-  // Reads both blocks; what is damaged or missing becomes the default.
+  // Reads both blocks; a damaged or missing block is replaced by the defaults.
   void load();
   bool is_default() const { return defaults_ != 0; }
 
@@ -30,13 +30,13 @@ class Settings {
   int16_t maximum(uint8_t joint) const;
   uint16_t speed(uint8_t joint) const;
 
-  // The rows as they go over the line and into storage.
+  // The rows in their format on the line and in storage.
   const uint8_t* rows(Block block) const;
   static uint8_t rows_size(Block block);
-  // Whether these rows make sense; they are used and stored only as a whole.
+  // Whether these rows are valid; they are used and stored only as a whole.
   static bool valid(Block block, const uint8_t* rows);
 
-  // Begins to store; `poll` goes on with it. The new rows count once they are stored and read back.
+  // Starts to store; `poll` continues it. The new rows take effect once they are stored and read back.
   void save(Block block, const uint8_t* rows);
   void poll();
   Saving saving() const { return saving_; }

@@ -1,4 +1,4 @@
-// The core on an ordinary computer: lines are memory, time is what the caller says, storage is an array.
+// The core on an ordinary computer: lines are memory, time comes from the caller, storage is an array.
 // One class for the shared library, the pseudo-terminal program and the fuzz target.
 #ifndef HEXWIRE_HOST_BOARD_H
 #define HEXWIRE_HOST_BOARD_H

@@ -1,5 +1,5 @@
 // Two interrupt-driven serial lines: UART0 to the host, UART1 to the servos. They replace the Arduino core's
-// Serial and Serial1, whose 64-byte rings lose a frame that arrives while another is worked on.
+// Serial and Serial1, whose 64-byte ring buffers lose a frame that arrives while another is processed.
 #ifndef HEXWIRE_UART_H
 #define HEXWIRE_UART_H
 
@@ -16,12 +16,12 @@ uint8_t bus_uart_read(uint8_t* into, uint8_t room);
 void bus_uart_write(const uint8_t* data, uint8_t size);
 bool bus_uart_sending();
 
-// How many bytes have to come in before `uart_work` becomes true.
+// Number of bytes that must arrive before `uart_work` becomes true.
 void host_uart_expect(uint8_t bytes);
 void bus_uart_expect(uint8_t bytes);
 
-// Something happened that the program should look at: the bytes it waits for, the end of a packet to the
-// servos, a host line that is nearly free. The program clears it.
+// An event for the program: the awaited bytes have arrived, a packet to the servos has been sent, or the host line is
+// nearly free. The program clears it.
 extern volatile bool uart_work;
 
 #endif  // HEXWIRE_UART_H

@@ -329,7 +329,7 @@ class PollLink(Link):
         size = len(data)
         while sent < size:
             writable = any(fd == self._write_fd for fd, _ in self._write_poll.poll(poll_timeout(deadline)))
-            # Closing and losing are told by the reading side's state as well as by an event of our own.
+            # Close and loss show in the reading side's state as well as in an event of our own.
             if self._closing or self._state is not _OPEN:
                 raise self._refusal()
             if writable:

@@ -1,7 +1,7 @@
 """The host's limits on targets: what is refused, and what is slowed down.
 
 Owns the host's check of a target against an arm model. A position outside the limits is refused, never
-silently moved; a motion that would be too fast is given more time, and the caller is told. The board checks
+silently changed; a motion that would be too fast is given more time, which the caller sees. The board checks
 again with limits of its own.
 """
 
