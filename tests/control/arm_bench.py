@@ -199,11 +199,11 @@ class Bench:
         self.arm = Arm(
             self.emulated.driver, settings, on_taught=self.taught.append, clock=self.clock, sleep=self.clock.sleep
         )
-        self.hardware = self.arm.hardware
+        self.owner = self.arm.owner
         self.track: list[tuple[float, list[float]]] = []
         self.jammed: dict[int, float] = {}
         self.arm.connect()
-        self.hardware.group.members = tuple(self.arm.controllers.values())
+        self.owner.group.members = tuple(self.arm.controllers.values())
         self.turn(0.2)
 
     @property
@@ -221,7 +221,7 @@ class Bench:
     def _step(self) -> None:
         for i, position in self.jammed.items():
             self.board.wire[i].motion.position, self.board.wire[i].motion.velocity = position, 0.0
-        self.hardware.turn()
+        self.owner.turn()
         self.track.append((self.clock.time, self.emulated.shafts()))
 
     def jam(self, joint: str) -> None:

@@ -44,12 +44,12 @@ class Bench:
         self.robot, self.clock = robot, clock
         self.published: list[tuple[float, KnownState]] = []
         self.writes: list[float] = []
-        self.hardware = RobotOwner(robot, on_state=self.note, clock=clock, sleep=clock.sleep, **options)
+        self.owner = RobotOwner(robot, on_state=self.note, clock=clock, sleep=clock.sleep, **options)
         names = robot.model.names
         shares = (names[:3], names[3:]) if split else (names,)
         self.controllers = tuple(make_controller(robot.model, share, period) for share in shares)
         self.controller = self.controllers[0]
-        self.hardware.group.members = self.controllers
+        self.owner.group.members = self.controllers
         write = robot.write
 
         def watched(target: JointTarget) -> Any:
@@ -64,13 +64,13 @@ class Bench:
     def turn(self, seconds: float) -> None:
         end = self.clock.time + seconds
         while self.clock.time < end:
-            self.hardware.turn()
+            self.owner.turn()
 
     def until(self, condition: Callable[[], object], seconds: float = 20.0) -> None:
         end = self.clock.time + seconds
         while not condition():
             assert self.clock.time < end
-            self.hardware.turn()
+            self.owner.turn()
 
     def ask(self, call: Callable[[], _T]) -> _T:
         """What another thread asks the owner for, who turns meanwhile."""
@@ -86,7 +86,7 @@ class Bench:
         thread = threading.Thread(target=run)
         thread.start()
         while thread.is_alive():
-            self.hardware.turn()
+            self.owner.turn()
             thread.join(0.001)
         if failed:
             raise failed[0]
@@ -94,20 +94,20 @@ class Bench:
 
     def enable(self) -> None:
         names = self.robot.model.names
-        assert self.ask(lambda: self.hardware.torque(True, names)) == names
+        assert self.ask(lambda: self.owner.torque(True, names)) == names
 
     def go(self, joint: str, by: float, seconds: float, controller: TrajectoryController | None = None) -> Told:
         """Have one joint go somewhere; it is on its way when this returns."""
-        told, hardware = Told(), self.hardware
-        state = hardware.newest()
+        told, owner = Told(), self.owner
+        state = owner.newest()
         order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
         chosen = controller or self.controller
-        with hardware.locked():
-            plan = chosen.plan(order, hardware.now())
-            chosen.check_path(plan.trajectory(chosen.start(0.0, state, hardware.now()), hardware.now()), state)
-            chosen.accept(plan, state, hardware.now(), listener=told)
-        hardware.hurry()
-        hardware.deliver()
+        with owner.locked():
+            plan = chosen.plan(order, owner.now())
+            chosen.check_path(plan.trajectory(chosen.start(0.0, state, owner.now()), owner.now()), state)
+            chosen.accept(plan, state, owner.now(), listener=told)
+        owner.hurry()
+        owner.deliver()
         return told
 
 
@@ -123,7 +123,7 @@ class BoardBench(Bench):
 def moving(joint: str = "J1", **options: Any) -> tuple[BoardBench, Told]:
     """A bench with an arm on its way for five seconds."""
     bench = BoardBench(**options)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.2)
     bench.enable()
     told = bench.go(joint, 0.5, 5.0)
@@ -180,29 +180,29 @@ def wait_for(condition: Callable[[], object]) -> None:
 
 
 class Threaded:
-    """A node's hardware with its thread, on a served board. Its watchdog is long: these machines stall."""
+    """A node's owner with its thread, on a served board. Its watchdog is long: these machines stall."""
 
     def __init__(self, served: Served, **options: Any) -> None:
         self.driver = Hex7BotDriver.from_url(served.url)
-        self.hardware = RobotOwner(self.driver, **({"watchdog": 20.0} | options))
-        self.hardware.connect(10.0)
+        self.owner = RobotOwner(self.driver, **({"watchdog": 20.0} | options))
+        self.owner.connect(10.0)
         self.controller = make_controller(self.driver.model, period=0.5)
-        self.hardware.start((self.controller,))
+        self.owner.start((self.controller,))
 
     def go(self, joint: str, by: float, seconds: float) -> Told:
         """As `Bench.go`."""
-        told, hardware = Told(), self.hardware
-        state = hardware.newest()
+        told, owner = Told(), self.owner
+        state = owner.newest()
         order = TrajectoryGoal((joint,), (Point(seconds, (state[joint].position + by,)),))
-        with hardware.locked():
-            plan = self.controller.plan(order, hardware.now())
-            self.controller.accept(plan, state, hardware.now(), listener=told)
-        hardware.hurry()
+        with owner.locked():
+            plan = self.controller.plan(order, owner.now())
+            self.controller.accept(plan, state, owner.now(), listener=told)
+        owner.hurry()
         return told
 
     def go_slowly(self) -> Told:
         """Have a joint go so slowly that it is on its way for long; it moves when this returns."""
-        start = self.hardware.newest()["J1"].position
+        start = self.owner.newest()["J1"].position
         told = self.go("J1", 0.4, 20.0)
-        wait_for(lambda: self.hardware.newest()["J1"].position > start + 0.002)
+        wait_for(lambda: self.owner.newest()["J1"].position > start + 0.002)
         return told

@@ -112,7 +112,7 @@ def test_set_points_are_pursued() -> None:
 
 def test_set_points_of_several_controllers_are_all_taken_or_none() -> None:
     bench = make_bench(controllers=SPLIT)
-    assert bench.ask(lambda: bench.hardware.torque(False, ["J7"])) == ("J7",)
+    assert bench.ask(lambda: bench.owner.torque(False, ["J7"])) == ("J7",)
     with pytest.raises(GoalError, match="no torque on J7"):
         bench.arm.set_points({"J1": J1 + 0.3, "J7": 0.3})
     bench.turn(0.5)
@@ -186,7 +186,7 @@ def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
     end = bench.clock.time + 30.0
     while not told.ends:
         assert bench.clock.time < end
-        if bench.hardware.group.reason is None and not bench.where("J3") > FOLD["J3"] - 0.05:
+        if bench.owner.group.reason is None and not bench.where("J3") > FOLD["J3"] - 0.05:
             bench.arm.set_points({"J3": FOLD["J3"]})
         bench.turn(0.05)
     assert told.outcome == STOPPED
@@ -471,7 +471,7 @@ def test_facts() -> None:
 def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
     bench = make_bench(on=False, enable_on_start=True)
     bench.silence("J3")
-    bench.hardware.start = lambda controllers: None  # type: ignore[method-assign]  # the test turns
+    bench.owner.start = lambda controllers: None  # type: ignore[method-assign]  # the test turns
     bench.ask(bench.arm.start)
     assert bench.torques()[0]
     bench.arm.shutdown()
@@ -502,14 +502,14 @@ def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: py
 
 def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make_bench()
-    locked = bench.hardware.locked
+    locked = bench.owner.locked
 
     def late() -> Any:
-        monkeypatch.setattr(bench.hardware, "locked", locked)
+        monkeypatch.setattr(bench.owner, "locked", locked)
         bench.ask(bench.arm.teach_start)
         return locked()
 
-    monkeypatch.setattr(bench.hardware, "locked", late)
+    monkeypatch.setattr(bench.owner, "locked", late)
     with pytest.raises(UsageError, match="being taught"):
         bench.arm.set_points({"J1": J1 + 0.1})
     assert not bench.controller.busy

@@ -39,11 +39,11 @@ from hexwire.wire.modules import ModuleType
 @pytest.mark.parametrize("baud", [0, 115200])
 def test_states_come_at_the_rate_that_was_asked_for(baud: int) -> None:
     bench = BoardBench(baud=baud, publish_rate=50.0)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(5.0)
     # On a slow servo bus now and then no servo was sampled between two reports.
-    assert bench.hardware.rate == pytest.approx(50, rel=0.05 if baud else 0.01)
-    assert bench.hardware.state_age < 0.03
+    assert bench.owner.rate == pytest.approx(50, rel=0.05 if baud else 0.01)
+    assert bench.owner.state_age < 0.03
     assert bench.board.state.report_period == pytest.approx(0.02)
     stamps = [when for when, _ in bench.published]
     assert stamps == sorted(stamps)
@@ -51,16 +51,16 @@ def test_states_come_at_the_rate_that_was_asked_for(baud: int) -> None:
 
 def test_a_rate_above_what_a_board_reports_at_is_no_reason_to_lose_it() -> None:
     bench = BoardBench(publish_rate=1000.0)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(3.0)
-    assert bench.hardware.connected
-    assert bench.hardware.reconnects == 0
-    assert bench.hardware.rate == pytest.approx(200, rel=0.02)
+    assert bench.owner.connected
+    assert bench.owner.reconnects == 0
+    assert bench.owner.rate == pytest.approx(200, rel=0.02)
 
 
 def test_a_low_rate_of_publishing_leaves_watchdog_and_commands_alone() -> None:
     bench = BoardBench(publish_rate=1.0, watchdog=0.5)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(3.0)
     bench.enable()
     told = bench.go("J1", 0.5, 3.0)
@@ -76,39 +76,39 @@ def test_a_low_rate_of_publishing_leaves_watchdog_and_commands_alone() -> None:
 
 def test_where_reports_are_unknown_it_asks_as_fast_as_the_line_goes() -> None:
     bench = BoardBench(dialect=1, baud=115200)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(10.0)
-    assert bench.hardware.connected
-    assert 1.0 < bench.hardware.rate < 4.0
-    assert bench.hardware.watchdog == 0.0
-    assert bench.hardware.probe is not None
-    assert bench.hardware.probe.dialect == 1
+    assert bench.owner.connected
+    assert 1.0 < bench.owner.rate < 4.0
+    assert bench.owner.watchdog == 0.0
+    assert bench.owner.probe is not None
+    assert bench.owner.probe.dialect == 1
 
 
 def test_the_board_is_told_to_end_its_reports_whatever_ends_them() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.5)
     assert bench.board.state.report_due is not None
 
     def broken(state: JointState, published: KnownState) -> None:
         raise RuntimeError("a fault of the program")
 
-    bench.hardware._on_state = broken
+    bench.owner._on_state = broken
     with pytest.raises(RuntimeError, match="a fault"):
         bench.turn(1.0)
-    bench.hardware.shutdown()
+    bench.owner.shutdown()
     assert bench.board.state.report_due is None
 
 
 def test_reports_that_stay_away_are_asked_for_again() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.5)
     bench.board.state.report_due = None
     bench.turn(2.0)
-    assert bench.hardware.connected
-    assert bench.hardware.reconnects == 0
+    assert bench.owner.connected
+    assert bench.owner.reconnects == 0
     assert bench.board.state.report_due is not None
 
 
@@ -118,27 +118,27 @@ def test_reports_that_stay_away_are_asked_for_again() -> None:
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])
 def test_a_goal_is_reached(dialect: int, baud: int) -> None:
     bench = BoardBench(dialect, baud)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(1.0)
     bench.enable()
-    start = bench.hardware.newest()["J1"].position
+    start = bench.owner.newest()["J1"].position
     told = bench.go("J1", 0.4, 4.0)
     bench.until(lambda: told.ends)
     assert told.words == "succeeded: "
     bench.turn(1.0)
-    assert bench.hardware.newest()["J1"].position == pytest.approx(start + 0.4, abs=0.02)
+    assert bench.owner.newest()["J1"].position == pytest.approx(start + 0.4, abs=0.02)
 
 
 def test_one_target_a_period_however_much_hurry() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.3)
     bench.enable()
     told = bench.go("J1", 0.4, 3.0)
     begun = bench.clock.time
     while not told.ends:
-        bench.hardware.hurry()
-        bench.hardware.turn()
+        bench.owner.hurry()
+        bench.owner.turn()
     writes = [when for when in bench.writes if when <= begun + 3.0]
     # The first did not wait for the raster.
     assert writes[0] - begun < 0.011
@@ -158,12 +158,12 @@ def test_a_target_lasts_beyond_the_next_one_or_a_late_cycle_would_be_a_pause() -
     bench.robot.write = noted
     bench.until(lambda: told.ends)
     spare = [end - following for (_, end), (following, _) in itertools.pairwise(rows)]
-    assert min(spare) > 0.2 * bench.hardware.command_period
+    assert min(spare) > 0.2 * bench.owner.command_period
 
 
 def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.3)
     bench.enable()
     told = bench.go("J1", 0.4, 3.0)
@@ -171,7 +171,7 @@ def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
     bench.writes.clear()
     bench.clock.advance(0.4)
     while not told.ends:
-        bench.hardware.turn()
+        bench.owner.turn()
     gaps = [b - a for a, b in itertools.pairwise(bench.writes)]
     assert min(gaps) > 0.03
 
@@ -196,9 +196,9 @@ def test_a_target_that_is_refused_ends_the_goal_and_not_the_robot(error: Hexwire
     bench.robot.write = refuse
     bench.turn(0.2)
     assert told.words == outcome
-    assert bench.hardware.connected
-    assert bench.hardware.reconnects == 0
-    assert bool(bench.hardware.group.reason) is isinstance(error, StoppedError)
+    assert bench.owner.connected
+    assert bench.owner.reconnects == 0
+    assert bool(bench.owner.group.reason) is isinstance(error, StoppedError)
 
 
 def test_a_target_that_a_stop_took_the_line_from() -> None:
@@ -211,7 +211,7 @@ def test_a_target_that_a_stop_took_the_line_from() -> None:
 
     bench.robot.write = preempted
     bench.turn(0.2)
-    assert bench.hardware.connected
+    assert bench.owner.connected
     bench.turn(0.5)
     assert bench.board.state.report_due is not None
     bench.until(lambda: told.ends)
@@ -224,7 +224,7 @@ def test_torque_that_somebody_else_took_ends_the_motion() -> None:
     bench.turn(0.3)
     assert told.ends[0].outcome is Outcome.ABORTED
     assert "torque" in told.words
-    assert bench.hardware.connected
+    assert bench.owner.connected
     before = bench.arm.shaft(0)
     bench.turn(1.0)
     assert bench.arm.torques() == [False] * 7
@@ -247,20 +247,20 @@ def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
 
 def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
     bench = BoardBench(split=True)
-    hardware, (first, second) = bench.hardware, bench.controllers
-    hardware.connect()
+    owner, (first, second) = bench.owner, bench.controllers
+    owner.connect()
     bench.turn(0.2)
     bench.enable()
     hold = bench.go("J5", 0.2, 1.0, second)
     bench.until(lambda: hold.ends)
-    bench.ask(lambda: hardware.torque(False, second.joints))
+    bench.ask(lambda: owner.torque(False, second.joints))
     # A hand moves it.
     bench.board.wire[4].motion.position += 400
     moved = bench.go("J1", 0.4, 6.0, first)
     bench.turn(1.0)
-    assert bench.ask(lambda: hardware.torque(True, hardware.robot.model.names)) == hardware.robot.model.names
-    here = hardware.newest()["J5"].position
-    assert second.start(0.0, hardware.newest(), hardware.now()).position[1] == pytest.approx(here, abs=1e-6)
+    assert bench.ask(lambda: owner.torque(True, owner.robot.model.names)) == owner.robot.model.names
+    here = owner.newest()["J5"].position
+    assert second.start(0.0, owner.newest(), owner.now()).position[1] == pytest.approx(here, abs=1e-6)
     assert not moved.ends
     bench.until(lambda: moved.ends)
     assert moved.words == "succeeded: "
@@ -268,10 +268,10 @@ def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
 
 def test_torque_off_ends_a_motion() -> None:
     bench, told = moving()
-    bench.ask(lambda: bench.hardware.torque(False, bench.robot.model.names))
+    bench.ask(lambda: bench.owner.torque(False, bench.robot.model.names))
     assert told.words == "aborted: the torque was taken away"
     assert bench.arm.torques() == [False] * 7
-    assert bench.hardware.newest().torque_on == ()
+    assert bench.owner.newest().torque_on == ()
 
 
 def test_torque_off_ends_what_was_accepted_that_moment() -> None:
@@ -284,7 +284,7 @@ def test_torque_off_ends_what_was_accepted_that_moment() -> None:
         return torque(*args)
 
     bench.robot.torque = torque_and_a_goal
-    bench.ask(lambda: bench.hardware.torque(False, bench.robot.model.names))
+    bench.ask(lambda: bench.owner.torque(False, bench.robot.model.names))
     assert first.words == late[0].words == "aborted: the torque was taken away"
     writes = len(bench.writes)
     bench.turn(1.0)
@@ -304,9 +304,9 @@ def test_a_target_that_the_board_kept_within_its_limits_is_told_once(caplog: pyt
 
 def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.2)
-    bench.hardware.stop("a test")
+    bench.owner.stop("a test")
     with pytest.raises(UsageError, match=r"stopped \(a test\); reset it first"):
         bench.enable()
     assert bench.arm.torques() == [False] * 7
@@ -315,23 +315,23 @@ def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
 @pytest.mark.parametrize("baud", [0, 115200])
 def test_what_was_just_done_is_not_undone_by_reports_from_before(baud: int) -> None:
     bench = BoardBench(baud=baud)
-    hardware = bench.hardware
-    hardware.connect()
+    owner = bench.owner
+    owner.connect()
     bench.turn(0.2)
     for _ in range(20):
         bench.enable()
-        assert hardware.newest().torque_on == bench.robot.model.names
-        hardware.turn()
-        assert hardware.newest().torque_on == bench.robot.model.names
-        hardware.stop("a test")
+        assert owner.newest().torque_on == bench.robot.model.names
+        owner.turn()
+        assert owner.newest().torque_on == bench.robot.model.names
+        owner.stop("a test")
         bench.turn(0.1)
-        bench.ask(hardware.reset)
+        bench.ask(owner.reset)
         bench.turn(0.1)
-        assert hardware.group.reason is None
-        assert not hardware.newest().stopped
-        bench.ask(lambda: hardware.torque(False, bench.robot.model.names))
-        hardware.turn()
-        assert hardware.newest().torque_on == ()
+        assert owner.group.reason is None
+        assert not owner.newest().stopped
+        bench.ask(lambda: owner.torque(False, bench.robot.model.names))
+        owner.turn()
+        assert owner.newest().torque_on == ()
 
 
 # -- jobs ---------------------------------------------------------------------------------------------------------
@@ -339,7 +339,7 @@ def test_what_was_just_done_is_not_undone_by_reports_from_before(baud: int) -> N
 
 def test_a_job_that_finds_the_link_lost_tells_both() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.3)
 
     def job() -> None:
@@ -347,33 +347,33 @@ def test_a_job_that_finds_the_link_lost_tells_both() -> None:
         bench.robot.read()
 
     with pytest.raises(LinkLostError, match="unplugged"):
-        bench.ask(lambda: bench.hardware.call(job))
-    assert not bench.hardware.connected
+        bench.ask(lambda: bench.owner.call(job))
+    assert not bench.owner.connected
 
 
 def test_a_job_that_is_refused_tells_only_the_one_who_asked() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.3)
 
     def job() -> None:
         raise UsageError("not like this")
 
     with pytest.raises(UsageError, match="not like this"):
-        bench.ask(lambda: bench.hardware.call(job))
-    assert bench.hardware.connected
+        bench.ask(lambda: bench.owner.call(job))
+    assert bench.owner.connected
 
 
 def test_nobody_waits_for_a_robot_that_was_lost_that_moment() -> None:
     bench = BoardBench()
-    hardware = bench.hardware
-    hardware.connect()
+    owner = bench.owner
+    owner.connect()
     bench.turn(0.3)
     bench.link.lost = True
     # As if the loss came between the look at `connected` and the queue.
     with pytest.raises(LinkLostError, match="cannot be reached"):
-        bench.ask(lambda: hardware._jobs.call(lambda: None))
-    assert not hardware.connected
+        bench.ask(lambda: owner._jobs.call(lambda: None))
+    assert not owner.connected
 
 
 # -- other robots -------------------------------------------------------------------------------------------------
@@ -402,27 +402,27 @@ def puma_bench() -> Bench:
 @pytest.mark.parametrize("which", ["bus_bench", "puma_bench"])
 def test_robots_without_a_watchdog(which: str, request: pytest.FixtureRequest) -> None:
     bench: Bench = request.getfixturevalue(which)
-    hardware = bench.hardware
-    hardware.connect()
+    owner = bench.owner
+    owner.connect()
     bench.turn(2.0)
-    assert hardware.rate == pytest.approx(100, rel=0.03)
-    assert hardware.watchdog == 0.0
+    assert owner.rate == pytest.approx(100, rel=0.03)
+    assert owner.watchdog == 0.0
     bench.enable()
     joint = bench.robot.model.names[0]
-    start = hardware.newest()[joint].position
+    start = owner.newest()[joint].position
     told = bench.go(joint, 0.3, 3.0)
     bench.until(lambda: told.ends)
     assert told.words == "succeeded: "
     bench.turn(0.5)
-    assert hardware.newest()[joint].position == pytest.approx(start + 0.3, abs=0.03)
+    assert owner.newest()[joint].position == pytest.approx(start + 0.3, abs=0.03)
     told = bench.go(joint, -0.3, 3.0)
     bench.turn(1.0)
-    assert hardware.stop("a test") == bench.robot.model.names
+    assert owner.stop("a test") == bench.robot.model.names
     assert told.words == "aborted: stopped: a test"
     bench.turn(0.5)
-    bench.ask(hardware.reset)
+    bench.ask(owner.reset)
     bench.turn(0.5)
-    assert hardware.group.reason is None
+    assert owner.group.reason is None
     told = bench.go(joint, -0.1, 3.0)
     bench.turn(1.0)
     robot = bench.robot
@@ -431,8 +431,8 @@ def test_robots_without_a_watchdog(which: str, request: pytest.FixtureRequest) -
     bench.until(lambda: told.ends)
     assert "unplugged" in told.words
     link.lost = False
-    bench.until(lambda: hardware.connected)
+    bench.until(lambda: owner.connected)
     bench.turn(0.5)
-    assert hardware.reconnects == 1
-    hardware.shutdown()
+    assert owner.reconnects == 1
+    owner.shutdown()
     assert not link.is_open

@@ -32,9 +32,9 @@ def test_a_port_that_comes_in_time(caplog: pytest.LogCaptureFixture) -> None:
         bench.clock.advance(seconds)
         bench.link.lost = bench.clock.time < begun + 3.0
 
-    bench.hardware._sleep = sleep
-    bench.hardware.connect(10.0)
-    assert bench.hardware.connected
+    bench.owner._sleep = sleep
+    bench.owner.connect(10.0)
+    assert bench.owner.connected
     assert 3.0 <= bench.clock.time - begun < 4.5
     # Told once, however often it looked.
     assert caplog.text.count("waiting for it") == 1
@@ -46,10 +46,10 @@ def test_a_port_that_does_not_come(timeout: float) -> None:
     bench.link.lost = True
     begun = bench.clock.time
     with pytest.raises(LinkLostError, match="is unplugged"):
-        bench.hardware.connect(timeout)
+        bench.owner.connect(timeout)
     assert timeout <= bench.clock.time - begun <= timeout + 0.5
-    assert not bench.hardware.connected
-    bench.hardware.shutdown()
+    assert not bench.owner.connected
+    bench.owner.shutdown()
 
 
 def test_a_port_that_is_not_ours_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,13 +61,13 @@ def test_a_port_that_is_not_ours_is_not_waited_for(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(bench.link, "open", refuse)
     with pytest.raises(LinkPermissionError):
-        bench.hardware.connect(10.0)
+        bench.owner.connect(10.0)
     assert bench.clock.time == begun
 
 
 def test_what_was_found_in_vain_is_not_held_against_what_is_found_next() -> None:
     bench = BoardBench()
-    read, sleep = bench.robot.read, bench.hardware._sleep
+    read, sleep = bench.robot.read, bench.owner._sleep
     bench.robot._only_dialect = 1
 
     def no_answer() -> None:
@@ -77,10 +77,10 @@ def test_what_was_found_in_vain_is_not_held_against_what_is_found_next() -> None
         bench.robot.read, bench.robot._only_dialect = read, None
         sleep(seconds)
 
-    bench.robot.read, bench.hardware._sleep = no_answer, waited
-    bench.hardware.connect(10.0)
-    assert bench.hardware.probe is not None
-    assert bench.hardware.probe.dialect == 2
+    bench.robot.read, bench.owner._sleep = no_answer, waited
+    bench.owner.connect(10.0)
+    assert bench.owner.probe is not None
+    assert bench.owner.probe.dialect == 2
 
 
 def test_nobody_answers() -> None:
@@ -88,18 +88,18 @@ def test_nobody_answers() -> None:
     bench.robot._boot_window = 2.0
     begun = bench.clock.time
     with pytest.raises(ReplyTimeoutError, match="IDENTIFY"):
-        bench.hardware.connect(10.0)
+        bench.owner.connect(10.0)
     assert 10.0 <= bench.clock.time - begun < 16.0
     assert not bench.link.is_open
 
 
 def test_no_watchdog_runs_before_somebody_feeds_it() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.arm.wait(5.0)
     bench.turn(2.0)
     assert bench.board.state.watchdog_trips == 0
-    assert bench.hardware.watchdog == 1.0
+    assert bench.owner.watchdog == 1.0
 
 
 # -- going --------------------------------------------------------------------------------------------------------
@@ -107,23 +107,23 @@ def test_no_watchdog_runs_before_somebody_feeds_it() -> None:
 
 def test_the_end_at_rest_leaves_the_board_as_it_was() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.3)
     bench.enable()
-    bench.hardware.shutdown()
+    bench.owner.shutdown()
     state = bench.board.state
     assert (state.stopped, state.watchdog_timeout, state.report_due) == (False, 0.0, None)
     assert bench.arm.torques() == [True] * 7
     assert not bench.link.is_open
-    assert not bench.hardware.connected
-    bench.hardware.shutdown()
+    assert not bench.owner.connected
+    bench.owner.shutdown()
     with pytest.raises(LinkLostError, match="has ended"):
-        bench.hardware.call(lambda: None)
+        bench.owner.call(lambda: None)
 
 
 def test_the_end_on_the_way_stops_the_arm() -> None:
     bench, told = moving()
-    bench.hardware.shutdown()
+    bench.owner.shutdown()
     assert told.words == "aborted: stopped: the program ends"
     state = bench.board.state
     assert (state.stopped, state.watchdog_timeout, state.report_due) == (True, 0.0, None)
@@ -132,10 +132,10 @@ def test_the_end_on_the_way_stops_the_arm() -> None:
 
 def test_the_end_with_torque_off() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.3)
     bench.enable()
-    bench.hardware.shutdown(torque_off=True)
+    bench.owner.shutdown(torque_off=True)
     assert bench.arm.torques() == [False] * 7
 
 
@@ -143,8 +143,8 @@ def test_the_end_without_a_robot() -> None:
     bench, told = moving()
     bench.link.lost = True
     bench.turn(2.0)
-    bench.hardware.shutdown(torque_off=True)
-    bench.hardware.shutdown()
+    bench.owner.shutdown(torque_off=True)
+    bench.owner.shutdown()
     assert len(told.ends) == 1
     RobotOwner(bench.robot).shutdown()
 
@@ -160,21 +160,21 @@ def served() -> Iterator[Served]:
 
 def test_a_life_with_its_own_thread(served: Served) -> None:
     node = Threaded(served)
-    hardware, names = node.hardware, node.driver.model.names
-    assert hardware.torque(True, names) == names
+    owner, names = node.owner, node.driver.model.names
+    assert owner.torque(True, names) == names
     told = node.go("J1", 0.05, 1.0)
     wait_for(lambda: told.ends)
     assert told.words == "succeeded: "
     told = node.go_slowly()
-    assert hardware.stop("a test") == names
+    assert owner.stop("a test") == names
     assert told.words == "aborted: stopped: a test"
-    hardware.reset()
-    assert hardware.group.reason is None
-    assert hardware.call(threading.current_thread) is not threading.current_thread()
-    assert hardware.call(lambda: hardware.call(lambda: 7)) == 7
+    owner.reset()
+    assert owner.group.reason is None
+    assert owner.call(threading.current_thread) is not threading.current_thread()
+    assert owner.call(lambda: owner.call(lambda: 7)) == 7
     told = node.go_slowly()
-    hardware.shutdown()
-    assert not hardware.alive
+    owner.shutdown()
+    assert not owner.alive
     assert told.words == "aborted: stopped: the program ends"
     state = served.board.state
     assert (state.stopped, state.watchdog_timeout, state.report_due) == (True, 0.0, None)
@@ -183,11 +183,11 @@ def test_a_life_with_its_own_thread(served: Served) -> None:
 @pytest.mark.parametrize("publish_rate", [100.0, 4.0])
 def test_stops_from_several_threads_while_the_owner_waits(served: Served, publish_rate: float) -> None:
     node = Threaded(served, publish_rate=publish_rate)
-    hardware, names = node.hardware, node.driver.model.names
+    owner, names = node.owner, node.driver.model.names
     answers: list[tuple[str, ...]] = []
 
     def keep_stopping() -> None:
-        answers.extend(hardware.stop("a test") for _ in range(30))
+        answers.extend(owner.stop("a test") for _ in range(30))
 
     threads = [threading.Thread(target=keep_stopping) for _ in range(3)]
     for thread in threads:
@@ -195,49 +195,49 @@ def test_stops_from_several_threads_while_the_owner_waits(served: Served, publis
     for thread in threads:
         thread.join(60)
     assert answers == [names] * 90
-    assert hardware.connected
-    assert hardware.reconnects == 0
+    assert owner.connected
+    assert owner.reconnects == 0
     # Reports go on, or soon again.
-    before = hardware.newest()
-    wait_for(lambda: hardware.newest() is not before)
-    hardware.reset()
-    assert hardware.torque(True, names) == names
-    hardware.shutdown()
+    before = owner.newest()
+    wait_for(lambda: owner.newest() is not before)
+    owner.reset()
+    assert owner.torque(True, names) == names
+    owner.shutdown()
     assert served.board.state.report_due is None
 
 
 def test_a_stop_of_a_board_that_says_nothing_fails_in_time_and_all_is_stopped(served: Served) -> None:
     node = Threaded(served)
-    node.hardware.torque(True, node.driver.model.names)
+    node.owner.torque(True, node.driver.model.names)
     told = node.go("J1", 0.4, 20.0)
     served.muted.set()
     with pytest.raises(HexwireError):
-        node.hardware.stop("a test")
+        node.owner.stop("a test")
     assert told.words == "aborted: stopped: a test"
-    wait_for(lambda: not node.hardware.connected)
+    wait_for(lambda: not node.owner.connected)
     with pytest.raises(LinkLostError):
-        node.hardware.reset()
-    node.hardware.shutdown()
-    assert not node.hardware.alive
+        node.owner.reset()
+    node.owner.shutdown()
+    assert not node.owner.alive
 
 
 def test_nobody_waits_for_ever_for_a_board_that_falls_silent(served: Served) -> None:
     node = Threaded(served)
     served.muted.set()
     with pytest.raises(HexwireError):
-        node.hardware.torque(True, node.driver.model.names)
-    node.hardware.shutdown()
-    assert not node.hardware.alive
+        node.owner.torque(True, node.driver.model.names)
+    node.owner.shutdown()
+    assert not node.owner.alive
 
 
 def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
     node = Threaded(served)
     node.driver._boot_window = 600.0
     served.muted.set()
-    wait_for(lambda: not node.hardware.connected and node.driver.session.is_open)
-    node.hardware.shutdown(torque_off=True)
-    assert not node.hardware.alive
-    assert node.hardware.crash is None
+    wait_for(lambda: not node.owner.connected and node.driver.session.is_open)
+    node.owner.shutdown(torque_off=True)
+    assert not node.owner.alive
+    assert node.owner.crash is None
     assert not node.driver.session.is_open
 
 
@@ -249,18 +249,18 @@ def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> Non
             raise RuntimeError("a fault of the program")
 
     node = Threaded(served, on_state=on_state)
-    hardware = node.hardware
-    hardware.torque(True, node.driver.model.names)
+    owner = node.owner
+    owner.torque(True, node.driver.model.names)
     told = node.go("J1", 0.4, 20.0)
     broken.set()
-    wait_for(lambda: not hardware.alive)
-    assert isinstance(hardware.crash, RuntimeError)
+    wait_for(lambda: not owner.alive)
+    assert isinstance(owner.crash, RuntimeError)
     assert told.words == "aborted: stopped: the program failed: a fault of the program"
     assert served.board.state.stopped
-    for call in (hardware.newest, hardware.reset):
+    for call in (owner.newest, owner.reset):
         with pytest.raises(DeviceError, match="the program failed: a fault"):
             call()
-    hardware.shutdown()
+    owner.shutdown()
     state = served.board.state
     assert (state.watchdog_timeout, state.report_due) == (0.0, None)
 
@@ -277,15 +277,15 @@ def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(
             free.wait(60)
 
     node = Threaded(served, on_state=on_state)
-    node.hardware.torque(True, node.driver.model.names)
+    node.owner.torque(True, node.driver.model.names)
     told = node.go_slowly()
     stick.set()
     assert stuck.wait(30)
-    node.hardware.shutdown()
+    node.owner.shutdown()
     assert told.words == "aborted: stopped: the program ends"
     # It was told before anybody waited for the thread.
     assert served.board.state.stopped
-    assert node.hardware.alive
+    assert node.owner.alive
     free.set()
-    wait_for(lambda: not node.hardware.alive)
+    wait_for(lambda: not node.owner.alive)
     assert not node.driver.session.is_open

@@ -16,38 +16,38 @@ from hexwire.errors import (
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])
 def test_an_unplugged_robot_is_stopped_and_found_again(dialect: int, baud: int) -> None:
     bench, told = moving(dialect=dialect, baud=baud)
-    hardware = bench.hardware
+    owner = bench.owner
     bench.link.lost = True
     bench.until(lambda: told.ends)
     assert told.ends[0].outcome is Outcome.ABORTED
     assert "was unplugged" in told.words
-    assert hardware.group.reason is not None
-    assert hardware.group.reason.kind == "lost"
-    assert not hardware.connected
+    assert owner.group.reason is not None
+    assert owner.group.reason.kind == "lost"
+    assert not owner.connected
     bench.arm.wait(3.0)
     assert bench.board.state.stopped is (dialect == 2)
     for call in (
-        hardware.newest,
-        hardware.reset,
-        lambda: hardware.torque(True, ("J1",)),
-        lambda: hardware.stop("a test"),
+        owner.newest,
+        owner.reset,
+        lambda: owner.torque(True, ("J1",)),
+        lambda: owner.stop("a test"),
     ):
         with pytest.raises(LinkLostError, match="unplugged"):
             call()
     bench.turn(2.0)
     bench.link.lost = False
-    bench.until(lambda: hardware.connected)
+    bench.until(lambda: owner.connected)
     bench.turn(1.0)
-    assert hardware.reconnects == 1
-    assert hardware.error == ""
+    assert owner.reconnects == 1
+    assert owner.error == ""
     if dialect == 2:
-        assert hardware.newest().stopped
+        assert owner.newest().stopped
         assert bench.board.state.watchdog_timeout == 1.0
-        assert hardware.watchdog == 1.0
+        assert owner.watchdog == 1.0
     writes = len(bench.writes)
     bench.turn(2.0)
     assert len(bench.writes) == writes
-    bench.ask(hardware.reset)
+    bench.ask(owner.reset)
     bench.turn(2.0)
     again = bench.go("J1", 0.1, 3.0)
     bench.until(lambda: again.ends)
@@ -57,18 +57,18 @@ def test_an_unplugged_robot_is_stopped_and_found_again(dialect: int, baud: int) 
 
 def test_a_board_of_another_dialect_is_not_taken_for_the_one_that_was_there() -> None:
     bench, told = moving()
-    hardware = bench.hardware
+    owner = bench.owner
     bench.link.lost = True
     bench.until(lambda: told.ends)
     bench.link.lost = False
     bench.robot._only_dialect = 1
-    bench.until(lambda: "of dialect 1" in hardware.error)
-    assert "a board of dialect 1 is there, where one of dialect 2 was" in hardware.error
-    assert not hardware.connected
+    bench.until(lambda: "of dialect 1" in owner.error)
+    assert "a board of dialect 1 is there, where one of dialect 2 was" in owner.error
+    assert not owner.connected
     assert not bench.link.is_open
     bench.robot._only_dialect = None
-    bench.until(lambda: hardware.connected)
-    assert hardware.command_period == 0.05
+    bench.until(lambda: owner.connected)
+    assert owner.command_period == 0.05
 
 
 def test_a_board_that_says_nothing_more_is_lost_though_its_port_stays() -> None:
@@ -78,13 +78,13 @@ def test_a_board_that_says_nothing_more_is_lost_though_its_port_stays() -> None:
     bench.board.faults.host_out = lambda data, now: b"" if dead["dead"] else out(data, now)  # type: ignore[method-assign]  # a fault that begins in mid-run
     bench.until(lambda: told.ends)
     assert "no answer to" in told.words
-    assert not bench.hardware.connected
+    assert not bench.owner.connected
     bench.turn(8.0)
-    assert not bench.hardware.connected
+    assert not bench.owner.connected
     dead["dead"] = False
-    bench.until(lambda: bench.hardware.connected)
-    assert bench.hardware.group.reason is not None
-    assert bench.hardware.group.reason.kind == "lost"
+    bench.until(lambda: bench.owner.connected)
+    assert bench.owner.group.reason is not None
+    assert bench.owner.group.reason.kind == "lost"
 
 
 def test_a_robot_that_cannot_be_understood_is_told_to_stop_before_it_is_left() -> None:
@@ -102,18 +102,18 @@ def test_a_robot_that_cannot_be_understood_is_told_to_stop_before_it_is_left() -
 
 def test_a_board_that_is_reset_on_its_way_stops_the_arm() -> None:
     bench, told = moving()
-    boot = bench.hardware.probe.boot_id if bench.hardware.probe else None
+    boot = bench.owner.probe.boot_id if bench.owner.probe else None
     bench.board.reset(bench.clock.time)
     bench.until(lambda: told.ends)
     assert told.words == "aborted: stopped: the board was reset"
     bench.turn(2.5)
     assert bench.board.state.stopped
     assert bench.board.state.watchdog_timeout == 1.0
-    assert bench.hardware.rate == pytest.approx(100, rel=0.05)
-    assert bench.hardware.probe is not None
-    assert bench.hardware.probe.boot_id not in {boot, None}
-    assert bench.hardware.reconnects == 0
-    bench.ask(bench.hardware.reset)
+    assert bench.owner.rate == pytest.approx(100, rel=0.05)
+    assert bench.owner.probe is not None
+    assert bench.owner.probe.boot_id not in {boot, None}
+    assert bench.owner.reconnects == 0
+    bench.ask(bench.owner.reset)
     bench.turn(0.3)
     again = bench.go("J1", 0.1, 2.0)
     bench.until(lambda: again.ends)
@@ -122,19 +122,19 @@ def test_a_board_that_is_reset_on_its_way_stops_the_arm() -> None:
 
 def test_a_board_that_is_reset_while_stopped_is_stopped_again() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.5)
-    bench.hardware.stop("a test")
+    bench.owner.stop("a test")
     bench.turn(0.5)
     bench.board.reset(bench.clock.time)
     bench.turn(2.0)
     assert bench.board.state.stopped
-    assert str(bench.hardware.group.reason) == "a test"
+    assert str(bench.owner.group.reason) == "a test"
 
 
 def test_a_board_that_is_reset_at_rest_is_only_told_its_watchdog() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.5)
     bench.enable()
     told = bench.go("J1", 0.2, 1.0)
@@ -143,10 +143,10 @@ def test_a_board_that_is_reset_at_rest_is_only_told_its_watchdog() -> None:
     bench.board.wire[0].motion.position -= 200.0
     bench.board.reset(bench.clock.time)
     bench.turn(2.0)
-    assert bench.hardware.group.reason is None
+    assert bench.owner.group.reason is None
     assert not bench.board.state.stopped
-    state = bench.hardware.newest()
-    here = bench.controller.start(0.0, state, bench.hardware.now()).position
+    state = bench.owner.newest()
+    here = bench.controller.start(0.0, state, bench.owner.now()).position
     assert here == state.position, "what was commanded before means nothing now"
     assert bench.board.state.watchdog_timeout == 1.0
     assert bench.board.state.report_due is not None
@@ -156,30 +156,30 @@ def test_power_that_fails_on_the_way() -> None:
     bench, told = moving(faults=("brownout:2.5:1.0",))
     bench.until(lambda: told.ends)
     assert told.ends[0].outcome is Outcome.ABORTED
-    bench.until(lambda: bench.hardware.connected and bench.clock.time > 1006.0)
+    bench.until(lambda: bench.owner.connected and bench.clock.time > 1006.0)
     bench.turn(1.0)
-    assert bench.hardware.group.reason is not None
+    assert bench.owner.group.reason is not None
     assert bench.arm.torques() == [False] * 7
     assert bench.board.state.watchdog_timeout == 1.0
 
 
 def test_a_state_that_is_old_is_nothing_to_begin_at() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.5)
-    bench.hardware.newest()
+    bench.owner.newest()
     bench.clock.advance(1.01)
     with pytest.raises(DeviceError, match=r"told nothing for 1\.0 s"):
-        bench.hardware.newest()
-    bench.hardware.turn()
-    bench.hardware.newest()
+        bench.owner.newest()
+    bench.owner.turn()
+    bench.owner.newest()
 
 
 def test_on_a_slow_line_states_are_good_for_longer() -> None:
     bench = BoardBench(command_rate=1.5)
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.clock.advance(1.9)
-    bench.hardware.newest()
+    bench.owner.newest()
     bench.clock.advance(0.2)
     with pytest.raises(DeviceError, match="told nothing"):
-        bench.hardware.newest()
+        bench.owner.newest()

@@ -19,18 +19,18 @@ from hexwire.errors import (
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 115200), (1, 115200)])
 def test_a_stop_and_its_reset(dialect: int, baud: int) -> None:
     bench, told = moving(dialect=dialect, baud=baud)
-    hardware = bench.hardware
-    assert hardware.stop("a test") == bench.robot.model.names
+    owner = bench.owner
+    assert owner.stop("a test") == bench.robot.model.names
     assert told.words == "aborted: stopped: a test"
     writes = len(bench.writes)
     bench.turn(3.0)
-    assert hardware.newest().stopped
+    assert owner.newest().stopped
     assert len(bench.writes) == writes
     with pytest.raises(GoalError, match="a test"):
         bench.go("J1", 0.1, 2.0)
-    bench.ask(hardware.reset)
+    bench.ask(owner.reset)
     bench.turn(2.0)
-    assert not hardware.newest().stopped
+    assert not owner.newest().stopped
     again = bench.go("J1", 0.1, 3.0)
     bench.until(lambda: again.ends)
     assert again.words == "succeeded: "
@@ -38,25 +38,25 @@ def test_a_stop_and_its_reset(dialect: int, baud: int) -> None:
 
 def test_what_waits_for_the_owner_is_void_after_a_stop() -> None:
     bench, _ = moving()
-    hardware = bench.hardware
+    owner = bench.owner
     bench.robot.torque(False)
     outcome: list[object] = []
 
     def enable() -> None:
         try:
-            outcome.append(hardware.call(lambda: bench.robot.torque(True)))
+            outcome.append(owner.call(lambda: bench.robot.torque(True)))
         except StoppedError as error:
             outcome.append(error)
 
     thread = threading.Thread(target=enable)
     thread.start()
-    while not hardware._jobs._waiting:
+    while not owner._jobs._waiting:
         thread.join(0.001)
     # The robot is stopped and resumed past the owner, who then comes to what had been asked for before.
     bench.robot.stop()
     bench.robot.resume()
     while thread.is_alive():
-        hardware._jobs.run()
+        owner._jobs.run()
         thread.join(0.001)
     assert isinstance(outcome[0], StoppedError)
     assert not bench.robot.read().torque_on
@@ -70,16 +70,16 @@ def test_a_fault_that_is_still_there_is_not_reset_away() -> None:
     assert told.words == "aborted: stopped: J1 reports overload"
     assert bench.board.state.stopped
     with pytest.raises(UsageError, match="J1 still reports overload"):
-        bench.ask(bench.hardware.reset)
+        bench.ask(bench.owner.reset)
     assert bench.board.state.stopped
     servo.protection.forced = 0
     bench.turn(1.0)
     # The servo tells of it until it is told something.
     with pytest.raises(UsageError, match="reset again"):
-        bench.ask(bench.hardware.reset)
+        bench.ask(bench.owner.reset)
     bench.turn(1.0)
-    bench.ask(bench.hardware.reset)
-    assert bench.hardware.group.reason is None
+    bench.ask(bench.owner.reset)
+    assert bench.owner.group.reason is None
 
 
 def test_a_watchdog_that_tripped_is_seen_and_reset() -> None:
@@ -88,13 +88,13 @@ def test_a_watchdog_that_tripped_is_seen_and_reset() -> None:
     bench.until(lambda: told.ends)
     assert told.words.startswith("aborted: stopped: the board has stopped the arm: its watchdog tripped")
     assert bench.board.state.watchdog_trips == 1
-    assert bench.hardware.connected
+    assert bench.owner.connected
     bench.turn(0.5)
-    assert bench.hardware.newest().stopped
-    bench.ask(bench.hardware.reset)
+    assert bench.owner.newest().stopped
+    bench.ask(bench.owner.reset)
     bench.turn(2.0)
-    assert not bench.hardware.newest().stopped
-    assert bench.hardware.group.reason is None
+    assert not bench.owner.newest().stopped
+    assert bench.owner.group.reason is None
     again = bench.go("J1", 0.1, 2.0)
     bench.until(lambda: again.ends)
     assert again.words == "succeeded: "
@@ -109,7 +109,7 @@ def test_after_a_node_that_died_the_next_one_says_why_the_arm_is_stopped() -> No
     bench.robot.session.close()
     robot = Hex7BotDriver(bench.robot.session)
     again = Bench(robot, bench.clock)
-    again.hardware.connect()
+    again.owner.connect()
     again.turn(1.0)
     assert str(again.controller.follower.reason) == (
         "the board has stopped the arm: its watchdog tripped, because the host fell silent"
@@ -118,10 +118,10 @@ def test_after_a_node_that_died_the_next_one_says_why_the_arm_is_stopped() -> No
 
 def test_a_fault_of_a_joint_at_rest_is_no_stop() -> None:
     bench = BoardBench(faults=("overload:5",))
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(2.0)
-    assert bench.hardware.group.reason is None
-    assert bench.hardware.connected
+    assert bench.owner.group.reason is None
+    assert bench.owner.connected
 
 
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (1, 115200)])
@@ -131,43 +131,43 @@ def test_a_servo_that_falls_silent_on_its_way_stops_the_arm(dialect: int, baud: 
     bench.until(lambda: told.ends)
     assert told.ends[0].outcome is Outcome.ABORTED
     assert "J6 has not answered for" in told.words
-    assert bench.hardware.connected
+    assert bench.owner.connected
     with pytest.raises(UsageError, match="J6 still reports silent"):
-        bench.ask(bench.hardware.reset)
+        bench.ask(bench.owner.reset)
 
 
 def test_a_servo_that_falls_silent_at_rest_is_not_published() -> None:
     bench = BoardBench()
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(1.0)
     mute(bench, 5)
     bench.turn(2.0)
     assert bench.published[-1][1].names == ("J1", "J2", "J3", "J4", "J5", "J7")
-    assert bench.hardware.group.reason is None
-    assert bench.hardware.rate == pytest.approx(100, rel=0.05)
+    assert bench.owner.group.reason is None
+    assert bench.owner.rate == pytest.approx(100, rel=0.05)
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_stop_while_a_reset_is_under_way_stays(when: str) -> None:
     bench, _ = moving()
-    hardware, robot = bench.hardware, bench.robot
-    hardware.stop("the first")
+    owner, robot = bench.owner, bench.robot
+    owner.stop("the first")
     resume = robot.resume
 
     def resume_with_a_stop() -> None:
         # Whoever stops does it from another thread, and in full.
         if when == "before":
-            hardware.stop("the second")
+            owner.stop("the second")
         resume()
         if when == "after":
-            hardware.stop("the second")
+            owner.stop("the second")
 
     robot.resume = resume_with_a_stop
     with pytest.raises(UsageError, match="stopped again meanwhile"):
-        bench.ask(hardware.reset)
+        bench.ask(owner.reset)
     assert bench.board.state.stopped
-    assert hardware.group.reason is not None
+    assert owner.group.reason is not None
     robot.resume = resume
-    bench.ask(hardware.reset)
+    bench.ask(owner.reset)
     assert not bench.board.state.stopped
-    assert hardware.group.reason is None
+    assert owner.group.reason is None

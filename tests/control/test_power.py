@@ -27,7 +27,7 @@ def test_a_joint_that_does_not_confirm_its_torque_is_named_with_its_servo() -> N
 @pytest.mark.parametrize("on", [True, False])
 def test_switching_is_confirmed_by_every_joint(on: bool) -> None:
     bench = BoardBench(faults=("silent:4",))
-    bench.hardware.connect()
+    bench.owner.connect()
     bench.turn(0.2)
     with pytest.raises(UsageError, match=f"^J5 did not confirm that torque is {'on' if on else 'off'}$"):
-        bench.ask(lambda: switch_torque(bench.hardware, on, bench.robot.model.names))
+        bench.ask(lambda: switch_torque(bench.owner, on, bench.robot.model.names))

@@ -86,7 +86,7 @@ def test_a_moving_arm_is_not_taught() -> None:
 def test_torque_comes_back_even_if_nothing_was_recorded() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)
-    bench.hardware.observers.clear()
+    bench.owner.observers.clear()
     bench.arm.teach_mode._teacher._samples.clear()
     with pytest.raises(UsageError, match="nothing was recorded"):
         bench.ask(bench.arm.teach_stop)
@@ -171,7 +171,7 @@ def test_a_robot_that_is_lost_while_it_is_taught() -> None:
         bench.arm.teach_stop()
     assert bench.arm.teach_mode.taught is not None
     bench.link.lost = False
-    bench.until(lambda: bench.hardware.connected)
+    bench.until(lambda: bench.owner.connected)
     bench.turn(1.0)
     assert not any(bench.torques())
     assert free(bench)

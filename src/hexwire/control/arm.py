@@ -58,7 +58,7 @@ class Arm:
         sleep: Likewise.
 
     Attributes:
-        hardware: The robot and its owner.
+        owner: Of the robot.
         controllers: By name; the only one has the empty name.
         teach_mode: Teaching by hand, and what was taught.
     """
@@ -74,7 +74,7 @@ class Arm:
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.settings = settings
-        self.hardware = RobotOwner(
+        self.owner = RobotOwner(
             robot,
             publish_rate=settings.publish_rate,
             command_rate=settings.command_rate,
@@ -84,7 +84,7 @@ class Arm:
             sleep=sleep,
         )
         self.controllers: dict[str, TrajectoryController] = {}
-        self.teach_mode = TeachMode(self.hardware, settings.teach_directory, on_taught)
+        self.teach_mode = TeachMode(self.owner, settings.teach_directory, on_taught)
         # One request at a time that takes the arm for longer: a pose, teaching, playing back.
         self._busy = threading.Lock()
 
@@ -92,11 +92,11 @@ class Arm:
 
     def connect(self) -> None:
         """Find the robot and make its controllers; as `RobotOwner.connect`."""
-        settings, hardware = self.settings, self.hardware
-        hardware.connect(settings.connect_timeout)
+        settings, owner = self.settings, self.owner
+        owner.connect(settings.connect_timeout)
         if settings.kinematics is not None:
-            hardware.group.fence = Fence(settings.kinematics, settings.table, moving=True)
-        limits = settings.safety_at(1.0 / hardware.command_period)
+            owner.group.fence = Fence(settings.kinematics, settings.table, moving=True)
+        limits = settings.safety_at(1.0 / owner.command_period)
         self.controllers = {
             row.name: TrajectoryController(
                 row,
@@ -111,7 +111,7 @@ class Arm:
 
     def start(self) -> None:
         """Read and move from now on."""
-        self.hardware.start(tuple(self.controllers.values()))
+        self.owner.start(tuple(self.controllers.values()))
         if self.settings.enable_on_start:
             try:
                 _log.info("%s", self.enable(True))
@@ -121,7 +121,7 @@ class Arm:
 
     def shutdown(self) -> None:
         """Stop what moves, and let go of the robot."""
-        self.hardware.shutdown(torque_off=self.settings.torque_off_at_exit)
+        self.owner.shutdown(torque_off=self.settings.torque_off_at_exit)
 
     # -- trajectories and set-points ------------------------------------------------------------------
 
@@ -146,28 +146,28 @@ class Arm:
         Raises:
             GoalError: It cannot be followed; what was followed before goes on.
         """
-        controller, hardware = self.controllers[name], self.hardware
+        controller, owner = self.controllers[name], self.owner
         try:
-            received = hardware.now()
+            received = owner.now()
             self.teach_mode.refuse()
-            state = hardware.newest()
+            state = owner.newest()
             if not goal.points and listener is None:
                 self.hold(name, "an empty trajectory came")
                 return
             plan = controller.plan(goal, received)
-            with hardware.locked():
+            with owner.locked():
                 start = controller.start(goal.delay, state, received)
                 others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, goal.delay)))
             # Takes long for a long one, so not under the lock.
             controller.check_path(plan.trajectory(start, received), state, others)
-            with hardware.locked():
+            with owner.locked():
                 self.teach_mode.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
-                now = hardware.now()
+                now = owner.now()
                 controller.accept(
                     plan,
-                    hardware.newest(),
+                    owner.newest(),
                     now,
                     listener=listener,
                     tolerances=tolerances,
@@ -177,28 +177,28 @@ class Arm:
             raise
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
-        hardware.hurry()
-        hardware.deliver()
+        owner.hurry()
+        owner.deliver()
 
     def query(self, name: str, delay: float) -> Sample:
         """Where a controller's joints are meant to be in `delay` seconds; as `TrajectoryController.query`."""
-        hardware = self.hardware
-        state = hardware.newest()
-        with hardware.locked():
-            now = hardware.now()
+        owner = self.owner
+        state = owner.newest()
+        with owner.locked():
+            now = owner.now()
             return self.controllers[name].query(now + delay, now, state)
 
     def hold(self, name: str, why: str) -> None:
         """Have a controller's joints stay where they were told to be last."""
-        with self.hardware.locked():
+        with self.owner.locked():
             self.controllers[name].hold(why)
-        self.hardware.deliver()
+        self.owner.deliver()
 
     def cancel(self, name: str, listener: GoalListener) -> None:
         """Hold, if what is followed is this one's goal."""
-        with self.hardware.locked():
+        with self.owner.locked():
             self.controllers[name].cancel(listener)
-        self.hardware.deliver()
+        self.owner.deliver()
 
     def set_points(self, positions: Mapping[str, float]) -> None:
         """Pursue set-points: all of them, or none.
@@ -210,27 +210,27 @@ class Arm:
             UsageError: There is none, a joint is unknown, or a position is no number or outside limits.
             HexwireError: The arm is stopped or cannot be reached.
         """
-        hardware = self.hardware
+        owner = self.owner
         self.teach_mode.refuse()
         shares: dict[str, dict[str, float]] = {}
         for joint, angle in positions.items():
-            owner = next((key for key, c in self.controllers.items() if joint in c.joints), None)
-            if owner is None:
+            which = next((key for key, c in self.controllers.items() if joint in c.joints), None)
+            if which is None:
                 raise UsageError(f"no joint {joint!r}; there are {', '.join(self._all_joints())}")
             self.settings.model.joint(joint).check(angle)
-            shares.setdefault(owner, {})[joint] = angle
+            shares.setdefault(which, {})[joint] = angle
         if not shares:
             raise UsageError("it holds no position, and these servos take nothing else")
-        with hardware.locked():
+        with owner.locked():
             self.teach_mode.refuse()
-            state, now = hardware.newest(), hardware.now()
+            state, now = owner.newest(), owner.now()
             path = PathCheck(self.settings.model, self.settings.kinematics, self.settings.table)
             for key, share in shares.items():
                 self.controllers[key].check_set_points(share, state)
             path.posture(state.positions, positions)
             for key, share in shares.items():
                 self.controllers[key].set_points(share, state, now)
-        hardware.deliver()
+        owner.deliver()
 
     # -- power and stop -------------------------------------------------------------------------------
 
@@ -244,7 +244,7 @@ class Arm:
             HexwireError: Not every joint confirmed it; the controllers are stopped all the same.
         """
         try:
-            confirmed = self.hardware.stop(why)
+            confirmed = self.owner.stop(why)
         finally:
             self.teach_mode.abandon()
         missing = [name for name in self.settings.model.names if name not in confirmed]
@@ -258,7 +258,7 @@ class Arm:
         Raises:
             HexwireError: Its cause is still there, or the robot refuses.
         """
-        self.hardware.reset()
+        self.owner.reset()
         return "reset; nothing moves until it is told to"
 
     def enable(self, on: bool) -> str:
@@ -269,7 +269,7 @@ class Arm:
         """
         with self.teach_mode.power:
             self.teach_mode.refuse()
-            switch_torque(self.hardware, on, self._all_joints())
+            switch_torque(self.owner, on, self._all_joints())
         return f"torque is {'on' if on else 'off'}"
 
     # -- poses and teaching -----------------------------------------------------------------------------
@@ -325,24 +325,24 @@ class Arm:
 
     def facts(self) -> Facts:
         """What diagnostics are made of."""
-        hardware = self.hardware
-        reason = hardware.group.reason
+        owner = self.owner
+        reason = owner.group.reason
         return Facts(
             robot=self.settings.model.name,
-            url=hardware.robot.url,
-            connected=hardware.connected,
-            error=hardware.error,
-            reconnects=hardware.reconnects,
-            probe=hardware.probe,
-            state=hardware.state,
-            state_age=hardware.state_age,
-            rate=hardware.rate,
+            url=owner.robot.url,
+            connected=owner.connected,
+            error=owner.error,
+            reconnects=owner.reconnects,
+            probe=owner.probe,
+            state=owner.state,
+            state_age=owner.state_age,
+            rate=owner.rate,
             wanted_rate=self.settings.publish_rate,
             stopped=str(reason) if reason else "",
             stop_kind=reason.kind if reason else "",
             counters=self._counters(),
             controllers={key: controller.words for key, controller in self.controllers.items()},
-            watchdog=hardware.watchdog,
+            watchdog=owner.watchdog,
         )
 
     def _counters(self) -> Mapping[str, int]:
@@ -350,7 +350,7 @@ class Arm:
             "stalls_of_the_loop": sum(c.follower.counters.slips for c in self.controllers.values()),
             "set_points_lost": sum(c.follower.counters.lost for c in self.controllers.values()),
         }
-        return own | (self.hardware.robot.host_counters() if self.hardware.connected else {})
+        return own | (self.owner.robot.host_counters() if self.owner.connected else {})
 
     # -- helpers --------------------------------------------------------------------------------------
 
@@ -371,9 +371,9 @@ class Arm:
         if lost:
             raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
         ways: dict[str, Trajectory] = {}
-        with self.hardware.locked():
+        with self.owner.locked():
             self.teach_mode.refuse()
-            state, now = self.hardware.newest(), self.hardware.now()
+            state, now = self.owner.newest(), self.owner.now()
             for key, controller in self.controllers.items():
                 joints = controller.joints
                 if not any(name in goals for name in joints):
@@ -382,35 +382,35 @@ class Arm:
                 here = controller.start(0.0, state, now).position
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
                 ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
-        self.hardware.deliver()
+        self.owner.deliver()
         self._run(ways)
 
     def _run(self, ways: Mapping[str, Trajectory]) -> None:
         """Check trajectories, one a controller, follow them together, and wait for the end of all."""
-        hardware = self.hardware
-        state = hardware.newest()
-        with hardware.locked():
-            others = self._meanwhile(ways, hardware.now())
+        owner = self.owner
+        state = owner.newest()
+        with owner.locked():
+            others = self._meanwhile(ways, owner.now())
         for key, way in ways.items():
             meanwhile = [*others, *(other for other in ways.values() if other is not way)]
             self.controllers[key].check_path(way, state, meanwhile)
         waiter = Waiter(len(ways))
         try:
-            with hardware.locked():
+            with owner.locked():
                 for key, way in ways.items():
                     tolerances = self.controllers[key].settings.tolerances
                     tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
-                    self.controllers[key].follow(way, state, hardware.now(), listener=waiter, tolerances=tolerances)
-            hardware.hurry()
-            hardware.deliver()
+                    self.controllers[key].follow(way, state, owner.now(), listener=waiter, tolerances=tolerances)
+            owner.hurry()
+            owner.deliver()
             # The controllers judge the arrival; this is for an owner that judges nothing any more.
             waiter.wait(max(way.duration for way in ways.values()) + 2.0 * _GRACE)
         finally:
             # If one fails, or nobody waits any more, the others must not go on.
-            with hardware.locked():
+            with owner.locked():
                 for key in ways:
                     self.controllers[key].cancel(waiter)
-            hardware.deliver()
+            owner.deliver()
 
 
 def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:

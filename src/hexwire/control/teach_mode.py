@@ -53,7 +53,7 @@ class TeachMode:
     """What hands teach an arm. Any thread may call these; `start` and `stop` one at a time.
 
     Args:
-        hardware: The robot.
+        owner: The robot.
         folder: Where to save what is taught; empty for nowhere.
         on_taught: Called with what was taught, in the thread that ended it.
 
@@ -62,15 +62,15 @@ class TeachMode:
         power: Held by whoever switches torque and looks first whether that is right.
     """
 
-    def __init__(self, hardware: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
+    def __init__(self, owner: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
         self.taught: Taught | None = None
         self.power = threading.Lock()
-        self._hardware, self._folder, self._on_taught = hardware, folder, on_taught
+        self._owner, self._folder, self._on_taught = owner, folder, on_taught
         self._teacher = Teacher()
         # The joints are, or are about to be, in somebody's hands. Set under the controllers' lock.
         self._active = False
         self._had_torque: tuple[str, ...] = ()
-        hardware.observers.append(self._teacher.take)
+        owner.observers.append(self._teacher.take)
 
     def refuse(self) -> None:
         """Nothing may move, nor get torque, while somebody holds the arm.
@@ -87,32 +87,32 @@ class TeachMode:
         Raises:
             HexwireError: Something moves, or the arm is stopped or cannot be reached, or a joint kept its torque.
         """
-        hardware = self._hardware
+        owner = self._owner
         with self.power:
             self.refuse()
-            torque = hardware.newest().torque_on
-            with hardware.locked():
-                reason = hardware.group.reason
+            torque = owner.newest().torque_on
+            with owner.locked():
+                reason = owner.group.reason
                 if reason is not None:
                     raise UsageError(f"the arm is stopped ({reason}); reset it first")
-                if hardware.group.busy:
+                if owner.group.busy:
                     raise UsageError("the arm is moving; wait, or cancel the goal first")
                 # From here on nothing is accepted that would move it.
                 self._active = True
             self._had_torque = tuple(name for name in names if name in torque)
             try:
                 if self._had_torque:
-                    switch_torque(hardware, False, names)
-                with hardware.locked():
+                    switch_torque(owner, False, names)
+                with owner.locked():
                     if not self._active:
                         raise UsageError("the arm was stopped meanwhile; it has no torque")
-                    self._teacher.start(names, hardware.now())
+                    self._teacher.start(names, owner.now())
             except BaseException:
                 self.abandon()
                 if self._had_torque:
                     # Refused if a stop is why.
                     with suppress(HexwireError):
-                        hardware.torque(True, self._had_torque)
+                        owner.torque(True, self._had_torque)
                 raise
 
     def stop(self) -> str:
@@ -138,7 +138,7 @@ class TeachMode:
 
     def abandon(self) -> None:
         """As after a stop: the lesson is over, and the torque stays away."""
-        with self._hardware.locked():
+        with self._owner.locked():
             was, self._active = self._active, False
         if was:
             with suppress(UsageError):
@@ -156,7 +156,7 @@ class TeachMode:
             # Whatever was recorded: the arm must not go on hanging on somebody's hands.
             try:
                 if self._had_torque:
-                    switch_torque(self._hardware, True, self._had_torque)
+                    switch_torque(self._owner, True, self._had_torque)
             except HexwireError as error:
                 faults.append(str(error))
             self._active = False
@@ -168,6 +168,6 @@ class TeachMode:
         self._on_taught(taught)
         words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"
         if self._folder:
-            tolerance = tolerance_of(self._hardware.robot.model)
+            tolerance = tolerance_of(self._owner.robot.model)
             words += f", saved as {save(taught, Path(self._folder), datetime.now(), tolerance=tolerance)}"
         return words

@@ -179,7 +179,7 @@ class HardwareInterface:
             self._ended.wait(_SHUTDOWN_WAIT)
 
     def _tick(self) -> None:
-        crash = self._arm.hardware.crash
+        crash = self._arm.owner.crash
         if crash is not None:
             raise DeviceError(f"the node failed: {crash!r}") from crash
         facts = self._arm.facts()
