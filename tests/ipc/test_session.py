@@ -577,6 +577,6 @@ def test_a_reply_that_came_while_nobody_read_answers_no_later_request() -> None:
         other = session.request(Command.READ, request).body
         # A frame that the adapter held back, from the same servo and of the same length.
         link.clock.advance(1.0)
-        link.device.reply_dialect1(make_status(4, 0, b"\x11\x22"))
+        link.device.connection.reply_dialect1(make_status(4, 0, b"\x11\x22"), link.clock())
         link.clock.advance(1.0)
         assert session.request(Command.READ, request).body == other
