@@ -12,7 +12,7 @@ namespace {
 
 constexpr uint32_t kSecondUs = 1000000;
 constexpr uint16_t kChapterMs = 1000;
-// A report goes out when the one before it has all but left: it should not carry old news.
+// A report is sent when the previous one has almost left, so that its samples are not old.
 constexpr uint8_t kReportBacklog = 24;
 
 }  // namespace
@@ -141,7 +141,7 @@ void Board::accept(const Frame& frame) {
     }
     const bool stops = frame.cmd == gen::CMD_STOP && frame.size == gen::STOP_REQUEST_SIZE && frame.body[0] < kStopModes;
     if (queue_.holds(frame) || (stops && stops_.holds(frame.src, frame.seq, frame.body[0]))) {
-      // Its answer is on the way.
+      // Its answer will follow.
       ++stats_.repeats;
       return;
     }
@@ -179,7 +179,7 @@ void Board::send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t e
   head.cmd = cmd;
   head.ext = ext;
   const uint8_t whole = finish_frame(tx_, head, size);
-  // Jobs begin only when there is room for their answer. What else finds none is asked for again by the host.
+  // Jobs start only if there is room for their answer. Other answers without room are lost; the host asks again.
   if (platform_.host_write_room() < whole) return;
   platform_.host_write(tx_, whole);
   ++sn_;
@@ -203,7 +203,7 @@ void Board::reply_chapter(uint8_t size) {
   queue_.pop();
 }
 
-// The chapter's board counts its replies and always says command 02, to module 0.
+// The chapter's board counts its replies and always sends command 02 to module 0.
 void Board::send_chapter(uint8_t size) {
   send(gen::PROTO_CHAPTER, gen::MODULE_ROS1_HOST, static_cast<uint8_t>(sn_ + 1), gen::CMD_READ, 0, size);
 }

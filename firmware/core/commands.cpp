@@ -1,4 +1,4 @@
-// What each command does at once, and which job it starts. See PROTOCOL.md sections 5 and 6.3.
+// The immediate part of each command, and the job it starts. See PROTOCOL.md sections 5 and 6.3.
 #include <string.h>
 
 #include "board.h"
@@ -40,7 +40,7 @@ void Board::execute() {
     case gen::CMD_TORQUE:
       return torque();
     case gen::CMD_STOP:
-      // One that could be obeyed does not come here.
+      // A valid STOP never gets here.
       return refuse(now_running_.size == gen::STOP_REQUEST_SIZE ? gen::STATUS_BAD_RANGE : gen::STATUS_BAD_LENGTH);
     case gen::CMD_RESUME:
       return resume();
@@ -165,7 +165,7 @@ void Board::set_report() {
   reply(gen::STATUS_OK, gen::REPORT_REPLY_SIZE);
 }
 
-// Checks the request and starts the move; the targets are worked out when the bus is free.
+// Checks the request and starts the move; the targets are computed when the bus is free.
 void Board::joint_move() {
   const uint8_t* p = now_running_.body;
   const uint8_t size = now_running_.size;
@@ -222,7 +222,7 @@ void Board::settings(Block block) {
   const uint8_t size = now_running_.size;
   const uint8_t rows = Settings::rows_size(block);
   if (settings_.saving() == Saving::kBusy) {
-    // Of a request that a stop made void: it is ended first.
+    // A write of a request that a stop has cancelled: it is completed first.
     return start_job(kLater, 0);
   }
   settings_.forget_result();

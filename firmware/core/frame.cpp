@@ -15,7 +15,7 @@ constexpr uint8_t kAppAt = gen::HEADER_SIZE;  // flag, proto, seq, pad, len u16,
 
 uint8_t pad_of(uint8_t body_size) { return static_cast<uint8_t>(-body_size & 3); }
 
-// Whether the bytes at `p`, as far as they are there, could begin a frame.
+// Whether the bytes received so far at `p` could be the start of a frame.
 bool may_start(const uint8_t* p, uint8_t count) {
   for (uint8_t i = 0; i < sizeof(kSync) && i < count; ++i) {
     if (p[i] != kSync[i]) return false;
@@ -123,7 +123,7 @@ bool FrameDecoder::next(Frame& frame) {
 
 uint8_t FrameDecoder::missing() const {
   uint8_t size = gen::FRAME_OVERHEAD;
-  // `next` has left a believable head, or none yet.
+  // `next` has left a plausible header, or none yet.
   if (held_ >= gen::HEADER_SIZE) size = buffer_[gen::HEADER_AT_SIZE];
   return size > held_ ? static_cast<uint8_t>(size - held_) : 1;
 }

@@ -74,7 +74,7 @@ Gate::Verdict Gate::judge(const uint8_t* p, uint8_t size, const Circumstances& n
       break;
     case gen::INST_REG_WRITE:
     case gen::INST_ACTION:
-      // What waits in a servo cannot be voided by a stop.
+      // A stop cannot cancel a write that waits in a servo.
       verdict.status = gen::STATUS_FORBIDDEN;
       break;
     default:
@@ -85,7 +85,7 @@ Gate::Verdict Gate::judge(const uint8_t* p, uint8_t size, const Circumstances& n
 }
 
 uint8_t Gate::judge_row(const Row& row, const Circumstances& now, Verdict* verdict) const {
-  // Half a value cannot be judged.
+  // Half a value cannot be checked.
   for (uint8_t at = kTarget; at < kLastHalf; at = static_cast<uint8_t>(at + 2)) {
     if (row.covers(at) != row.covers(static_cast<uint8_t>(at + 1))) return gen::STATUS_BAD_RANGE;
   }
@@ -101,7 +101,7 @@ uint8_t Gate::judge_register(const Row& row, uint8_t address, const Circumstance
   const bool old = joint && legacy(row.joint);
   if (address == kTorque && *row.at(address) <= 1) return judge_torque(row, *row.at(address), now, verdict);
   if (address == kTarget) return judge_target(row, now, verdict);
-  if (address == kTarget + 1) return gen::STATUS_OK;  // judged with its other half
+  if (address == kTarget + 1) return gen::STATUS_OK;  // checked with its other half
   const bool speed = old ? address == kRunTime || address == kRunTime + 1
                          : address == gen::HLS_REG_ACCELERATION || address == gen::HLS_REG_GOAL_SPEED ||
                                address == gen::HLS_REG_GOAL_SPEED + 1;
@@ -109,7 +109,7 @@ uint8_t Gate::judge_register(const Row& row, uint8_t address, const Circumstance
   const bool ram = !old && (address == gen::HLS_REG_GOAL_TORQUE || address == gen::HLS_REG_GOAL_TORQUE + 1 ||
                             (address >= gen::HLS_REG_TORQUE_LIMIT && address <= kRamEnd));
   if (ram && joint) return gen::STATUS_OK;
-  // Settings; and what goes to all.
+  // Settings, and broadcasts.
   return now.maintenance && (!ram || row.id == gen::BROADCAST_ID) ? gen::STATUS_OK : gen::STATUS_FORBIDDEN;
 }
 
@@ -143,7 +143,7 @@ uint8_t Gate::judge_target(const Row& row, const Circumstances& now, Verdict* ve
   return joint.present && joint.known ? gen::STATUS_OK : gen::STATUS_SERVO_SILENT;
 }
 
-// The chapter's board takes nothing after an id it does not know.
+// The chapter's board ignores everything after an unknown id.
 Gate::Verdict Gate::judge_move(const uint8_t* p, uint8_t size, const Circumstances& now) const {
   Verdict verdict = {gen::STATUS_OK, Way::kTargets, 0, 0, 0};
   if (now.stopped || now.maintenance) {
@@ -172,7 +172,7 @@ bool Gate::find_row(const uint8_t* p, uint8_t joint, Row* row) const {
     *row = row_of(p[2], p[5], static_cast<uint8_t>(size - kMinPacket - 1), p + 6);
     found = row->joint == joint;
   } else {
-    // Where a joint is named twice, the later row counts, as in the servo.
+    // If a joint is named twice, the later row applies, as in the servo.
     for (uint16_t at = 7; at + p[6] + 1U < size; at = static_cast<uint16_t>(at + p[6] + 1)) {
       if (p[at] != joints_[joint].id) continue;
       *row = row_of(p[at], p[5], p[6], p + at + 1);
@@ -203,7 +203,7 @@ bool Gate::make_targets(ServoBus& bus, const uint8_t* p, uint8_t series, uint32_
   return any;
 }
 
-// The whole block of the joint's series, within the speed limit.
+// The complete block of the joint's series, within the speed limit.
 void Gate::add_block(ServoBus& bus, const Row& row, uint32_t now_ms) const {
   const uint8_t* position = row.at(kTarget);
   if (legacy(row.joint)) {
@@ -219,7 +219,7 @@ void Gate::add_block(ServoBus& bus, const Row& row, uint32_t now_ms) const {
   if (row.covers(gen::HLS_REG_GOAL_SPEED)) {
     speed = static_cast<uint16_t>(get16(row.at(gen::HLS_REG_GOAL_SPEED)) & (gen::HLS_REG_GOAL_SPEED_SIGN - 1));
   }
-  // A gentle ramp is a gentle brake as well: one that moves would go on past its limit by it.
+  // A gentle ramp also brakes gently: a moving joint would overshoot its limit.
   const bool ramp = row.covers(gen::HLS_REG_ACCELERATION) && !joints_[row.joint].moves;
   bus.add(ramp ? *row.at(gen::HLS_REG_ACCELERATION) : 0);
   bus.add(position[0]);
@@ -248,11 +248,11 @@ int16_t Gate::clamp(uint8_t joint, int32_t wanted) {
   return target;
 }
 
-// Mostly a joint is slow enough: then there is no division, which on an AVR takes longer than a byte on the line.
+// Usually a joint is slow enough. Then there is no division, which on an AVR takes longer than a byte on the line.
 uint32_t Gate::at_least(uint32_t duration_ms, uint8_t joint, int16_t target, uint32_t now_ms) const {
   const uint16_t speed = settings_.speed(joint);
   const uint32_t way = static_cast<uint32_t>(joints_.distance(joint, target)) * 1000;
-  // What moves may be further away than its last sample says.
+  // A moving joint may be further away than its last sample shows.
   const uint32_t age = joints_[joint].moves ? now_ms - joints_[joint].sampled_ms : 0;
   if (duration_ms >= 0x10000 || (duration_ms >= age && way <= (duration_ms - age) * speed)) return duration_ms;
   return (way + speed - 1) / speed + age;
