@@ -266,9 +266,11 @@ def test_a_robot_that_fails_is_stopped_and_the_error_comes_out() -> None:
             raise LinkLostError("unplugged")
 
     watched = Watched(gone)
-    with pytest.raises(LinkLostError, match="unplugged"):
+    with pytest.raises(LinkLostError, match="unplugged") as caught:
         run_motion(bench.robot, bench.way(), bench.options(), observer=watched)
-    assert bench.arm.board.state.stopped
+    state = bench.arm.board.state
+    assert (state.stopped, state.watchdog_timeout) == (True, 0.0), "now, and not when the error is forgotten"
+    assert str(caught.value) == "unplugged"
 
 
 def test_a_refused_target_comes_out_and_stops_nothing_that_did_not_move() -> None:

@@ -186,7 +186,7 @@ class RobotOwner:
         with suppress(HexwireError):
             if not self.alive:
                 self._close_reader()
-            if self.connected:
+            if self.connected or self._borrowed:
                 self._watched.close()
         if not self._borrowed:
             with suppress(HexwireError):
