@@ -19,7 +19,7 @@ from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
-from .common import FiniteFloat, confirm, json_option, on_terminal
+from .common import FiniteFloat, confirm, json_option, number_option, on_terminal
 from .exits import note, shielded
 from .output import answer, format_table, line_width, plain, print_json, say, say_table
 from .samples import Row, SampleFiles, file_options, saving
@@ -44,12 +44,8 @@ _MOST_ROWS = 1_000_000
 
 @bus.command()
 @click.argument("ids")
-@click.option(
-    "--rate", type=FiniteFloat("hz", above=0), default=10.0, show_default=True, metavar="HZ", help="Sample rate."
-)
-@click.option(
-    "--seconds", type=FiniteFloat("seconds", above=0), metavar="S", help="Duration; until Ctrl-C if not given."
-)
+@number_option("--rate", "HZ", "Sample rate.", above=0, default=10.0)
+@number_option("--seconds", "S", "Duration; until Ctrl-C if not given.", above=0)
 @file_options
 @bus_options
 @json_option
@@ -146,13 +142,12 @@ def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
 @click.option(
     "--shape", type=click.Choice(["sine", "step"]), default="sine", show_default=True, help="Shape of the motion."
 )
-@click.option(
+@number_option(
     "--amplitude",
-    type=FiniteFloat("deg", above=0),
+    "DEG",
+    f"To either side of the present position; at most {_MOST_AMPLITUDE:g}.",
+    above=0,
     default=10.0,
-    show_default=True,
-    metavar="DEG",
-    help=f"To either side of the present position; at most {_MOST_AMPLITUDE:g}.",
 )
 @click.option("--period", type=FiniteFloat("seconds", minimum=0.2), default=2.0, show_default=True, metavar="S")
 @click.option("--seconds", type=FiniteFloat("seconds", above=0), default=6.0, show_default=True, metavar="S")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from .common import FiniteFloat, json_option
+from .common import json_option, number_option
 from .output import answer
 
 __all__ = ["cert"]
@@ -38,7 +38,7 @@ def cert() -> None:
 @click.option(
     "--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name for a new certificate authority."
 )
-@click.option("--days", type=FiniteFloat("days", above=0), metavar="DAYS", help="Validity in days (825).")
+@number_option("--days", "DAYS", "Validity in days (825).", above=0)
 @json_option
 def new(
     folder: str,

@@ -42,6 +42,7 @@ __all__ = [
     "line_options",
     "make_robot",
     "name_of",
+    "number_option",
     "numbers_argument",
     "observing_states",
     "on_terminal",
@@ -94,6 +95,21 @@ class FiniteFloat(click.ParamType[float]):
         if number <= self._above:
             self.fail(f"{value} is not above {self._above:g}", param, ctx)
         return number
+
+
+def number_option(
+    name: str,
+    metavar: str,
+    help_text: str,
+    *,
+    minimum: float = -math.inf,
+    above: float = -math.inf,
+    default: float | None = None,
+) -> Callable[[_F], _F]:
+    """An option that takes a finite number within bounds; a default stands in its help."""
+    kind = FiniteFloat(metavar.lower(), minimum=minimum, above=above)
+    shown = default is not None
+    return click.option(name, type=kind, default=default, show_default=shown, metavar=metavar, help=help_text)
 
 
 def numbers_argument(name: str, metavar: str, kind: FiniteFloat) -> Callable[[_F], _F]:
@@ -173,11 +189,8 @@ def early_port(port: str | None) -> str | None:
 
 def line_options(command: _F) -> _F:
     """``--baud``, ``--dialect`` and ``--timeout``: parameters of the connection to the board."""
-    command = click.option(
-        "--timeout",
-        type=FiniteFloat("seconds", minimum=0),
-        metavar="SECONDS",
-        help="Time to wait for a board that does not answer yet (5, enough to boot).",
+    command = number_option(
+        "--timeout", "SECONDS", "Time to wait for a board that does not answer yet (5, enough to boot).", minimum=0
     )(command)
     command = click.option(
         "--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Use only this dialect instead of trying both."
@@ -219,14 +232,7 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
             raise UsageError("--table and --no-table contradict each other")
         return command(*args, table=None if no_table else table / 1000, **rest)
 
-    height = click.option(
-        "--table",
-        type=FiniteFloat("mm"),
-        default=0.0,
-        show_default=True,
-        metavar="MM",
-        help="Height of the table above the arm's base.",
-    )
+    height = number_option("--table", "MM", "Height of the table above the arm's base.", default=0.0)
     return height(
         click.option("--no-table", is_flag=True, help="Do not check for collisions with a table.")(packed)
     )

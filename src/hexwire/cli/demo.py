@@ -17,7 +17,7 @@ import click
 from hexwire.errors import HexwireError, ServoError, UsageError
 
 from .board_process import board_process
-from .common import FiniteFloat, attached, early_port, on_terminal, raise_if_silent, resolve_url
+from .common import attached, early_port, number_option, on_terminal, raise_if_silent, resolve_url
 from .demo_view import PlainView, Sample, View, in_degrees
 from .exits import note, shielded
 
@@ -51,20 +51,10 @@ _BACK_WITHIN = math.radians(3.0)
 )
 @click.option("--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Dialect of the board (2).")
 @click.option("--fault", "faults", multiple=True, metavar="SPEC", help="A fault, as for 'sim board'.")
-@click.option(
-    "--duration",
-    type=FiniteFloat("seconds", above=0),
-    default=6.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time there and back; more if a speed limit asks for it.",
+@number_option(
+    "--duration", "SECONDS", "Time there and back; more if a speed limit asks for it.", above=0, default=6.0
 )
-@click.option(
-    "--rate",
-    type=FiniteFloat("hz", above=0),
-    metavar="HZ",
-    help="Cycles a second (20, in dialect 1 1.5).",
-)
+@number_option("--rate", "HZ", "Cycles a second (20, in dialect 1 1.5).", above=0)
 def demo(
     port: str | None,
     yes_move_the_arm: bool,

@@ -27,6 +27,7 @@ from .common import (
     force_option,
     json_option,
     make_robot,
+    number_option,
     numbers_argument,
     open_robot,
     refuse_idle_force,
@@ -82,12 +83,7 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     packed = json_option(force_option(given))
     for option in (
-        click.option(
-            "--rate",
-            type=FiniteFloat("hz", above=0),
-            metavar="HZ",
-            help="Cycles a second (20; 1.5 with a board of dialect 1).",
-        ),
+        number_option("--rate", "HZ", "Cycles a second (20; 1.5 with a board of dialect 1).", above=0),
         click.option("--dry-run", is_flag=True, help="Check, and draw if asked to; move nothing."),
         click.option("--plot", metavar="FILE", help="Draw joints and path as .png, .svg or .pdf."),
     ):
@@ -125,14 +121,7 @@ def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.command(context_settings=NEGATIVE_NUMBERS)
 @numbers_argument("place", "X Y Z", _PLACE)
 @_pose_options
-@click.option(
-    "--speed",
-    type=FiniteFloat("percent", above=0),
-    default=50.0,
-    show_default=True,
-    metavar="PERCENT",
-    help="Of the joints' speed limits.",
-)
+@number_option("--speed", "PERCENT", "Of the joints' speed limits.", above=0, default=50.0)
 @links_option
 @_motion_options
 @robot_options
@@ -170,14 +159,7 @@ def goto(
 @click.command(context_settings=NEGATIVE_NUMBERS)
 @numbers_argument("place", "X Y Z", _PLACE)
 @_pose_options
-@click.option(
-    "--speed",
-    type=FiniteFloat("mm/s", above=0),
-    default=50.0,
-    show_default=True,
-    metavar="MM/S",
-    help="Of the tip.",
-)
+@number_option("--speed", "MM/S", "Of the tip.", above=0, default=50.0)
 @links_option
 @_motion_options
 @robot_options
@@ -213,26 +195,12 @@ def line(
 
 @click.command()
 @click.argument("file", metavar="FILE")
-@click.option(
-    "--speed",
-    type=FiniteFloat("factor", above=0),
-    default=1.0,
-    show_default=True,
-    metavar="FACTOR",
-    help="2 plays twice as fast.",
-)
+@number_option("--speed", "FACTOR", "2 plays twice as fast.", above=0, default=1.0)
 @click.option(
     "--from", "begin", type=FiniteFloat("seconds", minimum=0), default=0.0, metavar="SECONDS", help="Begin here."
 )
 @click.option("--to", "end", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End here.")
-@click.option(
-    "--smooth",
-    type=FiniteFloat("seconds", minimum=0),
-    default=0.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Take tremor away that is shorter than this.",
-)
+@number_option("--smooth", "SECONDS", "Take tremor away that is shorter than this.", minimum=0, default=0.0)
 @click.option("--trim", is_flag=True, help="Leave out stillness at both ends.")
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="So many times."
@@ -302,12 +270,8 @@ def play(
 
 @click.command()
 @click.argument("file", metavar="FILE.mcap")
-@click.option(
-    "--rate", type=FiniteFloat("hz", above=0), metavar="HZ", help="States a second (20; 1.5 with dialect 1)."
-)
-@click.option(
-    "--duration", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End by itself; else Ctrl-C."
-)
+@number_option("--rate", "HZ", "States a second (20; 1.5 with dialect 1).", above=0)
+@number_option("--duration", "SECONDS", "End by itself; else Ctrl-C.", above=0)
 @click.option("--limp", is_flag=True, help="Leave the torque off at the end; else the arm holds where it is then.")
 @click.option("--yes", is_flag=True, help="Do not ask whether somebody holds the arm.")
 @force_option

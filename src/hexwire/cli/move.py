@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import click
 
 from .common import (
-    FiniteFloat,
     RobotOptions,
     attached,
     joint_json,
     json_option,
     make_robot,
+    number_option,
     on_terminal,
     raise_if_silent,
     refuse_table,
@@ -43,23 +43,15 @@ _GRACE = 2.0
 
 @click.command()
 @click.argument("targets", metavar="JOINT=DEGREES...", nargs=-1, required=True)
-@click.option(
+@number_option(
     "--duration",
-    type=FiniteFloat("seconds", minimum=0),
+    "SECONDS",
+    "Time the motion shall take; more if a speed limit asks for it.",
+    minimum=0,
     default=1.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time the motion shall take; more if a speed limit asks for it.",
 )
 @click.option("--wait", is_flag=True, help="Wait until the joints have arrived; Ctrl-C stops the arm.")
-@click.option(
-    "--tolerance",
-    type=FiniteFloat("degrees", above=0),
-    default=1.0,
-    show_default=True,
-    metavar="DEGREES",
-    help="With --wait, how near is there.",
-)
+@number_option("--tolerance", "DEGREES", "With --wait, how near is there.", above=0, default=1.0)
 @table_options
 @links_option
 @robot_options

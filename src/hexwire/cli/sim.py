@@ -14,7 +14,7 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import FiniteFloat
+from .common import number_option
 from .exits import note
 from .output import say_document
 from .sim_bus import bus
@@ -58,12 +58,7 @@ sim.add_command(puma260)
 )
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random generator.")
 @click.option("--physics", is_flag=True, help="Simulate weight, sag and a table with MuJoCo.")
-@click.option(
-    "--payload",
-    type=FiniteFloat("grams", minimum=0),
-    metavar="GRAMS",
-    help="With --physics, the payload of the tool.",
-)
+@number_option("--payload", "GRAMS", "With --physics, the payload of the tool.", minimum=0)
 @click.option("--reset-on-open", is_flag=True, help="Reset the board when the port is opened, like a real Mega.")
 @click.option(
     "--until-eof",

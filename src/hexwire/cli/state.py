@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from .common import (
-    FiniteFloat,
     RobotOptions,
     fault_names,
     joint_json,
     json_option,
+    number_option,
     on_terminal,
     open_robot,
     raise_if_silent,
@@ -35,14 +35,7 @@ _HEAD = ("joint", "deg", "deg/s", "load %", "mA", "V", "degC", "age ms", "torque
 
 @click.command()
 @click.option("--watch", is_flag=True, help="Update until interrupted.")
-@click.option(
-    "--rate",
-    type=FiniteFloat("hz", above=0),
-    default=5.0,
-    show_default=True,
-    metavar="HZ",
-    help="With --watch, the update rate.",
-)
+@number_option("--rate", "HZ", "With --watch, the update rate.", above=0, default=5.0)
 @robot_options
 @json_option
 def state(watch: bool, rate: float, options: RobotOptions, as_json: bool) -> None:

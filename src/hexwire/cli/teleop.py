@@ -15,10 +15,10 @@ import click
 from hexwire.errors import HexwireError, UsageError
 
 from .common import (
-    FiniteFloat,
     RobotOptions,
     json_option,
     make_robot,
+    number_option,
     open_robot,
     refuse_table,
     robot_options,
@@ -78,9 +78,7 @@ def show(device: str | None) -> None:
 @click.argument("device", required=False)
 @click.option("--to", "url", metavar="URL", help="Where it goes, as udp://192.168.1.20:15040.")
 @click.option("--conf", metavar="FILE", help="The file that names the channel of JOY_STICK, in place of --to.")
-@click.option(
-    "--rate", type=FiniteFloat("hz", above=0), default=50.0, show_default=True, metavar="HZ", help="How often."
-)
+@number_option("--rate", "HZ", "How often.", above=0, default=50.0)
 def send(device: str | None, url: str | None, conf: str | None, rate: float) -> None:
     """Send a joystick over a channel, again and again, until interrupted."""
     from hexwire.control.loop import RateLoop
@@ -103,22 +101,8 @@ def send(device: str | None, url: str | None, conf: str | None, rate: float) -> 
 @click.option(
     "--mode", type=click.Choice(["joint", "cartesian"]), default="joint", show_default=True, help="How it begins."
 )
-@click.option(
-    "--speed",
-    type=FiniteFloat("share", above=0),
-    default=0.3,
-    show_default=True,
-    metavar="SHARE",
-    help="Share of the joints' speed limits at full deflection.",
-)
-@click.option(
-    "--rate",
-    type=FiniteFloat("hz", above=0),
-    default=20.0,
-    show_default=True,
-    metavar="HZ",
-    help="Cycles a second.",
-)
+@number_option("--speed", "SHARE", "Share of the joints' speed limits at full deflection.", above=0, default=0.3)
+@number_option("--rate", "HZ", "Cycles a second.", above=0, default=20.0)
 @click.option(
     "--dead-man", type=click.IntRange(0, 31), default=4, show_default=True, metavar="N", help="Its button."
 )

@@ -12,7 +12,7 @@ import click
 
 from hexwire.errors import DeviceError, ServoError
 
-from .common import FiniteFloat, RobotOptions, json_option, open_robot, robot_options
+from .common import FiniteFloat, RobotOptions, json_option, number_option, open_robot, robot_options
 from .move import hold_on_ctrl_c, unwatched_note
 from .output import answer, plain
 
@@ -31,14 +31,7 @@ _PRESSED = 3
 
 @click.command()
 @click.argument("how", metavar="open|close|PERCENT")
-@click.option(
-    "--duration",
-    type=FiniteFloat("seconds", above=0),
-    default=0.8,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time from shut to open.",
-)
+@number_option("--duration", "SECONDS", "Time from shut to open.", above=0, default=0.8)
 @robot_options
 @json_option
 def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> None:
