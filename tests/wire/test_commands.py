@@ -151,6 +151,38 @@ def test_bad_body_is_refused(row: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("key", READERS, ids=" ".join)
+def test_an_empty_body_is_refused_by_the_name_of_its_command(key: tuple[str, str]) -> None:
+    with pytest.raises(RemoteProtocolError, match=rf"\b{key[0]}\b.*: 0 bytes"):
+        READERS[key](b"")
+
+
+@pytest.mark.parametrize("row", [r for r in GOOD if (r["command"], r["part"]) in READERS], ids=lambda r: r["name"])
+def test_a_body_cut_or_lengthened_anywhere_is_refused(row: dict[str, Any]) -> None:
+    read, data = READERS[row["command"], row["part"]], bytes.fromhex(row["hex"])
+    # Shortest body where anything may follow the head: a packet, further counters, a chunk.
+    open_ended = {"TRANSACT": 2, "STATS": 4, "FRAGMENT": c.FRAGMENT_HEAD_SIZE}
+    shortest = open_ended.get(row["command"], len(data))
+    for body in (data[:n] for n in range(shortest)):
+        with pytest.raises(RemoteProtocolError):
+            read(body)
+    read(data[:shortest])
+    if row["command"] not in open_ended:
+        with pytest.raises(RemoteProtocolError):
+            read(data + b"\0")
+
+
+@pytest.mark.parametrize("fields", [64, 128, 255])
+def test_a_state_with_fields_that_nobody_knows_is_refused(fields: int) -> None:
+    with pytest.raises(RemoteProtocolError, match=f"unknown fields 0x{fields:02X}"):
+        c.JointReport.parse(struct.pack("<IBBBB", 0, fields, 0, 1, 0) + bytes(13))
+
+
+def test_a_state_of_no_joints_is_refused() -> None:
+    with pytest.raises(RemoteProtocolError, match="do not hold 0 rows"):
+        c.JointReport.parse(struct.pack("<IBBBB", 0, 63, 0, 0, 0))
+
+
+@pytest.mark.parametrize("key", READERS, ids=" ".join)
 @given(body=st.binary(max_size=260))
 def test_any_body_is_read_or_refused(key: tuple[str, str], body: bytes) -> None:
     with contextlib.suppress(RemoteProtocolError):

@@ -97,12 +97,87 @@ def test_bytes_by_hand() -> None:
         lambda: JoystickState((1.1,), 0),
         lambda: JoystickState((math.nan,), 0),
         lambda: JoystickState((0.0,) * 33, 0),
+        lambda: JoystickState((-1.1,), 0),
         lambda: JoystickState((), 1 << 32),
+        lambda: JoystickState((), -1),
+        lambda: JointCommands(("J1", "")),
+        lambda: JointCommands(("é" * 128,)),
+        lambda: JointCommands(("J1", "J2"), i_effort_max=(1.0,)),
+        lambda: TrajectoryPoints((1.0, 2.0), ((0.0,),)),
+        lambda: TrajectoryPoints((1.0,), ((0.0,), (0.0,))),
+        lambda: TrajectoryPoints((1.0, 2.0), ((0.0,), (0.0,)), ((0.0,),)),
+        lambda: TrajectoryPoints((1.0, 0.5), ((0.0,), (0.0,))),
+        lambda: TrajectoryPoints((1.0, 2.0, 2.0), ((0.0,),) * 3),
+        lambda: TrajectoryPoints((1.0,), ((0.0,),), ((math.nan,),)),
+        lambda: TrajectoryPoints(tuple(range(1 << 16)), ((0.0,),) * (1 << 16)),
     ],
 )
 def test_values_that_make_no_sense_are_refused(make: Any) -> None:
     with pytest.raises(UsageError):
         make()
+
+
+def test_the_largest_values_that_still_fit() -> None:
+    names = tuple(f"{i:03d}" + "x" * 252 for i in range(32))
+    for value in (
+        JointCommands(names, kp_velocity=(1.0,) * 32),
+        TrajectoryPoints((0.0,), (tuple(map(float, range(32))),)),
+        TrajectoryPoints(tuple(map(float, range(0xFFFF))), ((0.5,),) * 0xFFFF),
+        JoystickState((-1.0,) * 16 + (1.0,) * 16, 0xFFFFFFFF),
+    ):
+        assert type(value).parse(value.serialize()) == value
+    assert EncoderStates.parse(EncoderStates(0xFFFFFFFF, 255, ()).serialize()).time_us == 0xFFFFFFFF
+    assert EncoderStates((1 << 32) + 5, 0, ()).serialize()[:4] == b"\5\0\0\0"
+    assert EncoderStates((1 << 32) - 1, 0, ()).serialize()[:4] == b"\xff" * 4
+
+
+BODIES = [
+    (RobotStatus(1, 0, 0, 6), "ROBOT_PROBE reply"),
+    (EncoderStates(1, 2, (EncoderRow(1, 2, 3),) * 2), "JOINT_STATES"),
+    (JointCommands(("J1", "J2"), (1.0, 2.0), kp_velocity=(1.0, 2.0)), "JOINT_COMMANDS"),
+    (JointCommands(("J1",)), "JOINT_COMMANDS"),
+    (TrajectoryPoints((1.0, 2.0), ((1.0, 2.0),) * 2, ((0.0, 0.0),) * 2), "JOINT_TRAJECTORY"),
+    (JoystickState((0.5, 0.5), 3), "JOYSTICK"),
+]
+
+
+@pytest.mark.parametrize(("value", "name"), BODIES)
+def test_a_body_that_is_cut_is_refused_by_name(value: Any, name: str) -> None:
+    data = value.serialize()
+    for body in (data[:n] for n in range(len(data))):
+        with pytest.raises(RemoteProtocolError, match=f"^{name}: {len(body)} bytes"):
+            type(value).parse(body)
+
+
+@pytest.mark.parametrize(("value", "name"), BODIES[1:])
+def test_a_body_that_is_too_long_is_refused_by_name(value: Any, name: str) -> None:
+    data = value.serialize() + b"\0"
+    with pytest.raises(RemoteProtocolError, match=f"^{name}: {len(data)} bytes"):
+        type(value).parse(data)
+
+
+def test_a_newer_controller_may_say_more_of_itself() -> None:
+    status = RobotStatus(1, 0, 0, 6)
+    assert RobotStatus.parse(status.serialize() + b"new") == status
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        (struct.pack("<BH", 1, 1 << 9) + b"\2J1", "do not hold"),  # an array that nobody knows
+        (struct.pack("<BH", 1, 0) + b"\1\xff", "JOINT_COMMANDS: a joint name is not UTF-8"),
+        (struct.pack("<BH", 2, 0) + b"\1J\1J", "JOINT_COMMANDS: joint commands for 2 joints"),
+    ],
+)
+def test_joint_commands_that_make_no_sense_are_refused(body: bytes, reason: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=reason):
+        JointCommands.parse(body)
+
+
+@pytest.mark.parametrize("values", [(math.nan, 1.0), (-1.0, 1.0), (1.0, math.inf)])
+def test_a_trajectory_that_makes_no_sense_is_refused(values: tuple[float, float]) -> None:
+    with pytest.raises(RemoteProtocolError, match="JOINT_TRAJECTORY: "):
+        TrajectoryPoints.parse(struct.pack("<BBH2d", 1, 0, 1, *values))
 
 
 @pytest.mark.parametrize("kind", [RobotStatus, EncoderStates, JointCommands, TrajectoryPoints, JoystickState])

@@ -97,6 +97,17 @@ def test_bad_request_says_why(data: str, reason: str) -> None:
         lambda: sp.make_write(1, -1, b"x"),
         lambda: sp.make_write(1, 0, bytes(245)),
         lambda: sp.make_packet(1, 256),
+        lambda: sp.make_packet(1, -1),
+        lambda: sp.make_packet(1, 3, bytes(245)),
+        lambda: sp.make_sync_read(56, 2, [-1]),
+        lambda: sp.make_sync_write(-1, {1: b"a"}),
+        lambda: sp.make_sync_write(42, []),
+        lambda: sp.make_sync_write(42, {1: bytes(243)}),
+        lambda: sp.make_calibrate(1, b""),
+        lambda: sp.make_calibrate(1, b"123"),
+        lambda: sp.make_status(256),
+        lambda: sp.make_status(-1),
+        lambda: sp.make_status(1, -1),
         lambda: sp.make_calibrate(1, b"x"),
         lambda: sp.make_sync_read(56, 2, []),
         lambda: sp.make_sync_read(56, 2, [1, 1]),
@@ -111,6 +122,34 @@ def test_bad_request_says_why(data: str, reason: str) -> None:
 def test_what_cannot_be_built_is_a_usage_error(call) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(UsageError):
         call()
+
+
+@given(st.integers(0, 254), st.integers(0, 255), st.binary(max_size=244))
+def test_the_bytes_of_a_request(servo_id: int, instruction: int, data: bytes) -> None:
+    packet = sp.make_packet(servo_id, instruction, data)
+    assert packet[:5] == bytes((0xFF, 0xFF, servo_id, len(data) + 2, instruction))
+    assert packet[5:-1] == data
+    assert sum(packet[2:]) % 256 == 255
+
+
+@given(st.integers(0, 255), st.integers(0, 255), st.binary(max_size=244), st.booleans())
+def test_the_bytes_of_a_status(servo_id: int, error: int, data: bytes, legacy: bool) -> None:
+    packet = sp.make_status(servo_id, error, data, legacy=legacy)
+    assert packet[:5] == bytes((0xFF, 0xF5 if legacy else 0xFF, servo_id, len(data) + 2, error))
+    assert packet[5:-1] == data
+    assert sum(packet[2:]) % 256 == 255
+
+
+def test_the_largest_values_that_still_fit() -> None:
+    assert len(sp.make_packet(254, 255, bytes(244))) == 250
+    assert sp.make_read(1, 255, 244)[5:7] == b"\xff\xf4"
+    assert sp.make_read(1, 0, 1)[5:7] == b"\0\1"
+    assert sp.make_sync_read(255, 244, [0, 253])[5:-1] == b"\xff\xf4\0\xfd"
+    assert len(sp.make_write(1, 255, bytes(243))) == 250
+    assert len(sp.make_sync_write(255, {253: bytes(241)})) == 250
+    assert sp.make_calibrate(3, b"\x08\x05")[2:-1] == b"\x03\x04\x0b\x08\x05"
+    assert sp.make_action()[2] == 254
+    assert sp.make_board_error(4)[2] == 255
 
 
 def test_every_instruction_has_its_code() -> None:
@@ -133,15 +172,33 @@ def test_every_instruction_has_its_code() -> None:
     assert set(made) == set(Instruction.__members__)
 
 
-@given(st.dictionaries(ids, st.binary(min_size=3, max_size=3), min_size=1, max_size=20), st.integers(0, 255))
+def rows_of(size: int) -> st.SearchStrategy[dict[int, bytes]]:
+    return st.dictionaries(ids, st.binary(min_size=size, max_size=size), min_size=1, max_size=20)
+
+
+@given(st.integers(1, 6).flatmap(rows_of), st.integers(0, 255))
 def test_sync_write_there_and_back(data: dict[int, bytes], address: int) -> None:
     packet = sp.parse_packet(sp.make_sync_write(address, data))
     assert sp.parse_sync_write(packet) == (address, tuple(data.items()))
 
 
-@pytest.mark.parametrize("body", [b"", b"\x2a", b"\x2a\x00", b"\x2a\x04\x01\x02"])
-def test_uneven_sync_write_is_refused(body: bytes) -> None:
-    with pytest.raises(RemoteProtocolError):
+@pytest.mark.parametrize("size", range(5))
+@pytest.mark.parametrize("more", range(13))
+def test_a_sync_write_is_read_only_where_its_rows_fill_it(size: int, more: int) -> None:
+    packet = ServoPacket(254, Instruction.SYNC_WRITE, bytes((42, size, *range(more))))
+    if size and more % (1 + size) == 0:
+        address, rows = sp.parse_sync_write(packet)
+        assert address == 42
+        assert [len(data) for _, data in rows] == [size] * (more // (1 + size))
+        assert b"".join(bytes((servo_id,)) + data for servo_id, data in rows) == packet.params[2:]
+    else:
+        with pytest.raises(RemoteProtocolError, match="do not fill it"):
+            sp.parse_sync_write(packet)
+
+
+@pytest.mark.parametrize("body", [b"", b"\x2a"])
+def test_a_sync_write_without_its_head_is_refused(body: bytes) -> None:
+    with pytest.raises(RemoteProtocolError, match="do not fill it"):
         sp.parse_sync_write(ServoPacket(254, Instruction.SYNC_WRITE, body))
 
 
@@ -197,6 +254,11 @@ def test_board_errors(code: int, servo_id: int, name: str, size: int) -> None:
         StatusPacket(3, 1, b"\x05\x08", True),
         StatusPacket(3, 7, b"", True),
         StatusPacket(3, 4, b"", True),
+        StatusPacket(BOARD_ID, 3, b"", True),
+        StatusPacket(BOARD_ID, 4, b"\0", True),
+        StatusPacket(3, 5, b"\0", True),
+        StatusPacket(3, 1, b"", True),
+        StatusPacket(3, 1, b"\0", True),
     ],
 )
 def test_what_is_no_board_error(status: StatusPacket) -> None:
@@ -228,6 +290,43 @@ def test_undo_leaves_everything_else_alone(data: bytes) -> None:
 def begins_like_a_ping(data: bytes) -> bool:
     """Whether a legacy answer with four parameters begins with what is a whole ping answer too."""
     return data[1] == 0xF5 and data[3] == 6 and sum(data[2:6]) & 0xFF == 0xFF
+
+
+def status_at(data: bytes, at: int, n_params: int | None) -> int:
+    """`status_end` by the words of its page: header, id, error, and a length whose sum fits."""
+    legacy = data[at : at + 2] == b"\xff\xf5"
+    servo_id, length, error = data[at + 2 : at + 5]
+    if not legacy and data[at : at + 2] != b"\xff\xff":
+        return 0
+    if error > 127 or servo_id == 254 or (servo_id == 255 and not legacy):
+        return 0
+
+    def sound(size: int) -> bool:
+        part = data[at + 2 : at + size]
+        return len(part) == size - 2 and sum(part) % 256 == 255
+
+    whole = at + 4 + length if length >= 2 and sound(4 + length) else 0
+    if legacy and length == 6 and sound(6) and not (whole and n_params == 4):
+        return at + 6
+    return whole
+
+
+@st.composite
+def almost_statuses(draw: st.DrawFn) -> bytes:
+    """A status packet with any id, error and length, whose checksum fits somewhere, if anywhere."""
+    length = draw(st.sampled_from((0, 1, 2, 3, 6, 8)))
+    body = bytearray((draw(st.sampled_from((0, 1, 253, 254, 255))), length, draw(st.sampled_from((0, 127, 128)))))
+    body += draw(st.binary(max_size=10))
+    at = draw(st.sampled_from((3, length + 1)))
+    if at < len(body):
+        body[at] = ~sum(body[:at]) & 0xFF
+    data = bytes((0xFF, draw(st.sampled_from((0xFF, 0xF5, 0xF6))), *body))
+    return data if len(data) >= 6 else data + bytes(6 - len(data))
+
+
+@given(st.binary(max_size=3), almost_statuses(), st.sampled_from((None, 0, 1, 4)))
+def test_where_a_status_ends(before: bytes, data: bytes, n_params: int | None) -> None:
+    assert sp.status_end(before + data, len(before), n_params) == status_at(before + data, len(before), n_params)
 
 
 # --- streams -----------------------------------------------------------------------------------------------
@@ -296,6 +395,28 @@ def test_requests_in_a_row_are_all_found(cases: list[tuple[int, Instruction, byt
     packets = [ServoPacket(*case) for case in cases]
     stream = b"\x00\xff\x00".join(packet.serialize() for packet in packets)
     assert list(sp.iter_packets(stream)) == packets
+
+
+@pytest.mark.parametrize(
+    ("packet", "found"),
+    [
+        ("FF FF FE 02 01 FE", True),
+        ("FF FF FF 02 01 FD", False),  # the id of no servo
+        ("FF FF 01 02 01 FB", True),
+        ("FF FF 01 02 01 FA", False),  # the sum
+        ("FF FF 01 01 01 FC", False),  # too short for its instruction
+        ("FF FF 01 00 01 FD", False),
+        ("FF FF 01 03 01 FA", False),  # cut short
+        ("FF F5 01 02 01 FB", False),
+    ],
+)
+@pytest.mark.parametrize("after", ["", "FF FF 02 02 01 FA"])
+def test_what_is_a_request_in_a_stream(packet: str, found: bool, after: str) -> None:
+    data = bytes.fromhex(packet)
+    wanted = [ServoPacket(data[2], 1, b"")] if found else []
+    if after:
+        wanted.append(ServoPacket(2, 1, b""))
+    assert list(sp.iter_packets(data + bytes.fromhex(after))) == wanted
 
 
 def test_requests_with_an_unknown_instruction_are_passed_over() -> None:
