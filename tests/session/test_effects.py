@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.session.effects import Effect, effect_of
+from hexwire.session.effects import Effect, effect_of, packet_only_reads
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.command_frame import Command
 
@@ -55,3 +55,23 @@ def test_dialect_2(cmd: int, body: bytes, effect: Effect) -> None:
 )
 def test_dialect_1(cmd: int, body: bytes, effect: Effect) -> None:
     assert effect_of(1, cmd, body) is effect
+
+
+def test_what_only_asks_whatever_it_carries() -> None:
+    names = {
+        "IDENTIFY", "JOINT_STATE", "REPORT", "WATCHDOG", "STATS", "ROBOT_PROBE", "JOINT_STATES", "JOYSTICK",
+    }  # fmt: skip
+    for body in (b"\1", b"\1\2\3"):
+        asks = {cmd.name for cmd in Command if effect_of(2, cmd, body) is Effect.NONE}
+        assert asks == names
+    assert {cmd.name for cmd in Command if effect_of(2, cmd, b"") is Effect.NONE} == names | {"LIMITS", "OFFSETS"}
+    assert {cmd.name for cmd in Command if effect_of(1, cmd, b"\1") is Effect.NONE} == {"IDENTIFY"}
+
+
+def test_a_packet_is_known_by_its_instruction_or_it_acts() -> None:
+    for packet in (PING, sp.make_read(1, 56, 2), sp.make_sync_read(56, 2, (1,))):
+        assert packet_only_reads(packet)
+        assert packet_only_reads(packet[:5])
+        assert not packet_only_reads(packet[:4])
+    for packet in (WRITE, sp.make_reg_write(1, 40, b"\1"), sp.make_action(), sp.make_reboot(1), b""):
+        assert not packet_only_reads(packet)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from hexwire.session.event_queue import EventQueue
 from hexwire.session.events import ConnectionCounters, Event, Garbage, Reply, Report, TimedOut
 from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
@@ -74,3 +77,49 @@ def test_noise_never_pushes_out_an_outcome() -> None:
         queue.add_report(Report(frame(sn)))
     assert len(drain(queue)) == 64
     assert counters.reports_dropped == 0
+
+
+@given(st.lists(st.tuples(st.sampled_from(("report", "noise", "outcome", "pop")), st.integers(1, 90)), max_size=12))
+def test_as_a_list_that_holds_64_reports(steps: list[tuple[str, int]]) -> None:
+    counters = ConnectionCounters()
+    queue, model, dropped, number = EventQueue(counters), list[Event](), 0, 0
+    for what, count in steps:
+        for _ in range(count):
+            number += 1
+            if what == "pop":
+                assert queue.pop() == (model.pop(0) if model else None)
+                continue
+            if what == "report":
+                reports = [event for event in model if isinstance(event, Report)]
+                if len(reports) == 64:
+                    model.remove(reports[0])
+                    dropped += 1
+                event: Event = Report(frame(number))
+                queue.add_report(event)
+            else:
+                event = Garbage(number, b"") if what == "noise" else TimedOut(number, 2, 3, "")
+                queue.add(event)
+            model.append(event)
+    assert drain(queue) == model
+    assert (counters.reports_dropped, counters.events_dropped) == (dropped, 0)
+
+
+def test_where_only_outcomes_wait_nothing_gives_way() -> None:
+    counters = ConnectionCounters()
+    queue = EventQueue(counters)
+    outcomes: list[Event] = [TimedOut(i, 2, 3, "") for i in range(4100)]
+    for event in outcomes:
+        queue.add(event)
+    assert drain(queue) == outcomes
+    assert counters.events_dropped == 0
+
+
+def test_one_event_gives_way_for_each_over_4096_the_oldest_first() -> None:
+    counters = ConnectionCounters()
+    queue = EventQueue(counters)
+    for i in range(4096):
+        queue.add(Garbage(i + 1, b""))
+    assert counters.events_dropped == 0
+    queue.add(Garbage(9999, b""))
+    assert counters.events_dropped == 1
+    assert queue.pop() == Garbage(2, b"")

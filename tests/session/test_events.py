@@ -51,3 +51,9 @@ def test_frozen(event: Any) -> None:
 
 def test_counters_start_at_nothing() -> None:
     assert not any(dataclasses.astuple(e.ConnectionCounters()))
+
+
+def test_a_line_shows_sixteen_bytes() -> None:
+    shown = " ".join(["AB"] * 16)
+    assert str(e.Garbage(20, b"\xab" * 20)) == f"20 bytes of garbage: {shown}"
+    assert str(e.BadFrame("unfinished", b"\xab" * 20)) == f"bad frame, unfinished: {shown}"

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import pytest
+
+from hexwire.errors import LocalProtocolError
 from hexwire.session.frame_maker import FrameMaker, Role
 from hexwire.wire.command_frame import Command, parse_frame
+from hexwire.wire.commands import FragmentHead
 
 
 def maker(role: Role, **changes: object) -> FrameMaker:
@@ -77,3 +81,83 @@ def test_no_peer_is_believed_that_takes_next_to_nothing() -> None:
     assert host.max_frame == 128
     host.limit_frame(8192)
     assert host.max_frame == 128
+
+
+def test_every_frame_is_counted_once() -> None:
+    host = maker(Role.HOST)
+    host.send_chapter(Command.READ, b"a", 0.0)
+    host.report(Command.JOINT_STATE, b"", 0.0)
+    host.reply_dialect1(b"a", 0.0)
+    host._send_message(Command.STATS, 0, bytes(20_000), 5, 0.0)
+    assert host.counters.frames_sent == len(host.data_to_send()) == 6
+
+
+def test_the_number_comes_round_in_every_kind_of_frame() -> None:
+    host = maker(Role.HOST)
+    for make in (
+        lambda: host.build(2, Command.STATS, b"", 5, 0.0),
+        lambda: host.build_dialect1(b"a", 0.0, 0),
+    ):
+        host.sn = 0xFFFFFFFE
+        assert [parse_frame(make()).sn for _ in range(3)] == [0xFFFFFFFF, 0, 1]
+
+
+def test_the_count_of_commands_comes_round() -> None:
+    host = maker(Role.HOST)
+    host.seq = 0xFE
+    host.report(Command.JOINT_STATE, b"", 0.0)
+    host.send_chapter(Command.READ, b"a", 0.0)
+    host.report(Command.JOINT_STATE, b"", 0.0)
+    assert [parse_frame(data).seq for data in host.data_to_send()] == [0xFF, 0, 1]
+
+
+def test_a_chapter_boards_count_is_the_low_byte_of_its_number() -> None:
+    board = maker(Role.BOARD, local=8, remote=7, type=8)
+    board.sn = 0x12FE
+    frames = [parse_frame(board.build_dialect1(b"a", 1.25, 3)) for _ in range(2)]
+    assert [(f.sn, f.seq) for f in frames] == [(0x12FF, 0xFF), (0x1300, 0)]
+    assert [(f.src, f.dst, f.type, f.time) for f in frames] == [(8, 3, 8, 101.25)] * 2
+
+
+def test_a_message_is_known_by_the_seq_of_its_request() -> None:
+    host = maker(Role.HOST)
+    host._message_count = 0xFE
+    ids = [host._send_message(Command.STATS, 0x80, bytes(9000), seq, 0.0, 4) for seq in (5, 6)]
+    assert ids == [0xFF05, 0x0006]
+    frames = [parse_frame(data) for data in host.data_to_send()]
+    heads = [FragmentHead.parse(frame.body) for frame in frames]
+    assert {(head.cmd, head.cmd_ext, head.chunks) for head in heads} == {(Command.STATS, 0x80, 2)}
+    assert [(head.message_id, head.number) for head in heads] == [(0xFF05, 0), (0xFF05, 1), (6, 0), (6, 1)]
+    assert {(frame.dst, frame.cmd) for frame in frames} == {(4, Command.FRAGMENT)}
+    assert [frame.size for frame in frames[::2]] == [8192, 8192], "as much as a frame takes"
+
+
+def test_of_several_frames_some_may_have_gone() -> None:
+    host = maker(Role.HOST)
+    gone = host.send_chapter(Command.READ, b"a", 0.0)
+    host.data_to_send()
+    kept, back = (host.send_chapter(Command.READ, b"a", 0.0) for _ in range(2))
+    assert host._withhold([gone, back])
+    assert host.data_to_send() == [kept]
+    one, two = (host.send_chapter(Command.READ, b"a", 0.0) for _ in range(2))
+    assert not host._withhold([one, two])
+    assert host.data_to_send() == []
+
+
+@pytest.mark.parametrize("role", Role)
+@pytest.mark.parametrize("cautious", [False, True])
+def test_who_keeps_the_end_of_a_frame_out(role: Role, cautious: bool) -> None:
+    """A host does in dialect 1, since an old board may listen; nobody else unless told to."""
+    for proto in (1, 2):
+        end = maker(role, cautious=cautious, max_frame=8192)
+        end.sn = 0x0A0C
+        data = end.build(proto, Command.READ, b"a", 5, 0.0)
+        clean = cautious or (role is Role.HOST and proto == 1)
+        assert (b"\r\n" in data[4:-2]) is not clean
+        assert end.sn == parse_frame(data).sn
+        # Nor does it send more than an old board has room for.
+        if clean:
+            with pytest.raises(LocalProtocolError, match="the line takes 253"):
+                end.build(proto, Command.READ, bytes(300), 5, 0.0)
+        else:
+            assert len(end.build(proto, Command.READ, bytes(300), 5, 0.0)) == 344

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from hexwire.session.reply_store import ReplyStore
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
 
 
 def frame(seq: int, *, src: int = 7, cmd: int = 0x13, body: bytes = b"b", sn: int = 0) -> Frame:
@@ -81,3 +85,77 @@ def test_what_a_stop_made_void_is_remembered_however_much_it_was() -> None:
         assert store.find(frame(seq), 2.2) is None
     store.forget(7)
     assert store.find(frame(0), 0.2) is None
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from(("ask", "answer", "answer", "answer void")),
+        st.integers(1, 7),
+        st.sampled_from((7, 9)),
+        st.sampled_from((0.0, 0.25, 1.0, 1.5)),
+    ),
+    max_size=25,
+)
+
+
+@given(STEPS, st.sampled_from((0.0, 100.0)))
+def test_as_plain_lists_of_what_was_answered(steps: list[tuple[str, int, int, float]], start: float) -> None:
+    store, now = ReplyStore(), start
+    answered: list[tuple[float, Frame, list[bytes]]] = []
+    voided: list[tuple[float, Frame, list[bytes]]] = []
+    waiting: list[tuple[float, Frame]] = []
+    for what, seq, src, pause in steps:
+        now += pause
+        request = frame(seq, src=src)
+        if what == "ask":
+            store.asked(request, now)
+            waiting.append((now, request))
+        else:
+            reply = [f"{what} {now}".encode()]
+            store.answered(request, reply, now, voided=what == "answer void")
+            (voided if what == "answer void" else answered).append((now, request, reply))
+            first = next((entry for entry in waiting if entry[1] == request), None)
+            if first is not None:
+                waiting.remove(first)
+        answered = answered[-4:]
+        for seq, src in ((seq, src) for seq in range(1, 8) for src in (7, 9)):
+            asked = frame(seq, src=src)
+            replies = [r for when, f, r in answered + voided if f == asked and now - when < 2.0]
+            open_ = any(f == asked and now - when < 2.0 for when, f in waiting)
+            assert store.find(asked, now) == (replies[0] if replies else [] if open_ else None)
+            assert store.find_by_number(src, seq, asked.cmd, now) == (replies[0] if replies else [])
+
+
+@pytest.mark.parametrize("pause", [0.5, 1.99])
+def test_what_lasts_is_refused_after_a_stop_for_as_long_as_it_would_have_been_repeated(pause: float) -> None:
+    store = ReplyStore()
+    lasting = (Command.RESUME, Command.TORQUE, Command.MAINTENANCE)
+    for seq, cmd in enumerate((*lasting, Command.JOINT_MOVE)):
+        store.answered(frame(seq, cmd=cmd), [b"done"], 100.0)
+    for seq in range(10, 14):
+        store.answered(frame(seq), [b"x"], 100.0)
+    store.void(lambda request: b"refused %d" % request.seq, 100.0 + pause)
+    for seq, cmd in enumerate(lasting):
+        assert store.find(frame(seq, cmd=cmd), 101.99) == [b"refused %d" % seq]
+        assert store.find(frame(seq, cmd=cmd), 102.0) is None
+    assert store.find(frame(3, cmd=Command.JOINT_MOVE), 101.0) is None
+    # A second stop has nothing to add, and what was done longer ago is no repeat any more.
+    store.void(lambda _: b"twice", 101.99)
+    assert store.find(frame(0, cmd=Command.RESUME), 101.99) == [b"refused 0"]
+    store.answered(frame(20, cmd=Command.TORQUE), [b"done"], 103.0)
+    for seq in range(30, 34):
+        store.answered(frame(seq), [b"x"], 103.0)
+    store.void(lambda _: b"late", 105.0)
+    assert store.find(frame(20, cmd=Command.TORQUE), 104.9) is None
+
+
+def test_a_module_that_starts_anew_is_not_refused_for_what_it_did_before_a_stop() -> None:
+    store = ReplyStore()
+    for src in (7, 9):
+        store.answered(frame(1, src=src, cmd=Command.TORQUE), [b"done"], 0.0)
+        for seq in range(2, 6):
+            store.answered(frame(seq, src=src), [b"x"], 0.0)
+    store.forget(7)
+    store.void(lambda _: b"refused", 0.5)
+    assert store.find(frame(1, cmd=Command.TORQUE), 0.5) is None
+    assert store.find(frame(1, src=9, cmd=Command.TORQUE), 0.5) == [b"refused"]

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.session.servo_answers import AnswerCollector, Outlook
+from hexwire.session.servo_answers import AnswerCollector, Outlook, is_read_echo
 from hexwire.wire.servo_packet import make_ping, make_read, make_status, make_sync_read, make_write
 
 IDS = (1, 2, 3)
@@ -191,3 +191,88 @@ def test_any_echoes_in_any_pieces_give_the_value_and_nothing_else(
         at += cut
         assert at >= len(stream) or collector.answers == {}
     assert collector.answers[1].params == value.to_bytes(2, "little")
+
+
+@pytest.mark.parametrize("echo", [False, True])
+def test_the_wait_goes_on_until_there_are_bytes_enough_for_every_answer(echo: bool) -> None:
+    """Without the echo that is expected, as many bytes more may be its damaged remains."""
+    more = len(REQUEST) if echo else 0
+    for heard, wanted in ((b"", 24 + more), (REQUEST, 24)):
+        collector = AnswerCollector(REQUEST, IDS, 2, echo=echo)
+        assert collector.receive(heard) is Outlook.WAIT
+        assert collector.echoed == bool(heard)
+        assert collector.receive(bytes(wanted - 1)) is Outlook.WAIT
+        assert collector.receive(b"\0") is Outlook.LINGER
+        assert collector.size == len(heard) + wanted
+
+
+@pytest.mark.parametrize(
+    ("heard", "due", "missing"),
+    [((), 3, IDS), ((1,), 2, (2, 3)), ((1, 2), 1, (3,)), ((2,), 1, (1, 3)), ((3,), 0, (1, 2))],
+)
+def test_who_may_still_answer(heard: tuple[int, ...], due: int, missing: tuple[int, ...]) -> None:
+    collector = AnswerCollector(REQUEST, IDS, 2)
+    collector.receive(b"".join(ANSWERS[i - 1] for i in heard))
+    assert (collector.due, collector.missing) == (due, missing)
+
+
+def test_where_nobody_is_asked_nothing_is_waited_for() -> None:
+    assert AnswerCollector(make_write(254, 40, b"\1"), (), 0).receive(b"") is Outlook.DONE
+
+
+def test_what_came_instead_in_words() -> None:
+    collector = read(make_status(7, 0, b"\1\2") + make_status(9, 0, b"\1\2") + make_status(7, 0, b""))
+    assert collector.in_words() == "an answer of servo 7, 9"
+    assert read(bytes(range(1, 21))).in_words() == f"20 bytes that are no answer: {bytes(range(1, 17)).hex(' ')}"
+    assert read(make_status(1, 0, b"\5")).in_words().startswith("7 bytes that are no answer: ff ff 01")
+
+
+def test_a_packet_to_all_servos_is_an_echo() -> None:
+    collector = read(make_write(254, 40, b"\1"))
+    assert collector.only_echo
+    assert collector.strays == []
+
+
+def test_where_every_read_that_was_sent_is_known_another_is_an_answer() -> None:
+    looks_like_a_read = make_read(1, 42, 2)
+    for all_sent, found in ((True, {1}), (False, set())):
+        collector = AnswerCollector(READ, (1,), 2, all_sent=all_sent)
+        collector.receive(looks_like_a_read)
+        assert set(collector.answers) == found
+        assert collector.copies == {1} - found
+
+
+@pytest.mark.parametrize(
+    ("packet", "is_one"),
+    [
+        (make_read(1, 0, 1), True),
+        (make_status(1, 2, b"\x38\0"), False),
+        (make_status(1, 1, b"\x38\2"), False),
+        (make_status(1, 2, b"\x38\2\0"), False),
+        (make_status(1, 2, b"\x38"), False),
+    ],
+)
+def test_what_may_be_the_echo_of_a_read(packet: bytes, is_one: bool) -> None:
+    assert is_read_echo(packet) is is_one
+
+
+@pytest.mark.parametrize(
+    ("behind", "sound"),
+    [
+        (b"", True),
+        (ANSWERS[1], True),
+        (ANSWERS[1][:4], True),  # the next answer begins, whatever becomes of it
+        (b"\xff\xf5" + ANSWERS[1][2:4], True),
+        (ANSWERS[1][:3], False),
+        (b"\xff\xfe" + ANSWERS[1][2:4], False),
+        (ANSWERS[0][:4], False),  # its own once more
+        (make_status(9, 0, b"\1\2")[:4], False),  # of one that was not asked
+        (make_status(2, 0, b"\1")[:4], False),  # of another length
+        (b"\0", False),
+    ],
+)
+def test_an_answer_counts_by_what_stands_behind_it(behind: bytes, sound: bool) -> None:
+    collector = AnswerCollector(REQUEST, IDS, 2)
+    collector.receive(ANSWERS[0] + behind)
+    assert (1 in collector.answers) is sound
+    assert (1 in collector.murky) is not sound

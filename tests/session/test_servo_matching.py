@@ -82,3 +82,21 @@ def test_never_raises(data: bytes, request_: bytes, servo_id: int, params: int) 
 def test_any_packet_has_an_expectation(servo_id: int, instruction: int, params: bytes) -> None:
     expected = expected_answer(sp.ServoPacket(servo_id, instruction, params))
     assert expected.length >= 0
+
+
+@pytest.mark.parametrize(
+    "request_", [sp.make_ping(1), sp.make_write(1, 40, b"\1"), sp.make_packet(1, 3, bytes(4)), sp.make_restore(1)]
+)
+def test_the_request_itself_is_no_answer_to_it(request_: bytes) -> None:
+    params = len(request_) - 6
+    assert match_answer(request_, request_, Expected((1,), params)) is None
+    answer = sp.make_status(1, 0, bytes(params))
+    assert match_answer(request_ + answer, request_, Expected((1,), params)) == sp.parse_status(answer)
+
+
+def test_what_a_short_packet_asks_for() -> None:
+    assert expected_answer(sp.ServoPacket(3, 2, b"\x38\5")) == Expected((3,), 5)
+    assert expected_answer(sp.ServoPacket(3, 2, b"\x38")) == Expected((3,), 0)
+    assert expected_answer(sp.ServoPacket(254, 0x82, b"\x38\5")) == Expected((), 5)
+    assert expected_answer(sp.ServoPacket(254, 0x82, b"\x38")) == Expected((), 0)
+    assert expected_answer(sp.ServoPacket(254, 0x82, b"\x38\5\1")) == Expected((1,), 5)
