@@ -114,7 +114,7 @@ def test_an_old_board_is_a_hint(machine: Machine) -> None:
     run = machine.run("--port", machine.board(dialect=1))
     assert (run.status, run.bad) == (0, [])
     assert run.level("board: hex7bot, dialect 1") == ["hint"]
-    assert run.level("supply: not known") == ["unknown"]
+    assert run.level("supply: unknown") == ["unknown"]
 
 
 @pytest.mark.parametrize("robot", ["so100", "so101", "chain"])
@@ -123,7 +123,7 @@ def test_a_healthy_arm_on_an_adapter(machine: Machine, robot: str, echo: bool) -
     run = machine.run("--robot", robot, "--port", machine.bus(echo=echo))
     assert (run.status, run.bad) == (0, [])
     assert run.level("servos: all 6 answer") == ["ok"]
-    assert run.level("supply: 7.4 V; the servos want 4.0 to 8.0 V") == ["ok"]
+    assert run.level("supply: 7.4 V; the servos need 4.0 to 8.0 V") == ["ok"]
     # Nothing that is about boards.
     assert not any(word in json.dumps(run.rows) for word in ("MHz", "dialect", "flash", "reset"))
 
@@ -131,7 +131,7 @@ def test_a_healthy_arm_on_an_adapter(machine: Machine, robot: str, echo: bool) -
 def test_a_healthy_seven_bot_without_its_board(machine: Machine) -> None:
     run = machine.run("--robot", "sevenbot", "--port", machine.bus(range(7), LEGACY, baud=115200))
     assert (run.status, run.bad) == (0, [])
-    assert run.level("supply: not known of J1, J2, J3, J4") == ["unknown"]
+    assert run.level("supply: unknown for J1, J2, J3, J4") == ["unknown"]
 
 
 def test_a_healthy_chain_of_mixed_servos(machine: Machine, tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_healthy_puma260(machine: Machine) -> None:
         run = machine.run("--robot", "puma260", "--port", puma.tcp)
     assert (run.status, run.bad) == (0, [])
     assert run.level("servos: all 6 answer") == ["ok"]
-    assert run.level("supply: not known") == ["unknown"]
+    assert run.level("supply: unknown") == ["unknown"]
 
 
 # --- which ports are looked at -----------------------------------------------------------------------------------
@@ -203,14 +203,14 @@ def test_a_port_by_another_name(machine: Machine, tmp_path: Path) -> None:
     [
         ((1, 2, 4, 5, 6), (), {}, "elbow_flex (servo 3) does not answer"),
         ((1, 2, 9, 4, 5, 6), (), {}, "elbow_flex (servo 3) is missing"),
-        ((1, 2, 2, 4, 5, 6), (), {}, "several servos seem to have it"),
-        ((1, 1, 1, 1, 1, 1), (), {}, "several servos seem to have it"),
+        ((1, 2, 2, 4, 5, 6), (), {}, "several servos seem to share an id"),
+        ((1, 1, 1, 1, 1, 1), (), {}, "several servos seem to share an id"),
         (range(1, 7), ("supply:3:3.5",), {}, "supply 3.5 V, too low"),
         (range(1, 7), tuple(f"supply:{i}:12" for i in range(1, 7)), {}, "supply 12.0 V, too high"),
         (range(1, 7), ("hot:3",), {}, "85 deg C, its limit is 70"),
         (range(1, 7), ("overload:3",), {}, "reports overload"),
         (range(1, 7), (), {"baud": 500_000}, "answer at 500000 baud, not at 1000000"),
-        ((1,), ("silent:1",), {"echo": True}, "hears itself"),
+        ((1,), ("silent:1",), {"echo": True}, "receives only its own echo"),
         ((1,), ("silent:1",), {}, "no servo answers at 1000000 baud"),
     ],
 )

@@ -61,7 +61,7 @@ def test_build_without_a_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 def test_build_from_a_folder_without_firmware(tmp_path: Path) -> None:
     built = run("build", "--source", str(tmp_path))
     assert built.exit_code == 2
-    assert "is not the folder of the firmware" in built.stderr
+    assert "is not the firmware's folder" in built.stderr
 
 
 def test_a_build_that_fails_says_why(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_a_robot_that_cannot_be_understood_is_told_to_stop_before_it_is_left() -
     bench, told = moving()
 
     def garbled(*_: object) -> object:
-        raise ServoError("the board reports 3 joints and has 7")
+        raise ServoError("the board reports 3 joints instead of 7")
 
     bench.robot._board.decode_state = garbled
     bench.until(lambda: told.ends)

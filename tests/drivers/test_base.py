@@ -143,9 +143,9 @@ def test_what_a_plain_robot_says_of_itself() -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda robot: robot.watchdog(1.0), "nothing behind plain stops it when this program falls silent"),
-        (lambda robot: robot.stream(0.1), "plain sends no states by itself"),
-        (lambda robot: robot.ping(1), "robot plain has no servos that can be asked one by one"),
+        (lambda robot: robot.watchdog(1.0), "plain has no watchdog to stop it when this program falls silent"),
+        (lambda robot: robot.stream(0.1), "plain sends no state reports; use read"),
+        (lambda robot: robot.ping(1), "the servos of robot plain cannot be pinged one by one"),
     ],
 )
 def test_what_a_plain_robot_cannot_do_is_said_at_the_call(call: Any, words: str) -> None:

@@ -145,12 +145,12 @@ def test_a_stop_names_the_joints_that_did_not_hold(caplog: pytest.LogCaptureFixt
     arm.driver.torque(True)
     spin(arm, 5)
     assert len(arm.driver.stop()) == 7
-    assert "a joint did not hold and lost its torque; without torque now: J6" in caplog.text
+    assert "a joint did not hold and its torque is off; joints without torque: J6" in caplog.text
     assert not arm.torques()[5]
     caplog.clear()
     arm.driver.resume()
     assert arm.driver.torque(True) == ("J1", "J2", "J3", "J4", "J5", "J7")
-    assert "J6 got no torque: a servo is not in position mode" in caplog.text
+    assert "no torque on J6: a servo is not in position mode" in caplog.text
 
 
 def test_a_stop_names_the_joints_that_are_silent(caplog: pytest.LogCaptureFixture) -> None:
@@ -190,7 +190,7 @@ def test_after_a_trip_of_the_watchdog_a_refusal_says_that() -> None:
     arm.wait(1.0)
     target = JointTarget.of({"J1": 0.2}, 1.0)
     for act in (lambda: arm.driver.write(target), lambda: arm.driver.torque(True)):
-        with pytest.raises(StoppedError, match="its watchdog stopped the arm, because the host fell silent"):
+        with pytest.raises(StoppedError, match="watchdog stopped the arm because the host fell silent"):
             act()
     arm.driver.resume()
     arm.driver.stop()

@@ -58,7 +58,7 @@ def test_a_report_of_other_joints_is_an_error(sent: tuple[bytes, Frame], order: 
     body, frame = sent
     report = JointReport.parse(body)
     fewer = JointReport(*report[:2], *(column[:5] if column else None for column in report[2:]))
-    with pytest.raises(ServoError, match="the board reports 5 joints and has 7"):
+    with pytest.raises(ServoError, match="the board reports 5 joints instead of 7"):
         StateDecoder(HEX7BOT, order).decode(fewer.serialize(), frame, 0.0)
 
 

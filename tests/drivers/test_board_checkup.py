@@ -29,7 +29,7 @@ def test_a_device_that_sends_unasked() -> None:
     bus = foreign(chatter=b"$GPGGA,1\r\n")
     bus.close()
     finding = only(explain_no_board(bus.link))
-    assert "bytes came unasked, like '$GPGGA,1'" in finding.text
+    assert "bytes arrived unrequested, such as '$GPGGA,1'" in finding.text
 
 
 def test_of_a_link_without_a_rate_no_more_is_known() -> None:

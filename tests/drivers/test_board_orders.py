@@ -83,7 +83,7 @@ def test_orders_stay_due_until_the_board_takes_them() -> None:
 def test_a_board_that_cannot_is_told_of_once(lacks: str) -> None:
     fake, orders = Fake(dialect=1, **{lacks: False}), BoardOrders()
     orders.watchdog, orders.report, orders.due = (0.5, StopMode.HOLD), (0.02, 7), True
-    with pytest.raises(NotSupportedError, match="speaks dialect 1: it has no watchdog and no reports"):
+    with pytest.raises(NotSupportedError, match="speaks dialect 1, which has no watchdog and no reports"):
         orders.give_back(board_of(fake))
     assert (orders.watchdog, orders.report, orders.due, fake.said) == (None, None, False, [])
 

@@ -191,7 +191,7 @@ def test_what_an_arm_on_a_bus_says_of_itself(arm: BusArm) -> None:
     ids = [joint.servo_id for joint in arm.model.joints]
     assert [arm.ping(servo_id) for servo_id in (*ids, 99)] == [0] * len(ids) + [None]
     assert (arm.has_watchdog, arm.reports_states) == (False, False)
-    with pytest.raises(NotSupportedError, match="stops it when this program falls silent"):
+    with pytest.raises(NotSupportedError, match="has no watchdog to stop it when this program falls silent"):
         arm.watchdog(1.0)
     assert arm.host_counters()["requests"] > len(ids)
     assert arm.probe().unprotected == "no watchdog, no limits: servos without a board"
@@ -199,7 +199,7 @@ def test_what_an_arm_on_a_bus_says_of_itself(arm: BusArm) -> None:
 
 
 def test_an_arm_without_a_board_has_no_pump(arm: BusArm) -> None:
-    with pytest.raises(NotSupportedError, match="no pump and no valve"):
+    with pytest.raises(NotSupportedError, match="no outputs for a pump or a valve"):
         arm.ioctl(Command.IO, bytes((1, 1)))
 
 
@@ -213,7 +213,7 @@ def test_a_calibration_replaces_middles_and_limits(monkeypatch: pytest.MonkeyPat
     assert arm.read().positions["shoulder_pan"] == pytest.approx(-48 * joint.scale, abs=0.01)
     notes = [joint.note for joint in arm.probe().joints]
     assert "calibrate again" not in notes[0]
-    assert "its offset is 0, but it was calibrated with 77" in notes[1]
+    assert "its offset is 0 but was 77 at calibration" in notes[1]
 
 
 def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -129,7 +129,7 @@ def test_another_arm() -> None:
 @pytest.mark.parametrize("echo", [False, True])
 def test_nothing_behind_the_adapter(echo: bool) -> None:
     found = only(explain_silence(bus((1,), echo=echo, faults=FaultPlan(["silent:1"])), ARM))
-    assert ("hears itself" in found.text) is echo
+    assert ("receives only its own echo" in found.text) is echo
     assert "supply on" in found.advice
     assert CABLE in found.advice
 
@@ -139,7 +139,7 @@ def test_an_echo_is_told_and_no_fault() -> None:
     assert explain_missing(opened, ARM, []) == []
     rows = judge_traffic(opened, ARM)
     assert {row.level for row in rows} == {Level.OK}
-    assert "hears itself" in rows[0].text
+    assert "echoes what is sent" in rows[0].text
 
 
 @pytest.mark.parametrize("options", [{"chatter": b"$GPGGA,1235\r\n"}, {"answer": b"ERROR\r\n"}])

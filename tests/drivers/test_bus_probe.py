@@ -35,7 +35,7 @@ def test_an_offset_that_is_not_the_calibrated_one() -> None:
     bus, _ = make_bus((1,))
     calibration = Calibration("arm", "", (JointCalibration("a", 1, 2000, 1500, 2600, 1, 77),))
     note = probe_joint(bus, joint("sts_sms"), calibration).note
-    assert note == "its offset is 0, but it was calibrated with 77: calibrate again"
+    assert note == "its offset is 0 but was 77 at calibration: calibrate again"
 
 
 def test_a_legacy_servo_tells_no_ratings() -> None:

@@ -77,7 +77,7 @@ def test_a_healthy_robot_has_nothing_but_good() -> None:
     assert {finding.level for finding in findings} == {Level.OK}
     texts = [f"{finding.about}: {finding.text}" for finding in findings]
     assert "servos: all 3 answer" in texts
-    assert "supply: 7.4 V; the servos want 4.0 to 8.0 V" in texts
+    assert "supply: 7.4 V; the servos need 4.0 to 8.0 V" in texts
     assert "temperature: 28 deg C; the limit is 70" in texts
 
 
@@ -91,14 +91,14 @@ def test_what_was_not_read_is_unknown_and_not_judged() -> None:
     findings = judge_state(state((NAN,) * 3, (NAN,) * 3), probes())
     assert bad(findings) == []
     assert [(f.about, f.text) for f in findings if f.level is Level.UNKNOWN] == [
-        ("supply", "not known: no servo tells it"),
-        ("temperature", "not known: no servo tells it"),
+        ("supply", "unknown: the servos do not report it"),
+        ("temperature", "unknown: the servos do not report it"),
     ]
     assert not any("in order" in f.text for f in findings)
     some = judge_state(state((7.4, NAN, 7.2)), probes())
     assert [f.text for f in some if f.about == "supply"] == [
-        "7.2 to 7.4 V; the servos want 4.0 to 8.0 V",
-        "not known of elbow",
+        "7.2 to 7.4 V; the servos need 4.0 to 8.0 V",
+        "unknown for elbow",
     ]
 
 

@@ -32,13 +32,13 @@ def test_the_sources_of_this_checkout() -> None:
 
 
 def test_sources_elsewhere(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="not the folder of the firmware"):
+    with pytest.raises(UsageError, match="not the firmware's folder"):
         firmware.find_sources(tmp_path)
     (tmp_path / "core").mkdir()
     (tmp_path / "core/generated.h").write_text("// nothing\n")
     (tmp_path / "Makefile").write_text("")
     assert firmware.find_sources(tmp_path) == tmp_path
-    with pytest.raises(UsageError, match="does not say which version"):
+    with pytest.raises(UsageError, match="has no version"):
         firmware.source_version(tmp_path)
 
 

@@ -78,10 +78,10 @@ def test_a_robot_without_a_session_works_with_the_command_line(page: Path) -> No
     assert "J1" in hexwire("state").stdout
     refused = hexwire("ping")
     assert refused.exit_code == 1
-    assert "no servos that can be asked one by one" in str(refused.stderr)
+    assert "cannot be pinged one by one" in str(refused.stderr)
 
 
 def test_what_is_no_driver_is_refused(page: Path) -> None:
     install(page, "swing = swing.driver:SwingDriver", "SwingDriver = dict")
-    with pytest.raises(UsageError, match="of robot 'swing' is no RobotDriver class"):
+    with pytest.raises(UsageError, match="of robot 'swing' is not a RobotDriver class"):
         load_driver("swing")

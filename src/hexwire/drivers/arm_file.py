@@ -1,6 +1,6 @@
 """Arms on a servo bus as TOML files: joints, ids, series, signs, neutral counts, limits, gearing.
 
-Owns the form of the file and the profiles that come with hexwire. Must not know what is done with an arm.
+Owns the format of the file and the profiles that come with hexwire. Must not know how an arm is used.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _MOST_JOINTS = 254
 _MOST_COUNTS = 1_000_000
 _MOST_DEGREES = 36_000.0
 _BAUD = 1_000_000
-"""As Feetech servos leave the factory."""
+"""Factory setting of Feetech servos."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusArmFile:
-    """What an arm's file says.
+    """The contents of an arm's file.
 
     Attributes:
         model: The joints, without the calibration.
         baud: Rate of its bus.
-        calibration: Middles and limits of this very arm, if the file names one.
+        calibration: Neutral positions and limits of this individual arm, if the file names one.
     """
 
     model: ArmModel
@@ -56,10 +56,10 @@ def profile_names() -> tuple[str, ...]:
 
 
 def load_profile(name: str) -> BusArmFile:
-    """An arm that comes with hexwire.
+    """Load an arm profile that comes with hexwire.
 
     Raises:
-        UsageError: There is none of this name; the text lists them.
+        UsageError: There is no profile of this name; the text lists them.
     """
     if name not in profile_names():
         raise UsageError(f"no arm profile {name!r}; there are {', '.join(profile_names())}")
@@ -68,19 +68,19 @@ def load_profile(name: str) -> BusArmFile:
 
 
 def load_arm_file(path: str | Path) -> BusArmFile:
-    """An arm from a file.
+    """Load an arm from a file.
 
     Raises:
-        ConfigError: The file is wrong; the first fault of each joint is named, with its place.
+        ConfigError: The file is invalid; the text names the first fault of each joint and its place.
     """
     return _parse(read_text(path), str(path))
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """A calibration from a file.
+    """Load a calibration from a file.
 
     Raises:
-        ConfigError: The file is wrong.
+        ConfigError: The file is invalid.
     """
     return Calibration.parse(read_text(path), file=str(path))
 
@@ -96,9 +96,9 @@ def _parse(text: str, file: str) -> BusArmFile:
     faults.check()
     if ("base" in arm) == bool(joints):
         raise root.fault(
-            "base and [[joints]]: one of them says what the arm is"
+            "base and [[joints]]: write only one of them"
             if joints
-            else "no joints: write [[joints]], or base = a profile"
+            else "no joints: write [[joints]] or base = 'PROFILE'"
         )
     baud, calibration = _BAUD, None
     try:

@@ -1,7 +1,7 @@
-"""`RobotDriver`: what every robot can be told and asked, whatever board, bus or program is behind it.
+"""`RobotDriver`: the interface of every robot, whatever board, bus or program is behind it.
 
-Owns the contract between robots and the fronts: the chapter's verbs, and what a robot that cannot do something
-says. Must not know any particular robot, how bytes reach it, nor whether a person or a program is asking.
+Owns the contract between robots and fronts: the chapter's verbs, and what a robot without an ability answers. Must
+not know any particular robot, how bytes reach it, or who calls.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _COMMAND_RATE = 20.0
 
 
 class RobotDriver(ABC):
-    """A robot. Constructing one does no I/O; `attach` does.
+    """A robot. The constructor does no I/O; `attach` does.
 
     Every robot implements the abstract members. The others have a default for robots without the ability: a
-    property that says so, or `NotSupportedError` with a sentence. Times are in seconds, angles in radians.
+    property that says so, or a `NotSupportedError`. Times are in seconds, angles in radians.
 
     A call that needs the robot raises `UsageError` before `attach`, and a `LinkError` or `DeviceError` if the robot
     cannot be reached.
@@ -50,7 +50,7 @@ class RobotDriver(ABC):
     def __init__(self) -> None:
         self._epochs = Epochs()
 
-    # -- what it is, without asking it ----------------------------------------------------------------
+    # -- properties; nothing is sent ------------------------------------------------------------------
 
     @property
     def url(self) -> str:
@@ -64,94 +64,93 @@ class RobotDriver(ABC):
 
     @property
     def epochs(self) -> Epochs:
-        """The stops of this robot, and what they void."""
+        """The stops of this robot, and the calls that they cancel."""
         return self._epochs
 
     @property
     def command_rate(self) -> float:
-        """Targets per second that the robot accepts while it is being read too; known once it is attached."""
+        """Targets per second that the robot accepts while its state is also read; known after `attach`."""
         return _COMMAND_RATE
 
     @property
     def has_watchdog(self) -> bool:
-        """Whether the robot can stop by itself when this program falls silent; known once it is attached."""
+        """Whether the robot can stop automatically when this program falls silent; known after `attach`."""
         return False
 
     @property
     def reports_states(self) -> bool:
-        """Whether the robot can send states without being asked, see `stream`; known once it is attached."""
+        """Whether the robot can report states periodically, see `stream`; known after `attach`."""
         return False
 
     @property
     def stop_kept_by(self) -> str:
-        """Who keeps a stop beyond this program: ``board``, ``user`` (a file of this user's), or nobody if empty."""
+        """Where a stop outlives this program: ``board``, ``user`` (a file of this user), or empty for nowhere."""
         return "board"
 
     def now(self) -> float:
-        """Seconds of the clock that the stamps of states count in; monotonic."""
+        """Present time of the clock that stamps states, seconds; monotonic."""
         return time.monotonic()
 
-    # -- what was counted -----------------------------------------------------------------------------
+    # -- counters and timing --------------------------------------------------------------------------
 
     @property
     def round_trips(self) -> Sequence[float]:
-        """Seconds from request to answer, the newest last; empty if they are not measured."""
+        """Times from request to reply, seconds, newest last; empty if they are not measured."""
         return ()
 
     @property
     def restarts(self) -> int:
-        """Resets of the board that were noticed while the connection stayed open."""
+        """Number of board resets detected while the connection stayed open."""
         return 0
 
     def host_counters(self) -> dict[str, int]:
-        """This side's counters (requests, retries, dropped frames and so on) by name; sends nothing."""
+        """Return the host's counters (requests, retries, dropped frames and so on) by name; sends nothing."""
         return {}
 
     def board_counters(self) -> dict[str, int]:
-        """The board's own counters since its reset, by name; empty if it has none.
+        """Read the board's counters since its reset, by name; empty if it has none.
 
         Raises:
             HexwireError: The board does not answer.
         """
         return {}
 
-    # -- when this program falls silent ---------------------------------------------------------------
+    # -- watchdog -------------------------------------------------------------------------------------
 
     @property
     def watchdog_armed(self) -> bool:
-        """Whether a watchdog is armed from here."""
+        """Whether this driver has armed the watchdog."""
         return False
 
     def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
-        """Have the robot stop by itself when this program sends nothing for a while.
+        """Arm the watchdog: the robot stops when this program sends nothing for `timeout` seconds.
 
         Args:
-            timeout: Seconds of silence; 0 switches it off.
-            mode: What the robot does then.
+            timeout: Seconds of silence; 0 disarms the watchdog.
+            mode: How the robot stops.
 
         Raises:
-            NotSupportedError: Nothing behind this robot can do that; see `has_watchdog`.
-            UsageError: The time is outside the robot's range.
+            NotSupportedError: The robot has no watchdog, see `has_watchdog`.
+            UsageError: The timeout is outside the robot's range.
         """
-        raise NotSupportedError(f"nothing behind {self.model.name} stops it when this program falls silent")
+        raise NotSupportedError(f"{self.model.name} has no watchdog to stop it when this program falls silent")
 
     @contextmanager
     def watched(
         self, timeout: float = 1.0, mode: StopMode = StopMode.HOLD, *, always: bool = False
     ) -> Iterator[bool]:
-        """While this lasts, the board stops the arm if this program dies or stalls; around everything that moves.
+        """Arm the watchdog for a `with` block, so that the robot stops if this program dies or stalls.
 
-        Whatever is sent feeds the watchdog, so that who sends nothing for `timeout` seconds is stopped. At the end
-        it is off again; one that was armed before stays. Where the arm is stopped, nothing is armed
-        unless `always`.
+        Put it around everything that moves. Every request feeds the watchdog. On exit the watchdog is disarmed,
+        unless it was armed before. If the arm is already stopped, nothing is armed unless `always` is set.
 
         Args:
             timeout: Seconds of silence.
-            mode: What the board does then.
-            always: Arm it though the arm is stopped; the board forgets then that its watchdog has tripped.
+            mode: How the robot stops.
+            always: Arm it even if the arm is stopped; the board then forgets that its watchdog has tripped.
 
         Yields:
-            Whether somebody stands by; False where the robot has nobody who could.
+            Whether a watchdog protects the block; False if the robot has none.
         """
         if not self.has_watchdog:
             yield False
@@ -163,72 +162,72 @@ class RobotDriver(ABC):
             yield True
         except BaseException:
             if armed:
-                # What went wrong is what is to be heard of, not that this fails as well.
+                # Report the original error, not a failure to disarm.
                 with suppress(HexwireError):
                     self.watchdog(0.0)
             raise
         if armed:
             self.watchdog(0.0)
 
-    # -- the verbs ------------------------------------------------------------------------------------
+    # -- the chapter's verbs --------------------------------------------------------------------------
 
     @classmethod
     @abstractmethod
     def from_url(cls, url: str, **options: Any) -> Self:
-        """A driver over the link that `url` names; not attached yet.
+        """Make a driver for the link that `url` names; it is not attached yet.
 
         Args:
             url: As in ``serial:///dev/ttyUSB0?baud=115200``.
-            **options: The driver's own.
+            **options: Options of the driver.
 
         Raises:
-            UsageError: The URL makes no sense.
+            UsageError: The URL is invalid.
         """
 
     @abstractmethod
     def attach(self) -> None:
-        """Open the connection and find out who is there. Nothing moves.
+        """Open the connection and identify the robot. Nothing moves.
 
         Raises:
             LinkError: The port cannot be opened.
-            ReplyTimeoutError: Nobody answers.
+            ReplyTimeoutError: Nothing answers.
         """
 
     @abstractmethod
     def detach(self, *, torque_off: bool = False) -> None:
-        """Close the connection. Harmless if it is closed.
+        """Close the connection; does nothing if it is closed.
 
         Args:
-            torque_off: Take the torque away first. Without it the joints hold what they hold.
+            torque_off: Switch the torque off first; otherwise the joints keep their torque.
         """
 
     @abstractmethod
     def probe(self) -> ProbeReport:
-        """Ask the board and each servo who they are and how they do."""
+        """Identify the board and each servo, and report what is wrong with them."""
 
     @abstractmethod
     def read(self) -> JointState:
-        """Read all joints. A silent servo does not raise: its joint says so."""
+        """Read all joints. A silent servo raises no error; its joint has the flag `JointFlag.SILENT`."""
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
-        """Yield the states that the robot sends without being asked, until the caller stops iterating.
+        """Yield the states that the robot reports periodically, until the caller stops iterating.
 
         Args:
-            period: Seconds between two states.
-            timeout: Seconds of silence after which the robot is asked whether it is there; the iterator ends if the
-                robot answers but sends no states.
-            slow: Seconds between two readings of what changes slowly (voltage, temperature, current), if leaving
-                that out makes reports shorter; None puts everything into every report.
+            period: Seconds between reports.
+            timeout: Seconds without a report after which the robot is polled; the iterator ends if it answers the
+                poll but sends no reports.
+            slow: Seconds between readings of what changes slowly (voltage, temperature, current), where leaving it
+                out makes reports shorter; None puts everything into every report.
 
         Raises:
-            NotSupportedError: The robot sends none, see `reports_states`; `read` asks for one.
-            ReplyTimeoutError: The robot is not there any more.
+            NotSupportedError: The robot sends no reports, see `reports_states`; use `read`.
+            ReplyTimeoutError: The robot no longer answers.
             UsageError: The period is outside the robot's range.
         """
-        raise NotSupportedError(f"{self.model.name} sends no states by itself; read() asks for one")
+        raise NotSupportedError(f"{self.model.name} sends no state reports; use read()")
 
-    def discard_reports(self) -> None:  # noqa: B027  # a robot that sends none has none to forget
-        """Discard states that were sent and not read yet: they are older than the last answer.
+    def discard_reports(self) -> None:  # noqa: B027  # a robot without reports has none to discard
+        """Discard reported states that were not read yet; they are older than the last reply.
 
         Raises:
             LinkError: The line is lost.
@@ -236,17 +235,17 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def write(self, target: JointTarget) -> SentTarget:
-        """Send joints to a target and return at once with what was really sent.
+        """Send joints to a target and return, without waiting for the motion, what was actually sent.
 
         Raises:
             LimitError: A target is outside the limits; nothing was sent.
             StoppedError: A stop is latched.
-            CommandRefusedError: For one, a joint has no torque.
+            CommandRefusedError: The robot refuses, for example because a joint has no torque.
         """
 
     @abstractmethod
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
-        """Special commands; each driver documents its own.
+        """Send a special command; each driver documents its own.
 
         Raises:
             NotSupportedError: This robot, board or dialect has no such command.
@@ -254,10 +253,10 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
-        """Torque on, without moving, or off.
+        """Switch torque on, without motion, or off.
 
         Args:
-            on: Which.
+            on: True for on, False for off.
             joints: Names; all if None.
 
         Returns:
@@ -266,7 +265,7 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
-        """Latched stop, ahead of everything else, from any thread.
+        """Stop the robot until `resume`, ahead of all other requests; may be called from any thread.
 
         Returns:
             Names of the joints that confirmed it.
@@ -274,10 +273,10 @@ class RobotDriver(ABC):
 
     @abstractmethod
     def resume(self) -> None:
-        """End a stop. Nothing moves by it."""
+        """End a stop. Nothing moves."""
 
     def stop_latch(self) -> StopLatch:
-        """Read whether the robot is stopped, and what has stopped it since the last `resume`.
+        """Read whether the robot is stopped, and what stopped it since the last `resume`.
 
         Raises:
             HexwireError: As `read`.
@@ -290,18 +289,18 @@ class RobotDriver(ABC):
         return StopLatch(StopCause.HERE if self.epochs.stopped else StopCause.ELSEWHERE)
 
     def ping(self, servo_id: int) -> int | None:
-        """Ask one servo whether it is there.
+        """Ping one servo.
 
         Args:
-            servo_id: Its id on the bus, of this arm or not.
+            servo_id: Its id on the bus; it need not belong to this arm.
 
         Returns:
             Its error byte (0 = none), or None if it does not answer.
 
         Raises:
-            NotSupportedError: The robot has no servos that can be asked one by one.
+            NotSupportedError: The robot's servos cannot be pinged one by one.
         """
-        raise NotSupportedError(f"robot {self.model.name} has no servos that can be asked one by one")
+        raise NotSupportedError(f"the servos of robot {self.model.name} cannot be pinged one by one")
 
     def signal(self, number: int) -> None:
         """Send a `Signal` by number, as the chapter's drivers do.
@@ -321,7 +320,7 @@ class RobotDriver(ABC):
         else:
             self.torque(signal is Signal.TORQUE_ON)
 
-    # -- what is wrong with it ------------------------------------------------------------------------
+    # -- diagnosis ------------------------------------------------------------------------------------
 
     def examine(self) -> list[Finding]:
         """Check the attached robot; each finding says what to do. Nothing moves.
@@ -334,20 +333,20 @@ class RobotDriver(ABC):
         return examine(self.probe(), self.read())
 
     def explain_silence(self) -> list[Finding]:
-        """Find out why nobody answered `attach`; empty if no more can be found out. Nothing moves.
+        """Find out why nothing answered `attach`; empty if no cause is found. Nothing moves.
 
         Raises:
             LinkError: The port cannot be opened.
         """
         return []
 
-    # -- losing it ------------------------------------------------------------------------------------
+    # -- loss of the connection -----------------------------------------------------------------------
 
     def auto_reconnect(self, on: bool) -> None:  # noqa: B027  # not every robot has a connection to lose
         """Choose what a call does when the connection is lost.
 
         Args:
-            on: Open the connection again; otherwise raise LinkLostError immediately.
+            on: True opens the connection again; False raises LinkLostError immediately.
         """
 
     def abort(self) -> None:

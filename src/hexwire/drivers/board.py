@@ -1,7 +1,7 @@
-"""`Board`: what a Hex7Bot controller board is asked, whichever dialect it speaks.
+"""`Board`: the interface of a Hex7Bot controller board, whichever dialect it speaks.
 
 Owns the protocol between `hex7bot` and the dialects, `board1` and `board2`. Must not know either of them, sessions
-or who asks.
+or callers.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["Board", "BoardFacts"]
 
 
 class BoardFacts(NamedTuple):
-    """What a board said of itself when it was probed last.
+    """What a board reported about itself when it was last probed.
 
     Attributes:
         firmware: As in ``2.0.1``; empty if it does not say.
         boot_id: Changes at every reset; None if it has none.
-        capabilities: Words for what it can do.
+        capabilities: Names of its abilities.
         stopped: A stop is latched.
-        maintenance: It lets settings of servos be written, and nothing move.
+        maintenance: The board allows writes to servo settings, and no motion.
     """
 
     firmware: str
@@ -40,22 +40,22 @@ class BoardFacts(NamedTuple):
 
 
 class Board(Protocol):
-    """One attached board. Angles are radians, times seconds.
+    """One attached board. Angles are in radians, times in seconds.
 
-    What a board cannot do raises `NotSupportedError` and sends nothing. Every other call raises a `LinkError` or
-    `ReplyTimeoutError` where the board is not there, and `CommandRefusedError` where it refuses.
+    A call that the board does not support raises `NotSupportedError` and sends nothing. Every other call raises a
+    `LinkError` or `ReplyTimeoutError` if the board does not answer, and `CommandRefusedError` if it refuses.
     """
 
-    # -- what it is, without asking it ----------------------------------------------------------------
+    # -- properties; nothing is sent ------------------------------------------------------------------
 
     @property
     def dialect(self) -> int:
-        """Number of the dialect, for people."""
+        """Number of the dialect, for display."""
         ...
 
     @property
     def command_rate(self) -> float:
-        """Targets a second that the line takes, besides being read."""
+        """Targets per second that the line can carry while the state is also read."""
         ...
 
     @property
@@ -86,31 +86,31 @@ class Board(Protocol):
     # -- state ----------------------------------------------------------------------------------------
 
     def probe_joints(self) -> tuple[JointProbe, ...]:
-        """Ask who is there; ends reports."""
+        """Identify the servos; ends reports."""
         ...
 
     def facts(self) -> BoardFacts:
-        """What it said of itself at the last `probe_joints`, or when it was found; asks nobody."""
+        """What the board reported at the last `probe_joints`, or when it was found; sends nothing."""
         ...
 
     def stats(self) -> dict[str, int]:
-        """Its counters since its reset; empty if it counts nothing."""
+        """The board's counters since its reset; empty if it has none."""
         ...
 
     def read(self, fields: int = ALL_FIELDS) -> JointState:
-        """The state of all joints; a silent servo does not raise.
+        """Read the state of all joints; a silent servo raises no error.
 
         Args:
-            fields: Bits of `STATE_FIELD_...`: what is wanted besides positions, where the board can leave it out.
+            fields: Bits of `STATE_FIELD_...`: values to read besides positions, where the board can omit them.
         """
         ...
 
     def report(self, period: float, fields: int = ALL_FIELDS) -> None:
-        """Have it send states every `period` seconds; 0 ends that."""
+        """Have the board report its state every `period` seconds; 0 ends the reports."""
         ...
 
     def decode_state(self, body: bytes, frame: Frame, now: float) -> JointState:
-        """A state out of a report that arrived at `now`."""
+        """Decode a report that arrived at `now`."""
         ...
 
     # -- motion ---------------------------------------------------------------------------------------
@@ -119,8 +119,8 @@ class Board(Protocol):
         """Send joints to a target that is within the model's limits.
 
         Args:
-            target: With a duration that is not too short.
-            present: Where joints are, or will be, when it begins; as far as that is known.
+            target: Its duration keeps the speed limits.
+            present: Angles of the joints when the motion begins, as far as they are known.
         """
         ...
 
@@ -137,7 +137,7 @@ class Board(Protocol):
         ...
 
     def watchdog(self, timeout: float, mode: StopMode) -> None:
-        """Have it stop by itself when nothing comes for `timeout` seconds; 0 = never."""
+        """Have the board stop the arm when it receives nothing for `timeout` seconds; 0 disarms the watchdog."""
         ...
 
     # -- servos and settings --------------------------------------------------------------------------
@@ -147,29 +147,29 @@ class Board(Protocol):
         ...
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
-        """One raw servo packet, and the bytes of its answer."""
+        """Send one raw servo packet; returns the bytes of its answer."""
         ...
 
     def command(self, cmd: int, body: bytes) -> bytes:
-        """A command by its code with a body as in PROTOCOL.md section 6; returns the reply's body."""
+        """Send a command by its code, with a body as in PROTOCOL.md section 6; returns the reply's body."""
         ...
 
     def maintenance(self, on: bool) -> None:
-        """Let settings of servos be written, and nothing move; or end that."""
+        """Switch maintenance on (servo settings can be written, nothing moves) or off."""
         ...
 
     def limits(self) -> tuple[LimitRow, ...]:
-        """The limits it has stored, in its joint order."""
+        """Read the limits that the board has stored, in its joint order."""
         ...
 
     def store_limits(self, rows: Sequence[LimitRow]) -> tuple[LimitRow, ...]:
-        """Store limits; returns what it has then."""
+        """Store limits; returns the limits that the board then has."""
         ...
 
     def offsets(self) -> tuple[OffsetRow, ...]:
-        """The neutral counts and signs it has stored, in its joint order."""
+        """Read the neutral counts and signs that the board has stored, in its joint order."""
         ...
 
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
-        """Store neutral counts and signs; returns what it has then."""
+        """Store neutral counts and signs; returns what the board then has."""
         ...

@@ -1,8 +1,8 @@
-"""A Hex7Bot board that speaks only the chapter's dialect: servo packets through it, one at a time.
+"""A Hex7Bot board that speaks only the chapter's dialect: it passes servo packets on, one at a time.
 
-Owns what PROTOCOL.md section 5 asks of a host: two-byte reads, sync writes for legacy servos only, the 7-byte
-block for HLS servos, no 0D 0A inside a frame. Stop and limits are kept on this side, since such a board has
-none. Must not know links or who asks.
+Owns what PROTOCOL.md section 5 requires of a host: two-byte reads, sync writes for legacy servos only, the 7-byte
+block for HLS servos, no 0D 0A inside a frame. The host keeps stop and limits, since such a board has none. Must not
+know links or callers.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _SPEED_UNIT = 50
 class Board1:
     """Dialect-1 commands of one session.
 
-    Such a board latches no stop: the session does, which outlives a board that was away.
+    Such a board latches no stop. The session does, and keeps it when the board is disconnected.
 
     Args:
         session: A negotiated session.
@@ -61,12 +61,12 @@ class Board1:
 
     dialect = 1
     command_rate = 1.5
-    """A state of seven joints is seven questions: at 115200 baud a cycle takes 0.6 s."""
+    """A state of seven joints takes seven requests: 0.6 s per cycle at 115200 baud."""
     has_watchdog = False
     reports_states = False
     keeps_stop = False
     keeps_trip = True
-    """There is no trip that it could forget."""
+    """There is no watchdog whose trip the board could forget."""
     unprotected = "no watchdog, no limits on this board"
 
     def __init__(self, session: Session, model: ArmModel) -> None:
@@ -87,7 +87,7 @@ class Board1:
     # -- state --------------------------------------------------------------------------------------
 
     def read(self, fields: int = 0) -> JointState:
-        """One position read a servo, and the load of one HLS servo in turn."""
+        """Read the position of every servo, and the load of one HLS servo in turn."""
         model, session = self._model, self._session
         for i, joint in enumerate(model.joints):
             self._sample(i, joint)
@@ -121,7 +121,7 @@ class Board1:
         if status is None:
             self._flags[i] = int(JointFlag.SILENT)
             return
-        # The board swaps legacy answers, so two bytes are little-endian whatever the servo.
+        # The board swaps the bytes of legacy answers, so values are little-endian for every servo.
         counts = int.from_bytes(status.params, "little")
         if joint.series == "hls":
             counts = Series.HLS.register("present_position").decode(status.params)
@@ -132,7 +132,7 @@ class Board1:
     # -- motion -------------------------------------------------------------------------------------
 
     def move(self, target: JointTarget, present: Mapping[str, float]) -> SentTarget:
-        """Legacy joints in one sync write, HLS joints by a write each."""
+        """Move legacy joints by one sync write, and HLS joints by one write each."""
         self._refuse_if_stopped()
         model = self._model
         joints = [(model.joint(name), angle) for name, angle in target.positions]
@@ -154,7 +154,7 @@ class Board1:
                 continue
             counts = joint.angle_to_counts(angle)
             start = present.get(joint.name, math.nan)
-            # From where nobody knows, as slowly as the duration asks for the whole range.
+            # From an unknown position, use the speed that covers the whole range in this duration.
             low, high = joint.count_limits
             distance = abs(counts - joint.angle_to_counts(start)) if math.isfinite(start) else high - low
             speed = max(1, math.ceil(distance / max(duration, 0.02) / _SPEED_UNIT))
@@ -166,7 +166,7 @@ class Board1:
         return SentTarget(tuple(sent), duration, (), tuple(silent))
 
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
-        """Torque by a write a servo, read back; on, the target is first set to where the joint is."""
+        """Switch torque by one write per servo and read it back; first make the present position the target."""
         wanted = [self._model.index(n) for n in (self._model.names if joints is None else joints)]
         if not on:
             return self._free(wanted)
@@ -178,7 +178,7 @@ class Board1:
         return self._names(i for i in wanted if self._check_torque(i))
 
     def stop(self, mode: StopMode) -> tuple[str, ...]:
-        """Hold or free every joint; that nothing moves it again until `resume` is the session's business."""
+        """Hold or free every joint; the session refuses motion until `resume`."""
         self._mode = mode
         joints = range(len(self._model.joints))
         if mode == StopMode.TORQUE_OFF:
@@ -187,7 +187,7 @@ class Board1:
         for i in joints:
             if self._torque[i] is None:
                 self._check_torque(i, urgent=True)
-            # A joint without torque stays without: writing it a target could switch it on.
+            # Write no target to a joint without torque: that could switch its torque on.
             if self._torque[i] is False or self._hold(i, urgent=True):
                 stopped.append(i)
         return self._names(stopped)
@@ -205,7 +205,7 @@ class Board1:
         epochs.resumed(token)
 
     def _hold(self, i: int, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:
-        """Make the present position of a joint its target, at once after reading it; False if it is silent."""
+        """Make the present position of a joint its target, right after reading it; False if the servo is silent."""
         joint = self._model.joints[i]
         self._sample(i, joint, urgent=urgent)
         if self._flags[i] & JointFlag.SILENT:
@@ -221,10 +221,10 @@ class Board1:
     def _act(
         self, cmd: int, packet: bytes, *, urgent: bool = False, guard: Callable[[], None] | None = None
     ) -> Reply:
-        """Send what acts.
+        """Send a request that acts.
 
-        A signal handler may stop the arm when the bytes are about to leave and nothing holds them any more. They
-        come after the stop then, so it is said once more: such a board latches none.
+        A signal handler may stop the arm after the last check and before the bytes leave. The board then receives
+        them after the stop, so the stop is sent again: such a board latches none.
         """
         epochs = self._session.epochs
         try:
@@ -236,10 +236,10 @@ class Board1:
             raise
 
     def _free(self, wanted: Iterable[int], *, urgent: bool = False) -> tuple[str, ...]:
-        """Take the torque of joints away and read that back; who does not confirm is told once more."""
+        """Switch the torque of joints off and read it back; repeat once for joints that do not confirm."""
         wanted = list(wanted)
         free: set[int] = set()
-        # A move that waits for the line in another thread must not give it back.
+        # A move that waits for the line in another thread must not switch it on again.
         self._freeing.append(wanted)
         try:
             for _ in range(2):
@@ -253,7 +253,7 @@ class Board1:
         return self._names(i for i in wanted if i in free)
 
     def _check_torque(self, i: int, *, urgent: bool = False) -> bool | None:
-        """Read a torque switch; None if the servo does not answer."""
+        """Read whether a joint has torque; None if the servo does not answer."""
         state = self._read_torque(self._model.joints[i], urgent=urgent)
         if state is not None:
             self._torque[i] = state
@@ -263,7 +263,7 @@ class Board1:
         return tuple(self._model.joints[i].name for i in places)
 
     def _ceiling(self, joint: JointModel, *, urgent: bool = False) -> int:
-        """Current ceiling for an HLS servo: its own protection current."""
+        """Current ceiling for an HLS servo: its protection current."""
         ceiling = self._ceilings.get(joint.servo_id)
         if ceiling is None:
             status = self._reader.read(joint.servo_id, _CURRENT_CEILING.address, urgent=urgent)
@@ -273,7 +273,7 @@ class Board1:
         return ceiling
 
     def _write(self, packet: bytes, *, urgent: bool = False, guard: Callable[[], None] | None = None) -> bool:
-        """Send a write; True if the servo acknowledged it. Legacy servos never do."""
+        """Send a write; True if the servo acknowledged it. Legacy servos never acknowledge."""
         try:
             reply = self._act(Command.READ, packet, urgent=urgent, guard=guard)
         except ReplyTimeoutError:
@@ -285,7 +285,7 @@ class Board1:
         status = self._reader.read(joint.servo_id, _TORQUE, urgent=urgent)
         if status is None:
             return None
-        # Two registers at 0x28: big-endian for a legacy servo (swapped on the way), little-endian otherwise.
+        # Two registers at 0x28: big-endian for a legacy servo (swapped by the board), little-endian otherwise.
         return bool(status.params[0] if joint.series == "hls" else status.params[1])
 
     def _refuse_if_stopped(self) -> None:
@@ -305,7 +305,7 @@ class Board1:
         self._refuse_limp(limp)
 
     def _refuse_now(self, joints: Sequence[JointModel]) -> None:
-        """With the line in hand: what has come since a move was judged."""
+        """Check again once the line is free: stops and torque off since the first check of a move."""
         self._refuse_if_stopped()
         places = {joint.name: self._model.index(joint.name) for joint in joints}
         off = {i for i in places.values() if self._torque[i] is False}.union(*self._freeing)
@@ -325,8 +325,8 @@ class Board1:
         try:
             reply = self._session.request(Command.PING, make_ping(servo_id), repeatable=True)
         except ReplyTimeoutError as error:
-            # Behind an adapter that echoes, the chapter's board answers a ping with the echo alone, which is no
-            # answer; what it answers to a read has the servo's own bytes as well.
+            # With an adapter that echoes, the chapter's board answers a ping with the echo alone; its answer to a
+            # read also has the bytes of the servo.
             status = self._reader.read(servo_id, _PRESENT) if error.instead else None
             return None if status is None else status.error
         found = find_status(reply.body, servo_id, 0)
@@ -336,7 +336,7 @@ class Board1:
         return None if status.legacy and status.error == 5 else status.error
 
     def probe_joints(self) -> tuple[JointProbe, ...]:
-        """Who is there: a ping and a read a servo; the header of the answer tells the family."""
+        """Ping and read every servo; the header of the answer identifies the series."""
         probes = []
         for i, joint in enumerate(self._model.joints):
             error = self.ping(joint.servo_id)
@@ -353,17 +353,17 @@ class Board1:
         return tuple(probes)
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
-        """One servo packet through command 02; only what an old board survives.
+        """Send one servo packet by command 02, if a dialect-1 board can process it.
 
         Raises:
             NotSupportedError: A read of other than 2 bytes, or an answer longer than 8 bytes.
         """
         if reply_length not in (0, 6, 8):
             raise NotSupportedError(
-                f"an answer of {reply_length} bytes would overrun a dialect-1 board; reads are of 2 bytes there"
+                f"an answer of {reply_length} bytes would overrun a dialect-1 board; read 2 bytes at a time"
             )
         reads = packet[4:5] in (bytes((Instruction.PING,)), bytes((Instruction.READ,)))
-        # What a packet of one's own does to torque switches is not known here.
+        # A raw packet may have switched torque.
         self._torque = self._torque if reads else [None] * len(self._torque)
         reply = self._session.request(
             Command.READ,
@@ -374,24 +374,24 @@ class Board1:
         return reply.body if reply_length else b""
 
     def stats(self) -> dict[str, int]:
-        """A board of this dialect counts nothing."""
+        """Return nothing: a board of this dialect has no counters."""
         return {}
 
     def command(self, cmd: int, body: bytes) -> bytes:
-        """TRANSACT, and nothing else.
+        """Execute TRANSACT, the only command that this dialect supports.
 
         Raises:
-            NotSupportedError: Another command.
+            NotSupportedError: The command is another one.
         """
         if cmd == Command.TRANSACT and len(body) > 2:
             return self.transact(body[2:], body[0], body[1] / 1000)
         raise _unsupported(f"ioctl 0x{cmd:02X}")
 
     def facts(self) -> BoardFacts:
-        """Such a board says nothing of itself."""
+        """Return the stop alone: such a board reports nothing about itself."""
         return BoardFacts("", None, (), self.stopped, False)
 
-    # -- what only dialect 2 can do -----------------------------------------------------------------
+    # -- supported by dialect 2 only ----------------------------------------------------------------
 
     def report(self, period: float, fields: int = 0) -> None:
         raise _unsupported("REPORT")
@@ -419,4 +419,4 @@ class Board1:
 
 
 def _unsupported(what: str) -> NotSupportedError:
-    return NotSupportedError(f"{what} needs a board with dialect 2; this one speaks the chapter's dialect only")
+    return NotSupportedError(f"{what} needs a board with dialect 2; this board speaks the chapter's dialect only")

@@ -1,7 +1,7 @@
 """A Hex7Bot board that speaks dialect 2: joint commands to request bodies and back.
 
-Owns the translation between SI and the wire's units for this dialect. The board holds limits, stop and watchdog
-itself. Must not know links or who asks.
+Owns the translation between SI and the wire's units for this dialect. Limits, stop and watchdog are on the board.
+Must not know links or callers.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ _log = logging.getLogger(__name__)
 
 _Row = TypeVar("_Row")
 _MAX_DURATION_MS = 0xFFFF
-# The board may look for half a second whether the joints stand, and drops repeats meanwhile. A STOP that was lost
-# must be said again much sooner.
+# The board may take half a second to check that the joints stand still, and drops repeats meanwhile. A lost STOP
+# must be repeated much sooner.
 _STOP_WINDOW = 0.1
 _STOP_ATTEMPTS = 20
-_TRIPPED = "its watchdog stopped the arm, because the host fell silent; `hexwire resume` ends that"
+_TRIPPED = "the board's watchdog stopped the arm because the host fell silent; `hexwire resume` ends that"
 _SERIES_NAMES = {series.code: series.value for series in Series}
 
 
@@ -74,15 +74,15 @@ class Board2:
     Args:
         session: A negotiated session.
         model: The arm.
-        identity: What the board said of itself.
+        identity: The board's reply to IDENTIFY.
 
     Attributes:
-        clock: The board's clock when it sent what came last, seconds since its start; NaN before that.
+        clock: The board's clock when it sent its latest frame, seconds since its start; NaN before the first.
     """
 
     dialect = 2
     command_rate = 20.0
-    """At 115200 baud a cycle takes 0.03 s."""
+    """A cycle takes 0.03 s at 115200 baud."""
     has_watchdog = True
     reports_states = True
     keeps_stop = True
@@ -103,7 +103,7 @@ class Board2:
     # -- state --------------------------------------------------------------------------------------
 
     def read(self, fields: int = ALL_FIELDS) -> JointState:
-        """One JOINT_STATE, decoded."""
+        """Request and decode one JOINT_STATE."""
         session = self._session
         reply = session.request(Command.JOINT_STATE, bytes((fields,)), repeatable=True)
         if reply.status or reply.frame is None:
@@ -115,7 +115,7 @@ class Board2:
 
         Args:
             body: Of a reply or a report.
-            frame: The frame it came in; its time is the board's clock at sending.
+            frame: Its frame, whose time is the board's clock at sending.
             now: Host clock at arrival.
         """
         self.clock = frame.time_sec + frame.time_nsec * 1e-9
@@ -124,7 +124,7 @@ class Board2:
     # -- motion -------------------------------------------------------------------------------------
 
     def move(self, target: JointTarget, present: Mapping[str, float]) -> SentTarget:
-        """JOINT_MOVE; the board writes each series its own block."""
+        """Send JOINT_MOVE; the board writes one block to each series of servos."""
         model = self._model
         rows = tuple(
             MoveRow(joint.servo_id, joint.angle_to_counts(angle))
@@ -145,18 +145,18 @@ class Board2:
         )
 
     def torque(self, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
-        """TORQUE by mask."""
+        """Send TORQUE with the mask of the joints."""
         body = make_stop_reply(int(on), self._board_mask(joints))
         reply = self._check_done(self._ask(Command.TORQUE, body), Status.SERVO_SILENT, Status.SERVO_FAULT)
         confirmed = self._confirmed(reply)
         if reply.status == Status.SERVO_FAULT:
             wanted = self._model.names if joints is None else [self._model.joint(n).name for n in joints]
             missing = ", ".join(n for n in wanted if n not in confirmed)
-            _log.warning("%s got no torque: a servo is not in position mode; set its register mode to 0", missing)
+            _log.warning("no torque on %s: a servo is not in position mode; set its register mode to 0", missing)
         return confirmed
 
     def stop(self, mode: StopMode) -> tuple[str, ...]:
-        """STOP, ahead of everything."""
+        """Send STOP ahead of all other requests."""
         reply = self._ask(
             Command.STOP,
             bytes((mode,)),
@@ -170,11 +170,11 @@ class Board2:
         if missing:
             _log.warning("the stop is not confirmed by %s", ", ".join(missing))
         if reply.status == Status.SERVO_FAULT:
-            _log.warning("a joint did not hold and lost its torque; without torque now: %s", self._limp())
+            _log.warning("a joint did not hold and its torque is off; joints without torque: %s", self._limp())
         return confirmed
 
     def _limp(self) -> str:
-        """Joints without torque, in words."""
+        """Names of the joints without torque, for a log line."""
         try:
             on = self.read(0).torque_on
         except HexwireError as error:
@@ -182,71 +182,73 @@ class Board2:
         return ", ".join(name for name in self._model.names if name not in on)
 
     def resume(self) -> None:
-        """RESUME."""
+        """Send RESUME."""
         check_reply(self._ask(Command.RESUME))
 
     def watchdog(self, timeout: float, mode: StopMode) -> None:
-        """WATCHDOG; 0 s switches it off."""
+        """Send WATCHDOG; 0 s disarms it."""
         body = round(timeout * 1000).to_bytes(2, "little") + bytes((mode,))
         check_reply(self._ask(Command.WATCHDOG, body))
 
     # -- settings and tools -------------------------------------------------------------------------
 
     def report(self, period: float, fields: int = ALL_FIELDS) -> None:
-        """REPORT every `period` seconds; 0 stops."""
+        """Send REPORT: a state every `period` seconds; 0 ends the reports."""
         body = round(period * 1000).to_bytes(2, "little") + bytes((fields,))
         check_reply(self._ask(Command.REPORT, body))
 
     def limits(self) -> tuple[LimitRow, ...]:
-        """The limits the board has stored, in its joint order."""
+        """Read the limits that the board has stored, in its joint order."""
         return LimitTable.parse(check_reply(self._ask(Command.LIMITS, repeatable=True)).body).rows
 
     def store_limits(self, rows: Sequence[LimitRow]) -> tuple[LimitRow, ...]:
-        """Store limits; returns what the board has then."""
+        """Store limits; returns the limits that the board then has."""
         reply = self._ask(Command.LIMITS, _packed(LimitTable.serialize_request, tuple(rows)))
         return LimitTable.parse(self._check_done(reply).body).rows
 
     def offsets(self) -> tuple[OffsetRow, ...]:
-        """The neutral counts and signs the board has stored, in its joint order."""
+        """Read the neutral counts and signs that the board has stored, in its joint order."""
         return OffsetTable.parse(check_reply(self._ask(Command.OFFSETS, repeatable=True)).body).rows
 
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
-        """Store neutral counts and signs; returns what the board has then."""
+        """Store neutral counts and signs; returns what the board then has."""
         reply = self._ask(Command.OFFSETS, _packed(OffsetTable.serialize_request, tuple(rows)))
         return OffsetTable.parse(self._check_done(reply).body).rows
 
     def transact(self, packet: bytes, reply_length: int, timeout: float) -> bytes:
-        """TRANSACT: one raw servo packet and its answer; empty if none was expected."""
+        """Send one raw servo packet by TRANSACT; returns its answer, empty if none is expected."""
         if not 0 <= reply_length <= 255 or not 0 <= timeout <= 0.255:
-            raise UsageError(f"an answer of {reply_length} bytes in {timeout:g} s: at most 255 bytes and 0.255 s")
+            raise UsageError(
+                f"an answer of {reply_length} bytes in {timeout:g} s is too long: at most 255 bytes and 0.255 s"
+            )
         ms = max(1, math.ceil(timeout * 1000))
         body = TransactRequest(reply_length, ms, packet).serialize()
         reply = self._ask(Command.TRANSACT, body, window=self._session.policy.window + timeout)
         return self._check_done(reply).body
 
     def maintenance(self, on: bool) -> None:
-        """MAINTENANCE.
+        """Send MAINTENANCE.
 
         Raises:
-            NotSupportedError: The board does not know it.
+            NotSupportedError: The firmware has no maintenance.
         """
         if not self.identity.capabilities & CAPABILITY_MAINTENANCE:
             version = ".".join(map(str, self.identity.firmware))
-            raise NotSupportedError(f"the board's firmware {version} has no maintenance; put a newer one on it")
+            raise NotSupportedError(f"the board's firmware {version} has no maintenance; flash a newer one")
         reply = MaintenanceReply.parse(self._check_done(self._ask(Command.MAINTENANCE, bytes((on,)))).body)
         if reply.on != on:
-            raise ServoError(f"the board says that maintenance is {'on' if reply.on else 'off'}")
+            raise ServoError(f"the board reports that maintenance is {'on' if reply.on else 'off'}")
 
     def stats(self) -> dict[str, int]:
-        """The board's counters."""
+        """Read the board's counters."""
         return Stats.parse(check_reply(self._ask(Command.STATS, repeatable=True)).body).counters
 
     def command(self, cmd: int, body: bytes) -> bytes:
-        """Any command of the schema; its reply's body."""
+        """Send any command of the schema; returns the reply's body."""
         return self._check_done(self._ask(cmd, body)).body
 
     def probe_joints(self) -> tuple[JointProbe, ...]:
-        """Who is there, by a fresh IDENTIFY."""
+        """Identify the servos by a new IDENTIFY."""
         self.identity = Identity.parse(check_reply(self._ask(Command.IDENTIFY, repeatable=True)).body)
         rows = {row.servo_id: row for row in self.identity.joints}
         probes = []
@@ -274,7 +276,7 @@ class Board2:
         return bool(self.identity.capabilities & CAPABILITY_MAINTENANCE)
 
     def facts(self) -> BoardFacts:
-        """What its IDENTIFY said."""
+        """Return what the last IDENTIFY reported."""
         identity = self.identity
         return BoardFacts(
             ".".join(map(str, identity.firmware)),
@@ -294,7 +296,7 @@ class Board2:
         urgent: bool = False,
         repeatable: bool = False,
     ) -> Reply:
-        """A request of the session; notes the board's clock in the answer."""
+        """Send a request of the session; keeps the board's clock from the reply."""
         reply = self._session.request(
             cmd, body, window=window, attempts=attempts, urgent=urgent, repeatable=repeatable
         )
@@ -303,7 +305,7 @@ class Board2:
         return reply
 
     def _check_done(self, reply: Reply, *accepted: Status) -> Reply:
-        """As `check_reply`; after a trip of the watchdog the error says that, since nobody told the arm to stop."""
+        """As `check_reply`; if the watchdog has tripped, the error names it as the cause of the stop."""
         try:
             return check_reply(reply, *accepted)
         except StoppedError as error:

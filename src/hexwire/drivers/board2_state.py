@@ -1,6 +1,6 @@
 """A dialect-2 board's JOINT_STATE in SI units: counts by the joints' models, ages, stamps of the host's clock.
 
-Owns this decoding, with a shortcut for the usual report. Pure. Must not know sessions, nor how a report came.
+Owns this decoding, with a fast path for the usual report. Pure. Must not know sessions, nor how a report arrived.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _NEVER = _AGE_UNIT * AGE_NEVER
 
 
 class StateDecoder:
-    """The states of one board.
+    """Decoder for the states of one board.
 
     Args:
         model: The arm.
-        order: The board's joints in its own order, each of the model's among them; None for one that the model does
-            not have.
+        order: The board's joints in its own order, including every joint of the model; None for a joint that the
+            model does not have.
     """
 
     def __init__(self, model: ArmModel, order: Sequence[JointModel | None]) -> None:
@@ -42,12 +42,12 @@ class StateDecoder:
         self._neutral = tuple(j.neutral for j in model.joints)
         self._offset = tuple(j.offset for j in model.joints)
         self._factor = tuple(j.sign * j.scale for j in model.joints)
-        # A legacy servo's load, current, voltage and temperature read 0 whatever they are: NaN, not a false 0.
+        # A legacy servo always reports 0 for load, current, voltage and temperature: give NaN, not a false 0.
         told = [math.nan if j.series == "seven_bot" else 1.0 for j in model.joints]
         self._milli = tuple(j.sign * 0.001 * k for j, k in zip(model.joints, told, strict=True))
         self._deci = tuple(0.1 * k for k in told)
         self._told = tuple(told)
-        # The shortcut for the usual case: the board's joints are the model's, in its order.
+        # The fast path for the usual case: the board's joints are the model's, in the same order.
         self._scaler = (
             ReportScaler(
                 speed=self._factor,
@@ -68,17 +68,17 @@ class StateDecoder:
 
         Args:
             body: Of a reply or a report.
-            frame: The frame it came in; its time is the board's clock at sending.
+            frame: Its frame, whose time is the board's clock at sending.
             now: Host clock at arrival.
 
         Raises:
-            ServoError: It is not of these joints.
+            ServoError: It has no positions, or not these joints.
         """
         scaled = self._scaler.parse(body) if self._scaler is not None else None
         time_us, flags, columns = scaled or self._scale(JointReport.parse(body))
         position, status, velocity, load, voltage, temperature, current, age = columns
         if _NEVER in age:
-            # What stands in the row of a servo that was never sampled is no measurement: NaN, not a false 0.
+            # The row of a servo that was never sampled holds no measurement: give NaN, not a false 0.
             known = [math.nan if a == _NEVER else 1.0 for a in age]
             position, velocity, load, voltage, temperature, current = (
                 tuple(map(mul, column, known))
@@ -90,8 +90,8 @@ class StateDecoder:
             since_sample = 0.0  # the board rounds the two stamps differently
         newest = min(age)
         if 0.0 < newest < inf:
-            # The board counts ages from when it made this body, and the stamp here is the newest sample's. Not from
-            # the frame's time: an answer that is sent again is older than its frame.
+            # The board counts ages from the time it made this body; the stamp here is that of the newest sample.
+            # The frame's time does not serve: a repeated reply is older than its frame.
             age = tuple([a - newest for a in age])
         clock = frame.time_sec + frame.time_nsec * 1e-9
         return JointState(
@@ -112,7 +112,7 @@ class StateDecoder:
         )
 
     def _scale(self, report: JointReport) -> tuple[int, int, tuple[tuple[float, ...], ...]]:
-        """What the scaler gives, for reports with fewer fields or joints in another order."""
+        """Scale a report with fewer fields or with joints in another order, as the scaler does."""
         factors = (self._factor, self._milli, self._deci, self._told, self._milli)
         position, status, *columns, age = map(self._ordered, report[2:])
         if position is None or status is None:
@@ -129,6 +129,6 @@ class StateDecoder:
             return None
         if len(column) != self._count:
             raise ServoError(
-                f"the board reports {len(column)} joints and has {self._count}: was it changed? attach again"
+                f"the board reports {len(column)} joints instead of {self._count}: was it changed? attach again"
             )
         return tuple(column[i] for i in self._places)

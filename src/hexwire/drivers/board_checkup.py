@@ -1,7 +1,7 @@
-"""Why no board answers on a port: looked for on the line, each cause in one line with what to do.
+"""Diagnosis of a port where no board answers: each cause in one line, with what to do.
 
-Owns the order of the looks: something that sends unasked, a board at another rate, servos without a board. Only
-asks; nothing is written and nothing moves. Must not know which ports there are.
+Owns the order of the checks: a device that sends unrequested data, a board at another rate, servos without a board.
+Sends only requests that read; nothing is written and nothing moves. Must not know which ports exist.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ __all__ = ["explain_no_board"]
 
 _BOARD_RATES = (57_600, *HOST_RATES[1:])
 _PATIENCE = 0.6
-"""Seconds for a board to answer at a rate."""
+"""Seconds to wait for an answer at each rate."""
 
 
 def explain_no_board(link: Link) -> list[Finding]:
-    """Why no board answers; one finding, or none if no more is known.
+    """Find out why no board answers; returns one finding, or none if no cause is found.
 
     Args:
-        link: Closed; opened for this and closed again.
+        link: A closed link; it is opened for this and closed again.
 
     Raises:
         LinkError: It cannot be opened.

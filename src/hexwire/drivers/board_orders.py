@@ -1,7 +1,7 @@
-"""What a board goes on doing once it was told: its watchdog and its reports, which it forgets at a reset.
+"""Standing orders of a board, its watchdog and its reports, which a reset of the board clears.
 
-Owns these orders, and why the board has stopped where it has been made to forget that. Must not know sessions, nor
-how a reset is noticed.
+Owns these orders, and the cause of a stop where the board no longer knows it. Must not know sessions, nor how a
+reset is detected.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ FLAGS_ONLY = 0
 
 
 class BoardOrders:
-    """The orders of one attached board.
+    """The standing orders of one attached board.
 
     Attributes:
         watchdog: Seconds and mode; None if it is off.
-        report: Seconds between two reports and their fields; None if there are none.
-        due: The board may have forgotten its orders; `give_back` gives them.
-        given_back: Number of times that they were.
+        report: Seconds between reports, and their fields; None if reports are off.
+        due: The board may have lost its orders; `give_back` sends them again.
+        given_back: Number of times that the orders were sent again.
     """
 
     def __init__(self) -> None:
@@ -41,24 +41,24 @@ class BoardOrders:
         self._tripped = False
 
     def arm(self, board: Board, timeout: float, mode: StopMode) -> None:
-        """Arm the board's watchdog, or switch it off with 0 s, and keep that as an order."""
+        """Arm the board's watchdog, or disarm it with 0 s, and keep that as an order."""
         self._arm(board, timeout, mode)
         self.watchdog = (timeout, mode) if timeout else None
 
     def _arm(self, board: Board, timeout: float, mode: StopMode) -> None:
-        """WATCHDOG; on older firmware it clears the flag that the watchdog has tripped, so that is read first."""
+        """Send WATCHDOG. On older firmware it clears the flag of a tripped watchdog, so read the flag first."""
         if not board.keeps_trip:
             self.explain(board.read(FLAGS_ONLY))
             if self._tripped and not timeout:
-                # The arm is stopped: let the flag tell others why. `resume` ends both.
+                # The arm is stopped: keep the flag, so that other programs see the cause. `resume` clears both.
                 return
         board.watchdog(timeout, mode)
 
     def give_back(self, board: Board) -> None:
-        """Give a board that forgot its orders all of them; call it again until it works.
+        """Send all orders to a board that lost them; call it again until it succeeds.
 
         Raises:
-            NotSupportedError: The board that came back can do none of this; there are no orders now.
+            NotSupportedError: The reconnected board does not support them; the orders are dropped.
             HexwireError: The board does not answer, or refuses.
         """
         watchdog, report = self.watchdog, self.report
@@ -66,8 +66,8 @@ class BoardOrders:
             self.watchdog = self.report = None
             self.due = False
             raise NotSupportedError(
-                f"the board that came back speaks dialect {board.dialect}: it has no watchdog and no reports, and "
-                "they are off now"
+                f"the reconnected board speaks dialect {board.dialect}, which has no watchdog and no reports: "
+                "both are off now"
             )
         if watchdog:
             self._arm(board, *watchdog)
@@ -77,10 +77,10 @@ class BoardOrders:
         self.given_back += 1
 
     def explain(self, state: JointState) -> JointState:
-        """The state with the cause of a stop, also where the board has been made to forget it."""
+        """Return the state with the cause of a stop, even if the board no longer knows it."""
         self._tripped = state.stopped and (self._tripped or state.watchdog_tripped)
         return replace(state, watchdog_tripped=True) if self._tripped != state.watchdog_tripped else state
 
     def resumed(self) -> None:
-        """The stop is ended, and with it its cause."""
+        """Forget the cause of a stop that has ended."""
         self._tripped = False

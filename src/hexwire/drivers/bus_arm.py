@@ -1,10 +1,10 @@
-"""`BusArm`: an arm whose servos hang on an adapter, without a controller board.
+"""`BusArm`: an arm whose servos are connected to an adapter, without a controller board.
 
-Owns the translation between joints and servo registers on a bus: one sync read for the state, one packet a series
-for a motion, torque, and a stop that is kept on this side. Must not know links, packets or who asks.
+Owns the translation between joints and servo registers on a bus: one sync read for the state, one packet per series
+for a motion, torque, and a stop that the host keeps. Must not know links, packets or callers.
 
-A goal written to an STS servo switches its torque on, so no goal is ever written to a joint without torque: that is
-refused. There is no board that would stop by itself if this program dies: the servos hold their last goal.
+A goal written to an STS servo switches its torque on, so goals for joints without torque are refused. Without a
+board nothing stops the arm if this program dies: the servos go to their last goal and hold it.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ _ADVICE = "check power and cable; `hexwire doctor` looks for the reason"
 class BusArm(RobotDriver):
     """An arm on a servo bus.
 
-    `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus knows how long) and a servo
-    packet, and returns the parameters of the answer.
+    `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus computes the time-out) and a
+    servo packet, and returns the parameters of the answer.
 
     Args:
-        link: Leads to the adapter.
-        arm: What the arm is; the class's profile if None.
-        calibration: Middles and limits in place of the arm's own.
+        link: Link to the adapter.
+        arm: Description of the arm; the class's profile if None.
+        calibration: Neutral positions and limits that replace those of the arm.
     """
 
     port_leads_to = "adapter"
@@ -82,16 +82,16 @@ class BusArm(RobotDriver):
         calibration = calibration or arm.calibration
         self.model: ArmModel = arm.model if calibration is None else calibration.apply(arm.model)
         self.calibration = calibration
-        # A link that was not told a rate has the serial ports' usual one.
+        # A link opened without a rate has the default of serial ports.
         self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
         self.bus = ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
-        # One arm, one set of stops: what waits at the bus is void after one too.
+        # One arm, one set of stops: a stop also cancels the calls that wait for the bus.
         self.bus.epochs = self.epochs
         self._memory = StopMemory(link.url)
         self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
-        # A goal switches torque on: one that was judged before torque off must not follow it. A stop waits for
-        # neither, and a signal handler may call either in the middle of the other.
+        # A goal switches torque on, so a goal that was checked before torque off must not be sent after it. A stop
+        # waits for neither; a signal handler may call either one during the other.
         self._powering = threading.RLock()
         self._goals = BusGoals(self.bus)
         self._positions: dict[str, float] = {}
@@ -99,7 +99,7 @@ class BusArm(RobotDriver):
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
-        """A driver over the adapter that `url` names; options as in the constructor."""
+        """Make a driver for the adapter that `url` names; options as in the constructor."""
         unknown = set(options) - {"arm", "calibration"}
         if unknown:
             raise UsageError(f"an arm on a servo bus has no option {', '.join(sorted(unknown))}")
@@ -118,15 +118,15 @@ class BusArm(RobotDriver):
     def abort(self) -> None:
         self.bus.close()
 
-    # -- coming and going ---------------------------------------------------------------------------
+    # -- attaching and detaching --------------------------------------------------------------------
 
     def attach(self) -> None:
-        """Open the bus and ask every servo who it is. Nothing moves.
+        """Open the bus and ping every servo. Nothing moves.
 
         Raises:
             LinkError: The port cannot be opened.
-            WrongDeviceError: This is a controller board.
-            ReplyTimeoutError: No servo answers at all.
+            WrongDeviceError: The port leads to a controller board.
+            ReplyTimeoutError: No servo answers.
         """
         bus = self.bus
         if self._baud is not None and hasattr(bus.link, "set_baud"):
@@ -218,7 +218,7 @@ class BusArm(RobotDriver):
         for i, joint in enumerate(joints):
             block = blocks.get(joint.servo_id)
             if block is None:
-                # A legacy servo reports nothing but its position.
+                # A legacy servo reports only its position.
                 reading = bus.read(joint.servo_id, "present_position")
                 rows.append(self._row(i, joint, reading.raw, reading.status, [math.nan] * 5))
             else:
@@ -277,7 +277,7 @@ class BusArm(RobotDriver):
 
     @contextmanager
     def _stop_again(self) -> Iterator[None]:
-        """No servo latches a stop: what a signal handler found about to leave has left behind its stop."""
+        """Stop again after a signal handler's stop: a packet may leave after it, and no servo latches a stop."""
         token = self.epochs.of_this_call
         try:
             yield
@@ -297,13 +297,13 @@ class BusArm(RobotDriver):
         duration = max(checked.duration, _MIN_DURATION)
         goals = {name: self.model.joint(name).angle_to_counts(angle) for name, angle in checked.positions}
         self._send(goals, duration)
-        # Where the next move starts from, until a read says better.
+        # The start of the next move, until the next read.
         self._positions.update(checked.positions)
         sent = tuple((name, self.model.joint(name).counts_to_angle(counts)) for name, counts in goals.items())
         return SentTarget(sent, duration)
 
     def _send(self, goals: Mapping[str, int], duration: float) -> None:
-        """One packet for each place and length of the goal registers."""
+        """Send one packet for each address and length of goal registers."""
         packets: dict[int, dict[int, bytes]] = {}
         for name, counts in goals.items():
             joint = self.model.joint(name)
@@ -330,7 +330,7 @@ class BusArm(RobotDriver):
             return tuple(self.model.joints[i].name for i in wanted if self._torque[i] is False)
         for i in wanted:
             joint = self.model.joints[i]
-            # Its goal first: torque must hold the joint where it is, not drive it to an old goal.
+            # Write the goal first: torque must hold the joint where it is, not drive it to an old goal.
             if self._hold(joint):
                 self.bus.write_raw(joint.servo_id, "torque_enable", 1)
                 self._torque[i] = self._read_torque(joint)
@@ -361,13 +361,13 @@ class BusArm(RobotDriver):
     def _hold_all(self) -> tuple[str, ...]:
         held = []
         for i, joint in enumerate(self.model.joints):
-            # A joint without torque stays limp: a goal would switch it on.
+            # A joint without torque gets no goal: the goal would switch its torque on.
             if self._torque[i] is False or self._hold(joint):
                 held.append(joint.name)
         return tuple(held)
 
     def _hold(self, joint: JointModel) -> bool:
-        """Make the present position of a joint its goal."""
+        """Make the present position of a joint its goal; False if the servo does not confirm it."""
         bus, servo_id = self.bus, joint.servo_id
         counts = bus.read(servo_id, "present_position").raw
         if counts is None:
@@ -375,7 +375,7 @@ class BusArm(RobotDriver):
         self._positions[joint.name] = joint.counts_to_angle(counts)
         address, data = self._goals.make(joint, counts, _MIN_DURATION, self._positions[joint.name])
         if joint.series == "seven_bot":
-            # Goal and time count as one only in a sync write.
+            # Only a sync write applies goal and time together.
             bus.sync_write_bytes(address, {servo_id: data})
             return True
         return not bus.write_bytes(servo_id, address, data).error
@@ -403,9 +403,11 @@ class BusArm(RobotDriver):
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         self._check_attached()
         if sub_cmd == Command.IO:
-            raise NotSupportedError("an arm on a servo bus has no outputs: no pump and no valve")
+            raise NotSupportedError("an arm on a servo bus has no outputs for a pump or a valve")
         if sub_cmd != Command.TRANSACT or len(data) < 8:
-            raise NotSupportedError(f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; TRANSACT takes a packet")
+            raise NotSupportedError(
+                f"an arm on a servo bus has no ioctl 0x{sub_cmd:02X}; use TRANSACT with a servo packet"
+            )
         packet, length = data[2:], data[0]
         if not packet_only_reads(packet):
             self._refuse_if_stopped("a servo packet")
@@ -430,7 +432,7 @@ class So101Arm(BusArm):
 
 
 class SevenBotArm(BusArm):
-    """The Hex7Bot's bus on an adapter, without its board."""
+    """The servos of the Hex7Bot on an adapter, without its board."""
 
     profile = "sevenbot"
 
@@ -442,10 +444,10 @@ class ChainArm(BusArm):
 
 
 def arm_class(path: str | Path) -> type[BusArm]:
-    """The driver class of an arm in a file.
+    """Make the driver class of an arm that a file describes.
 
     Raises:
-        ConfigError: The file is wrong.
+        ConfigError: The file is invalid.
     """
     load_arm_file(path)
     return type("FileArm", (BusArm,), {"_file": Path(path), "__doc__": f"The arm of {path}."})

@@ -1,7 +1,7 @@
-"""Why servos of an arm do not answer on a bus: looked for on the line, each cause in one line with what to do.
+"""Diagnosis of a bus on which servos of an arm do not answer: each cause in one line, with what to do.
 
-Owns the order of the looks: shared ids, ids that the arm does not have, other rates, echo, other devices. Only
-pings and reads; nothing is written and nothing moves. Must not know ports.
+Owns the order of the checks: shared ids, ids that the arm does not have, other rates, echo, other devices. Sends
+only pings and reads; nothing is written and nothing moves. Must not know ports.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ if TYPE_CHECKING:
 __all__ = ["SERVO_RATES", "examine_bus", "explain_chatter", "explain_missing", "explain_silence", "judge_traffic"]
 
 SERVO_RATES = tuple(Series.STS_SMS.baud_codes.values())
-"""Rates that a servo may be set to; those of every series are among them."""
+"""Rates that a servo may be set to, of all series."""
 
 _CHATTER_TIME = 0.4
 _NOISE_TIME = 0.05
 _NOISE_PINGS = 3
 _ROUNDS = 30
 _OK_LOST, _BAD_LOST = 0.01, 0.05
-"""Shares of answers lost: a machine that stalls for a moment costs one or two of 180."""
+"""Fractions of answers lost: a computer that stalls for a moment costs one or two of 180."""
 
 
 def examine_bus(bus: ServoBus, model: ArmModel, report: ProbeReport, state: JointState) -> list[Finding]:
-    """What is good and bad about an arm on a bus, each finding with what to do.
+    """Check an arm on a bus; each finding says what to do.
 
     Args:
         bus: The open bus.
         model: The arm.
-        report: What a probe of it found.
-        state: As read.
+        report: A probe of the arm.
+        state: A state of the arm.
     """
     silent = {joint.name for joint in report.joints if not joint.present} | set(state.silent)
     lost = explain_missing(bus, model, [model.joint(name) for name in model.names if name in silent])
@@ -60,12 +60,12 @@ def examine_bus(bus: ServoBus, model: ArmModel, report: ProbeReport, state: Join
     if isinstance(device, str):
         advice = inspect_adapter(device, bus.timing.overhead, bus.timing.holds_back).advice
         if advice and bus.timing.holds_back:
-            findings.append(Finding(Level.HINT, "adapter", "it delays answers", advice))
+            findings.append(Finding(Level.HINT, "adapter", "the adapter delays answers", advice))
     return findings
 
 
 def explain_silence(bus: ServoBus, model: ArmModel) -> list[Finding]:
-    """Why no servo of an arm answers; one finding.
+    """Find out why no servo of an arm answers; returns one finding.
 
     Args:
         bus: The open bus.
@@ -81,19 +81,19 @@ def explain_silence(bus: ServoBus, model: ArmModel) -> list[Finding]:
         return [_wrong_rate(ids, rate, baud, all_of_them=True) for rate, ids in rates.items()]
     found = [row.servo_id for row in servo_setup.scan(bus) if row.info is not None]
     if found:
-        text = f"servos {_list(found)} answer, but none of {model.name}: {_list(wanted)}"
-        advice = "is it the right --robot? Else connect one servo at a time and `hexwire bus set-id OLD NEW`"
+        text = f"servos {_list(found)} answer, but none of {model.name}'s ({_list(wanted)})"
+        advice = "check --robot; if it is right, connect one servo at a time and `hexwire bus set-id OLD NEW`"
         return [Finding(Level.BAD, "ids", text, advice)]
     advice = "switch the servos' supply on; check the cable to the first servo"
     if bus.echo or "echo" in bus.ping(wanted[0]).error:
-        text = "it hears itself, and nobody else: no servo has power, or none is connected"
+        text = "it receives only its own echo: no servo has power, or none is connected"
         return [Finding(Level.BAD, "adapter", text, advice)]
     text = f"no servo answers at {baud} baud, nor at any other rate"
     return [Finding(Level.BAD, "adapter", text, f"{advice}; is this the adapter's --port?")]
 
 
 def explain_chatter(link: Link) -> Finding | None:
-    """Whether something sends unasked: servos and boards do not.
+    """Check for a device that sends unrequested data; servos and boards do not.
 
     Args:
         link: The open link.
@@ -105,12 +105,12 @@ def explain_chatter(link: Link) -> Finding | None:
         data += link.read(until)
     if not data:
         return None
-    text = f"{len(data)} bytes came unasked, like {_shown(data)}"
-    return Finding(Level.BAD, "device", text, "another device is on this port: name the right --port")
+    text = f"{len(data)} bytes arrived unrequested, such as {_shown(data)}"
+    return Finding(Level.BAD, "device", text, "another device is on this port: give the right --port")
 
 
 def _explain_noise(bus: ServoBus, model: ArmModel) -> Finding | None:
-    """Whether something answers every ping, but not as a servo does."""
+    """Check for a device that answers every ping, but not as a servo does."""
     noises = []
     for joint in model.joints[:_NOISE_PINGS]:
         ping = make_ping(joint.servo_id)
@@ -120,27 +120,27 @@ def _explain_noise(bus: ServoBus, model: ArmModel) -> Finding | None:
             noises.append(data)
     if len(noises) < min(_NOISE_PINGS, len(model.joints)):
         return None
-    text = f"what answers is no servo: {_shown(noises[0])} came back for a ping"
-    return Finding(Level.BAD, "device", text, "another device is on this port: name the right --port")
+    text = f"the device that answers is no servo: a ping returned {_shown(noises[0])}"
+    return Finding(Level.BAD, "device", text, "another device is on this port: give the right --port")
 
 
 def explain_missing(bus: ServoBus, model: ArmModel, missing: Sequence[JointModel]) -> list[Finding]:
-    """Why some servos of an arm do not answer: a cause each.
+    """Find out why some servos of an arm do not answer; returns a cause for each.
 
     Args:
         bus: The open bus.
         model: The arm.
-        missing: The joints whose servo does not answer, or answers nothing that can be read.
+        missing: The joints whose servo does not answer, or gives no readable answer.
     """
     gone = {joint.servo_id: joint for joint in missing}
     shared = [joint.servo_id for joint in model.joints if servo_setup.shares_id(bus, joint.servo_id)]
     for servo_id in shared:
         gone.pop(servo_id, None)
     if shared:
-        # Whoever is missing is most likely one of these: a new servo has id 1.
+        # The missing servos are most likely among these: a new servo has id 1.
         lost = f"; {_joints(list(gone.values()))} may be among them" if gone else ""
         about = f"id{'s' if len(shared) > 1 else ''} {_list(shared)}"
-        text = f"several servos seem to have it: their answers collide{lost}"
+        text = f"several servos seem to share an id, since their answers collide{lost}"
         advice = "connect them one at a time and `hexwire bus set-id OLD NEW`"
         return [Finding(Level.BAD, about, text, advice)]
     if not gone:
@@ -157,20 +157,20 @@ def explain_missing(bus: ServoBus, model: ArmModel, missing: Sequence[JointModel
     rows = servo_setup.scan(bus, ids=[i for i in range(254) if i not in ours])
     strangers = [row.servo_id for row in rows if row.info is not None]
     for servo_id, joint in zip(strangers, list(gone.values()), strict=False):
-        text = f"answers, and {model.name} has no such servo: {_joints([joint])} is missing"
-        advice = f"if it is that joint's: `hexwire bus set-id {servo_id} {joint.servo_id}`"
+        text = f"answers, but {model.name} has no such servo; {_joints([joint])} is missing"
+        advice = f"if it belongs to that joint: `hexwire bus set-id {servo_id} {joint.servo_id}`"
         findings.append(Finding(Level.BAD, f"id {servo_id}", text, advice))
         gone.pop(joint.servo_id)
     if gone:
         joints = list(gone.values())
-        advice = "its power, the cable to it and to the servo before it; `hexwire bus scan --all-rates`"
+        advice = "check its power, the cable to it and to the servo before it; `hexwire bus scan --all-rates`"
         verb = "does" if len(joints) == 1 else "do"
         findings.append(Finding(Level.BAD, "servos", f"{_joints(joints)} {verb} not answer", advice))
     return findings
 
 
 def judge_traffic(bus: ServoBus, model: ArmModel) -> list[Finding]:
-    """How many answers get lost, of servos that are all there: some positions are read to see."""
+    """Read positions repeatedly and judge how many answers are lost; all servos must be present."""
     ids = tuple(joint.servo_id for joint in model.joints)
     before = bus.counters
     for _ in range(_ROUNDS):
@@ -179,21 +179,21 @@ def judge_traffic(bus: ServoBus, model: ArmModel) -> list[Finding]:
     asked, lost = _ROUNDS * len(ids), counters.lost - before.lost
     findings = []
     if counters.echoes:
-        findings.append(Finding(Level.OK, "adapter", "it hears itself, which is told apart"))
+        findings.append(Finding(Level.OK, "adapter", "it echoes what is sent, and the echo is removed"))
     text = f"{lost} of {asked} answers lost ({lost / asked:.1%})"
     level = Level.OK if lost <= _OK_LOST * asked else Level.BAD if lost > _BAD_LOST * asked else Level.HINT
-    advice = "" if level is Level.OK else "contacts, ground, supply: `hexwire bus stress` says which servo"
+    advice = "" if level is Level.OK else "check contacts, ground and supply: `hexwire bus stress` names the servo"
     return [*findings, Finding(level, "servo bus", text, advice)]
 
 
 def _at_other_rates(bus: ServoBus, ids: Sequence[int]) -> dict[int, list[int]]:
-    """Which of these ids answer at which other rate."""
+    """Find the ids that answer at another rate, by rate."""
     found: dict[int, list[int]] = {}
     rates = [rate for rate in SERVO_RATES if rate != bus.timing.baud]
     try:
         rows = servo_setup.scan(bus, bauds=rates, ids=ids)
     except (UsageError, NotSupportedError):
-        return {}  # a link without a rate, or one that cannot do them all
+        return {}  # a link without a rate, or without some of these rates
     for row in rows:
         if row.info is not None:
             found.setdefault(row.baud, []).append(row.servo_id)
@@ -208,7 +208,7 @@ def _wrong_rate(ids: Sequence[int], rate: int, wanted: int, *, all_of_them: bool
     which = "ID" if several else str(ids[0])
     advice = f"`hexwire bus set-baud {which} {wanted} --baud {rate}`"
     if all_of_them:
-        advice = f"name the rate, --baud {rate}; or {advice} for each"
+        advice = f"give the rate, --baud {rate}; or {advice} for each"
     return Finding(Level.BAD, "rate", text, advice)
 
 

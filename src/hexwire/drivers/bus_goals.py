@@ -1,7 +1,7 @@
-"""Goals of servos on a bus: the bytes that send each series to a position in a time.
+"""Goals of servos on a bus: the bytes that send a servo of each series to a position in a given time.
 
-Owns what a goal depends on besides the position: the unit of speeds and the current ceiling that each servo has
-stored. Must not know stops, torque or who asks.
+Owns the stored settings that a goal depends on: each servo's unit of speed and its current ceiling. Must not know
+stops, torque or callers.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 __all__ = ["SPEED_UNIT", "BusGoals"]
 
 SPEED_UNIT = 50.0
-"""Counts per second of one unit of speed, unless a servo's register `phase` says otherwise."""
+"""Counts per second of one unit of speed, unless a servo's register `phase` sets another."""
 _PHASE_SPEED_UNIT = 0x04
-"""Bit of STS register phase: speeds count single steps instead of 50."""
+"""Bit of STS register phase: a unit of speed is one count per second instead of 50."""
 _SHORTEST, _LONGEST = 9, 0x7FFE
-"""Milliseconds of a motion that a servo takes; the shortest is of the legacy series."""
+"""Milliseconds of a motion that a servo accepts; the shortest applies to the legacy series."""
 _FASTEST = 0x7FFF
 
 
 class BusGoals:
-    """The goals of one arm.
+    """Builder of the goals of one arm.
 
     Args:
-        bus: Where its servos hang.
+        bus: The bus of its servos.
     """
 
     def __init__(self, bus: ServoBus) -> None:
@@ -40,7 +40,7 @@ class BusGoals:
         self._ceilings: dict[int, int] = {}
 
     def learn(self, joint: JointModel) -> None:
-        """Read what the goals of a servo depend on."""
+        """Read the settings that the goals of a servo depend on."""
         servo_id, series = joint.servo_id, Series(joint.series)
         if series is Series.STS_SMS:
             phase = self._bus.read(servo_id, "phase").raw
@@ -54,13 +54,13 @@ class BusGoals:
         return self._speed_units.get(joint.servo_id, SPEED_UNIT)
 
     def make(self, joint: JointModel, counts: int, duration: float, start: float | None) -> tuple[int, bytes]:
-        """Address and bytes that send a servo to a position in a time.
+        """Make the address and bytes that send a servo to a position in a given time.
 
         Args:
-            joint: Whose servo.
-            counts: The position.
+            joint: The joint of the servo.
+            counts: The goal position, encoder counts.
             duration: Seconds.
-            start: Angle from which it begins, radians; None if that is not known.
+            start: Angle at the start, radians; None if it is unknown.
         """
         series = Series(joint.series)
         milliseconds = min(round(duration * 1000), _LONGEST)
@@ -69,7 +69,7 @@ class BusGoals:
             return position.address, position.encode(max(counts, 0)) + time.encode(max(milliseconds, _SHORTEST))
         position = series.register("goal_position")
         if series is Series.SCS:
-            # Position, time, speed: neighbours, and the speed is not used where there is a time.
+            # Position, time and speed are adjacent registers; the servo ignores the speed if there is a time.
             goal = position.encode(max(counts, 0)) + series.register("goal_time").encode(milliseconds)
             return position.address, goal + b"\0\0"
         distance = abs(counts - joint.angle_to_counts(start)) if start is not None else 0

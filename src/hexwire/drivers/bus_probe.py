@@ -1,6 +1,6 @@
-"""Who a servo on a bus is, and whether it is the one that an arm's file and calibration mean.
+"""Identification of one servo on a bus, compared with the arm's file and calibration.
 
-Owns these questions to one servo. Reads only. Must not know the arm as a whole.
+Owns the requests to that servo. Reads only. Must not know the arm as a whole.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ __all__ = ["probe_joint"]
 
 
 def probe_joint(bus: ServoBus, joint: JointModel, calibration: Calibration | None = None) -> JointProbe:
-    """Ask the servo of a joint who it is.
+    """Identify the servo of a joint.
 
     Args:
-        bus: Open.
-        joint: As the arm's file says.
-        calibration: What the arm was calibrated with, if it was.
+        bus: An open bus.
+        joint: The joint in the arm's file.
+        calibration: The calibration of the arm, if it has one.
     """
     info = servo_setup.identify(bus, joint.servo_id)
     if info is None:
@@ -39,7 +39,7 @@ def probe_joint(bus: ServoBus, joint: JointModel, calibration: Calibration | Non
 
 
 def _ratings(bus: ServoBus, servo_id: int) -> tuple[tuple[float, float] | None, float | None]:
-    """Volts and degrees that a servo has stored as its limits."""
+    """Read the limits of voltage (V) and temperature (deg C) that a servo has stored."""
     if "max_voltage" not in bus.series_of(servo_id).registers:
         return None, None
     low, high, hottest = (bus.read(servo_id, name) for name in ("min_voltage", "max_voltage", "max_temperature"))
@@ -49,10 +49,10 @@ def _ratings(bus: ServoBus, servo_id: int) -> tuple[tuple[float, float] | None, 
 
 
 def _at_odds(bus: ServoBus, joint: JointModel, calibration: Calibration | None) -> list[str]:
-    """A servo whose stored offset is not the one it was calibrated with gives positions that are all wrong."""
+    """Compare a servo's stored offset with the calibration: with another offset every position is wrong."""
     for row in () if calibration is None else calibration.joints:
         if row.name == joint.name and row.servo_offset is not None:
             now = bus.read(joint.servo_id, "position_offset").raw
             if now != row.servo_offset:
-                return [f"its offset is {now}, but it was calibrated with {row.servo_offset}: calibrate again"]
+                return [f"its offset is {now} but was {row.servo_offset} at calibration: calibrate again"]
     return []

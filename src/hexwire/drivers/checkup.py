@@ -1,7 +1,7 @@
-"""What is wrong with a robot: its probe and its state, judged, each finding with what to do.
+"""Diagnosis of a robot from its probe and its state; each finding says what to do.
 
-Owns the judgement. Only probes and reads, and says nothing about what was not read. What a line takes to be looked
-into further is `bus_checkup`'s and `board_checkup`'s; ports are `hexwire.link.diagnose`'s.
+Owns the judgement of values that were read. `bus_checkup` and `board_checkup` investigate further on the line,
+`hexwire.link.diagnose` investigates ports.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ __all__ = ["examine", "judge_board", "judge_probe", "judge_state", "together"]
 
 _FRESH_BOOT = 3.0
 _SUPPLY = (5.0, 8.4)
-"""Volts for a servo that does not say what it wants: 6 V class, with what a full 2S battery gives."""
+"""Volts for a servo that does not report its range: 6 V class, up to a full 2S battery."""
 _WARM = 60.0
-"""Degrees Celsius where a servo does not say what it stands."""
+"""Degrees Celsius for a servo that does not report its limit."""
 _COOLER = 10.0
 """Degrees below its limit from which a servo counts as warm."""
 _OK_FAILURES, _BAD_FAILURES = 0.001, 0.02
 
 _FAULT_ADVICE = {
-    JointFlag.OVERLOAD: "it was blocked: free the joint, hold the arm, switch its torque off and on again",
+    JointFlag.OVERLOAD: "it was blocked: free the joint, hold the arm, switch the joint's torque off and on again",
     JointFlag.TEMPERATURE: "let it cool with the torque off, then lower the load",
     JointFlag.CURRENT: "it was blocked or is shorted: free the joint, then switch its torque off and on again",
     JointFlag.ENCODER: "its position sensor fails: replace the servo",
@@ -39,17 +39,17 @@ _FAULT_ADVICE = {
 
 
 def examine(report: ProbeReport, state: JointState) -> list[Finding]:
-    """What is good and bad about a robot behind a controller that was probed and read."""
+    """Judge a robot with a controller by its probe and its state."""
     findings = judge_board(report) + judge_probe(report)
     shaky = [joint.name for joint in report.joints if joint.present and joint.name in state.silent]
     if shaky:
-        advice = "contacts, ground, supply of these servos"
-        findings.append(Finding(Level.BAD, ", ".join(shaky), "answered once, but not again", advice))
+        advice = "check contacts, ground and supply of these servos"
+        findings.append(Finding(Level.BAD, ", ".join(shaky), "answered the probe, but not the next read", advice))
     return findings + judge_state(state, report.joints)
 
 
 def judge_board(report: ProbeReport) -> list[Finding]:
-    """What a controller says of itself: its dialect, its start, a stop, its own counts of failures."""
+    """Judge what a controller reports about itself: its dialect, its start, its counts of failures."""
     firmware = f", firmware {report.firmware}" if report.firmware else ""
     text = report.robot + (f", dialect {report.dialect}" if report.dialect else "") + firmware
     if report.dialect == 1:
@@ -66,21 +66,21 @@ def judge_board(report: ProbeReport) -> list[Finding]:
     asked = report.counters.get("board_bus_transactions", 0)
     failed = report.counters.get("board_bus_timeouts", 0) + report.counters.get("board_bus_bad", 0)
     if asked and not report.missing:
-        # Questions to a servo that is missing fail, and say nothing of the line.
+        # Requests to a missing servo fail, which does not show that the line is bad.
         rate = failed / asked
         text = f"{failed} of {asked} transactions failed since the board started ({rate:.2%})"
         level = Level.OK if rate < _OK_FAILURES else Level.BAD if rate > _BAD_FAILURES else Level.HINT
-        advice = "" if level is Level.OK else "cable length, ground, supply"
+        advice = "" if level is Level.OK else "check cable length, ground and supply"
         findings.append(Finding(level, "servo bus", text, advice))
     return findings
 
 
 def judge_probe(report: ProbeReport, *, missing: bool = True) -> list[Finding]:
-    """Who answers, and whether it is who is meant.
+    """Judge which servos answer, and whether they are the expected ones.
 
     Args:
-        report: What the probe found.
-        missing: Say what is missing as well; where somebody looked for the reason, that says more.
+        report: The probe.
+        missing: Report missing servos too; False if the caller has findings with the reason.
     """
     findings = []
     if report.stopped:
@@ -90,25 +90,25 @@ def judge_probe(report: ProbeReport, *, missing: bool = True) -> list[Finding]:
         findings.append(Finding(Level.OK, "servos", f"all {len(report.joints)} answer"))
     elif missing:
         names = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in silent)
-        advice = "power, cable after the last servo that answers, id: `hexwire ping`"
+        advice = "check power, the cable after the last servo that answers, and the id: `hexwire ping`"
         verb = "do" if len(silent) > 1 else "does"
         findings.append(Finding(Level.BAD, "servos", f"{names} {verb} not answer", advice))
-    advice = "set the right servo, or the right model"
+    advice = "use the right servo, or the right model"
     findings += [Finding(Level.BAD, joint.name, joint.note, advice) for joint in report.joints if joint.note]
     return findings
 
 
 def judge_state(state: JointState, joints: Sequence[JointProbe]) -> list[Finding]:
-    """Faults, supply and temperature of the joints that answered.
+    """Judge faults, supply and temperature of the joints that answered.
 
     Args:
-        state: As read.
-        joints: What is known of each joint's servo.
+        state: The state.
+        joints: The probe of each joint.
     """
     known = {joint.name: joint for joint in joints}
     findings: list[Finding] = []
     if state.watchdog_tripped:
-        text = "the board's watchdog stopped the arm, because the host fell silent"
+        text = "the board's watchdog stopped the arm because the host fell silent"
         findings.append(Finding(Level.HINT, "stop", text, "hexwire resume"))
     here = [joint for joint in state if not joint.flags & JointFlag.SILENT]
     for joint in here:
@@ -122,7 +122,7 @@ def judge_state(state: JointState, joints: Sequence[JointProbe]) -> list[Finding
         findings.append(Finding(Level.OK, "servos", "no servo reports a fault"))
     supplies = {probe.supply for probe in joints if probe.supply is not None}
     limits = {probe.max_temperature for probe in joints if probe.max_temperature is not None}
-    wanted = "; the servos want {:.1f} to {:.1f} V".format(*supplies.pop()) if len(supplies) == 1 else ""
+    wanted = "; the servos need {:.1f} to {:.1f} V".format(*supplies.pop()) if len(supplies) == 1 else ""
     limit = f"; the limit is {limits.pop():.0f}" if len(limits) == 1 else ""
     findings += _measured(here, lambda joint: joint.voltage, "supply", "{:.1f} V", wanted)
     findings += _measured(here, lambda joint: joint.temperature, "temperature", "{:.0f} deg C", limit)
@@ -130,7 +130,7 @@ def judge_state(state: JointState, joints: Sequence[JointProbe]) -> list[Finding
 
 
 def together(findings: Sequence[Finding]) -> list[Finding]:
-    """One finding for all joints of which the same is said, in the order of the first."""
+    """Merge findings that differ only in the joint, in the order of the first."""
     order = {(f.level, f.text, f.advice): place for place, f in reversed(list(enumerate(findings)))}
     ranked = sorted(findings, key=lambda f: order[f.level, f.text, f.advice])
     merged = []
@@ -147,15 +147,15 @@ def _judge_supply(joint: JointReading, probe: JointProbe | None) -> list[Finding
             return []
         return [Finding(Level.BAD, joint.name, "reports voltage", "measure its supply, under load too")]
     low, high = _SUPPLY if probe is None or probe.supply is None else probe.supply
-    wants = f"a servo that wants {low:.1f} to {high:.1f} V"
+    wants = f"a servo that needs {low:.1f} to {high:.1f} V"
     if joint.voltage < low:
-        advice = "a stronger supply, thicker or shorter wires; measure it under load"
+        advice = "use a stronger supply, or thicker or shorter wires; measure it under load"
         return [Finding(Level.BAD, joint.name, f"supply {joint.voltage:.1f} V, too low for {wants}", advice)]
     if joint.voltage > high:
-        advice = "switch it off: this supply is for servos of another voltage class"
+        advice = "switch the supply off: it is for servos of another voltage class"
         return [Finding(Level.BAD, joint.name, f"supply {joint.voltage:.1f} V, too high for {wants}", advice)]
     if reported:
-        text = f"reports voltage, though its supply is {joint.voltage:.1f} V now"
+        text = f"reports a voltage fault, but its supply is {joint.voltage:.1f} V now"
         return [Finding(Level.BAD, joint.name, text, "the supply sags: measure it under load")]
     return []
 
@@ -178,14 +178,14 @@ def _judge_heat(joint: JointReading, probe: JointProbe | None) -> list[Finding]:
 
 
 def _heat_said(findings: Sequence[Finding], name: str) -> bool:
-    """Whether something bad is said of a joint's heat already."""
+    """Whether a bad finding about a joint's temperature exists already."""
     return any(f.about == name and f.level is Level.BAD and "deg C" in f.text for f in findings)
 
 
 def _measured(
     joints: Sequence[JointReading], value: Callable[[JointReading], float], what: str, form: str, rated: str
 ) -> list[Finding]:
-    """The span of what was read, and who did not tell."""
+    """Report the range of the values read, and the joints without a value."""
     values = [value(joint) for joint in joints if math.isfinite(value(joint))]
     unknown = [joint.name for joint in joints if not math.isfinite(value(joint))]
     findings = []
@@ -195,7 +195,7 @@ def _measured(
         findings.append(Finding(Level.OK, what, span + rated))
     if unknown:
         who = "no servo" if len(unknown) == len(joints) else ", ".join(unknown)
-        text = "not known: no servo tells it" if who == "no servo" else f"not known of {who}"
+        text = "unknown: the servos do not report it" if who == "no servo" else f"unknown for {who}"
         findings.append(Finding(Level.UNKNOWN, what, text))
     return findings
 

@@ -1,6 +1,7 @@
-"""The packets that move servos through a board of the chapter's dialect, none of them with 0D 0A inside.
+"""Packets that move servos through a board of the chapter's dialect, without 0D 0A inside.
 
-Owns what gives way where the marker stands (PROTOCOL.md section 5). Pure: must not know sessions, joints or limits.
+Owns which value is changed to avoid the marker (PROTOCOL.md section 5). Pure: must not know sessions, joints or
+limits.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from hexwire.wire.tables import TAIL
 __all__ = ["MIN_RUN_TIME", "make_hls_block", "make_legacy_move"]
 
 MIN_RUN_TIME = 9
-"""Milliseconds; the 7Bot library takes no run time of 8 ms or less."""
+"""Milliseconds; the 7Bot library accepts no run time of 8 ms or less."""
 _POSITION = Series.SEVEN_BOT.register("target_position").address
 _BLOCK = Series.HLS.register("acceleration").address
 
@@ -23,17 +24,18 @@ _BLOCK = Series.HLS.register("acceleration").address
 def make_legacy_move(targets: Mapping[int, int], run_time_ms: int) -> tuple[bytes, int, dict[int, int]]:
     """Build the sync write of dialect 1 for legacy servos, without 0D 0A inside.
 
-    The run time gives way first, by 1 ms steps, then a position by one count (PROTOCOL.md section 5).
+    To avoid the marker, the run time is changed first, by 1 ms steps, then a position by one count (PROTOCOL.md
+    section 5).
 
     Args:
         targets: Counts by servo id.
-        run_time_ms: Milliseconds the motion shall take.
+        run_time_ms: Duration of the motion, milliseconds.
 
     Returns:
-        The packet, and the run time and counts that are in it.
+        The packet, and the run time and counts in it.
 
     Raises:
-        LocalProtocolError: None can be built; the ids themselves form the marker.
+        LocalProtocolError: No packet can be built; the ids themselves form the marker.
     """
     run_time = min(max(run_time_ms, MIN_RUN_TIME), 0xFFFF)
     for nudge in range(3):
@@ -41,7 +43,7 @@ def make_legacy_move(targets: Mapping[int, int], run_time_ms: int) -> tuple[byte
             ms = run_time + extra if run_time + extra <= 0xFFFF else run_time - extra
             rows, counts_sent = {}, {}
             for servo_id, counts in targets.items():
-                # A count aside only where the marker is in the position's own bytes or beside them.
+                # Change a position only if the marker is in its bytes or next to them.
                 value = min(max(counts, 0), 0xFFFF)
                 if nudge and b"\x0d" in value.to_bytes(2, "little") + bytes((servo_id,)):
                     value += nudge if value < 0xFFFF - nudge else -nudge
@@ -63,13 +65,13 @@ def make_hls_block(servo_id: int, counts: int, speed: int, ceiling: int) -> tupl
         ceiling: Current ceiling in units of 6.5 mA.
 
     Returns:
-        The packet, and the position that is in it.
+        The packet, and the position in it.
 
     Raises:
         LocalProtocolError: No block without 0D 0A inside can be built.
     """
     hls = Series.HLS
-    # A unit of current less where it stands beside a position's high byte, which no small step changes.
+    # Reduce the current by a unit if it is next to a position's high byte, which no small step changes.
     for less, nudge in ((0, 0), (0, 1), (1, 0), (1, 1)):
         for faster in range(4):
             block = (

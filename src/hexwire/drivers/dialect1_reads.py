@@ -1,7 +1,7 @@
-"""Reads of two bytes through a board that speaks dialect 1, and which answers to believe.
+"""Two-byte reads through a board that speaks dialect 1, and which of its answers to trust.
 
-Owns what PROTOCOL.md section 5 tells of late, damaged and mistaken answers of such a board. Must not know joints,
-nor what is read.
+Owns the rules of PROTOCOL.md section 5 about late, damaged and mistaken answers of such a board. Must not know
+joints, nor the meaning of the values.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from hexwire.wire.servo_packet import StatusPacket, find_status, make_read
 __all__ = ["Dialect1Reader"]
 
 _DOUBT = 1.0
-"""Seconds for which an answer that is missing may still come."""
+"""Seconds for which a missing answer may still arrive."""
 _ASKED_TWICE = 0.08
-"""Seconds: the board waits so long for an answer before it asks again, and the first may still come."""
+"""Seconds after which the board repeats a request; the first answer may still arrive."""
 _CHECKS = 5
 _ENOUGH = 3
 _AGREE = 100
@@ -27,11 +27,11 @@ _AGREE = 100
 
 
 class Dialect1Reader:
-    """Reads of one board.
+    """Reader for one board.
 
     Args:
         session: A negotiated session.
-        legacy: Whether a servo is of the legacy series, by id, as far as that is known.
+        legacy: Whether each servo is of the legacy series, by id, as far as known.
     """
 
     def __init__(self, session: Session, legacy: Mapping[int, bool]) -> None:
@@ -42,10 +42,9 @@ class Dialect1Reader:
     def read(self, servo_id: int, address: int, *, urgent: bool = False, more: bool = True) -> StatusPacket | None:
         """Read two bytes of a servo; None if it, or the board, does not answer.
 
-        The chapter's board keeps an answer that comes too late and gives it to whoever asks next. One of another
-        servo shows by its id, but not one of the same servo that was meant for another register: after an
-        unanswered read of another register, which the board asks for twice, only three answers that agree are
-        believed.
+        The chapter's board keeps a late answer and returns it to the next request. The id exposes an answer of
+        another servo, but not an answer of the same servo for another register. So after an unanswered read of
+        another register, which the board requests twice, only three answers that agree are trusted.
         """
         now = self._session.now()
         missed = self._missed.get(servo_id, {})
@@ -71,7 +70,7 @@ class Dialect1Reader:
             self._missed.setdefault(servo_id, {})[address] = self._session.now()
             return self._read_beside(servo_id, address, urgent=urgent) if error.instead and more else None
         status, found = None, find_status(reply.body, servo_id, 2)
-        # The board's own words for "no answer"; a legacy servo with an error bit and value 0 says the same.
+        # The board's form of "no answer"; a legacy servo with an error bit and value 0 looks the same.
         if found is not None and not (found[0].legacy and found[0].error == 1 and _value(found[0]) == 0):
             status = found[0] if any_kind or self.is_its_own(found[0]) else None
         if status is None or reply.rtt > _ASKED_TWICE:
@@ -79,9 +78,9 @@ class Dialect1Reader:
         return status
 
     def _read_beside(self, servo_id: int, address: int, *, urgent: bool) -> StatusPacket | None:
-        """Two bytes by the pairs before and behind them, where the answer looks like the echo of its request.
+        """Read two bytes by the pairs before and after them, if the answer looks like the echo of its request.
 
-        An HLS servo with error 2 at count 568 does so. The high byte is read twice, so that both belong together.
+        An HLS servo with error 2 at count 568 answers so. The high byte is read twice to match both bytes.
         """
         if self._legacy.get(servo_id, True):
             return None
@@ -94,7 +93,7 @@ class Dialect1Reader:
         return low._replace(params=low.params[1:] + high.params[:1])
 
     def is_its_own(self, status: StatusPacket) -> bool:
-        """Whether an answer begins as those of this servo do; a damaged echo begins as another kind's."""
+        """Whether an answer has the header of this servo's series; a damaged echo has that of another."""
         return self._legacy.get(status.servo_id, status.legacy) == status.legacy
 
 

@@ -1,7 +1,7 @@
-"""Building the controller board's firmware and writing it into the board.
+"""Building the controller board's firmware and flashing it.
 
-Owns which tools are run and how, which boards are refused, and what the tools' failures mean in words. Must not
-know what the firmware does, nor print.
+Owns which tools run and how, which boards are refused, and the error texts for the tools' failures. Must not know
+what the firmware does, nor print.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = [
 
 PART = "atmega2560"
 HOST_RATES = (115_200, 250_000, 500_000, 1_000_000)
-"""Rates of the host line that the firmware can be built for."""
+"""Host-line rates that the firmware can be built for."""
 _SIGNATURE = "1e 98 01"
 _BUILD_TOOLS = {"avr-g++": "gcc-avr", "avr-objcopy": "binutils-avr", "make": "make"}
 _CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino")
@@ -43,13 +43,13 @@ _TAIL = 3  # lines of a tool's output that go into an error text
 
 @dataclass(frozen=True, slots=True)
 class BuildReport:
-    """What a build made.
+    """The result of a build.
 
     Attributes:
-        hex_file: For the flasher.
+        hex_file: The file to flash.
         size: The Makefile's line on flash and RAM.
         version: As in ``1.0.0``.
-        host_baud: Rate of the host line it was built for.
+        host_baud: Host-line rate that it was built for.
     """
 
     hex_file: Path
@@ -59,37 +59,37 @@ class BuildReport:
 
 
 def find_sources(folder: str | os.PathLike[str] | None = None) -> Path:
-    """The folder with the firmware's Makefile.
+    """Find the folder with the firmware's Makefile.
 
     Args:
-        folder: As the user named it; the one of this checkout if None.
+        folder: The folder that the user gave; the one of this checkout if None.
 
     Raises:
-        UsageError: There is none.
+        UsageError: There are no sources.
     """
     if folder is not None:
         path = Path(folder)
         if not (path / "Makefile").is_file() or not (path / "core/generated.h").is_file():
-            raise UsageError(f"{path} is not the folder of the firmware; it has a Makefile and core/generated.h")
+            raise UsageError(f"{path} is not the firmware's folder, which has a Makefile and core/generated.h")
         return path
     path = Path(__file__).resolve().parents[3] / "firmware"
     if not (path / "Makefile").is_file():
         raise UsageError(
-            "no firmware sources beside this package; clone the repository and name them with --source"
+            "no firmware sources next to this package; clone the repository and give its folder with --source"
         )
     return path
 
 
 def source_version(sources: Path) -> str:
-    """The version that these sources build, as in ``1.0.0``.
+    """Read the version that these sources build, as in ``1.0.0``.
 
     Raises:
-        UsageError: They do not say.
+        UsageError: They have no version.
     """
     text = read_text(sources / "core/generated.h")
     parts = [re.search(rf"VERSION_{part} = (\d+)", text) for part in ("MAJOR", "MINOR", "PATCH")]
     if not all(parts):
-        raise UsageError(f"{sources / 'core/generated.h'} does not say which version it is")
+        raise UsageError(f"{sources / 'core/generated.h'} has no version")
     return ".".join(part.group(1) for part in parts if part)
 
 
@@ -107,8 +107,8 @@ def build(sources: Path, *, host_baud: int = 115200) -> BuildReport:
     missing = [package for tool, package in _BUILD_TOOLS.items() if shutil.which(tool) is None]
     missing += [] if _CORE.is_dir() else ["arduino-core-avr"]
     if missing:
-        raise UsageError(f"missing to build: sudo apt-get install {' '.join(missing)} avr-libc")
-    # A folder for each rate: the files of one are no use to the other.
+        raise UsageError(f"build tools are missing: sudo apt-get install {' '.join(missing)} avr-libc")
+    # A folder for each rate: one rate cannot use the files of another.
     folder = "build" if host_baud == 115200 else f"build/{host_baud}"
     command = ["make", "-C", str(sources), "mega2560", f"HOST_BAUD={host_baud}", f"BUILD={folder}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=_clean_environment())
@@ -119,28 +119,28 @@ def build(sources: Path, *, host_baud: int = 115200) -> BuildReport:
 
 
 def device_of(port: str) -> str:
-    """The device behind a port as typed: a path, or a serial URL.
+    """Return the device of a port given as a path or a serial URL.
 
     Raises:
-        UsageError: Flashing goes through a serial port, and this is none.
+        UsageError: The port is not a serial port, which flashing needs.
     """
     url = parse_url(port)
     if url.scheme != "serial":
-        raise UsageError(f"{port}: a board is flashed through its serial port, as /dev/ttyUSB0")
+        raise UsageError(f"{port}: a board is flashed through its serial port, such as /dev/ttyUSB0")
     return url.path
 
 
 def check_board(device: str) -> str:
-    """Refuse a port behind which there is surely no Mega 2560.
+    """Refuse a port that certainly does not lead to a Mega 2560.
 
-    A converter chip can belong to a clone or to a servo adapter: such a port passes, and the flasher's look at
-    the chip's signature decides.
+    A converter chip can belong to a clone or to a servo adapter: such a port passes, and the flasher checks the
+    chip's signature.
 
     Returns:
-        What is probably there, in words.
+    The probable device, for display.
 
     Raises:
-        UsageError: It is a known other thing, or nothing that is known.
+    UsageError: The device is a known other device, or is unknown.
     """
     real = os.path.realpath(device)
     for port in list_ports():
@@ -153,7 +153,7 @@ def check_board(device: str) -> str:
 
 
 def flash_command(device: str, hex_file: Path, *, verify: bool = True) -> list[str]:
-    """The flasher's command line: STK500v2 over the boot loader, no chip erase.
+    """Make the flasher's command line: STK500v2 over the boot loader, no chip erase.
 
     Raises:
         UsageError: There is no such file.
@@ -165,11 +165,11 @@ def flash_command(device: str, hex_file: Path, *, verify: bool = True) -> list[s
 
 
 def run_flash(command: Sequence[str]) -> None:
-    """Run the flasher. It compares the chip's signature before it writes anything.
+    """Run the flasher, which checks the chip's signature before it writes.
 
     Raises:
         UsageError: The flasher is not installed.
-        DeviceError: Another chip, no answer from the boot loader, or a write that did not verify.
+        DeviceError: The chip is another one, the boot loader does not answer, or verification failed.
     """
     if shutil.which(command[0]) is None:
         raise UsageError(f"{command[0]} is not installed: sudo apt-get install {command[0]}")
@@ -196,5 +196,5 @@ def _tail(text: str) -> str:
 
 
 def _clean_environment() -> dict[str, str]:
-    """Without what a surrounding make would tell the inner one."""
+    """Return the environment without the variables that an outer make passes to an inner one."""
     return {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}

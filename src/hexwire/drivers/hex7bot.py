@@ -1,7 +1,7 @@
 """`Hex7BotDriver`: the chapter's driver, for a controller board of either dialect.
 
-Owns what both dialects share: attaching, the host's limits, noticing that a board was reset or is another one.
-What it is told again is `board_orders`; the dialects are `board1` and `board2`. Must not know links or who asks.
+Owns what both dialects share: attaching, the host's limits, detection of a reset or replaced board. `board_orders`
+sends the orders again after a reset; `board1` and `board2` are the dialects. Must not know links or callers.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ _MIN_PERIOD = 0.005
 _MAX_PERIOD = 10.0
 _QUICK_FIELDS = tables.STATE_FIELD_LOAD | tables.STATE_FIELD_AGE
 _FEEDS = 3.0
-"""How often a board hears of us in the time of its watchdog while we only listen to its reports."""
+"""Requests per watchdog time-out while this program only receives reports."""
 
 
 class Hex7BotDriver(SessionDriver):
     """The Hex7Bot, or any arm behind a board with the same protocol.
 
-    `ioctl` takes the command codes of `hexwire.wire.command_frame.Command` with a body as in PROTOCOL.md
-    section 6, and returns the reply's body; dialect 1 knows TRANSACT only.
+    `ioctl` takes the command codes of `hexwire.wire.command_frame.Command` with a body as in PROTOCOL.md section 6,
+    and returns the reply's body; dialect 1 supports TRANSACT only.
 
     Args:
         session: A session; opened by `attach`.
         model: The arm.
         boot_window: Seconds to wait for a board that is booting.
-        dialect: Ask only in this dialect; both if None.
+        dialect: Try this dialect only; both if None.
     """
 
     def __init__(
@@ -90,10 +90,10 @@ class Hex7BotDriver(SessionDriver):
     def command_rate(self) -> float:
         return super().command_rate if self._board is None else self._board.command_rate
 
-    # -- coming and going ---------------------------------------------------------------------------
+    # -- attaching and detaching --------------------------------------------------------------------
 
     def attach(self) -> None:
-        """Open the session and negotiate. Nothing moves; a board without an answer is waited for."""
+        """Open the session and negotiate, waiting for a board that boots. Nothing moves."""
         session = self.session
         session.open()
         try:
@@ -113,7 +113,7 @@ class Hex7BotDriver(SessionDriver):
         self._orders = BoardOrders()
 
     def _meet(self) -> Board:
-        """The board that the session has found."""
+        """Make the `Board` of the dialect that the session negotiated."""
         negotiated = self.session.negotiated
         if negotiated is not None and negotiated.identity is not None:
             return Board2(self.session, self.model, negotiated.identity)
@@ -176,7 +176,7 @@ class Hex7BotDriver(SessionDriver):
             board = self._attached()
             if self._last is None:
                 self.read()
-            # A target is judged from where the one before ends, unless a state was read in between.
+            # A target is checked from the end of the previous one, unless a state was read in between.
             present = ({} if self._last is None else self._last.positions) | self._aimed
             sent = board.move(check_target(self.model, target, present), present)
             self._aimed.update(sent.positions)
@@ -184,23 +184,23 @@ class Hex7BotDriver(SessionDriver):
             return sent
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
-        """Yield the states that the board reports by itself every `period` seconds.
+        """Yield the states that the board reports every `period` seconds.
 
-        Ends the reports when the caller stops iterating. Goes on after a reconnection, and after a reset of the
-        board; ends when a board that is there sends nothing for `timeout` seconds. Who only listens says nothing,
-        so a watchdog is fed from here.
+        Ends the reports when the caller stops iterating. Continues after a reconnection and after a reset of the
+        board; ends if a connected board sends no report for `timeout` seconds. Also feeds the watchdog, since a
+        caller that only iterates sends nothing.
 
         Args:
-            period: Seconds between two reports.
-            timeout: Seconds of silence after which the board is asked whether it is there.
-            slow: Given, reports are short, so that a slow line carries more of them: they leave out velocities,
-                which a board reads in turns and which are old then, and voltage, temperature and current, which
-                are asked for every so many seconds.
+            period: Seconds between reports.
+            timeout: Seconds without a report after which the board is polled.
+            slow: If given, reports are short, so that a slow line carries more of them. They leave out velocities,
+                which a board reads in turns and which would be old, and voltage, temperature and current, which are
+                requested every `slow` seconds.
 
         Raises:
             NotSupportedError: The board speaks dialect 1.
-            ReplyTimeoutError: The board is not there any more.
-            UsageError: A period outside 0.005..10 s.
+            ReplyTimeoutError: The board no longer answers.
+            UsageError: The period is outside 0.005..10 s.
         """
         if not _MIN_PERIOD <= period <= _MAX_PERIOD:
             raise UsageError(f"a report every {period:g} s is outside {_MIN_PERIOD:g}..{_MAX_PERIOD:g} s")
@@ -218,7 +218,7 @@ class Hex7BotDriver(SessionDriver):
                     if self.session.generation != self._generation:
                         board = self._attached()
                     if orders.watchdog is not None and self.session.now() - fed >= orders.watchdog[0] / _FEEDS:
-                        # Any frame does; and the state tells whether it has tripped already.
+                        # Any frame feeds it; the state also shows whether it has tripped already.
                         orders.explain(board.read(FLAGS_ONLY))
                         fed = self.session.now()
                     if slow is not None and self.session.now() - asked >= slow:
@@ -234,7 +234,7 @@ class Hex7BotDriver(SessionDriver):
                                 current=whole.current,
                             )
                         yield state
-                # Silence: the port was away, the board was reset, or it stopped reporting.
+                # No reports: the port was lost, the board was reset, or it ended the reports.
                 given_back = orders.given_back
                 yield self.read()
                 if orders.given_back == given_back:
@@ -251,7 +251,7 @@ class Hex7BotDriver(SessionDriver):
             return confirmed
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
-        # Nothing goes before a stop, not even the watchdog of a board that was reset.
+        # Send nothing before a stop, not even the watchdog order of a board that was reset.
         if self._board is None:
             raise self._not_attached()
         with self.session.epochs.stopping():
@@ -295,18 +295,18 @@ class Hex7BotDriver(SessionDriver):
     # -- settings -----------------------------------------------------------------------------------
 
     def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
-        """Have the board stop by itself when nothing comes from the host for `timeout` seconds; 0 = never.
+        """Have the board stop the arm when it receives nothing for `timeout` seconds; 0 disarms the watchdog.
 
         Raises:
             NotSupportedError: The board speaks dialect 1.
-            UsageError: Outside 0.05..60 s.
+            UsageError: The timeout is outside 0.05..60 s.
         """
         if timeout and not _MIN_WATCHDOG <= timeout <= _MAX_WATCHDOG:
             raise UsageError(f"a watchdog of {timeout:g} s is outside {_MIN_WATCHDOG:g}..{_MAX_WATCHDOG:g} s")
         self._orders.arm(self._attached(), timeout, mode)
 
     def maintenance(self, on: bool) -> None:
-        """Have the board let settings of servos be written with `transact`; nothing moves until it is off again.
+        """Switch maintenance on or off: while it is on, `transact` can write servo settings, and nothing moves.
 
         A stop, a trip of the watchdog and a reset end it too.
 
@@ -319,11 +319,11 @@ class Hex7BotDriver(SessionDriver):
             self._attached().maintenance(on)
 
     def limits(self) -> tuple[LimitRow, ...]:
-        """Limits that the board has stored, in counts, in its joint order."""
+        """Read the limits that the board has stored, in counts, in its joint order."""
         return self._attached().limits()
 
     def store_limits(self, rows: Sequence[LimitRow] | None = None) -> tuple[LimitRow, ...]:
-        """Store limits on the board; those of the model if None. Returns what it has then."""
+        """Store limits on the board, those of the model if None; returns the limits that it then has."""
         if rows is None:
             rows = [
                 LimitRow(*joint.count_limits, round(joint.max_speed / joint.scale)) for joint in self.model.joints
@@ -332,11 +332,11 @@ class Hex7BotDriver(SessionDriver):
             return self._attached().store_limits(rows)
 
     def offsets(self) -> tuple[OffsetRow, ...]:
-        """Neutral counts and signs that the board has stored."""
+        """Read the neutral counts and signs that the board has stored."""
         return self._attached().offsets()
 
     def store_offsets(self, rows: Sequence[OffsetRow]) -> tuple[OffsetRow, ...]:
-        """Store neutral counts and signs on the board. Returns what it has then."""
+        """Store neutral counts and signs on the board; returns what it then has."""
         with self._calling("store offsets"):
             return self._attached().store_offsets(rows)
 
@@ -349,10 +349,10 @@ class Hex7BotDriver(SessionDriver):
         Args:
             packet: A whole packet, as `hexwire.wire.servo_packet` builds it.
             reply_length: Bytes of the answer; 0 for none.
-            timeout: Seconds the board waits for it.
+            timeout: Seconds that the board waits for the answer.
 
         Raises:
-            NotSupportedError: A dialect-1 board would not survive it.
+            NotSupportedError: A dialect-1 board cannot process it.
         """
         with nullcontext() if packet_only_reads(packet) else self._calling("a servo packet"):
             return self._attached().transact(packet, reply_length, timeout)
@@ -364,10 +364,10 @@ class Hex7BotDriver(SessionDriver):
         with self._calling(command_name(sub_cmd), freeing=effect is not Effect.ACT):
             return self._attached().command(sub_cmd, data)
 
-    # -- keeping it right ---------------------------------------------------------------------------
+    # -- after resets and reconnections -------------------------------------------------------------
 
     def _calling(self, what: str, *, freeing: bool = False) -> AbstractContextManager[object]:
-        """What is done inside belongs to one call: a stop that comes voids what of it has not been sent."""
+        """Make everything inside part of one call, whose unsent requests a stop cancels."""
         return self.session.epochs.calling(what, freeing=freeing)
 
     def _attached(self) -> Board:
@@ -384,7 +384,7 @@ class Hex7BotDriver(SessionDriver):
         return UsageError("the driver is not attached; call attach() first")
 
     def _after_reconnect(self) -> None:
-        """The port was away: another board may be there, and this one may have been reset."""
+        """Start again: after a reconnection the board may be another one, or may have been reset."""
         self._generation = self.session.generation
         self._last = None
         self._aimed.clear()
@@ -398,7 +398,7 @@ class Hex7BotDriver(SessionDriver):
         self._keep_armed()
 
     def _keep_armed(self) -> None:
-        """After an exchange: notice a reset or a reconnection, and give the board back what it forgot."""
+        """Detect a reset or a reconnection after an exchange, and send the board its lost orders again."""
         if self.session.board_restarts != self._restarts:
             self._restarts = self.session.board_restarts
             _log.warning("%s: the board was reset", self.session.ipc.link.url)

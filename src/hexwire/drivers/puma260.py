@@ -1,7 +1,7 @@
-"""`Puma260Driver`: a six-joint robot with a controller of its own, over TCP or UDP.
+"""`Puma260Driver`: a six-joint robot with its own controller, over TCP or UDP.
 
-Owns the translation between joints in SI units and encoder counts with their wrist coupling, and which of the
-chapter's channels carries what. Must not know sockets or who asks.
+Owns the translation between joints in SI units and encoder counts with their wrist coupling, and the use of the
+chapter's channels. Must not know sockets or callers.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Puma260Mode(IntEnum):
     POSITION = 0
     """Follows joint commands and trajectories."""
     TEACH = 1
-    """Limp: the arm is moved by hand; commands are refused."""
+    """Without torque: the arm is moved by hand; commands are refused."""
 
 
 class Puma260Driver(SessionDriver):
@@ -49,7 +49,7 @@ class Puma260Driver(SessionDriver):
 
     One channel is enough. With a configuration file, or over TCP, each of the chapter's modules has its own:
     PUMA260_HOST_IO_TRX for signals and modes, HOST_JNT_CMD_TX for joint commands, HOST_JSTATE_RX for joint states,
-    HOST_JTRAJ_TX for trajectories; so that a long trajectory does not hold a stop up.
+    HOST_JTRAJ_TX for trajectories, so that a long trajectory does not delay a stop.
 
     `ioctl` takes ROBOT_MODE, ROBOT_PROBE, ROBOT_SIGNAL and JOINT_STATES with the bodies of PROTOCOL.md section 6.
     `signal` takes the numbers of `hexwire.drivers.base.Signal`.
@@ -80,10 +80,10 @@ class Puma260Driver(SessionDriver):
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
-        """A driver over the controller that `url` names: four TCP connections, or one UDP channel.
+        """Make a driver for the controller that `url` names: four TCP connections, or one UDP channel.
 
         Raises:
-            UsageError: The URL makes no sense, or there is an option other than `boot_window`.
+            UsageError: The URL is invalid, or there is an option other than `boot_window`.
         """
         unknown = set(options) - {"boot_window"}
         if unknown:
@@ -105,12 +105,12 @@ class Puma260Driver(SessionDriver):
 
     @classmethod
     def from_conf(cls, file: str | Path) -> Self:
-        """A driver over the channels that an `ipc_msg.conf` names; those it does not name share the I/O channel.
+        """Make a driver for the channels that an `ipc_msg.conf` names; other modules share the I/O channel.
 
-        So do UDP channels to the controller's same port, since one port answers one caller.
+        UDP channels to the same port of the controller also share it, since one port answers one caller.
 
         Raises:
-            ConfigError: The file is wrong, or has no channel of PUMA260_HOST_IO_TRX.
+            ConfigError: The file is invalid, or has no channel of PUMA260_HOST_IO_TRX.
         """
         from hexwire.ipc.conf import link_url, load_conf
 
@@ -134,13 +134,13 @@ class Puma260Driver(SessionDriver):
             trajectories=channel(ModuleType.PUMA260_HOST_JTRAJ_TX),
         )
 
-    # -- coming and going ---------------------------------------------------------------------------
+    # -- attaching and detaching --------------------------------------------------------------------
 
     def attach(self) -> None:
         try:
             for session in self.sessions:
                 session.open()
-                # Asking who is there also tells the controller that we count our requests from the beginning.
+                # The negotiation also tells the controller that sequence numbers start again.
                 session.negotiate(dialect=tables.PROTO_HEXWIRE, boot_window=self._boot_window)
             self._status()
         except BaseException:
@@ -186,10 +186,10 @@ class Puma260Driver(SessionDriver):
         return True
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
-        """Yield the states that the controller reports by itself every `period` seconds.
+        """Yield the states that the controller reports every `period` seconds.
 
-        Ends when none came for `timeout` seconds. A connection that was lost and came back goes on. `slow` is of no
-        account: there is nothing in these reports that could be left out.
+        Ends after `timeout` seconds without a report. Continues after a reconnection. `slow` has no effect: these
+        reports have no values that could be left out.
         """
         body = round(period * 1000).to_bytes(2, "little") + b"\0"
         states = self.states
@@ -211,7 +211,7 @@ class Puma260Driver(SessionDriver):
         if len(counts) != len(self.model.joints):
             raise RemoteProtocolError(f"JOINT_STATES of {len(counts)} joints; puma260 has {len(self.model.joints)}")
         position = counts_to_angles(counts)
-        # Velocities come through the same coupling: the angles of the counts a second later, less those of now.
+        # Velocities have the same coupling: the angles of the counts one second later minus the present angles.
         later = counts_to_angles([row.counts + row.speed for row in states.rows])
         n = len(self.model.joints)
         power = states.robot_flags & tables.ROBOT_FLAGS_POWER_ON
@@ -234,13 +234,13 @@ class Puma260Driver(SessionDriver):
     # -- motion -------------------------------------------------------------------------------------
 
     def write(self, target: JointTarget) -> SentTarget:
-        """Send joints to a target as a trajectory of one waypoint; joints that are not named hold."""
+        """Send joints to a target as a trajectory of one waypoint; the other joints hold."""
         with self.session.epochs.calling("a move"):
-            # Read anew: a joint that somebody moved since must not be sent back to where it was.
+            # Read again, so that a joint that was moved meanwhile is not sent back.
             present = self.read().positions
             checked = check_target(self.model, target, present)
             goal = present | dict(checked.positions)
-            # Encoders count whole steps: what is sent is what they can hold.
+            # Encoders count whole steps: send angles that they can represent.
             angles = counts_to_angles(angles_to_counts([goal[name] for name in self.model.names]))
             duration = max(checked.duration, _MINIMUM_DURATION)
             self._send(TrajectoryPoints((duration,), (angles,)))
@@ -248,11 +248,11 @@ class Puma260Driver(SessionDriver):
         return SentTarget(tuple((name, named[name]) for name, _ in checked.positions), duration)
 
     def follow(self, trajectory: TrajectoryPoints) -> None:
-        """Follow waypoints of all joints; replaces what is being followed. Long ones go in fragments.
+        """Follow a trajectory of all joints; replaces the present one. Long trajectories are sent in fragments.
 
         Raises:
             LimitError: A waypoint is outside the limits; nothing was sent.
-            UsageError: A joint would have to be faster than its limit between two waypoints.
+            UsageError: A joint would exceed its speed limit between two waypoints.
         """
         names = self.model.names
         if len(trajectory.positions[0]) != len(names):
@@ -268,7 +268,7 @@ class Puma260Driver(SessionDriver):
             for joint, angle in zip(self.model.joints, row, strict=True):
                 joint.check(angle)
             needed = needed_duration(self.model, before, goal)
-            # A millisecond of grace: what one call has slowed, the next must not find too fast.
+            # One millisecond of tolerance: a duration that one call has lengthened must pass the next check.
             if needed > time - when + 0.001:
                 raise UsageError(
                     f"the waypoint at {time:g} s is {decimal(needed - (time - when), 3)} s too early for the "
@@ -280,10 +280,10 @@ class Puma260Driver(SessionDriver):
         check_reply(self.trajectories.request(Command.JOINT_TRAJECTORY, trajectory.serialize()))
 
     def command(self, commands: JointCommands) -> None:
-        """Send set-points with the fields of osrf_msgs/JointCommands; the joints that are not named go on.
+        """Send set-points with the fields of osrf_msgs/JointCommands; the other joints continue.
 
-        Positions go to the controller's own loop, and so does a velocity without a position, for half a second.
-        An effort or a gain puts the named joints under the law of JointCommands instead.
+        Positions go to the controller's own loop, and so does a velocity without a position, for half a second. An
+        effort or a gain selects the control law of JointCommands for the named joints instead.
 
         Raises:
             LimitError: A position is outside the limits; nothing was sent.
@@ -302,14 +302,14 @@ class Puma260Driver(SessionDriver):
         check_reply(self.commands.request(Command.JOINT_COMMANDS, named.serialize()))
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
-        """Power on or off; the controller has one switch, so naming a joint gives power to all.
+        """Switch power on or off. The controller has one switch, so power on for one joint is power on for all.
 
         Raises:
-            UsageError: Single joints are to lose it.
+            UsageError: Power off is requested for single joints.
         """
         named = {self.model.joint(name).name for name in joints or self.model.names}
         if not on and named != set(self.model.names):
-            raise UsageError("puma260 has one power switch: it cannot take it from single joints; name none")
+            raise UsageError("puma260 has one power switch and cannot switch single joints off; name no joints")
         self._signal(Signal.TORQUE_ON if on else Signal.TORQUE_OFF)
         return self.model.names
 
@@ -325,13 +325,13 @@ class Puma260Driver(SessionDriver):
 
     def resume(self) -> None:
         with self.session.epochs.calling("resume", freeing=True):
-            # What was sent before the stop over another channel must be there, and be refused, before it is ended.
+            # Requests sent over another channel before the stop must arrive, and be refused, before the stop ends.
             for session in self.sessions[1:]:
                 check_reply(session.request(Command.ROBOT_PROBE, repeatable=True))
             self._signal(Signal.RESUME)
 
     def set_mode(self, mode: Puma260Mode) -> None:
-        """Switch between position and teach mode. Nothing moves by it."""
+        """Switch between position and teach mode. Nothing moves."""
         check_reply(self.session.request(Command.ROBOT_MODE, bytes((mode,))))
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:

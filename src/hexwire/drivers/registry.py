@@ -19,25 +19,25 @@ if TYPE_CHECKING:
 __all__ = ["PORT_VARIABLE", "connect", "load_bus_arm", "load_driver", "robot_names"]
 
 PORT_VARIABLE = "HEXWIRE_PORT"
-"""Environment variable with the port to use where none is given."""
+"""Environment variable with the default port."""
 
 _GROUP = "hexwire.robots"
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names of the robots that are installed, in order."""
+    """Names of the installed robots, sorted."""
     return tuple(sorted({point.name for point in entry_points(group=_GROUP)}))
 
 
 def load_driver(name: str) -> type[RobotDriver]:
-    """The driver class of a robot.
+    """Load the driver class of a robot.
 
     Args:
         name: Name of an installed robot, or path of a TOML file that describes an arm on a servo bus.
 
     Raises:
         UsageError: No such robot is installed; the text lists those that are.
-        ConfigError: The file is wrong.
+        ConfigError: The file is invalid.
     """
     if name.endswith(".toml"):
         from .bus_arm import arm_class
@@ -47,16 +47,16 @@ def load_driver(name: str) -> type[RobotDriver]:
         if point.name == name:
             driver = point.load()
             if not (isinstance(driver, type) and issubclass(driver, RobotDriver)):
-                raise UsageError(f"entry point {point.value!r} of robot {name!r} is no RobotDriver class")
+                raise UsageError(f"entry point {point.value!r} of robot {name!r} is not a RobotDriver class")
             return driver
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
 
 
 def load_bus_arm(name: str) -> type[BusArm]:
-    """The driver class of an arm on a servo bus; arguments and errors as `load_driver`.
+    """Load the driver class of an arm on a servo bus; arguments and errors as `load_driver`.
 
     Raises:
-        UsageError: It is no arm on a servo bus.
+        UsageError: The robot is not an arm on a servo bus.
     """
     from .bus_arm import BusArm
 
@@ -70,7 +70,7 @@ def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> 
     """Open a robot: find its driver and its port, and attach. Nothing moves.
 
     Args:
-        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``. If None, that of the environment
+        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``. If None, the value of the environment
             variable HEXWIRE_PORT, else the only likely board that is plugged in.
         robot: Name of the robot.
         **options: Passed to the driver's `from_url`.
@@ -79,9 +79,9 @@ def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> 
         The attached driver; use it as a context manager, or call `detach`.
 
     Raises:
-        UsageError: No such robot, or no single port to choose.
+        UsageError: There is no such robot, or no single port to choose.
         LinkError: The port cannot be opened.
-        ReplyTimeoutError: Nobody answers there.
+        ReplyTimeoutError: Nothing answers.
     """
     if port is None:
         port = os.environ.get(PORT_VARIABLE)

@@ -1,6 +1,6 @@
-"""Replies of a board or robot controller: a status that refuses becomes an error that says what to do.
+"""Replies of a board or robot controller: a refusing status becomes an error that says what to do.
 
-Owns the advice for each status. Must not know sessions, joints or who asks.
+Owns the advice for each status. Must not know sessions, joints or callers.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ _ADVICE: dict[int, str] = {
     Status.STOPPED: "the arm is stopped; `hexwire resume` ends that",
     Status.TORQUE_OFF: "a joint has no torque; `hexwire torque on` first",
     Status.BUSY: "the board is busy; try again",
-    Status.SERVO_SILENT: "a servo does not answer; `hexwire ping` tells which",
+    Status.SERVO_SILENT: "a servo does not answer; `hexwire ping` shows which",
     Status.SERVO_FAULT: "a servo is not in position mode; set its register `mode` to 0 in maintenance",
     Status.FORBIDDEN: (
-        "the board lets no such packet to a servo: move joints with `write`, give torque with `torque`; "
-        "settings of servos need `maintenance(True)`, and nothing moves until `maintenance(False)`"
+        "the board forwards no such packet to a servo: move joints with `write`, switch torque with `torque`; "
+        "servo settings need `maintenance(True)`, and nothing moves until `maintenance(False)`"
     ),
 }
 _FORBIDDEN_MAINTENANCE = "a joint has torque; `hexwire torque off` first"
@@ -32,7 +32,7 @@ _FORBIDDEN_MOTION = "the board is in maintenance; `maintenance(False)` ends that
 
 
 def torque_flag(torque: bool | None) -> int:
-    """The flag of a joint whose torque is on, off, or not known."""
+    """Return the flag of a joint whose torque is on, off, or unknown."""
     if torque is None:
         return int(JointFlag.TORQUE_UNKNOWN)
     return int(JointFlag.TORQUE_ON) if torque else 0
@@ -43,7 +43,7 @@ def check_reply(reply: Reply, *accepted: Status) -> Reply:
 
     Args:
         reply: The reply.
-        *accepted: Further status codes that the caller will look at itself.
+        *accepted: Further status codes, which the caller handles.
 
     Raises:
         StoppedError: The arm is stopped.

@@ -1,6 +1,6 @@
-"""`SessionDriver`: a robot that is reached over one or more sessions.
+"""`SessionDriver`: a robot behind one or more sessions.
 
-Owns what follows from having sessions: address, clock, counters, reconnection. Must not know joints or commands.
+Owns what the sessions provide: address, clock, counters, reconnection. Must not know joints or commands.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class SessionDriver(RobotDriver):
     """A robot behind sessions.
 
     Args:
-        session: The conversation with the board or robot controller; its address and clock are the robot's.
-        *others: Further sessions that lead to the same robot.
+        session: The session with the board or robot controller, which gives the robot's address and clock.
+        *others: Further sessions with the same robot.
 
     Attributes:
         session: As given.
@@ -36,13 +36,13 @@ class SessionDriver(RobotDriver):
         super().__init__()
         self.session = session
         self.sessions = tuple(dict.fromkeys((session, *others)))
-        # A stop voids what waits at any of them.
+        # A stop cancels the calls that wait at any of them.
         for other in self.sessions[1:]:
             other.share_stops(session)
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
-        """A driver over one session on the link that `url` names; options as in the constructor."""
+        """Make a driver with one session on the link that `url` names; options as in the constructor."""
         return cls(Session(IpcHandle.from_url(url)), **options)
 
     @property

@@ -1,9 +1,9 @@
-"""That an arm was stopped, kept from one program to the next where no board keeps it.
+"""Keeps a latched stop from one program to the next, for arms whose board does not.
 
-Owns a file a device, in a folder of this user: it is there as long as the stop holds. Must not know robots.
+Owns one file per device, in a folder of this user, that exists while the stop holds. Must not know robots.
 
-What it cannot know: a stop by another user or from another computer, and whether somebody moved the arm without
-hexwire. A port without a serial number is known by its name; what is plugged in there later counts as the same.
+It does not cover a stop by another user or from another computer, or motion without hexwire. A port without a
+serial number is identified by its name; another device plugged in there later counts as the same.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ __all__ = ["StopMemory"]
 _log = logging.getLogger(__name__)
 
 _PSEUDO_TERMINALS = range(136, 144)
-"""Major device numbers; their names are given again to whoever comes next."""
+"""Major device numbers; the system reuses the names of pseudo-terminals."""
 _NETWORK = frozenset(("tcp", "udp", "tls"))
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 class StopMemory:
-    """The memory of one device.
+    """The stop memory of one device.
 
     Args:
-        url: Of the link; links inside a program have no memory.
+        url: URL of the link; links inside a program have no memory.
     """
 
     def __init__(self, url: str) -> None:
@@ -45,12 +45,12 @@ class StopMemory:
 
     @property
     def kept_by(self) -> str:
-        """As `RobotDriver.stop_kept_by`; nobody where the file could not be made."""
+        """As `RobotDriver.stop_kept_by`; empty if the file could not be created."""
         return "user" if self._name and not self._failed else ""
 
     @property
     def stopped(self) -> bool:
-        """Whether this user has stopped the device, and not resumed it."""
+        """Whether this user has stopped the device and not resumed it."""
         if not self._name:
             return False
         try:
@@ -61,7 +61,7 @@ class StopMemory:
         return stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid()
 
     def remember(self) -> None:
-        """It is stopped. A warning tells where that cannot be kept for other programs."""
+        """Record the stop; logs a warning if it cannot be kept for other programs."""
         self._failed = False
         if not self._name or self.stopped:
             return
@@ -74,10 +74,10 @@ class StopMemory:
             _log.warning("the stop of %s cannot be kept for other programs: %s", self._url, error)
 
     def forget(self) -> None:
-        """The stop is ended.
+        """Remove the record: the stop has ended.
 
         Raises:
-            OSError: The file cannot be taken away.
+            OSError: The file cannot be removed.
         """
         if self.stopped:
             with contextlib.suppress(FileNotFoundError), _opened(_place()) as folder:
@@ -85,7 +85,7 @@ class StopMemory:
 
 
 def _place() -> Path:
-    """A folder that nobody else writes to; the first ends with the last log-out of this user."""
+    """Folder to which only this user writes; XDG_RUNTIME_DIR is cleared at this user's last log-out."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     if runtime and Path(runtime).is_absolute():
         return Path(runtime) / "hexwire"
@@ -103,7 +103,7 @@ def _opened(path: Path) -> Iterator[int]:
 
 
 def _identity(url: str) -> str:
-    """What stays the same as long as it is the same device; empty for a link that ends with its program."""
+    """Return what identifies the device; empty for a link that ends with its program."""
     try:
         parts = parse_url(url)
     except HexwireError:

@@ -1,6 +1,6 @@
 """Tools at the end of the arm: a gripper, and a suction cup with its pump.
 
-Owns what the outputs and the gripper's joint mean. Must not know how a command reaches the board.
+Owns the meaning of the outputs and of the gripper's joint. Must not know how a command reaches the board.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Suction:
         self._robot = robot
 
     def suck(self) -> None:
-        """Pump on, valve shut: the cup holds.
+        """Switch the pump on and close the valve: the cup holds.
 
         Raises:
             NotSupportedError: The board speaks dialect 1 and has no such command.
@@ -41,15 +41,15 @@ class Suction:
         self._set(_PUMP)
 
     def release(self) -> None:
-        """Pump off, valve open: air comes in and the cup lets go; call `off` when it has."""
+        """Switch the pump off and open the valve: air enters and the cup releases. Call `off` afterwards."""
         self._set(_VALVE)
 
     def off(self) -> None:
-        """Both off; neither gets warm."""
+        """Switch both off, so that neither heats up."""
         self._set(0)
 
     def read(self) -> tuple[bool, bool]:
-        """Whether the pump is on, and whether the valve is open."""
+        """Read whether the pump is on, and whether the valve is open."""
         _, value = self._robot.ioctl(Command.IO, bytes((0, 0)))
         return bool(value & _PUMP), bool(value & _VALVE)
 
@@ -58,21 +58,21 @@ class Suction:
 
 
 class Gripper:
-    """A gripper that a joint of the arm opens and closes.
+    """A gripper that one joint of the arm opens and closes.
 
     Args:
         robot: An attached robot.
         joint: Name of the joint.
-        held: Drive effort from which a jaw that stands still holds something, fraction of full.
+        held: Effort from which a stationary jaw counts as holding something, fraction of full effort.
 
     Raises:
-        UsageError: The robot has no such joint: which way another gripper opens is not known.
+        UsageError: The robot has no such joint; the direction of another gripper is unknown.
     """
 
     def __init__(self, robot: RobotDriver, joint: str = _GRIPPER_JOINT, *, held: float = 0.25) -> None:
         if joint not in robot.model.names:
             raise UsageError(
-                f"{robot.model.name} has no joint {joint}, the gripper of a Hex7Bot; move its own by name, "
+                f"{robot.model.name} has no joint {joint}, the gripper of a Hex7Bot; move its gripper by name, "
                 "as in `hexwire move NAME=DEGREES`"
             )
         self._robot = robot
@@ -80,31 +80,31 @@ class Gripper:
         self._held = held
 
     def move(self, share: float, duration: float = 0.8) -> SentTarget:
-        """Open to a share: 0 is shut, 1 wide open.
+        """Move to an opening: 0 is closed, 1 fully open.
 
         Raises:
-            UsageError: Not within 0..1.
+            UsageError: The opening is not within 0..1.
             HexwireError: As `RobotDriver.write`.
         """
         return self._robot.write(JointTarget.of({self.joint.name: self.angle(share)}, duration))
 
     def angle(self, share: float) -> float:
-        """Angle of the joint for a share, radians: shut at its upper limit, as servo angles count."""
+        """Return the angle of the joint for an opening, radians; the upper limit is closed."""
         if not 0 <= share <= 1:
-            raise UsageError(f"a gripper opens from 0 (shut) to 1 (wide open), not {share:g}")
+            raise UsageError(f"a gripper's opening is from 0 (closed) to 1 (fully open), not {share:g}")
         return self.joint.maximum + share * (self.joint.minimum - self.joint.maximum)
 
     def share(self, state: JointState) -> float:
-        """How far it is open: 0 is shut, 1 wide open."""
+        """Return the opening: 0 is closed, 1 fully open."""
         angle = state[self.joint.name].position
         return (angle - self.joint.maximum) / (self.joint.minimum - self.joint.maximum)
 
     def holds(self, state: JointState, goal: float) -> bool:
-        """Whether something is between the jaws: they press, stand still, and are not where they were sent.
+        """Whether an object is between the jaws: they press, stand still, and are not at their goal.
 
         Args:
-            state: As read.
-            goal: Share that it was sent to.
+            state: The state.
+            goal: The opening that it was sent to.
         """
         joint = state[self.joint.name]
         short = abs(joint.position - self.angle(goal)) > math.radians(2.0)
@@ -113,7 +113,7 @@ class Gripper:
         return short and math.isfinite(joint.load) and abs(joint.load) >= self._held
 
     def keep(self, state: JointState, squeeze: float = math.radians(3.0)) -> SentTarget:
-        """Hold what is between the jaws with a little pressure, not with all the servo has."""
+        """Hold the object between the jaws with little force instead of the servo's full force."""
         here = state[self.joint.name].position
         goal = min(self.joint.maximum, here + squeeze)
         return self._robot.write(JointTarget.of({self.joint.name: goal}, 0.2))

@@ -1,6 +1,6 @@
-"""What a robot is told and tells besides its joints: signals, kinds of stop, what a probe finds, a latched stop.
+"""Values of a robot besides its joints: signals, stop modes, stop causes, a latched stop, probe results.
 
-Owns these values. Must not know drivers, links or who asks.
+Owns these values. Must not know drivers, links or callers.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ class Signal(IntEnum):
     STOP = 1
     """Latched stop; the joints hold where they are."""
     STOP_TORQUE_OFF = 2
-    """Latched stop that takes the torque away: the arm may fall."""
+    """Latched stop that switches the torque off: the arm may fall."""
     RESUME = 3
-    """Ends a stop; nothing moves by it."""
+    """Ends a stop; nothing moves."""
     TORQUE_ON = 4
-    """Torque on for all joints, where they stand."""
+    """Torque on for all joints, at their present positions."""
     TORQUE_OFF = 5
     """Torque off for all joints."""
 
 
 class StopMode(IntEnum):
-    """What a stop, or the board's watchdog, does."""
+    """How a stop, or the board's watchdog, stops the arm."""
 
     HOLD = 0
     TORQUE_OFF = 1
 
 
 class StopCause(Enum):
-    """What stopped a robot since its last `resume`, in words for people."""
+    """What stopped a robot since its last `resume`; the value is a text for display."""
 
     NONE = ""
     """It is not stopped."""
     HERE = "this program stopped it"
-    """`stop` was called in this program, or this user's stop of an earlier one holds."""
-    WATCHDOG = "its watchdog stopped it, because the host fell silent"
+    """`stop` was called in this program, or this user's stop from an earlier program still holds."""
+    WATCHDOG = "its watchdog stopped it because the host fell silent"
     ELSEWHERE = "it was told to stop from elsewhere"
     """Another program, or a button."""
 
@@ -63,17 +63,17 @@ class StopLatch:
 
 @dataclass(frozen=True, slots=True)
 class JointProbe:
-    """What a probe found of one joint.
+    """The probe of one joint.
 
     Attributes:
         name: The joint.
         servo_id: Id of its servo.
-        series: Series of it, as it answers.
-        present: It answers.
-        note: What is wrong with it; empty if nothing is.
-        model: What the servo says it is, as in ``sts3215 3.10``; empty if it does not say.
-        supply: Least and most volts that it wants; None if it does not say.
-        max_temperature: Degrees Celsius from which it protects itself; None if it does not say.
+        series: Series of the servo, by its answer.
+        present: Whether the servo answers.
+        note: The fault found; empty if there is none.
+        model: Model and firmware that the servo reports, as in ``sts3215 3.10``; empty if it reports none.
+        supply: Lowest and highest supply voltage, volts; None if the servo does not report them.
+        max_temperature: Degrees Celsius at which the servo protects itself; None if it does not report it.
     """
 
     name: str
@@ -87,26 +87,26 @@ class JointProbe:
 
     @property
     def remarks(self) -> str:
-        """What is wrong, and what it is, for a person."""
+        """The note and the model, for display."""
         return ", ".join(filter(None, (self.note, self.model)))
 
 
 @dataclass(frozen=True, slots=True)
 class ProbeReport:
-    """What a probe found.
+    """The result of a probe.
 
     Attributes:
         robot: Name of the model.
         link: URL of the link.
-        dialect: 1 or 2; 0 where there is no such thing.
-        firmware: As in ``2.0.1``; empty if the board does not say.
+        dialect: 1 or 2; 0 if the robot has no dialect.
+        firmware: As in ``2.0.1``; empty if the board does not report it.
         boot_id: Changes at every reset of the board; None if it has none.
-        capabilities: Words for what the board can do.
+        capabilities: Names of the board's abilities.
         stopped: A stop is latched.
-        joints: One row a joint.
+        joints: One row per joint.
         counters: The board's and the host's counters by name.
-        maintenance: The board lets settings of servos be written, and nothing move.
-        unprotected: What protects other robots and is missing here, in words; empty if nothing is.
+        maintenance: The board allows writes to servo settings, and no motion.
+        unprotected: Protections that this robot lacks, for display; empty if it lacks none.
     """
 
     robot: str
@@ -127,5 +127,5 @@ class ProbeReport:
         return tuple(joint.name for joint in self.joints if not joint.present)
 
     def same_kind(self, other: ProbeReport) -> bool:
-        """Whether a robot that was found anew has the rates and abilities of the one that was there before."""
+        """Whether a robot found again has the rates and abilities of the previous one."""
         return (self.robot, self.dialect) == (other.robot, other.dialect)
