@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 from tests.analyzers.lines import assembled, readings_table
+from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.pcap import write_pcap, write_pcapng
-from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, parse_frame
 from hexwire.wire.commands import FragmentHead, Stats
 from hexwire.wire.servo_packet import make_read, make_status, make_sync_write
 
@@ -67,20 +68,8 @@ def frame(
     cmd: int, body: bytes, *, seq: int = 1, ext: int = 0, sent: bool = True, proto: int = 2, nsec: int = 0
 ) -> bytes:
     src, dst = (HOST, BOARD) if sent else (BOARD, HOST)
-    return serialize_frame(
-        Frame(
-            proto=proto,
-            cmd=cmd,
-            body=body,
-            seq=seq,
-            sn=seq,
-            src=src,
-            dst=dst,
-            type=3 if sent else 8,
-            time_sec=0,
-            time_nsec=nsec,
-            cmd_ext=ext,
-        )
+    return frame_bytes(
+        cmd, body, proto=proto, seq=seq, src=src, dst=dst, type=3 if sent else 8, time_nsec=nsec, cmd_ext=ext
     )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from tests.avr.machines import Machine
+from tests.frames import frame_bytes
 
 from hexwire.session.decoder import FrameDecoder
-from hexwire.wire.command_frame import Frame, serialize_frame
+from hexwire.wire.command_frame import Frame
 
 BOARD, HOST = 8, 7
 
@@ -34,20 +35,8 @@ class Client:
         if seq is None:
             self.seq = seq = (self.seq + 1) & 0xFF
         self.sn += 1
-        return serialize_frame(
-            Frame(
-                proto=proto,
-                cmd=cmd,
-                body=body,
-                seq=seq,
-                sn=self.sn,
-                src=HOST,
-                dst=dst,
-                type=3,
-                time_sec=1,
-                time_nsec=self.sn,
-                cmd_ext=cmd_ext,
-            )
+        return frame_bytes(
+            cmd, body, proto=proto, seq=seq, sn=self.sn, src=HOST, dst=dst, time_nsec=self.sn, cmd_ext=cmd_ext
         )
 
     def frames(self) -> list[Frame]:

@@ -11,9 +11,11 @@ import random
 import time
 from collections.abc import Callable
 
+from tests.frames import frame_bytes
+
 from hexwire.trace.explain import Explainer
 from hexwire.trace.sources import read_traffic
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 from hexwire.wire.servo_packet import make_status
 
 _MEGABYTES = (1, 2, 4, 8)
@@ -30,9 +32,7 @@ def run() -> list[str]:
 
 
 def _kinds() -> dict[str, Callable[[int], bytes]]:
-    frame = serialize_frame(
-        Frame(proto=2, cmd=Command.STATS, body=b"", seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
-    )
+    frame = frame_bytes(Command.STATS)
     return {
         "blanks": _filled(b" ", end=b"x"),
         "blanks in lines of 3 kB": _filled(b" " * 3000 + b"x\n"),
@@ -69,11 +69,7 @@ def _filled(piece: bytes, *, begin: bytes = b"", end: bytes = b"") -> Callable[[
 def _lying(size: int) -> bytes:
     """A frame's beginning whose length says `size`, and that is followed by the next one right away."""
     length = size - 44
-    head = bytearray(
-        serialize_frame(
-            Frame(proto=2, cmd=Command.STATS, body=b"", seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
-        )[:40]
-    )
+    head = bytearray(frame_bytes(Command.STATS)[:40])
     head[28:32] = size.to_bytes(4, "little")
     head[36:38] = length.to_bytes(2, "little")
     # 44 bytes a piece: 0D 0A stands where a length of so many pieces has its tail.

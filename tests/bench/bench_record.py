@@ -6,10 +6,12 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests.frames import frame_bytes
+
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.capture import Capture
 from hexwire.trace.recording import RecordingWriter, make_positions
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 
 SECONDS = 5
 RATE = 1000
@@ -41,19 +43,5 @@ def run() -> list[str]:
 def _reply(i: int) -> Passed:
     rows = b"".join((2047 + i % 100 + j).to_bytes(2, "little") + b"\x40" for j in range(7))
     body = i.to_bytes(4, "little") + bytes([0, 0, 7, 0]) + rows
-    data = serialize_frame(
-        Frame(
-            proto=2,
-            cmd=Command.JOINT_STATE,
-            cmd_ext=0x80,
-            body=body,
-            seq=i & 0xFF,
-            sn=i,
-            src=8,
-            dst=7,
-            type=8,
-            time_sec=0,
-            time_nsec=0,
-        )
-    )
+    data = frame_bytes(Command.JOINT_STATE, body, cmd_ext=0x80, seq=i, src=8, dst=7, type=8)
     return Passed(Direction.RECEIVED, data, i / RATE, "serial:///dev/x")

@@ -14,13 +14,15 @@ import statistics
 import time
 import tty
 
+from tests.frames import frame_bytes
+
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import ALL_FIELDS, Identity, JointReport, JointRow
 
 _ROUNDS = 12
@@ -64,10 +66,7 @@ def run() -> list[str]:
 
 
 def _measure(path: str) -> list[str]:
-    request = serialize_frame(Frame(
-        proto=2, cmd=Command.JOINT_STATE, body=bytes((ALL_FIELDS,)), seq=0, sn=0, src=7, dst=8, type=3,
-        time_sec=0, time_nsec=0,
-    ))  # fmt: skip
+    request = frame_bytes(Command.JOINT_STATE, bytes((ALL_FIELDS,)), seq=0)
     driver = Hex7BotDriver(Session(IpcHandle.from_url(f"serial://{path}")))
     with driver:
         size = len(driver.read().names)

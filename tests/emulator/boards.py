@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from tests.frames import frame_bytes
+
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.session.decoder import FrameDecoder
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame
 from hexwire.wire.commands import ALL_FIELDS, JointReport, MoveRequest, MoveRow
 
 HOST, BOARD = 7, 8
@@ -33,11 +35,7 @@ class Bench:
     def send(self, cmd: int, body: bytes = b"", *, proto: int = 2, seq: int | None = None, dst: int = BOARD) -> int:
         if seq is None:
             self.seq = seq = (self.seq + 1) & 0xFF
-        data = serialize_frame(
-            Frame(
-                proto=proto, cmd=cmd, body=body, seq=seq, sn=seq, src=HOST, dst=dst, type=3, time_sec=1, time_nsec=0
-            )
-        )
+        data = frame_bytes(cmd, body, proto=proto, seq=seq, src=HOST, dst=dst)
         self.send_raw(data)
         return seq
 

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import pytest
 from tests.emulator.boards import Bench
+from tests.frames import frame_bytes
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.session.decoder import FrameDecoder
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame
 
 # The chapter's log, the tails as they were before a port with ICRNL had its way with them.
 LOG = [
@@ -92,11 +93,7 @@ def round_trip(packet: bytes, cmd: int, faults: tuple[str, ...] = ()) -> float:
     decoder = FrameDecoder()
     clock.advance(1.0)
     start = clock()
-    link.write(
-        serialize_frame(
-            Frame(proto=1, cmd=cmd, body=packet, seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=0)
-        )
-    )
+    link.write(frame_bytes(cmd, packet, proto=1))
     while clock() < start + 1.0:
         decoder.receive(link.read(start + 1.0), clock())
         if isinstance(decoder.next_event(), Frame):

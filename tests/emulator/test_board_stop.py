@@ -4,34 +4,18 @@ from __future__ import annotations
 
 import pytest
 from tests.emulator.boards import Bench
+from tests.frames import frame_bytes
 
 from hexwire.emulator.board_stop import StopQueue
 from hexwire.session.events import Request
-from hexwire.wire.command_frame import Command, Frame, Status, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Status, parse_frame
 from hexwire.wire.commands import FragmentHead, MoveRequest, MoveRow, parse_stop_reply
 
 START = (2053, 2043, 2035, 2039, 2083, 2046, 2047)
 
 
 def request(seq: int) -> Request:
-    return Request(
-        parse_frame(
-            serialize_frame(
-                Frame(
-                    proto=2,
-                    cmd=Command.STOP,
-                    body=b"\0",
-                    seq=seq,
-                    sn=seq,
-                    src=7,
-                    dst=8,
-                    type=3,
-                    time_sec=0,
-                    time_nsec=0,
-                )
-            )
-        )
-    )
+    return Request(parse_frame(frame_bytes(Command.STOP, b"\0", seq=seq)))
 
 
 def ready(**options: object) -> Bench:

@@ -10,11 +10,12 @@ from collections.abc import Iterator
 
 import pytest
 from tests.drivers.puma_server import Served, served_puma
+from tests.frames import frame_bytes
 
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.errors import HexwireError
 from hexwire.link.tap import Direction, Passed, TapLink, wrap_new_links
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 
 pytestmark = pytest.mark.system
 
@@ -26,9 +27,7 @@ def served() -> Iterator[Served]:
 
 
 def request(cmd: int, seq: int, body: bytes = b"") -> bytes:
-    return serialize_frame(Frame(
-        proto=2, cmd=cmd, body=body, seq=seq & 0xFF, sn=seq, src=2, dst=3, type=1, time_sec=0, time_nsec=0
-    ))  # fmt: skip
+    return frame_bytes(cmd, body, seq=seq, src=2, dst=3, type=1)
 
 
 def call(served: Served) -> socket.socket:

@@ -2,16 +2,14 @@ from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.frames import frame_bytes
 
 from hexwire.emulator.sketch import SketchFrame, SketchReceiver
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Frame, serialize_frame
 
 
 def frame(cmd: int = 2, body: bytes = b"", nsec: int = 0) -> bytes:
-    return serialize_frame(
-        Frame(proto=1, cmd=cmd, body=body, seq=1, sn=1, src=7, dst=8, type=3, time_sec=1, time_nsec=nsec)
-    )
+    return frame_bytes(cmd, body, proto=1, time_nsec=nsec)
 
 
 def frames_of(receiver: SketchReceiver, data: bytes) -> list[SketchFrame]:

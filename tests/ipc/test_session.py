@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.frames import frame_bytes
 
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
@@ -27,7 +28,7 @@ from hexwire.link.base import LinkKind
 from hexwire.link.memory import MemoryLink, memory_pair
 from hexwire.session.policy import ReconnectPolicy, RetryPolicy
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, Frame, Status, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Status, parse_frame
 from hexwire.wire.modules import IpcType, ModuleType
 from hexwire.wire.servo_packet import make_read, make_status
 
@@ -188,21 +189,7 @@ def test_receive_gives_frames_that_answer_nothing() -> None:
     near, far = memory_pair()
     with far, over(near) as session:
         assert session.receive(0.0) is None
-        data = serialize_frame(
-            Frame(
-                proto=2,
-                cmd=Command.STATS,
-                body=b"",
-                seq=9,
-                sn=1,
-                src=8,
-                dst=7,
-                type=8,
-                time_sec=0,
-                time_nsec=0,
-                cmd_ext=0x80,
-            )
-        )
+        data = frame_bytes(Command.STATS, seq=9, sn=1, src=8, dst=7, type=8, cmd_ext=0x80)
         far.write(data)
         frame = session.receive(LONG)
         assert frame is not None
@@ -276,11 +263,7 @@ def test_noise_looks_like_a_wrong_baud_rate() -> None:
 
 
 def test_frames_that_answer_nothing_are_another_program() -> None:
-    frame = serialize_frame(
-        Frame(
-            proto=2, cmd=0x1B, body=b"", seq=77, sn=1, src=8, dst=3, type=8, time_sec=0, time_nsec=0, cmd_ext=0x80
-        )
-    )
+    frame = frame_bytes(0x1B, seq=77, sn=1, src=8, dst=3, type=8, cmd_ext=0x80)
     with (
         over(NoisyLink(NoisyDevice(frame), FakeClock())) as session,
         pytest.raises(ReplyTimeoutError, match=r"frames that answer nothing.*another program"),

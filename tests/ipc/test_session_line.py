@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from tests.frames import frame_bytes
 from tests.link.conformance import PATIENCE, soon
 
 from hexwire.errors import LinkLostError
@@ -16,7 +17,7 @@ from hexwire.ipc.session_line import SessionLine
 from hexwire.link.base import Link
 from hexwire.link.memory import memory_pair
 from hexwire.session.policy import RetryPolicy
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 
 
 class Line(SessionLine):
@@ -39,10 +40,7 @@ def ends() -> Iterator[tuple[Line, Link]]:
 
 
 def frame(number: int, ext: int) -> bytes:
-    return serialize_frame(Frame(
-        proto=2, cmd=Command.JOINT_STATE, body=bytes([number]), seq=number, sn=number, src=8, dst=7, type=8,
-        time_sec=0, time_nsec=0, cmd_ext=ext,
-    ))  # fmt: skip
+    return frame_bytes(Command.JOINT_STATE, bytes([number]), seq=number, src=8, dst=7, type=8, cmd_ext=ext)
 
 
 def test_reports_come_in_order_with_the_time_of_their_arrival(ends: tuple[Line, Link]) -> None:

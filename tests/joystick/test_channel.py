@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.frames import frame_bytes
 from tests.link.far_ends import free_port
 
 from hexwire.errors import LinkError
@@ -18,7 +19,7 @@ from hexwire.ipc.session import Session
 from hexwire.joystick.channel import JoystickReceiver, JoystickSender
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.memory import memory_pair
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import JoystickState
 
@@ -76,9 +77,7 @@ def datagrams() -> Iterator[Ends]:
 
 
 def frame(sn: int, body: bytes, *, cmd: int = Command.JOYSTICK, src: int = 1, proto: int = 2) -> bytes:
-    return serialize_frame(Frame(
-        proto=proto, cmd=cmd, body=body, seq=sn & 0xFF, sn=sn, src=src, dst=0, type=2, time_sec=0, time_nsec=0
-    ))  # fmt: skip
+    return frame_bytes(cmd, body, proto=proto, seq=sn, src=src, dst=0, type=2)
 
 
 def test_nothing_yet(ends: Ends) -> None:

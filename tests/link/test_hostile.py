@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from conformance import PATIENCE, Background, descriptors, in_a_moment, read_bytes, soon
+from tests.frames import frame_bytes
 from tests.soak import rounds
 
 from hexwire.errors import LinkClosedError, LinkError
@@ -22,24 +23,11 @@ from hexwire.link.tcp import PeerLink, TcpLink
 from hexwire.link.tls import TlsFiles
 from hexwire.session.decoder import FrameDecoder
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Frame, serialize_frame
+from hexwire.wire.command_frame import Frame
 
 
 def frame(number: int) -> bytes:
-    return serialize_frame(
-        Frame(
-            proto=2,
-            cmd=1,
-            body=bytes(8),
-            seq=number & 0xFF,
-            sn=number,
-            src=0,
-            dst=3,
-            type=1,
-            time_sec=0,
-            time_nsec=0,
-        )
-    )
+    return frame_bytes(1, bytes(8), seq=number, src=0, dst=3, type=1)
 
 
 class EchoServer:

@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from tests.avr.machines import CoreBoard
+from tests.frames import frame_bytes
 from tests.property.stops import Call, Judge, watch
 
 from hexwire.drivers.base import RobotDriver
@@ -34,7 +35,7 @@ from hexwire.model.state import JointTarget
 from hexwire.session.decoder import FrameDecoder
 from hexwire.session.policy import RetryPolicy
 from hexwire.wire import servo_packet as sp
-from hexwire.wire.command_frame import Command, Frame, Status, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.commands import MoveRequest, MoveRow, TransactRequest
 
 __all__ = ["PATIENCE", "Bench", "bench", "move", "run"]
@@ -268,21 +269,7 @@ class Bench:
 
     def _framed(self, cmd: int, body: bytes) -> bytes:
         self._number += 1
-        return serialize_frame(
-            Frame(
-                proto=2,
-                cmd=cmd,
-                body=body,
-                seq=self._number & 0xFF,
-                sn=self._number,
-                src=_OTHER,
-                dst=_BOARD,
-                type=3,
-                time_sec=1,
-                time_nsec=self._number,
-                cmd_ext=0,
-            )
-        )
+        return frame_bytes(cmd, body, seq=self._number, src=_OTHER, dst=_BOARD, time_nsec=self._number)
 
 
 @contextmanager

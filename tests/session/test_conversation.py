@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.frames import frame_bytes
 from tests.session.wires import Line, board, events, host
 
 from hexwire.errors import LocalProtocolError
@@ -16,7 +17,7 @@ from hexwire.session.connection import Connection, Role
 from hexwire.session.conversation import Window, is_stop
 from hexwire.session.events import Reply, Request
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame
 
 VECTORS = [
     json.loads(line)
@@ -312,11 +313,7 @@ def test_identify_may_be_lost_either_way(talk: Talk) -> None:
 
 
 def test_dialect_1_is_not_obeyed_over_datagrams(talk: Talk) -> None:
-    data = serialize_frame(
-        Frame(
-            proto=1, cmd=Command.SYNC_WRITE, body=b"x", seq=1, sn=1, src=7, dst=8, type=3, time_sec=0, time_nsec=0
-        )
-    )
+    data = frame_bytes(Command.SYNC_WRITE, b"x", proto=1)
     assert talk.to_board(data) == []
     assert talk.done == []
 

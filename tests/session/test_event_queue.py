@@ -4,30 +4,15 @@ from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.frames import frame_bytes
 
 from hexwire.session.event_queue import EventQueue
 from hexwire.session.events import ConnectionCounters, Event, Garbage, Reply, Report, TimedOut
-from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Frame, parse_frame
 
 
 def frame(sn: int) -> Frame:
-    return parse_frame(
-        serialize_frame(
-            Frame(
-                proto=2,
-                cmd=0x11,
-                body=b"",
-                seq=1,
-                sn=sn,
-                src=8,
-                dst=7,
-                type=8,
-                time_sec=0,
-                time_nsec=0,
-                cmd_ext=0x40,
-            )
-        )
-    )
+    return parse_frame(frame_bytes(0x11, sn=sn, src=8, dst=7, type=8, cmd_ext=0x40))
 
 
 def drain(queue: EventQueue) -> list[Event]:

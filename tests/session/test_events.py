@@ -8,17 +8,12 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.frames import frame_bytes
 
 from hexwire.session import events as e
-from hexwire.wire.command_frame import Frame, parse_frame, serialize_frame
+from hexwire.wire.command_frame import parse_frame
 
-FRAME = parse_frame(
-    serialize_frame(
-        Frame(
-            proto=2, cmd=0x15, body=b"\0", seq=9, sn=1, src=7, dst=8, type=3, time_sec=0, time_nsec=0, cmd_ext=0x85
-        )
-    )
-)
+FRAME = parse_frame(frame_bytes(0x15, b"\0", seq=9, sn=1, cmd_ext=0x85))
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,15 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.frames import frame_bytes
 
 from hexwire.session.reply_store import ReplyStore
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame
 
 
 def frame(seq: int, *, src: int = 7, cmd: int = 0x13, body: bytes = b"b", sn: int = 0) -> Frame:
-    return parse_frame(
-        serialize_frame(
-            Frame(proto=2, cmd=cmd, body=body, seq=seq, sn=sn, src=src, dst=8, type=3, time_sec=sn, time_nsec=0)
-        )
-    )
+    return parse_frame(frame_bytes(cmd, body, seq=seq, sn=sn, src=src, time_sec=sn))
 
 
 def test_a_repeat_is_same_src_seq_cmd_and_body_whatever_its_clock() -> None:

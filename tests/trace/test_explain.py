@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explained, Explainer
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import JointReport
 from hexwire.wire.servo_packet import make_read, make_status, make_sync_write, make_write
 
@@ -20,10 +21,7 @@ SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
 
 
 def frame(proto: int, cmd: int, body: bytes, *, src: int = 7, seq: int = 1, ext: int = 0) -> bytes:
-    return serialize_frame(Frame(
-        proto=proto, cmd=cmd, body=body, seq=seq, sn=seq, src=src, dst=15 - src, type=3,
-        time_sec=1, time_nsec=0, cmd_ext=ext,
-    ))  # fmt: skip
+    return frame_bytes(cmd, body, proto=proto, seq=seq, src=src, dst=15 - src, cmd_ext=ext)
 
 
 def explain(*transfers: tuple[Direction, bytes, float]) -> list[Explained]:

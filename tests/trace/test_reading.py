@@ -6,12 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.analyzers.lines import readings_table
+from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.explain import Explainer
 from hexwire.trace.reading import Reader
 from hexwire.trace.reading_tables import TABLES
-from hexwire.wire.command_frame import Command, Frame, serialize_frame
+from hexwire.wire.command_frame import Command
 from hexwire.wire.servo_packet import make_legacy_ping_status, make_ping, make_read, make_status
 
 WAYS = {"host": Direction.SENT, "board": Direction.RECEIVED}
@@ -49,9 +50,7 @@ def test_a_board_s_error_is_one_only_behind_a_board() -> None:
     status = make_legacy_ping_status(3, 5)
     (alone,) = Reader(TABLES, "bus").feed(status)
     assert alone.text == "status 3 legacy error voltage, temperature"
-    data = serialize_frame(
-        Frame(proto=1, cmd=Command.PING, body=status, seq=1, sn=1, src=8, dst=7, type=3, time_sec=1, time_nsec=0)
-    )
+    data = frame_bytes(Command.PING, status, proto=1, src=8, dst=7)
     (framed,) = Reader(TABLES).feed(data)
     assert framed.words == "board error ping silent, servo 3"
     assert framed.answer
