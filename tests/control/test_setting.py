@@ -76,7 +76,7 @@ def test_other_kinds_and_their_defaults() -> None:
         "check: must be true or false, not 1",
         "joints: must be a list of names, not the text 'J1'",
         "joints: must be a list of names, not the list ['J1', 2]",
-        "joints: J1 is there twice",
+        "joints: J1 is given twice",
         "poses: must be a table of names and values, not the list [1]",
     ]
 

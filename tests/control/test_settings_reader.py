@@ -179,7 +179,7 @@ def test_a_robot_that_no_serial_port_can_be(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr("hexwire.control.settings_reader.load_driver", own)
     assert load(robot="own", port="tcp://h:1").model.names == ALL
-    assert faults(robot="own", port="") == ["port: own needs one (only tcp:// will do)"]
+    assert faults(robot="own", port="") == ["port: own needs a port (only tcp:// will do)"]
     assert faults(robot="own", port="udp://h:1") == ["port: only tcp:// will do"]
 
 
@@ -209,10 +209,10 @@ def test_the_puma() -> None:
 
 
 def test_robots_without_link_sets_or_geometry() -> None:
-    assert faults(robot="puma260", links="B") == ["links: only the hex7bot has link sets; leave it out for puma260"]
+    assert faults(robot="puma260", links="B") == ["links: only the hex7bot has link sets; omit it for puma260"]
     assert faults(robot="so101", links="V1", table_height=0.1) == [
-        "links: only the hex7bot has link sets; leave it out for so101",
-        "table_height: so101 has no geometry to check it with; set check_table to false",
+        "links: only the hex7bot has link sets; omit it for so101",
+        "table_height: so101 has no geometry for this check; set check_table to false",
     ]
     settings = load(robot="so101", table_height=0.1, check_table=False)
     assert (settings.kinematics, settings.table) == (None, None)
@@ -285,7 +285,7 @@ def test_thresholds_that_make_no_sense() -> None:
 
 def test_a_watchdog_that_the_rate_cannot_feed() -> None:
     (text,) = faults(watchdog=0.5, command_rate=2)
-    assert text.startswith("watchdog: 0.5 s is less than two cycles of command_rate 2 Hz, 1 s")
+    assert text.startswith("watchdog: 0.5 s is less than two periods of command_rate 2 Hz, 1 s")
     assert load(watchdog=1, command_rate=2).watchdog == 1.0
     assert load(watchdog=0, command_rate=1).watchdog == 0.0
 
@@ -363,11 +363,11 @@ def test_controllers_that_make_no_sense() -> None:
             "d": ["J5"],
         },
     ) == [
-        "controllers: stands in place of joints, allow_partial_joints_goal: give those inside each controller",
-        "controllers/a/joints: J1 is there twice",
+        "controllers: replaces joints, allow_partial_joints_goal: give those inside each controller",
+        "controllers/a/joints: J1 is given twice",
         f"controllers/b/joints: no joint 'J9', there are {', '.join(ALL)}",
         "controllers/b/constraints/goal_time: must be a number, not the text '1'",
-        "controllers/b/joints: J2 is in the controller a already",
+        "controllers/b/joints: J2 already belongs to the controller a",
         "controllers/c/jonts: unknown, did you mean controllers/c/joints?",
         "controllers/c/joints: a controller needs at least one joint",
         "controllers/d: must be a table of names and values, not the list ['J5']",

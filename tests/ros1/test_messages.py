@@ -165,7 +165,9 @@ def test_no_folder_is_left_on_the_path() -> None:
 
 def test_without_a_folder_for_temporary_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
-    with pytest.raises(HexwireError, match=r"cannot make the message classes of osrf_msgs: .*; set TMPDIR") as told:
+    with pytest.raises(
+        HexwireError, match=r"cannot generate the message classes of osrf_msgs: .*; set TMPDIR"
+    ) as told:
         osrf_msgs.__wrapped__()
     assert "\n" not in str(told.value)
 

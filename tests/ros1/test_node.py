@@ -201,8 +201,8 @@ def test_diagnostics_come_with_every_servo(arm: Arm) -> None:
 def test_diagnostics_tell_a_stop(arm: Arm) -> None:
     arm.diagnosed("board", 0, "ok")
     arm.trigger("stop")
-    row = arm.diagnosed("board", 1, "stopped: asked for by service")
-    assert {"key": "stopped", "value": "asked for by service"} in row["values"]
+    row = arm.diagnosed("board", 1, "stopped: requested by service")
+    assert {"key": "stopped", "value": "requested by service"} in row["values"]
     arm.trigger("reset")
     arm.diagnosed("board", 0, "ok")
 

@@ -104,19 +104,19 @@ def test_parameters_of_ros_control_are_a_warning_that_names_ours() -> None:
         },
     ).warnings
     assert warned == (
-        "~joint_state_controller: a parameter of ros_control without effect here; ours is ~publish_rate",
+        "~joint_state_controller: a parameter of ros_control without effect here; use ~publish_rate",
         "~controllers/arm/type: a parameter of ros_control without effect here; this node is the controller",
         (
             "~controllers/arm/gains: a parameter of ros_control without effect here; the servos close the loop "
             "themselves; their gains are registers, see `hexwire bus table`"
         ),
         (
-            "~controllers/arm/state_publish_rate: a parameter of ros_control without effect here; ours is "
-            "~state_publish_rate, of the whole node"
+            "~controllers/arm/state_publish_rate: a parameter of ros_control without effect here; use "
+            "~state_publish_rate, for the whole node"
         ),
         (
             "~controllers/arm/stop_trajectory_duration: a parameter of ros_control without effect here; "
-            "what slows down does so within the speed limits"
+            "the arm always slows down within its speed limits"
         ),
     )
     assert load().warnings == ()
@@ -126,7 +126,7 @@ def test_a_name_of_ros_control_elsewhere_is_a_fault() -> None:
     assert faults(constraints={"gains": 1}, safety={"type": 1}) != []
     for name, text in FOREIGN.items():
         assert name not in {row.name for row in PARAMETERS} - {"state_publish_rate", "action_monitor_rate"}, text
-        for ours in re.findall(r"ours is ~(\w+)", text):
+        for ours in re.findall(r"use ~(\w+)", text):
             assert ours in {row.name for row in PARAMETERS}
 
 
@@ -167,11 +167,11 @@ def test_names_that_ros_does_not_take() -> None:
             "e": {"f": {"joints": ["J7"]}},
         },
     ) == [
-        "~poses/2nd: no name for a service: a letter first, then letters, digits and _ only",
-        "~poses/a-b: no name for a service: a letter first, then letters, digits and _ only",
+        "~poses/2nd: not a service name: a letter first, then letters, digits and _ only",
+        "~poses/a-b: not a service name: a letter first, then letters, digits and _ only",
         "~controllers/d: must be a table of names and values, not the list ['J5']",
-        "~controllers/e/f: is there twice",
-        "~controllers/no-name: no name that ROS takes: a letter first, then letters, digits, _ and / only",
+        "~controllers/e/f: given twice",
+        "~controllers/no-name: not a ROS name: a letter first, then letters, digits, _ and / only",
         "~controllers/d/joints: a controller needs at least one joint",
     ]
 
@@ -186,10 +186,10 @@ def test_a_name_with_a_slash_is_a_table_of_tables() -> None:
 
 def test_texts_name_other_parameters_as_ros_does() -> None:
     assert faults(robot="so101", table_height=0.1) == [
-        "~table_height: so101 has no geometry to check it with; set ~check_table to false"
+        "~table_height: so101 has no geometry for this check; set ~check_table to false"
     ]
     (text,) = faults(watchdog=0.5, command_rate=2)
-    assert text.startswith("~watchdog: 0.5 s is less than two cycles of ~command_rate 2 Hz, 1 s")
+    assert text.startswith("~watchdog: 0.5 s is less than two periods of ~command_rate 2 Hz, 1 s")
 
 
 def test_what_is_no_table_is_told() -> None:

@@ -1,6 +1,6 @@
-"""One setting as a row of a table, and reading its value: strictly, noting every fault.
+"""One setting as a row of a table, and strict reading of its value, which collects every fault.
 
-Owns kinds of values, bounds and the wording of faults. Must not know arms, nor what a setting is for.
+Owns types of values, bounds and the wording of faults. Must not know arms, nor what a setting is for.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class Setting:
     """One setting.
 
     Attributes:
-        name: As people write it.
-        default: What holds where it is not given; its type is that of the setting. Numbers are floats.
+        name: As users write it.
+        default: Its type is the type of the setting. Numbers are floats.
         help: What it does, in one line.
-        unit: Of a number; empty if it has none.
-        low: Least value of a number.
-        high: Greatest value of a number.
-        above: The least value itself is not allowed.
-        zero: 0 is allowed as well, below `low`.
+        unit: Unit of a number; empty if it has none.
+        low: Lower bound of a number.
+        high: Upper bound of a number.
+        above: The lower bound itself is not allowed.
+        zero: 0 is allowed too, below `low`.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Setting:
 
     @property
     def bounds(self) -> str:
-        """What a number must be, in words; empty where every one will do."""
+        """The bounds in words; empty if there are none."""
         if self.high == math.inf:
             words = (
                 "" if self.low == -math.inf else f"above {self.low:g}" if self.above else f"{self.low:g} or more"
@@ -70,44 +70,44 @@ def rate_setting(name: str, default: float, text: str, high: float = 1000.0) -> 
 
 @dataclass(slots=True)
 class Faults:
-    """Collects what is wrong, so that all of it can be told at once.
+    """Collects faults, so that all of them can be reported together.
 
-    A front whose settings look different makes a class of its own.
+    A front that writes settings differently derives a class.
 
     Attributes:
-        texts: Each as in ``watchdog: -1 must be 0, or 0.05 to 60``.
+        texts: For example ``watchdog: -1 must be 0, or 0.05 to 60``.
     """
 
     noun: ClassVar[str] = "setting"
     """What the front calls a setting."""
     mark: ClassVar[str] = ""
-    """What stands before the name of a setting."""
+    """Prefix of the name of a setting."""
     quoting: ClassVar[str] = "in quotes"
-    """How people write a number that is meant as text."""
+    """How users write a number that is meant as text."""
     listing: ClassVar[str] = ""
-    """Where people find all names; empty to list them."""
+    """Where users find all names; empty to list them."""
 
     texts: list[str] = field(default_factory=list)
 
     def add(self, name: str, text: object) -> None:
-        """Note a fault of the setting `name`; for one deep in a table, names with slashes between."""
-        # Texts of other origin may have several lines.
+        """Add a fault of the setting `name`; for a nested one, `name` is a path with slashes."""
+        # Texts from elsewhere may have several lines.
         self.texts.append(f"{self.mark}{name}: {' '.join(str(text).split())}")
 
     def check(self) -> None:
-        """Tell all faults.
+        """Raise all faults as one error.
 
         Raises:
-            UsageError: There are some.
+            UsageError: There are faults.
         """
         if self.texts:
             n = len(self.texts)
             raise UsageError(f"{n} {self.noun}{'s are' if n > 1 else ' is'} wrong: {'; '.join(self.texts)}")
 
-    # -- one value each; what is wrong becomes a fault, and the default is returned in its place ---------
+    # -- reading one value; a wrong one becomes a fault, and the default is returned instead -------------
 
     def read(self, row: Setting, value: object) -> Any:
-        """A value of the type that the row's default has."""
+        """A value of the same type as the row's default."""
         default = row.default
         if isinstance(default, bool):
             return self.switch(row.name, value, default)
@@ -120,7 +120,7 @@ class Faults:
         return self.table(row.name, value)
 
     def number(self, name: str, value: object, row: Setting) -> float:
-        """A finite number within the row's bounds; no text, no switch."""
+        """A finite number within the row's bounds; not a text or a boolean."""
         default = row.default if isinstance(row.default, float) else 0.0
         try:
             number = Item(value).number()
@@ -143,20 +143,20 @@ class Faults:
         return default
 
     def switch(self, name: str, value: object, default: bool = False) -> bool:
-        """True or false; no 0 or 1."""
+        """True or false; not 0 or 1."""
         if isinstance(value, bool):
             return value
         self.wrong_kind(name, value, "true or false")
         return default
 
     def names(self, name: str, value: object) -> tuple[str, ...]:
-        """A list of texts, none of them twice."""
+        """A list of different texts."""
         if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
             self.wrong_kind(name, value, "a list of names")
             return ()
         twice = [item for i, item in enumerate(value) if item in value[:i]]
         for item in dict.fromkeys(twice):
-            self.add(name, f"{item} is there twice")
+            self.add(name, f"{item} is given twice")
         return tuple(dict.fromkeys(value))
 
     def table(self, name: str, value: object) -> dict[str, object]:
@@ -167,11 +167,11 @@ class Faults:
         return {str(key): item for key, item in value.items()}
 
     def unknown(self, name: str, known: Iterable[str]) -> None:
-        """A name that is none of the `known` ones, which lie at the same depth.
+        """Add a fault for a name that is not one of the `known` names at the same depth.
 
         Args:
-            name: With slashes between, as in ``safety/patience``.
-            known: Names there are.
+            name: A path with slashes, for example ``safety/patience``.
+            known: Valid names.
         """
         above, slash, last = name.rpartition("/")
         others = tuple(known)
@@ -184,5 +184,5 @@ class Faults:
             self.add(name, f"unknown, {self.listing}")
 
     def wrong_kind(self, name: str, value: object, wanted: str) -> None:
-        """A value of another type than is wanted."""
+        """Add a fault for a value of the wrong type."""
         self.add(name, Item(value).wrong_kind(wanted))

@@ -1,4 +1,4 @@
-"""What a front sets of the arm it controls: rates, tolerances, controllers, checks.
+"""Settings of a controlled arm: rates, tolerances, controllers, checks.
 
 Owns the values. Must not know where they come from: parameters, a file, a command line.
 """
@@ -26,10 +26,10 @@ class ControllerSettings:
     """One trajectory controller.
 
     Attributes:
-        name: As in ``arm_controller``; empty for the only one there is.
+        name: For example ``arm_controller``; empty if there is only one controller.
         joints: Names in the controller's order.
-        allow_partial: A trajectory may leave joints out.
-        tolerances: What holds where a goal asks for none of its own.
+        allow_partial: A trajectory may omit joints.
+        tolerances: Defaults for goals that give none.
     """
 
     name: str
@@ -40,23 +40,23 @@ class ControllerSettings:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """All settings of an owned arm, checked, and the arm they were checked against.
+    """All settings of a controlled arm, checked, with the model of the arm they were checked against.
 
-    Times are seconds, rates hertz, angles radians, lengths metres.
+    Times are in seconds, rates in hertz, angles in radians, lengths in metres.
 
     Attributes:
-        port: URL or device of the robot, wherever it came from.
+        port: URL or device of the robot.
         connect_timeout: How long to try to reach the robot.
-        publish_rate: States that are passed on a second; fewer where the link gives fewer.
-        command_rate: Set-points a second; 0 for what the robot takes.
+        publish_rate: States published per second; fewer on a slow link.
+        command_rate: Set-points per second; 0 for the rate that the robot allows.
         watchdog: Silence after which the board stops the arm; 0 for never.
-        command_timeout: Silence after which joints that pursue set-points hold; 0 for never.
-        table: Height of the table that must not be touched; None to check none.
-        enable_on_start: Give torque at the start.
-        torque_off_at_exit: Take the torque away at the end.
-        poses: Angle by joint, by name of the pose.
-        pose_speed: Share of the speed limits on the way to a pose.
-        teach_directory: Folder for what is taught; empty for none.
+        command_timeout: Silence after which joints that follow set-points hold; 0 for never.
+        table: Height of the table that must not be touched; None for no check.
+        enable_on_start: Switch torque on at the start.
+        torque_off_at_exit: Switch torque off at the shutdown.
+        poses: Name of a pose -> joint -> angle.
+        pose_speed: Fraction of the speed limits used when moving to a pose.
+        teach_directory: Folder for taught motions; empty for none.
         safety: Thresholds that were given; see `safety_at`.
         controllers: At least one.
         model: The arm.
@@ -81,19 +81,19 @@ class Settings:
     kinematics: KinematicModel | None
 
     def safety_at(self, rate: float) -> SafetyLimits:
-        """Thresholds at `rate` set-points a second: on a slow line, what was not given is widened."""
+        """Thresholds at `rate` set-points per second; those that were not given are widened on a slow line."""
         return SafetyLimits.at_period(1.0 / rate, **self.safety)
 
 
 SETTINGS = (
-    Setting("port", "", "URL or device of the robot; empty is HEXWIRE_PORT, else the only likely board"),
+    Setting("port", "", "URL or device of the robot; empty means HEXWIRE_PORT, else the only likely board"),
     Setting("robot", "hex7bot", "name of the robot, or the TOML file of an arm on a servo bus"),
     Setting("connect_timeout", 10.0, "how long to try to reach the robot at the start", "s", low=0.0, high=3600.0),
-    rate_setting("publish_rate", 100.0, "joint states a second, where the link allows it"),
+    rate_setting("publish_rate", 100.0, "joint states per second, if the link allows it"),
     Setting(
         "command_rate",
         0.0,
-        "set-points a second; 0 is what the robot's line allows",
+        "set-points per second; 0 means the rate that the robot's line allows",
         "Hz",
         low=1.0,
         high=200.0,
@@ -102,7 +102,7 @@ SETTINGS = (
     Setting(
         "watchdog",
         1.0,
-        "silence after which the board stops the arm by itself; 0 is never",
+        "silence after which the board stops the arm; 0 means never",
         "s",
         low=0.05,
         high=60.0,
@@ -111,29 +111,29 @@ SETTINGS = (
     Setting(
         "command_timeout",
         0.5,
-        "the arm holds when streamed set-points stay away for this long; 0 is never",
+        "the arm holds when no set-point has arrived for this long; 0 means never",
         "s",
         low=0.05,
         high=60.0,
         zero=True,
     ),
-    Setting("links", "A", "link set of the 7Bot: A, B, V1, or the TOML file of one's own"),
+    Setting("links", "A", "link set of the 7Bot: A, B, V1, or your own TOML file"),
     Setting("table_height", 0.0, "height of the table above the arm's base", "m", low=-2.0, high=2.0),
     Setting("check_table", True, "refuse a trajectory that would touch the table"),
-    Setting("enable_on_start", False, "give torque at the start; nothing moves by it"),
-    Setting("torque_off_at_exit", False, "take the torque away at the end: the arm may fall"),
+    Setting("enable_on_start", False, "switch torque on at the start; this moves nothing"),
+    Setting("torque_off_at_exit", False, "switch torque off at the shutdown: the arm may fall"),
     Setting("poses", {}, "poses by name, each with angles by joint", "rad"),
     Setting(
-        "pose_speed", 0.3, "speed on the way to a pose, as a share of the limits", low=0.0, high=1.0, above=True
+        "pose_speed", 0.3, "speed when moving to a pose, as a fraction of the limits", low=0.0, high=1.0, above=True
     ),
-    Setting("teach_directory", "", "folder in which what was taught is saved; empty is not to save it"),
-    Setting("safety", {}, "thresholds at which the arm stops by itself, by name"),
-    Setting("joints", (), "joints of the only controller, in its order; empty is all"),
-    Setting("allow_partial_joints_goal", False, "a trajectory may leave joints out; they stay where they are"),
+    Setting("teach_directory", "", "folder in which taught motions are saved; empty means not to save them"),
+    Setting("safety", {}, "thresholds at which the arm stops automatically, by name"),
+    Setting("joints", (), "joints of the only controller, in its order; empty means all"),
+    Setting("allow_partial_joints_goal", False, "a trajectory may omit joints; they stay where they are"),
     Setting("constraints", {}, "tolerances: goal_time, stopped_velocity_tolerance, JOINT/trajectory, JOINT/goal"),
-    Setting("controllers", {}, "several controllers by name, each with its own of the three above"),
+    Setting("controllers", {}, "several controllers by name, each with its own values of the three above"),
 )
-"""Every setting, in the order in which people read of them."""
+"""Every setting, in the order of the documentation."""
 
 CONTROLLER_SETTINGS = ("joints", "allow_partial_joints_goal", "constraints")
-"""Settings of a controller, by name; where there is only one, they stand beside the others."""
+"""Names of the settings of a controller; if there is only one, they are at the top level."""

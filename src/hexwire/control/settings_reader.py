@@ -1,7 +1,7 @@
-"""Reading the settings of an arm: typed, closed, every mistake told at once.
+"""Reads and checks the settings of an arm, and reports all mistakes together.
 
-Owns what settings mean together and with the arm: joints, poses, tolerances, controllers. Builds the driver but
-opens nothing. Must not know where the values come from, nor what the front calls them.
+Owns the checks that involve several settings or the arm: joints, poses, tolerances, controllers. Builds the driver
+but opens nothing. Must not know where the values come from, nor what the front calls them.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ __all__ = ["read_settings"]
 
 _ROWS = {row.name: row for row in SETTINGS}
 _JOINT_CONSTRAINTS = ("trajectory", "goal")
-# Rows of numbers in tables. The defaults are those of the usual joint trajectory controller, but for the speed at
-# which a joint counts as standing: its 0.01 is less than the flicker of one count of 4096 within the tenth
-# of a second that speeds are taken over, and a goal with goal_time 0 would never end.
+# Rows of numbers in tables. The defaults are those of the usual trajectory controller, except for the speed below
+# which a joint counts as stopped: its 0.01 rad/s is less than the noise of one count of 4096 over the 0.1 s from
+# which velocities are computed, so that a goal with goal_time 0 would never end.
 _GOAL_TIME = Setting("goal_time", 0.0, "", "s", low=0.0, high=3600.0)
 _STOPPED = Setting("stopped_velocity_tolerance", 0.05, "", "rad/s", low=0.0)
 _TOLERANCE = Setting("tolerance", 0.0, "", "rad", low=0.0)
@@ -50,14 +50,14 @@ def read_settings(
 
     Args:
         given: Values by name; tables are nested mappings.
-        faults: What is wrong is added to it.
+        faults: Collects what is wrong.
         find_port: Finds the port if none is given, and only if nothing is wrong.
 
     Returns:
         The settings, and the driver, which is not attached.
 
     Raises:
-        UsageError: With all faults.
+        UsageError: Settings are wrong; the text lists all faults.
         LinkNotFoundError: All settings are right, but no port is given and none is found.
     """
     values = {row.name: faults.read(row, given.get(row.name, row.default)) for row in SETTINGS}
@@ -84,7 +84,7 @@ def read_settings(
 
 
 def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | None, ArmModel | None]:
-    """The driver if robot and port are known, and the arm if the robot is."""
+    """The driver if robot and port are known, and the arm's model if the robot is known."""
     try:
         robot = load_driver(values["robot"])
     except (HexwireError, ImportError) as error:
@@ -99,18 +99,18 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
         except (HexwireError, ImportError) as error:
             faults.add("port", error if values["port"] else f"{error} (from {PORT_VARIABLE})")
     try:
-        # The arm is the same behind every port, and what else is wrong must be told without one.
+        # The model does not depend on the port, and the other settings must be checked without one too.
         return None, robot.from_url("/dev/null").model
     except (HexwireError, ImportError) as error:
         if not url:
-            faults.add("port", f"{values['robot']} needs one ({error})")
+            faults.add("port", f"{values['robot']} needs a port ({error})")
         return None, None
 
 
 def _make_kinematics(values: dict[str, Any], faults: Faults) -> KinematicModel | None:
     robot, links = values["robot"], values["links"]
     if links != _ROWS["links"].default and robot != "hex7bot":
-        faults.add("links", f"only the hex7bot has link sets; leave it out for {robot}")
+        faults.add("links", f"only the hex7bot has link sets; omit it for {robot}")
         return None
     try:
         return kinematics_or_none(robot, links, for_motion=True)
@@ -121,11 +121,11 @@ def _make_kinematics(values: dict[str, Any], faults: Faults) -> KinematicModel |
     return None
 
 
-# -- what depends on the arm ----------------------------------------------------------------------------
+# -- poses and thresholds -------------------------------------------------------------------------------
 
 
 def _known_joint(name: str, joint: str, model: ArmModel | None, faults: Faults) -> bool:
-    """Whether the arm has a joint; True as well if the arm is not known."""
+    """Whether the arm has a joint; also True if the arm is unknown."""
     if model is None or joint in model.names:
         return True
     faults.add(name, f"no joint {joint!r}, there are {', '.join(model.names)}")
@@ -150,7 +150,7 @@ def _make_poses(
                 if model is not None and len(faults.texts) == so_far:
                     _check_limits(where, pose[joint], model.joint(joint), faults)
         if len(faults.texts) == before:
-            _check_gates(path, pose, kinematics, faults)
+            _check_angles(path, pose, kinematics, faults)
         poses[name] = pose
     return poses
 
@@ -165,14 +165,14 @@ def _check_limits(path: str, angle: float, joint: JointModel, faults: Faults) ->
         )
 
 
-def _check_gates(path: str, pose: Mapping[str, float], kinematics: KinematicModel | None, faults: Faults) -> None:
-    """What joints may only do together, if the pose says it of all that takes."""
+def _check_angles(path: str, pose: Mapping[str, float], kinematics: KinematicModel | None, faults: Faults) -> None:
+    """Check limits and joint coupling limits, if the pose has all joints that this needs."""
     if kinematics is None:
         return
     try:
         angles = kinematics.from_joints(pose)
     except UsageError:
-        # The joints that are left out are where they are when the arm goes there, and are checked then.
+        # The positions of the omitted joints are known only when the arm moves there, which checks them.
         return
     for text in kinematics.violations(angles):
         faults.add(path, text)
@@ -199,7 +199,7 @@ def _make_controllers(
         return (_make_controller("", values, model, faults),)
     both = [name for name in CONTROLLER_SETTINGS if values[name] != _ROWS[name].default]
     if both:
-        faults.add("controllers", f"stands in place of {', '.join(both)}: give those inside each controller")
+        faults.add("controllers", f"replaces {', '.join(both)}: give those inside each controller")
     controllers = []
     owners: dict[str, str] = {}
     for name, content in several.items():
@@ -220,7 +220,7 @@ def _make_controllers(
         controllers.append(_make_controller(name, read, model, faults))
         for joint in read["joints"]:
             if joint in owners:
-                faults.add(f"{path}/joints", f"{joint} is in the controller {owners[joint]} already")
+                faults.add(f"{path}/joints", f"{joint} already belongs to the controller {owners[joint]}")
             owners.setdefault(joint, name)
     return tuple(controllers)
 
@@ -228,7 +228,7 @@ def _make_controllers(
 def _make_controller(
     name: str, values: Mapping[str, Any], model: ArmModel | None, faults: Faults
 ) -> ControllerSettings:
-    """A controller of its three parameters, which are of the right types already."""
+    """Make a controller from its three settings, whose types are checked already."""
     above = f"controllers/{name}/" if name else ""
     joints = tuple(joint for joint in values["joints"] if _known_joint(f"{above}joints", joint, model, faults))
     if not name and not values["joints"] and model is not None:
@@ -241,7 +241,7 @@ def _make_controller(
 def _make_tolerances(
     path: str, table: Mapping[str, object], joints: tuple[str, ...], complete: bool, faults: Faults
 ) -> Tolerances:
-    """Tolerances of a controller. If its joints are not `complete`, a joint that is none of them is no fault."""
+    """Tolerances of a controller. If its joints are not `complete`, another joint's name is not a fault."""
     general = {}
     for row in (_GOAL_TIME, _STOPPED):
         general[row.name] = faults.number(f"{path}/{row.name}", table.get(row.name, row.default), row)
@@ -275,8 +275,8 @@ def _check_together(values: Mapping[str, Any], model: ArmModel | None, faults: F
     robot = values["robot"]
     if values["table_height"] and values["check_table"] and model is not None and robot not in ROBOTS:
         switch = f"{faults.mark}check_table"
-        faults.add("table_height", f"{robot} has no geometry to check it with; set {switch} to false")
+        faults.add("table_height", f"{robot} has no geometry for this check; set {switch} to false")
     rate, watchdog = values["command_rate"], values["watchdog"]
     if rate and 0.0 < watchdog < 2.0 / rate:
-        least = f"two cycles of {faults.mark}command_rate {rate:g} Hz, {2.0 / rate:.3g} s"
-        faults.add("watchdog", f"{watchdog:g} s is less than {least}: the board would stop the arm again and again")
+        least = f"two periods of {faults.mark}command_rate {rate:g} Hz, {2.0 / rate:.3g} s"
+        faults.add("watchdog", f"{watchdog:g} s is less than {least}: the board would stop the arm repeatedly")

@@ -1,1 +1,4 @@
-"""The ROS 1 edge: a node that gives a robot ROS's names. Only `node` imports rospy, only `messages` genpy."""
+"""The ROS 1 front: a node that offers a robot as topics, services and actions.
+
+Only `node` imports rospy; only `messages` and `message_files` import genpy.
+"""

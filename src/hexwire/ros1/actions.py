@@ -1,6 +1,6 @@
-"""Goals of action clients: from a server's handle to the arm, and their answers back to the handle.
+"""Goals of action clients: from an action server's handle to the arm, and the results back to the handle.
 
-Owns what actionlib needs; handles and messages are as they come. Must not know rospy, nor what a right goal is.
+Owns the calls of actionlib's handles. Must not import rospy, nor know when a goal is valid.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["ActionClient", "ActionGoals"]
 
 _CLIENT_READY = 0.02
 """Seconds from a goal to the first answer to it. actionlib's SimpleActionClient for Python publishes a goal before
-it notes which one it waits for, and drops an answer that comes in between: it would wait for ever."""
+it stores which one it waits for, and drops an answer that arrives in between: it would wait forever."""
 
 
 class ActionClient:
-    """Answers a client of actionlib.
+    """Answers an action client.
 
     Args:
-        handle: Of its goal.
+        handle: The action server's handle of the client's goal.
         result: The message class FollowJointTrajectoryResult.
     """
 
@@ -37,16 +37,16 @@ class ActionClient:
         self.handle, self._result_class = handle, result
 
     def accepted(self) -> None:
-        """As `Client.accepted`."""
+        """See `Client.accepted`."""
         self.handle.set_accepted()
 
     def refused(self, reason: Reason, text: str) -> None:
-        """As `Client.refused`."""
+        """See `Client.refused`."""
         end = self.handle.set_canceled if reason is Reason.CANCELLED else self.handle.set_rejected
         end(self._result(reason, text), text)
 
     def ended(self, ended: Ended) -> None:
-        """As `Client.ended`."""
+        """See `Client.ended`."""
         ends = {
             Outcome.SUCCEEDED: self.handle.set_succeeded,
             Outcome.PREEMPTED: self.handle.set_canceled,
@@ -59,12 +59,12 @@ class ActionClient:
 
 
 class ActionGoals(ClientGoals[ActionClient]):
-    """Goals of action clients, of all controllers of an arm.
+    """Goals of action clients, for all controllers of an arm.
 
     Args:
-        arm: What follows them.
+        arm: The arm that follows them.
         result: The message class FollowJointTrajectoryResult.
-        now: ROS's time.
+        now: Returns the current ROS time.
     """
 
     def __init__(self, arm: Arm, result: Callable[..., Any], now: Callable[[], Any]) -> None:
@@ -72,8 +72,8 @@ class ActionGoals(ClientGoals[ActionClient]):
         self._result, self._now = result, now
 
     def on_goal(self, controller: str, handle: Any) -> None:
-        """A goal has come for a controller."""
-        # actionlib holds a lock while it calls us, so the message is read later.
+        """Take a new goal for a controller."""
+        # actionlib holds a lock during this call, so the message is read later.
         self.send(
             controller,
             handle.get_goal_id().id,
@@ -82,7 +82,7 @@ class ActionGoals(ClientGoals[ActionClient]):
         )
 
     def on_cancel(self, controller: str, handle: Any) -> None:
-        """A client does not want its goal any more."""
+        """Cancel a goal for its client."""
         self.cancel(controller, handle.get_goal_id().id)
 
     def _request(self, message: Any) -> Request:

@@ -1,4 +1,4 @@
-"""Reasons of goals as the error codes of control_msgs' FollowJointTrajectoryResult.
+"""The reasons why goals end, as error codes of control_msgs/FollowJointTrajectoryResult.
 
 Owns this one table. Must not know why a goal was refused or how it ended.
 """
@@ -14,7 +14,7 @@ __all__ = ["CODES", "ErrorCode"]
 
 
 class ErrorCode(IntEnum):
-    """Codes of FollowJointTrajectoryResult, with their names there."""
+    """Error codes of FollowJointTrajectoryResult, with the names that the message gives them."""
 
     SUCCESSFUL = 0
     INVALID_GOAL = -1
@@ -38,4 +38,4 @@ CODES: Mapping[Reason, ErrorCode] = {
     Reason.STOPPED: ErrorCode.INVALID_GOAL,
     Reason.FAILED: ErrorCode.INVALID_GOAL,
 }
-"""The code of each reason."""
+"""The error code of each reason."""

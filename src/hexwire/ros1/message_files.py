@@ -1,6 +1,6 @@
-"""control_msgs and osrf_msgs as Python packages in a folder, for programs that cannot import hexwire.
+"""Writes control_msgs and osrf_msgs as Python packages, for programs that do not import hexwire.
 
-Owns the files. Their fields and checksums are those of `messages`; the code in them is genpy's, as in any ROS
+Owns the files. Their fields and checksums come from `messages`; genpy generates their code, as for any ROS
 package. Must not know what a message is used for.
 """
 
@@ -23,14 +23,14 @@ def write_messages(folder: Path) -> tuple[Path, ...]:
     """Write the packages.
 
     Args:
-        folder: Where; made if it is not there. On PYTHONPATH, it makes the packages importable.
+        folder: Where to write them; created if missing. With this folder on PYTHONPATH, they can be imported.
 
     Returns:
         The folders of the packages.
 
     Raises:
-        UsageError: A package is there already, or ROS is not installed or not found (`hexwire.ros1.path.find_ros`).
-        HexwireError: It cannot be written.
+        UsageError: A package exists already, or ROS is not installed or not found (`hexwire.ros1.path.find_ros`).
+        HexwireError: A file cannot be written.
     """
     packages = [folder / package for package in PACKAGES]
     for path in packages:
@@ -49,7 +49,7 @@ def write_messages(folder: Path) -> tuple[Path, ...]:
 
 
 def _generate() -> Iterator[tuple[str, Iterable[str]]]:
-    """Name below the folder, and lines, of each file."""
+    """Yield the path (relative to the folder) and the lines of each file."""
     try:
         genmsg: Any = importlib.import_module("genmsg")
         generator: Any = importlib.import_module("genpy.generator")

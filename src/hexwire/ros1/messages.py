@@ -1,7 +1,7 @@
-"""Message classes that Debian has no package of: control_msgs and osrf_msgs, made at run time.
+"""Message classes that Debian does not package, control_msgs and osrf_msgs, generated at run time.
 
-Owns their fields, and by which checksum an installed class is the same message. Must not know what a message is
-used for. `message_files` writes the same as packages.
+Owns their fields, and the checksums by which an installed class is recognised as the same message. Must not know
+what a message is used for. `message_files` writes the same messages as packages.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
 """
 
-# Name -> checksum, fields. The checksum covers names, types, order and constants: two ends with the same one
-# understand each other. All were compared with published headers or libraries but for those of
-# FollowJointTrajectoryGoal and JointCommands, which are computed; the former goes into the published ActionGoal's.
+# Name -> checksum, fields. The checksum covers names, types, order and constants: two nodes with the same checksum
+# are compatible. All were compared with published headers or libraries, except those of FollowJointTrajectoryGoal
+# and JointCommands, which are computed; the former is part of the published checksum of the ActionGoal.
 _CONTROL: Mapping[str, tuple[str, str]] = {
     "FollowJointTrajectoryAction": (
         "bc4f9b743838566551c0390c65f1a248",
@@ -133,7 +133,7 @@ PACKAGES = {"control_msgs": _CONTROL, "osrf_msgs": _OSRF}
 SERVICES = {"control_msgs": {_QUERY: (_QUERY_CHECKSUM, _QUERY_REQUEST, _QUERY_RESPONSE)}}
 """Package -> service -> checksum, fields of the request, fields of the response."""
 
-# Packaged messages that the fields above name, themselves or through others.
+# Packaged messages that the fields above contain, directly or indirectly.
 _HEADER = ("std_msgs/Header",)
 PARTS = (
     *_HEADER,
@@ -148,9 +148,9 @@ _SEPARATOR = "\n" + "=" * 80 + "\n"
 
 @cache
 def control_msgs() -> SimpleNamespace:
-    """The classes of control_msgs that a trajectory controller needs, by name; the same ones at every call.
+    """The classes of control_msgs that a trajectory controller needs, by name; every call returns the same classes.
 
-    The classes of messages inside them are not the packaged ones, but take those as values.
+    The classes of nested messages are not the packaged ones, but accept those as values.
 
     Raises:
         UsageError: ROS is not installed, or not found yet (`hexwire.ros1.path.find_ros`).
@@ -161,14 +161,14 @@ def control_msgs() -> SimpleNamespace:
 
 @cache
 def osrf_msgs() -> SimpleNamespace:
-    """The class JointCommands of osrf_msgs; raises as `control_msgs`."""
+    """The class JointCommands of osrf_msgs; raises the same errors as `control_msgs`."""
     return _installed("osrf_msgs", _OSRF) or _generate("osrf_msgs", _OSRF, _HEADER)
 
 
 @cache
 def control_srvs() -> SimpleNamespace:
     """The service class QueryTrajectoryState of control_msgs, its request and its response; see `control_msgs`."""
-    service = _installed_query() or _made_query()
+    service = _installed_query() or _generated_query()
     return SimpleNamespace(
         **{
             _QUERY: service,
@@ -186,9 +186,9 @@ def _installed_query() -> Any:
     return None
 
 
-def _made_query() -> Any:
+def _generated_query() -> Any:
     fields = {f"{_QUERY}Request": ("", _QUERY_REQUEST), f"{_QUERY}Response": ("", _QUERY_RESPONSE)}
-    # Two messages of which neither holds the other: each is generated alone.
+    # Neither message contains the other, so each is generated separately.
     request, response = (getattr(_generate("control_msgs", {name: row}, ()), name) for name, row in fields.items())
     attributes = {
         "_type": f"control_msgs/{_QUERY}",
@@ -200,7 +200,7 @@ def _made_query() -> Any:
 
 
 def _installed(package: str, messages: Mapping[str, tuple[str, str]]) -> SimpleNamespace | None:
-    """The classes of an installed package; None unless it is there and every one of them is the same message."""
+    """The classes of an installed package; None if it is not installed or a message in it differs."""
     try:
         module = importlib.import_module(f"{package}.msg")
     except ImportError:
@@ -225,16 +225,16 @@ def _generate(package: str, messages: Mapping[str, tuple[str, str]], parts: Sequ
         made = dynamic.generate_dynamic(first, text)
     except OSError as error:
         raise HexwireError(
-            f"cannot make the message classes of {package}: {error}; set TMPDIR to a folder that can be written to"
+            f"cannot generate the message classes of {package}: {error}; set TMPDIR to a writable folder"
         ) from None
     finally:
-        # genpy leaves the folder of its temporary file there, where every later import would look as well.
+        # genpy leaves the folder of its temporary file in sys.path, where every later import would search it.
         sys.path[:] = before
     return SimpleNamespace(**{name: made[f"{package}/{name}"] for name in messages})
 
 
 def definition(name: str) -> str:
-    """Fields of a packaged message, without those of the messages inside it."""
+    """Fields of a packaged message, without those of nested messages."""
     package, _, message = name.partition("/")
     text: str = getattr(importlib.import_module(f"{package}.msg"), message)._full_text
     return text.partition(_SEPARATOR)[0]

@@ -1,7 +1,7 @@
-"""The ROS 1 node `hardware_interface`: messages in, messages out, nothing decided.
+"""The ROS 1 node `hardware_interface`: passes messages between ROS and `hexwire.control`.
 
-Owns topics, services, actions, the parameter server and the node's life. The only module that knows rospy. Must not
-decide anything about the arm: that is control.
+Owns topics, services, actions, the parameter server, and the node's start and shutdown. The only module that
+imports rospy. Must not decide anything about the arm: `control` does.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 __all__ = ["run"]
 
-# Never rospy's own: a line to /rosout asks the master something, and no thread that the arm needs may wait.
+# Not rospy's log functions: a line to /rosout calls the master, and no thread that the arm needs may wait for it.
 _log = logging.getLogger(__name__)
 
 _NAME = "hardware_interface"
@@ -65,12 +65,12 @@ _MASTER_WAIT = 5.0
 _TICK = 0.1
 _MASTER_PERIOD = 1.0
 _MASTER_TROUBLE = (OSError, HTTPException, XmlRpcError, rosgraph.MasterException, rospy.ROSException)
-"""What calls of a master raise that is not there, or is something else."""
+"""Errors of calls to a master that is not running, or to another program at its address."""
 _SHUTDOWN_WAIT = 15.0
-_LONGEST_END = 30.0
-"""Seconds from a signal to the end of the process; a robot that answers nothing takes about ten."""
-_LAST_WORDS = 0.2
-"""Seconds in which the last results go out: rospy sends in threads of its own, and drops what still waits there."""
+_LONGEST_SHUTDOWN = 30.0
+"""Seconds from a signal to the end of the process; with a robot that does not answer, it takes about ten."""
+_RESULTS_WAIT = 0.2
+"""Seconds to wait until the last results are sent: rospy sends in its own threads, and drops what is queued."""
 _ADDRESS_WAIT = 2.0
 _QUEUE = 10
 _LEVELS = {
@@ -82,21 +82,21 @@ _LEVELS = {
 
 
 def run(argv: list[str]) -> int:
-    """Run the node until it is told to end.
+    """Run the node until a signal or ROS ends it.
 
     Args:
-        argv: ROS's remapping arguments, without the program's name.
+        argv: ROS remapping arguments, without the program's name.
 
     Returns:
         Exit status.
 
     Raises:
-        UsageError: Parameters are wrong, and the text names all of them; or ROS's own settings are.
+        UsageError: Parameters are wrong, and the text names all of them; or ROS settings are wrong.
         LinkError: The robot's port cannot be opened.
-        DeviceError: There is no master, or the robot does not answer, or the node failed.
+        DeviceError: There is no master, the robot does not answer, or the node failed.
     """
     _wait_for_master()
-    # Whoever reads our output through a pipe or a file wants each line when it is said.
+    # A reader of a pipe or a file needs each line at once.
     with suppress(AttributeError):
         sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # not every stream has it
     _init_node(argv)
@@ -105,15 +105,15 @@ def run(argv: list[str]) -> int:
             try:
                 node = HardwareInterface()
             except UsageError:
-                _forget(argv)
+                _delete_params(argv)
                 raise
             return node.run()
         finally:
-            rospy.signal_shutdown("the node ends")
+            rospy.signal_shutdown("the node has ended")
 
 
 class HardwareInterface:
-    """The node. `run` does everything; the rest are callbacks."""
+    """The node. `run` is its main loop; most other methods are callbacks."""
 
     def __init__(self) -> None:
         self._given = rospy.get_param("~", {})
@@ -123,7 +123,7 @@ class HardwareInterface:
         self._arm = Arm(robot, settings, on_state=self._publish_state, on_taught=self._publish_taught)
         self._states: dict[str, rospy.Publisher] = {}
         self._servers: list[actionlib.ActionServer] = []
-        self._shutdown, self._ended = Shutdown(_LONGEST_END), threading.Event()
+        self._shutdown, self._ended = Shutdown(_LONGEST_SHUTDOWN), threading.Event()
         self._log_limiter = LogLimiter()
         self._watch = ChangeWatch(1.0 / self._parameters.diagnostics_rate)
         self._state_raster, self._feedback_raster = Raster(), Raster()
@@ -131,12 +131,12 @@ class HardwareInterface:
         self._goals = ActionGoals(self._arm, self._control.FollowJointTrajectoryResult, rospy.Time.now)
 
     def run(self) -> int:
-        """Connect, offer everything, and end when told to."""
+        """Connect, offer topics, services and actions, and run until the shutdown."""
         for text in self._parameters.warnings:
             _log.warning("%s", text)
         if rospy.get_param("/use_sim_time", False):
-            _log.warning("use_sim_time is set: stamps are those of /clock, though the arm lives in real time")
-        # Until it is connected nothing is there that must be made safe, and the wait for a board may be long.
+            _log.warning("use_sim_time is set: stamps come from /clock, but the arm runs in real time")
+        # Until the arm is connected, nothing must be made safe, and the wait for a board may be long.
         self._shutdown.interrupts = True
         self._shutdown.listen()
         rospy.on_shutdown(self._on_ros_shutdown)
@@ -159,20 +159,23 @@ class HardwareInterface:
         finally:
             self._shutdown.interrupts = False
             self._shutdown.request()
-            ends_goals = self._goals.open
+            had_goals = self._goals.open
             self._arm.shutdown()
             self._goals.close()
-            if ends_goals:
-                time.sleep(_LAST_WORDS)
+            if had_goals:
+                time.sleep(_RESULTS_WAIT)
             for server in self._servers:
-                # Or its timer publishes to a topic that is closed, and says so with a traceback.
+                # Otherwise its timer publishes to a closed topic, which prints a traceback.
                 with server.lock:
                     server.started = False
             self._ended.set()
         return 0
 
     def _on_ros_shutdown(self) -> None:
-        """ROS wants an end, as by `rosnode kill` or a newer node of our name: when this returns, topics close."""
+        """Shut down for ROS, as after `rosnode kill` or for a newer node with our name.
+
+        ROS closes the topics when this returns.
+        """
         if threading.current_thread() is not threading.main_thread():
             _leave_rosout()
             os.kill(os.getpid(), signal.SIGTERM)
@@ -192,7 +195,7 @@ class HardwareInterface:
 
     @staticmethod
     def _status(row: Row, hardware_id: str) -> Any:
-        """A row as REP-107 has it."""
+        """A row as a DiagnosticStatus according to REP-107."""
         return DiagnosticStatus(
             level=_LEVELS[row.level],
             name=f"{rospy.get_name().strip('/')}: {row.name}",
@@ -201,7 +204,7 @@ class HardwareInterface:
             values=[KeyValue(key, value) for key, value in row.values],
         )
 
-    # -- what is offered ------------------------------------------------------------------------------
+    # -- topics, services, actions --------------------------------------------------------------------
 
     def _offer_controllers(self) -> None:
         for name in self._arm.controllers:
@@ -233,7 +236,7 @@ class HardwareInterface:
     def _offer_services(self) -> None:
         arm = self._arm
         triggers: dict[str, Callable[[], str]] = {
-            "~stop": lambda: arm.stop("asked for by service"),
+            "~stop": lambda: arm.stop("requested by service"),
             "~reset": arm.reset,
             "~teach/start": arm.teach_start,
             "~teach/stop": arm.teach_stop,
@@ -253,7 +256,7 @@ class HardwareInterface:
             return response(False, str(error))
 
     def _query_state(self, name: str, request: Any) -> Any:
-        # A time of zero is now, as it is in a stamp.
+        # A time of zero means now, as in a stamp.
         delay = 0.0 if request.time.is_zero() else (request.time - rospy.Time.now()).to_sec()
         try:
             desired = self._arm.query(name, delay)
@@ -289,7 +292,7 @@ class HardwareInterface:
         if self._log_limiter.due(text, time.monotonic(), period):
             _log.warning("%s", text)
 
-    # -- what is published ----------------------------------------------------------------------------
+    # -- publishing -----------------------------------------------------------------------------------
 
     def _publish_state(self, state: JointState, published: KnownState) -> None:
         message = JointStateMessage()
@@ -347,10 +350,11 @@ class HardwareInterface:
     # -- the master -----------------------------------------------------------------------------------
 
     def _watch_master(self) -> None:
-        """A master that was restarted knows nothing of us, and rospy does not tell it."""
+        """Register again after a restart of the master, which rospy does not do."""
         _check_own_address()
         master = rosgraph.Master(rospy.get_name())
-        # Its process id says nothing in a container, and that it knows our name says that we have logged a line.
+        # Neither the master's process id (the same again in a container) nor our name (registered by each log line)
+        # shows a restart; a service does.
         service = rospy.resolve_name("~stop")
         while not self._shutdown.wait(_MASTER_PERIOD):
             with suppress(*_MASTER_TROUBLE):
@@ -361,7 +365,7 @@ class HardwareInterface:
                         self._register_again()
 
     def _register_again(self) -> None:
-        _log.warning("the master does not know us, was it restarted? Registering everything again")
+        _log.warning("the master does not know this node, was it restarted? Registering everything again")
         rospy.set_param("~", self._given)
         if self._description is not None and not rospy.has_param("robot_description"):
             rospy.set_param("robot_description", self._description)
@@ -380,20 +384,20 @@ _STAMPS = StampClock(time.time, time.monotonic)
 
 
 def _stamp(moment: float) -> Any:
-    """ROS time of a moment on the host's monotonic clock."""
+    """ROS time of a monotonic time."""
     if rospy.rostime.is_wallclock():
         return rospy.Time.from_sec(_STAMPS.stamp(moment))
-    # Simulated time goes at its own rate, or stands still.
+    # Simulated time runs at its own rate, or stands still.
     now = rospy.Time.now()
     ago = rospy.Duration.from_sec(max(0.0, time.monotonic() - moment))
     return now - ago if now > rospy.Time(ago.secs, ago.nsecs) else now
 
 
 def _wait_for_master() -> None:
-    # rospy would wait for it for ever, without a word.
+    # rospy would wait for it forever, without a message.
     uri = rosgraph.get_master_uri()
     deadline = time.monotonic() + _MASTER_WAIT
-    # Something that takes the call may still never answer it.
+    # A program may accept the connection and never answer.
     socket.setdefaulttimeout(_MASTER_WAIT)
     try:
         while not rosgraph.is_master_online():
@@ -401,7 +405,7 @@ def _wait_for_master() -> None:
                 raise DeviceError(f"no ROS master at {uri}; start roscore, or set ROS_MASTER_URI to where it runs")
             time.sleep(_TICK)
     except ValueError:
-        text = f"ROS_MASTER_URI is {uri!r}; set it as in http://localhost:11311"
+        text = f"ROS_MASTER_URI is {uri!r}, not a URI such as http://localhost:11311"
         raise UsageError(text) from None
     finally:
         socket.setdefaulttimeout(None)
@@ -409,21 +413,21 @@ def _wait_for_master() -> None:
 
 def _init_node(argv: list[str]) -> None:
     if not rosgraph.names.is_legal_name(rospy.get_namespace()):
-        raise UsageError(f"{rospy.get_namespace()!r} is no namespace in ROS; use letters, digits and underscores")
+        raise UsageError(f"{rospy.get_namespace()!r} is not a ROS namespace; use letters, digits and underscores")
     try:
-        # Signals are ours: rospy's own would close the topics before the arm is safe.
+        # This node handles signals: rospy's handlers would close the topics before the arm is safe.
         rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
     except (ValueError, rospy.ROSException) as error:
-        raise UsageError(f"ROS does not take these arguments: {' '.join(str(error).split())}") from None
+        raise UsageError(f"ROS rejects these arguments: {' '.join(str(error).split())}") from None
     logger = logging.getLogger("rosout")
-    # Where ROS cannot write its log files, it leaves out the screen too.
+    # If ROS cannot write its log files, it does not log to the screen either.
     if not any(isinstance(handler, RosStreamHandler) for handler in logger.handlers):
         logger.addHandler(RosStreamHandler())
         logger.setLevel(logging.INFO)
 
 
-def _forget(argv: list[str]) -> None:
-    """Take back what a refused command line has set: the master keeps it, and would hand it to the next start."""
+def _delete_params(argv: list[str]) -> None:
+    """Delete parameters set by a refused command line: the master would keep them for the next start."""
     for name in (arg.partition(":=")[0] for arg in argv):
         if name.startswith("_") and not name.startswith("__"):
             with suppress(KeyError, *_MASTER_TROUBLE):
@@ -431,7 +435,7 @@ def _forget(argv: list[str]) -> None:
 
 
 def _check_own_address() -> None:
-    """Others call this node where it told the master that it is, which a wrong ROS_IP makes nowhere."""
+    """Warn if other nodes cannot connect to the address that this node registered, as with a wrong ROS_IP."""
     uri = rospy.get_node_uri()
     parts = urlsplit(uri)
     try:
@@ -441,25 +445,25 @@ def _check_own_address() -> None:
 
 
 class _ToRos(logging.Handler):
-    """What hexwire logs, in ROS's log."""
+    """Passes hexwire's log records to ROS."""
 
     _LEVELS = ((logging.ERROR, rospy.logerr), (logging.WARNING, rospy.logwarn), (logging.INFO, rospy.loginfo))
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        tell = next((tell for level, tell in self._LEVELS if record.levelno >= level), rospy.logdebug)
-        tell("%s", text)
+        log = next((log for level, log in self._LEVELS if record.levelno >= level), rospy.logdebug)
+        log("%s", text)
 
 
 @contextmanager
 def _logging_to_ros() -> Iterator[None]:
     logger = logging.getLogger("hexwire")
-    # In a thread of its own: a line to /rosout asks the master something, and the arm must not wait for a master.
+    # In a separate thread: a line to /rosout calls the master, and the arm must not wait for a master.
     lines: queue.SimpleQueue[logging.LogRecord | None] = queue.SimpleQueue()
     listener, handler = QueueListener(lines, _ToRos()), QueueHandler(lines)
     before = logger.level, logger.propagate
     logger.addHandler(handler)
-    # Or rospy's root handler would write it into its file a second time.
+    # Otherwise rospy's root handler writes each record to its file a second time.
     logger.propagate = False
     logger.setLevel(logging.INFO)
     listener.start()
@@ -472,7 +476,7 @@ def _logging_to_ros() -> Iterator[None]:
 
 
 def _replaced(master: Any) -> bool:
-    """Whether a newer node has our name. To register again would end it; that we are to end, we will hear."""
+    """Whether a newer node has our name. Registering again would end it; the master will shut this one down."""
     try:
         return bool(master.lookupNode(rospy.get_name()) != rospy.get_node_uri())
     except rosgraph.MasterError:
@@ -480,7 +484,7 @@ def _replaced(master: Any) -> bool:
 
 
 def _leave_rosout() -> None:
-    """Say no more on /rosout: with each line we register, and the master ends a newer node of our name."""
+    """Stop logging to /rosout: each line registers this node, and the master would end a newer node of our name."""
     logger = logging.getLogger("rosout")
     for handler in list(logger.handlers):
         if isinstance(handler, RosOutHandler):

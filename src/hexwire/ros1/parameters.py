@@ -1,7 +1,7 @@
-"""The node's private parameters: those of every arm that is controlled, and those that only ROS needs.
+"""The node's private parameters: the settings of every arm, and those that only the ROS node has.
 
-Owns the latter, what they are in ROS's words, and which names of ros_control have no effect here. Must not know
-rospy: values come in as the parameter server has them.
+Owns the latter, the ROS wording of errors, and the list of ros_control parameters without effect here. Must not
+import rospy: values come in as the parameter server returns them.
 """
 
 from __future__ import annotations
@@ -24,41 +24,41 @@ if TYPE_CHECKING:
 __all__ = ["FOREIGN", "OWN", "PARAMETERS", "Parameters", "default_text", "load_parameters"]
 
 OWN = (
-    rate_setting("state_publish_rate", 50.0, "controller states a second"),
-    rate_setting("action_monitor_rate", 20.0, "feedback messages a second while a goal is followed"),
-    rate_setting("diagnostics_rate", 1.0, "diagnostics a second; a change is published at once", high=100.0),
+    rate_setting("state_publish_rate", 50.0, "controller states per second"),
+    rate_setting("action_monitor_rate", 20.0, "feedback messages per second while a goal is active"),
+    rate_setting("diagnostics_rate", 1.0, "diagnostics per second; a change is published immediately", high=100.0),
     Setting("frame_id", "", "frame in the headers of joint states"),
-    Setting("hardware_id", "", "serial number in the diagnostics; empty is the URL of its link"),
+    Setting("hardware_id", "", "hardware id in the diagnostics; empty means the URL of the link"),
 )
 """Parameters that only this node has."""
 
 PARAMETERS = (*SETTINGS, *OWN)
-"""Every parameter of the node, in the order in which people read of them."""
+"""Every parameter of the node, in the order of the documentation."""
 
 _POSE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _GRAPH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", re.ASCII)
 _SERVO_LOOP = "the servos close the loop themselves; their gains are registers, see `hexwire bus table`"
-_SLOWS_DOWN = "what slows down does so within the speed limits"
+_SLOWS_DOWN = "the arm always slows down within its speed limits"
 
 FOREIGN = {
     "type": "this node is the controller",
-    "hardware_interface": "joints are those of the robot; a controller names its own in joints",
-    "loop_hz": "ours is ~command_rate",
-    "loop_frequency": "ours is ~command_rate",
-    "control_freq": "ours is ~command_rate",
-    "control_frequency": "ours is ~command_rate",
-    "cycle_time_error_threshold": "ours is ~watchdog",
-    "state_publish_rate": "ours is ~state_publish_rate, of the whole node",
-    "action_monitor_rate": "ours is ~action_monitor_rate, of the whole node",
-    "joint_state_controller": "ours is ~publish_rate",
+    "hardware_interface": "the joints are those of the robot; list a controller's joints in joints",
+    "loop_hz": "use ~command_rate",
+    "loop_frequency": "use ~command_rate",
+    "control_freq": "use ~command_rate",
+    "control_frequency": "use ~command_rate",
+    "cycle_time_error_threshold": "use ~watchdog",
+    "state_publish_rate": "use ~state_publish_rate, for the whole node",
+    "action_monitor_rate": "use ~action_monitor_rate, for the whole node",
+    "joint_state_controller": "use ~publish_rate",
     "gains": _SERVO_LOOP,
     "velocity_ff": _SERVO_LOOP,
     "stop_trajectory_duration": _SLOWS_DOWN,
     "hold_trajectory_duration": _SLOWS_DOWN,
-    "verbose": "ours is the level of the logger /rosout, see rosconsole",
-    "robot_description": "it is a parameter of the namespace, not of the node",
+    "verbose": "set the level of the logger /rosout, see rosconsole",
+    "robot_description": "set it in the namespace, not in the node",
 }
-"""Parameters of ros_control and its trajectory controller without effect here, and what stands in their place."""
+"""Parameters of ros_control and its trajectory controller without effect here, and what to use instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +66,13 @@ class Parameters:
     """The node's parameters, checked.
 
     Attributes:
-        settings: Those of the controlled arm.
-        state_publish_rate: Controller states a second.
-        action_monitor_rate: Feedback messages a second.
-        diagnostics_rate: Diagnostics a second.
-        frame_id: In the headers of joint states.
-        hardware_id: In the diagnostics; empty is the URL of the link.
-        warnings: What was given to no effect, a line each.
+        settings: Settings of the arm.
+        state_publish_rate: Controller states per second.
+        action_monitor_rate: Feedback messages per second.
+        diagnostics_rate: Diagnostics per second.
+        frame_id: Frame in the headers of joint states.
+        hardware_id: Hardware id in the diagnostics; empty means the URL of the link.
+        warnings: One line for each given parameter that has no effect.
     """
 
     settings: Settings
@@ -94,7 +94,7 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
         The parameters, and the driver, which is not attached.
 
     Raises:
-        UsageError: With every parameter that is wrong.
+        UsageError: Parameters are wrong; the text lists all of them.
         LinkNotFoundError: All parameters are right, but no port is given and no likely board is plugged in.
     """
     faults = _ParameterFaults()
@@ -108,12 +108,12 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
     poses, controllers = given.get("poses"), given.get("controllers")
     for name in poses if isinstance(poses, Mapping) else ():
         if not _POSE_NAME.fullmatch(str(name)):
-            faults.add(f"poses/{name}", "no name for a service: a letter first, then letters, digits and _ only")
+            faults.add(f"poses/{name}", "not a service name: a letter first, then letters, digits and _ only")
     if isinstance(controllers, Mapping):
         given["controllers"] = flat = _flattened(controllers, faults)
         for name, table in flat.items():
             if not _GRAPH_NAME.fullmatch(name):
-                text = "no name that ROS takes: a letter first, then letters, digits, _ and / only"
+                text = "not a ROS name: a letter first, then letters, digits, _ and / only"
                 faults.add(f"controllers/{name}", text)
             warnings += _take_foreign(table, f"controllers/{name}/")
     settings, driver = read_settings(given, faults, find_port=_find_port)
@@ -121,7 +121,7 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
 
 
 def default_text(row: Setting) -> str:
-    """A default as a parameter file has it."""
+    """A default as written in a parameter file."""
     if isinstance(row.default, bool):
         return str(row.default).lower()
     if isinstance(row.default, str):
@@ -132,17 +132,17 @@ def default_text(row: Setting) -> str:
 
 
 class _ParameterFaults(Faults):
-    """Faults in ROS's words."""
+    """Words faults for ROS users."""
 
     noun = "parameter"
     mark = "~"
-    # roslaunch makes numbers of all that looks like one.
+    # roslaunch converts everything that looks like a number.
     quoting = 'in quotes, or with type="str" in a launch file'
     listing = "'hexwire-ros1 --help' lists them"
 
 
 def _take_foreign(table: dict[str, object], above: str = "") -> list[str]:
-    """Take what has no effect out of a table; returns a warning each."""
+    """Remove parameters without effect from a table; returns a warning for each."""
     foreign = [name for name in table if name in FOREIGN]
     for name in foreign:
         del table[name]
@@ -150,7 +150,7 @@ def _take_foreign(table: dict[str, object], above: str = "") -> list[str]:
 
 
 def _flattened(table: Mapping[str, object], faults: Faults, above: str = "") -> dict[str, dict[str, object]]:
-    """Controllers by full name: the parameter server makes a table of every part of a name with a slash."""
+    """Controllers by full name: the parameter server nests a table for each part of a name with slashes."""
     found: dict[str, dict[str, object]] = {}
     for key, value in table.items():
         name = f"{above}{key}"
@@ -158,7 +158,7 @@ def _flattened(table: Mapping[str, object], faults: Faults, above: str = "") -> 
         is_namespace = inner and not inner.keys() & set(CONTROLLER_SETTINGS) and _are_tables(inner)
         for full, content in (_flattened(inner, faults, f"{name}/") if is_namespace else {name: inner}).items():
             if full in found:
-                faults.add(f"controllers/{full}", "is there twice")
+                faults.add(f"controllers/{full}", "given twice")
             found[full] = content
     return found
 
@@ -168,7 +168,7 @@ def _are_tables(table: Mapping[str, object]) -> bool:
 
 
 def _find_port() -> str:
-    """The only likely board; the texts of the search are for people at a command line."""
+    """Find the only likely board; reword errors, which name command-line options."""
     try:
         return find_only_board()
     except LinkNotFoundError as error:

@@ -1,6 +1,6 @@
-"""Where ROS 1 is installed, for an interpreter that does not see it by itself, as in a virtual environment.
+"""Finds ROS 1 for an interpreter that does not find it automatically, as in a virtual environment.
 
-Owns the folders in which Debian and ROS put their Python packages. Imports nothing of ROS.
+Owns the list of folders in which Debian and ROS install their Python packages. Imports nothing from ROS.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ ROS_MISSING = (
     "ROS 1 is not installed: sudo apt-get install python3-rospy python3-actionlib python3-sensor-msgs "
     "python3-trajectory-msgs python3-diagnostic-msgs python3-std-srvs"
 )
-"""What a person must do where `find_ros` finds nothing."""
+"""What the user must do if `find_ros` finds nothing."""
 
 _DEBIAN = Path("/usr/lib/python3/dist-packages")
 _INSTALLATIONS: tuple[tuple[Path, ...], ...] = (
-    # ROS's own packages need Debian's PyYAML and rospkg.
+    # The packages in /opt/ros need Debian's PyYAML and rospkg.
     (Path("/opt/ros/noetic/lib/python3/dist-packages"), _DEBIAN),
     (_DEBIAN,),
 )
@@ -29,16 +29,16 @@ _NEEDED = ("rospy", "actionlib", "sensor_msgs", "trajectory_msgs", "diagnostic_m
 
 
 def find_ros(installations: Sequence[Sequence[Path]] = _INSTALLATIONS) -> bool:
-    """Make ROS 1's Python packages importable, if they are somewhere.
+    """Make ROS 1's Python packages importable, if they are installed.
 
-    Where they are not found already, the folders of the first installation that holds rospy go to the end of
-    `sys.path`: nothing there hides a package of the interpreter's own.
+    If they cannot be imported yet, the folders of the first installation that has rospy are appended to `sys.path`,
+    so that they hide no package of the interpreter's environment.
 
     Args:
-        installations: Folders of each installation, that of rospy first.
+        installations: Folders of each installation, the one with rospy first.
 
     Returns:
-        Whether all of them can be imported now; if not, `sys.path` is as it was.
+        Whether all of them can be imported now; if not, `sys.path` is unchanged.
     """
     if _complete():
         return True

@@ -1,7 +1,7 @@
-"""Moments of the host's clock as times of a wall clock, which is what message stamps are.
+"""Converts monotonic times to wall-clock times, for message stamps.
 
-Owns the difference of the two clocks, so that stamps rise as the moments do. The clocks come in as arguments; must
-not know ROS, nor what is stamped.
+Owns the offset between the two clocks, and keeps stamps in order. The clocks come in as arguments; must not know
+ROS, nor what is stamped.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from collections.abc import Callable
 __all__ = ["StampClock"]
 
 _SET = 0.25
-"""Seconds by which the wall clock must differ from what was expected to count as set, not as adjusted."""
+"""Seconds by which the wall clock must differ from the expected time to count as set, not as adjusted."""
 _SLEW = 0.005
-"""Seconds a second that the difference of the clocks is corrected by: far more than any clock drifts."""
+"""Seconds per second by which the offset is corrected: far more than any clock drifts."""
 
 
 class StampClock:
-    """Stamps for moments of a monotonic clock. One thread only.
+    """Makes stamps for monotonic times. For one thread only.
 
-    To take the wall clock's time at every stamp, less the age of what is stamped, would have stamps go back: a
-    thread that is put aside between the two looks at clocks stamps too early by as long as it stood. Here the
-    difference is kept. Where it turns out wrong, as when the wall clock is adjusted, it is corrected so slowly that
-    stamps go on rising; a clock that was set is followed at once, since everybody else follows it as well.
+    Reading the wall clock for every stamp and subtracting the age of the data would let stamps go backwards: if the
+    thread is suspended between reading the two clocks, the stamp is too early by that time. This class stores the
+    offset between the clocks instead. When the wall clock is adjusted, the offset is corrected so slowly that
+    stamps still increase; when the wall clock is set, the offset follows at once, as all other programs do.
 
     Args:
-        wall: Seconds of the clock that stamps are of.
-        clock: Monotonic seconds.
+        wall: Returns wall-clock time, seconds.
+        clock: Returns monotonic time, seconds.
     """
 
     def __init__(self, wall: Callable[[], float], clock: Callable[[], float]) -> None:
@@ -36,16 +36,16 @@ class StampClock:
         self._latest = -math.inf
 
     def stamp(self, moment: float) -> float:
-        """The wall clock's time of a moment.
+        """Convert a monotonic time to wall-clock time.
 
         Args:
-            moment: Of the monotonic clock, seconds; about now. Later moments have later stamps, unless the wall
-                clock was set back in between.
+            moment: Monotonic time, seconds; about now. Later times get later stamps, unless the wall clock was set
+                back in between.
         """
         before = self._clock()
         wall = self._wall()
         after = self._clock()
-        # The wall clock was looked at somewhere in between.
+        # The wall clock was read at some time between the two readings.
         low, high = wall - after, wall - before
         if not low - _SET <= self._offset <= high + _SET:
             self._offset = (low + high) / 2

@@ -1,6 +1,6 @@
-"""What ROS's messages say, as plain values: trajectories, tolerances, set-points.
+"""Converts ROS messages to plain values: trajectories, tolerances, set-points.
 
-Owns the reading of messages, whose classes it does not need. Must not know rospy, nor which values are right.
+Owns reading the messages, without needing their classes. Must not import rospy, nor know which values are valid.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ def trajectory_of(message: Any, now: Any) -> TrajectoryGoal:
 
     Args:
         message: The message.
-        now: ROS's time, of the class that the message's stamp has.
+        now: The current ROS time, of the same class as the message's stamp.
     """
     stamp = message.header.stamp
-    # The difference of two times, and not of two floats, which are good to a microsecond at most.
+    # Subtract times, not floats, which have a resolution of a microsecond at best.
     delay = 0.0 if stamp.is_zero() else (stamp - now).to_sec()
     points = tuple(
         Point(
@@ -45,10 +45,10 @@ def tolerances_of(rows: Iterable[Any]) -> list[tuple[str, float, float, float]]:
 
 
 def set_points_of(message: Any) -> tuple[dict[str, float], tuple[str, ...]]:
-    """What an osrf_msgs/JointCommands asks for.
+    """The set-points in an osrf_msgs/JointCommands.
 
     Returns:
-        Positions by joint, radians, and the names of other fields that ask for something.
+        Positions by joint, radians, and the names of other fields that are not zero.
 
     Raises:
         UsageError: A joint is named twice, a field has the wrong length, or a value is not a finite number.
