@@ -325,3 +325,131 @@ def test_what_was_sent_is_remembered_within_bounds() -> None:
         receive(h, [answer(k % 200)], 0.0)
         events(h)
     assert len(h._chapter._sent) == 64
+
+
+SYNC = sp.make_sync_write(0x2A, {0: bytes(4)})
+
+
+def test_a_stop_voids_what_waits_and_what_was_not_sent_yet() -> None:
+    h = one()
+    first, second = (h.request(Command.READ, read(i), 0.0) for i in (1, 2))
+    stop = h.request(Command.READ, read(6), 0.0, urgent=True)
+    h.void()
+    assert h.data_to_send() == []
+    assert [h.holds(ticket) for ticket in (first, second, stop)] == [False, False, True]
+    # Nothing went, so nothing has to be waited for.
+    assert h.next_timeout() == 0.0
+    h.handle_timeout(0.0)
+    assert asked(h) == [read(6)]
+    h.void()
+    assert h.holds(stop), "it is urgent itself"
+    receive(h, [answer(6)], 0.1)
+    assert [e.ticket for e in events(h) if isinstance(e, Reply)] == [stop]
+    assert h.next_timeout() is None
+
+
+def test_a_stop_that_is_voided_beside_others_stays_to_be_sent() -> None:
+    h = one()
+    h.request(Command.READ, read(6), 0.0, urgent=True)
+    h.request(Command.READ, read(1), 0.0)
+    h.void()
+    assert asked(h) == [read(6)]
+    receive(h, [answer(6)], 0.1)
+    assert asked(h) == []
+
+
+def test_after_a_stop_the_answer_to_what_was_sent_has_its_window() -> None:
+    h = one()
+    first = h.request(Command.READ, read(1), 0.05)
+    h.data_to_send()
+    stop = h.request(Command.READ, read(6), 0.1, urgent=True)
+    h.void()
+    assert (h.holds(first), h.holds(stop)) == (False, True)
+    assert h.next_timeout() == pytest.approx(0.05 + WINDOW)
+    h.handle_timeout(0.05 + WINDOW - 0.001)
+    assert h.data_to_send() == []
+    h.handle_timeout(0.05 + WINDOW)
+    assert asked(h) == [read(6)]
+
+
+def test_what_is_held() -> None:
+    h = one()
+    outstanding, queued = (h.request(Command.READ, read(i), 0.0) for i in (1, 2))
+    assert (h.holds(outstanding), h.holds(queued), h.holds(99)) == (True, True, False)
+    receive(h, [answer(1)], 0.1)
+    assert (h.holds(outstanding), h.holds(queued)) == (False, True)
+    receive(h, [answer(2)], 0.1)
+    assert not h.holds(queued)
+
+
+def test_giving_up_says_whether_it_may_have_gone() -> None:
+    h = one()
+    assert h.abandon(99), "not known here"
+    taken, queued = (h.request(Command.READ, read(i), 0.0) for i in (1, 2))
+    h.data_to_send()
+    assert not h.abandon(queued)
+    assert h.abandon(99)
+    assert h.abandon(taken)
+    assert h._chapter._quiet_until == WINDOW
+    h.handle_timeout(WINDOW)
+    held_back = h.request(Command.READ, read(3), 1.0)
+    assert not h.abandon(held_back)
+    assert h.data_to_send() == []
+    assert h._chapter._quiet_until == WINDOW, "what was not sent needs no silence"
+    twice = h.request(Command.READ, read(4), 2.0)
+    h.data_to_send()
+    h.handle_timeout(2.0 + WINDOW)
+    assert h.abandon(twice), "its first sending went"
+    assert h.data_to_send() == []
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_sync_write_can_be_taken_back_until_it_is_sent(taken: bool) -> None:
+    h = one()
+    ticket = h.request(Command.SYNC_WRITE, SYNC, 0.0)
+    if taken:
+        h.data_to_send()
+    assert h.abandon(ticket + 1), "another"
+    assert h.abandon(ticket) is taken
+    assert h.data_to_send() == []
+
+
+def test_an_answer_in_time_leaves_no_silence_behind() -> None:
+    h = one()
+    h.request(Command.READ, read(1), 0.0)
+    h.request(Command.READ, read(2), 0.0)
+    h.data_to_send()
+    receive(h, [answer(1)], 0.01)
+    assert asked(h) == [read(2)]
+    c = h.counters
+    assert (c.requests, c.replies, c.retries, c.timeouts, c.frames_sent) == (2, 1, 0, 0, 2)
+    (reply,) = events(h)
+    assert isinstance(reply, Reply)
+    assert (reply.attempts, reply.cmd, reply.status) == (1, Command.READ, 0)
+    assert reply.frame is not None
+    assert reply.frame.body == answer(1)
+
+
+def test_a_window_of_its_own_and_what_came_instead() -> None:
+    h = one()
+    h.request(Command.READ, read(1), 1.0, window=0.5, attempts=1)
+    receive(h, [answer(2)], 1.1)
+    assert h.next_timeout() == 1.5
+    h.handle_timeout(1.499)
+    assert [type(event) for event in events(h)] == [Stale]
+    h.handle_timeout(1.5)
+    (timed_out,) = events(h)
+    assert isinstance(timed_out, TimedOut)
+    assert (timed_out.cmd, timed_out.attempts) == (Command.READ, 1)
+    assert "dialect 1" in timed_out.instead
+    h.request(Command.READ, read(1), 1.6)
+    assert h.next_timeout() == 2.0, "and as long again for an answer that comes late"
+
+
+def test_a_packet_sent_again_is_the_last_to_be_forgotten() -> None:
+    h = one()
+    for k in [0, *range(1, 64), 0, 64]:
+        h.request(Command.READ, sp.make_read(1, k, 2), 0.0)
+        h.data_to_send()
+        receive(h, [answer(1)], 0.0)
+    assert [packet[5] for packet in h._chapter._sent] == [*range(2, 64), 0, 64]

@@ -13,6 +13,7 @@ from tests.session.wires import LOG, VECTORS, Line, bad_line, board, echo_body, 
 
 from hexwire.errors import LocalProtocolError
 from hexwire.session.connection import Connection
+from hexwire.session.dialect1 import UNKNOWN_COMMAND_PACKET
 from hexwire.session.events import BadFrame, Garbage, Reply, Report, Request, Stale, TimedOut
 from hexwire.session.policy import RetryPolicy
 from hexwire.wire import tables
@@ -605,3 +606,260 @@ def test_every_byte_split_of_a_conversation(size: int, data: st.DataObject) -> N
     line.run(3.0)
     (reply,) = (event for event in line.seen if isinstance(event, Reply))
     assert reply.body == body[:size]
+
+
+# --- a stop, and what is given up ----------------------------------------------------------------------------
+
+
+def test_a_stop_voids_every_request_but_other_stops() -> None:
+    h = host()
+    taken = h.request(Command.JOINT_MOVE, b"a", 0.0)
+    h.data_to_send()
+    waiting = h.request(Command.JOINT_MOVE, b"b", 0.0)
+    long = h.request(Command.TRANSACT, bytes(1000), 0.0)
+    stop = h.request(Command.STOP, b"\0", 0.0, urgent=True)
+    h.void()
+    assert [frame.cmd for frame in sent(h)] == [Command.STOP]
+    assert [h.holds(ticket) for ticket in (taken, waiting, long, stop)] == [False, False, False, True]
+    assert not h._fragments_out._out
+    h.handle_timeout(WINDOW)
+    assert [frame.cmd for frame in sent(h)] == [Command.STOP], "nothing else is asked again"
+    h.void()
+    assert h.data_to_send() == []
+    h.handle_timeout(2 * WINDOW)
+    h.handle_timeout(3 * WINDOW)
+    assert [(e.ticket, e.attempts) for e in events(h) if isinstance(e, TimedOut)] == [(stop, 3)]
+
+
+def test_what_is_held() -> None:
+    h = host()
+    first, second = (h.request(Command.STATS, b"", 0.0) for _ in range(2))
+    request, _ = sent(h)
+    assert (h.holds(first), h.holds(second), h.holds(99)) == (True, True, False)
+    h.receive(reply_frame(request), 0.1)
+    assert (h.holds(first), h.holds(second)) == (False, True)
+
+
+def test_giving_up_says_whether_some_of_it_may_have_gone() -> None:
+    h = host()
+    assert h.abandon(99), "not known here"
+    ticket = h.request(Command.STATS, b"", 0.0)
+    other = h.request(Command.LIMITS, b"", 0.0)
+    assert not h.abandon(ticket)
+    assert [frame.cmd for frame in sent(h)] == [Command.LIMITS]
+    assert h.abandon(other)
+    twice = h.request(Command.STATS, b"", 0.0)
+    h.data_to_send()
+    h.handle_timeout(WINDOW)
+    assert h.abandon(twice), "its first sending went"
+    assert h.data_to_send() == []
+    long = h.request(Command.TRANSACT, bytes(1000), 1.0)
+    assert not h.abandon(long)
+    assert h.data_to_send() == []
+    long = h.request(Command.TRANSACT, bytes(1000), 1.0)
+    h._out = h._out[1:]
+    assert h.abandon(long), "its first frame went"
+    assert h.data_to_send() == []
+
+
+def test_after_256_requests_a_number_that_is_still_waited_for_is_passed_over() -> None:
+    h = host()
+    kept = h.request(Command.STATS, b"", 0.0, window=100.0)
+    for _ in range(255):
+        h.abandon(h.request(Command.STATS, b"", 0.0))
+    h.data_to_send()
+    h.request(Command.STATS, b"", 0.0)
+    assert [frame.seq for frame in sent(h)] == [2]
+    assert h.holds(kept)
+
+
+def test_an_answer_that_comes_late_or_twice_counts_once() -> None:
+    h = host()
+    ticket = h.request(Command.STATS, b"", 0.0)
+    (request,) = sent(h)
+    h.handle_timeout(WINDOW - 1e-9)
+    assert h.data_to_send() == [], "its window is not over"
+    h.handle_timeout(WINDOW)
+    assert len(h.data_to_send()) == 1
+    h.receive(reply_frame(request) * 2, WINDOW + 0.05)
+    reply, stale = events(h)
+    assert isinstance(reply, Reply)
+    assert (reply.ticket, reply.attempts, reply.cmd) == (ticket, 2, Command.STATS)
+    assert reply.rtt == pytest.approx(0.05), "from the last sending"
+    assert reply.frame is not None
+    assert isinstance(stale, Stale)
+    assert stale == Stale(reply.frame, "answers nothing that was asked")
+    c = h.counters
+    assert (c.requests, c.retries, c.replies, c.stale, c.timeouts, c.frames_sent) == (1, 1, 1, 1, 0, 2)
+
+
+def test_the_next_deadline_is_the_first_of_all() -> None:
+    h = host()
+    assert h.next_timeout() is None
+    h.request(Command.STATS, b"", 1.0, window=5.0)
+    h.request(Command.STATS, b"", 1.0, window=3.0)
+    h.request(Command.STATS, b"", 1.0, window=4.0)
+    assert h.next_timeout() == 4.0
+    h.receive(tables.SYNC_BYTES, 1.5)
+    assert h.next_timeout() == 1.5 + tables.INTERBYTE_TIMEOUT
+    h.handle_timeout(1.5 + tables.INTERBYTE_TIMEOUT)
+    assert h.next_timeout() == 4.0
+
+
+def test_what_came_instead_is_told_of_every_request_that_waits() -> None:
+    h = host(policy=RetryPolicy(attempts=1))
+    for _ in range(2):
+        h.request(Command.STATS, b"", 0.0)
+    h.receive(b"xyz", 0.1)
+    h.handle_timeout(WINDOW)
+    assert [e.instead for e in events(h) if isinstance(e, TimedOut)] == ["3 bytes of garbage: 78 79 7A"] * 2
+    h.request(Command.STATS, b"", 1.0)
+    (request,) = sent(h)[-1:]
+    other = reply_frame(request, seq=99)
+    h.receive(other, 1.1)
+    h.handle_timeout(1.0 + WINDOW)
+    assert [e.instead for e in events(h) if isinstance(e, TimedOut)] == [str(parse_frame(other))]
+
+
+def test_a_message_with_an_end_leaves_nothing_unfinished() -> None:
+    h = host()
+    h.receive(reply_frame(request_of(b""))[:-1], 0.0, end_of_message=True)
+    found = events(h)
+    assert isinstance(found[0], BadFrame)
+    assert found[0].reason == "cut short"
+    assert h.next_timeout() is None
+
+
+def request_of(body: bytes, cmd: int = Command.STATS) -> Frame:
+    h = host()
+    h.request(cmd, body, 0.0)
+    return sent(h)[0]
+
+
+@pytest.mark.parametrize("cmd", [Command.FRAGMENT, Command.FRAGMENT_MISSING, Command.IDENTIFY])
+def test_what_may_not_come_in_fragments(cmd: int) -> None:
+    b = board()
+    data = request_frame(cmd=Command.FRAGMENT, body=FragmentHead(5, 0, 1, cmd, 0).serialize() + b"x")
+    b.receive(data, 0.0)
+    assert events(b) == [Stale(parse_frame(data), "what may not come in fragments")]
+    assert b.counters.stale == 1
+
+
+def test_who_asks_a_host_or_answers_a_board_is_not_listened_to() -> None:
+    h, b = host(), board()
+    request = request_frame(src=8, dst=7)
+    h.receive(request, 0.0)
+    assert events(h) == [Stale(parse_frame(request), "a request, and this is a host")]
+    other = request_frame(cmd=Command.FRAGMENT, body=FragmentHead(1, 0, 2, 2, 0).serialize() + b"x", src=3, dst=7)
+    h.receive(other, 0.0)
+    assert events(h) == [Stale(parse_frame(other), "from another module")]
+    assert h.next_timeout() is None
+    elsewhere = request_frame(dst=3)
+    b.receive(elsewhere, 0.0)
+    assert events(b) == [Stale(parse_frame(elsewhere), "not for this board")]
+
+
+def test_the_chapters_unknown_command_answers_an_identify_and_nothing_else() -> None:
+    h, b = host(), board()
+    b.reply_dialect1(UNKNOWN_COMMAND_PACKET, 0.0)
+    b.reply_dialect1(b"\xff\xf5\xff\x06\x04\xf6", 0.0)
+    unknown, short = b.data_to_send()
+    h.request(Command.STATS, b"", 1.0)
+    h.receive(unknown, 1.1)
+    assert [type(e) for e in events(h)] == [Stale]
+    ticket = h.request(Command.IDENTIFY, b"", 1.0)
+    h.receive(short, 1.1)
+    assert [e.reason for e in events(h) if isinstance(e, Stale)] == [
+        "dialect 1, and it answers nothing that was asked"
+    ]
+    h.receive(unknown, 1.125)
+    (reply,) = events(h)
+    assert reply == Reply(ticket, Command.IDENTIFY, Status.UNKNOWN_COMMAND, b"", parse_frame(unknown), 0.125, 1)
+    assert not h.holds(ticket)
+
+
+def test_a_stop_drops_what_has_begun_to_arrive() -> None:
+    b = board()
+    for number in range(2):
+        body = FragmentHead(1, number, 2, Command.TRANSACT, 0).serialize() + b"x"
+        assert ask(b, request_frame(cmd=Command.FRAGMENT, body=body)) == []
+        if number == 0:
+            b.take_stop(0.1)
+    assert b._fragments_in._in
+
+
+def test_an_identify_begins_anew_with_fragments_too() -> None:
+    b = board()
+    body = FragmentHead(1, 0, 2, Command.TRANSACT, 0).serialize() + b"x"
+    ask(b, request_frame(cmd=Command.FRAGMENT, body=body))
+    assert b._fragments_in._in
+    (request,) = ask(b, request_frame(cmd=Command.IDENTIFY, body=b""))
+    assert not b._fragments_in._in
+    b.reply(request, 0, b"", 0.0)
+    assert len(ask(b, request_frame(cmd=Command.IDENTIFY, body=b""))) == 1, "an IDENTIFY is never a repeat"
+
+
+def test_the_answer_to_a_message_is_given_again_once_for_each_reminder() -> None:
+    h, b = host(), board()
+    h.request(Command.TRANSACT, bytes(500), 0.0)
+    chunks = h.data_to_send()
+    requests = [request for data in chunks for request in ask(b, data, 0.1)]
+    (request,) = requests
+    b.reply(request, 0, b"done", 0.1)
+    b.data_to_send()
+    assert ask(b, chunks[1], 0.2) == []
+    confirmed = sent(b)
+    assert [frame.cmd for frame in confirmed] == [Command.FRAGMENT_MISSING]
+    assert b.counters.repeats == 0
+    assert ask(b, chunks[0], 0.3) == []
+    confirm, again = sent(b)
+    assert (confirm.cmd, confirm.dst, confirm.body) == (Command.FRAGMENT_MISSING, 7, confirmed[0].body)
+    assert (again.cmd, again.body, again.seq) == (Command.TRANSACT, b"done", request.frame.seq)
+    assert again.time == pytest.approx(0.3)
+    assert b.counters.repeats == 1
+
+
+def test_while_a_message_is_on_its_way_its_answer_is_waited_for() -> None:
+    h = host()
+    h.request(Command.TRANSACT, bytes(5000), 0.0)
+    message_id = FragmentHead.parse(sent(h)[0].body).message_id
+    missing = request_frame(cmd=Command.FRAGMENT_MISSING, body=serialize_missing(message_id, (16,)), src=8, dst=7)
+    h.receive(missing, 0.15)
+    assert [FragmentHead.parse(frame.body).number for frame in sent(h)] == [16]
+    assert h.next_timeout() == 0.15 + WINDOW
+    other = request_frame(
+        cmd=Command.FRAGMENT_MISSING, body=serialize_missing(message_id ^ 0x100, (16,)), src=8, dst=7
+    )
+    h.receive(other, 0.3)
+    assert h.next_timeout() == 0.15 + WINDOW
+
+
+def test_while_an_answer_comes_in_fragments_it_is_waited_for() -> None:
+    h = host()
+    h.request(Command.STATS, b"", 0.0)
+    (request,) = sent(h)
+    for changes, deadline in (
+        ({"cmd": Command.LIMITS}, WINDOW),
+        ({"cmd_ext": 0}, WINDOW),
+        ({"message_id": request.seq + 1}, WINDOW),
+        ({}, 0.19 + WINDOW),
+    ):
+        head = FragmentHead(0x100 | request.seq, 0, 2, Command.STATS, 0x80)._replace(**changes)
+        data = request_frame(cmd=Command.FRAGMENT, body=head.serialize() + b"x", src=8, dst=7)
+        h.receive(data, 0.19)
+        assert [p.deadline for p in h._pending.values()] == [pytest.approx(deadline)]
+        h._fragments_in.forget()
+
+
+def test_over_a_link_of_datagrams_dialect_1_needs_no_conversation() -> None:
+    for dialect, numbers, may in ((1, None, True), (2, None, True), (1, int, True), (2, int, False)):
+        assert host(dialect=dialect, numbers=numbers).in_conversation is may
+
+
+def test_reports_are_counted_and_kept_in_order() -> None:
+    h, b = host(), board()
+    for i in range(3):
+        b.report(Command.JOINT_STATE, bytes((i,)), 0.0)
+    h.receive(b"".join(b.data_to_send()), 0.0)
+    assert [e.frame.body for e in events(h) if isinstance(e, Report)] == [b"\0", b"\1", b"\2"]
+    assert (h.counters.reports, h.counters.reports_dropped) == (3, 0)

@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.frames import frame_bytes
 from tests.session.wires import Line, board, events, host
 
 from hexwire.errors import LocalProtocolError
 from hexwire.session.connection import Connection, Role
-from hexwire.session.conversation import Window, is_stop
-from hexwire.session.events import Reply, Request
+from hexwire.session.conversation import Conversation, Conversations, Window, is_stop
+from hexwire.session.events import Reply, Request, Stale
 from hexwire.wire import tables
-from hexwire.wire.command_frame import Command, Frame, parse_frame
+from hexwire.wire.command_frame import Command, Frame, parse_frame, serialize_frame
 
 VECTORS = [
     json.loads(line)
@@ -398,3 +400,242 @@ def test_loss_doubles_and_disorder_do_what_they_do_on_a_stream() -> None:
             lambda ticket=ticket: any(isinstance(e, Reply) and e.ticket == ticket for e in line.seen),
         )
     assert done == [number.to_bytes(2, "little") for number in range(300)]
+
+
+@given(
+    st.sampled_from((0, 5000, 2**32 - 40)),
+    st.lists(
+        st.sampled_from((1, 2, 3, 7, 1023, 1024, 1025, -1, -2, -5, -1022, -1023, -1024, -1025, "void")), max_size=30
+    ),
+)
+def test_window_as_a_set_of_numbers(start: int, steps: list[int | str]) -> None:
+    """Offsets are from the newest number so far; the model counts on where the wire comes round."""
+    window, newest, seen, void_below = Window(start), start, {start}, start
+    for step in steps:
+        if isinstance(step, str):
+            window.void()
+            void_below = newest
+            continue
+        number = newest + step
+        refused = window.take(number & 0xFFFFFFFF)
+        long_past = number <= newest - tables.DATAGRAM_WINDOW
+        assert bool(refused) == (long_past or number in seen or number < void_below)
+        assert ("long past" in refused) == long_past
+        if not refused:
+            seen.add(number)
+            newest = max(newest, number)
+
+
+def of(
+    sn: int, *, cmd: int = Command.STATS, body: bytes = b"", seq: int = 1, ext: int = 0, time: float = 0.0
+) -> Frame:
+    return Frame(int(time), round(time % 1 * 1e9), sn, 7, 8, 3, 2, seq, cmd, body, ext)
+
+
+def test_half_of_all_numbers_is_ahead_and_half_behind() -> None:
+    assert Window(5).take(5 + 2**31 - 1) == ""
+    assert Window(5).take(5 + 2**31) == "its number is long past"
+
+
+def test_what_is_a_repeat_of_a_request() -> None:
+    """The same within 128 numbers, or an older one; another request of the same seq is none."""
+    for start in (1000, 2**32 - 10):
+        for step, body, repeat in (
+            (1, b"a", True),
+            (127, b"a", True),
+            (128, b"a", False),
+            (1, b"b", False),
+            (-1, b"a", True),
+            (-1, b"b", True),
+            (-(2**31), b"b", True),
+            (2**31 - 1, b"a", False),
+        ):
+            talk = Conversation(1, 2, 0.0, 0.0)
+            assert not talk.is_repeat(of(start, body=b"a"))
+            assert talk.is_repeat(of(start + step & 0xFFFFFFFF, body=body)) is repeat, (step, body)
+            assert not talk.is_repeat(of(start + 300 & 0xFFFFFFFF, body=b"a", seq=2)), "of another seq"
+        # What counts is the last one that was none.
+        talk = Conversation(1, 2, 0.0, 0.0)
+        talk.is_repeat(of(start, body=b"a"))
+        assert not talk.is_repeat(of(start + 5 & 0xFFFFFFFF, body=b"b"))
+        assert not talk.is_repeat(of(start + 9 & 0xFFFFFFFF, body=b"a"))
+        assert not talk.is_repeat(of(start + 12 & 0xFFFFFFFF, body=b"a", cmd=Command.LIMITS))
+
+
+@pytest.mark.parametrize("offset", [0.0, -50.0, 1e6])
+@pytest.mark.parametrize("quiet", [1.0, 100.0])
+def test_a_frame_is_late_by_the_quickest_before_it(offset: float, quiet: float) -> None:
+    """A second at most, and 1 ms for each second since the last frame, by which clocks may part."""
+    for held_up, late in ((0.999 + 0.001 * quiet, False), (1.002 + 0.001 * quiet, True)):
+        talk = Conversation(10, 20, 3.0 + offset, 200.0)
+        # Sent when their clock read 197, it took no longer than the first did.
+        assert talk.take(of(11, time=200.0 - 3.0 + 1000.0), 1200.0 + offset) == ""
+        sent_at = 1197.0 + quiet - held_up
+        problem = talk.take(of(12, time=sent_at), 1200.0 + quiet + offset)
+        assert (problem != "") is late
+        assert problem in ("", "it is 1.0 s late", "it is 1.1 s late")
+        # An answer is good however late it comes, and so is a stop.
+        assert talk.take(of(13, time=sent_at, ext=0x80), 1200.0 + quiet + offset) == ""
+        assert talk.take(of(14, time=sent_at, cmd=Command.STOP, body=b"\0"), 1200.0 + quiet + offset) == ""
+
+
+def test_a_quicker_frame_sets_the_measure() -> None:
+    talk = Conversation(10, 20, 5.0, 5.0)
+    assert talk.take(of(11, time=2.0), 6.0) == "", "a second quicker than the first"
+    assert talk.take(of(12, time=2.0), 6.99) == ""
+    assert talk.take(of(13, time=2.0), 7.1) == "it is 1.1 s late"
+
+
+def test_a_stop_that_is_refused_makes_nothing_void() -> None:
+    talk = Conversation(10, 20, 0.0, 0.0)
+    assert talk.take(of(20, cmd=Command.STOP, body=b"\0"), 0.0) == ""
+    assert talk.take(of(30), 0.0) == ""
+    assert talk.take(of(20, cmd=Command.STOP, body=b"\0"), 0.0) != ""
+    assert talk.take(of(29), 0.0) == ""
+    assert talk.take(of(35, cmd=Command.STOP, body=b"\0"), 0.0) == ""
+    assert talk.take(of(34), 0.0) == "it was there already, or is void"
+
+
+def test_numbers_with_the_highest_bit_set_travel_in_a_signed_field() -> None:
+    talk = Talk()
+    talk.host = host(numbers=numbers(0x7FFFFFFF), epoch=1e9, max_frame=8192)
+    talk.ask(Command.IDENTIFY)
+    assert parse_frame(talk.sent[0]).sn == 0x80000000
+    assert parse_frame(talk.answers[0]).type == -(2**31)
+    talk.board.conversations.current = None  # type: ignore[union-attr]
+    talk.host.conversations.current = Conversation(0xFFFFFFFE, 5, 0.0, 0.0)  # type: ignore[union-attr]
+    assert parse_frame(talk.frames(Command.STATS)[0]).type == -2
+
+
+def test_the_number_of_a_host_comes_round() -> None:
+    talk = Talk()
+    talk.ask(Command.IDENTIFY)
+    talk.ask(Command.STATS)
+    talk.host.conversations._sn = 0xFFFFFFFE  # type: ignore[union-attr]
+    talk.board.conversations.current._window = Window(0xFFFFFFF0)  # type: ignore[union-attr]
+    for _ in range(3):
+        talk.ask(Command.STATS)
+    assert [parse_frame(data).sn for data in talk.sent[-3:]] == [0xFFFFFFFF, 0, 1]
+
+
+def test_the_number_of_a_board_comes_round() -> None:
+    conversation = Conversation(1, 0xFFFFFFFE, 0.0, 0.0)
+    assert [conversation.next_number() for _ in range(4)] == [0xFFFFFFFE, 0xFFFFFFFF, 0, 1]
+
+
+def test_only_the_last_sixteen_questions_may_be_answered() -> None:
+    talk = Talk()
+    asked = []
+    for _ in range(17):
+        ticket = talk.host.request(Command.IDENTIFY, b"", talk.now)
+        asked += talk.host.data_to_send()
+        talk.host.abandon(ticket)
+    answers = [answer for data in asked for answer in talk.to_board(data)]
+    ticket = talk.host.request(Command.IDENTIFY, b"", talk.now)
+    seq = parse_frame(talk.host.data_to_send()[0]).seq
+    # With the question just now there are 18: the first two are forgotten.
+    for i, answer in enumerate(answers):
+        frame = parse_frame(answer)
+        fits = talk.host.conversations.is_answer(frame)  # type: ignore[union-attr]
+        assert fits is (i >= 2)
+    last = serialize_frame(parse_frame(answers[-1])._replace(seq=seq))
+    assert [reply.ticket for reply in talk.to_host(last)] == [ticket]
+    # Whatever was asked before the one that was answered is past.
+    assert [talk.host.conversations.is_answer(parse_frame(a)) for a in answers] == [False] * 17  # type: ignore[union-attr]
+
+
+def test_what_was_asked_after_the_answered_question_may_still_be_answered() -> None:
+    conversations = Conversations(numbers(100), host=True)
+    for sn in (101, 102, 103):
+        conversations.sent(Command.IDENTIFY, sn)
+    conversations.begin(of(500, cmd=Command.IDENTIFY, ext=0x80)._replace(type=102), 0.0)
+    assert [conversations.is_answer(of(1)._replace(type=sn)) for sn in (101, 102, 103)] == [False, False, True]
+    assert conversations.current is not None
+    assert (conversations.current.theirs, conversations.current.ours) == (500, 102)
+    assert (conversations.count, conversations.has_news(), conversations.has_news()) == (1, True, False)
+
+
+def test_a_board_keeps_its_last_sixteen_offers_and_takes_up_any_of_them() -> None:
+    conversations = Conversations(iter(range(1000, 2000)).__next__, host=False)
+    for sn in range(17):
+        assert conversations.offer(of(sn, cmd=Command.IDENTIFY), 0.0)
+        assert not conversations.offer(of(sn, cmd=Command.IDENTIFY), 0.0), "it was there already"
+    assert not conversations.has_news()
+    # Numbers 1001 to 1017 were offered; the first made room for the last.
+    assert conversations.take(of(100)._replace(type=1001), 0.0) == "it is of another conversation"
+    assert (conversations.current, conversations.count) == (None, 0)
+    assert conversations.take(of(100)._replace(type=1005), 0.0) == ""
+    assert (conversations.count, conversations.has_news(), conversations.has_news()) == (1, True, False)
+    assert conversations.is_current(of(1)._replace(type=1005))
+    assert not conversations.is_current(of(1)._replace(type=1006))
+    # What was offered before it is past, what was offered since is not.
+    assert conversations.take(of(101)._replace(type=1004), 0.0) == "it is of another conversation"
+    assert not conversations.has_news()
+    assert conversations.take(of(101)._replace(type=1006), 0.0) == ""
+    assert conversations.count == 2
+    # And the one that was left cannot be gone back to.
+    assert conversations.take(of(102)._replace(type=1005), 0.0) == "it is of another conversation"
+
+
+def test_news_is_what_was_not_refused() -> None:
+    conversations = Conversations(iter(range(1000, 2000)).__next__, host=False)
+    conversations.offer(of(5, cmd=Command.IDENTIFY), 0.0)
+    assert conversations.take(of(6)._replace(type=1001), 0.0) == ""
+    assert conversations.has_news()
+    assert conversations.take(of(6)._replace(type=1001), 0.0) != ""
+    assert not conversations.has_news()
+    assert conversations.take(of(7)._replace(type=1001), 0.0) == ""
+    assert conversations.take(of(7)._replace(type=1001), 0.0) != ""
+    assert conversations.has_news()
+    assert not conversations.offer(of(5, cmd=Command.IDENTIFY), 0.0), "it began the one that is"
+
+
+def test_a_board_in_no_conversation_sends_under_a_random_number() -> None:
+    conversations = Conversations(numbers(1, 77, 88), host=False)
+    assert conversations.stamp(Command.JOINT_STATE, 8, None) == (77, 8)
+    offer = Conversation(9, 3000, 0.0, 0.0)
+    assert conversations.stamp(Command.IDENTIFY, 8, offer) == (3000, 9)
+    conversations.current = Conversation(11, 4000, 0.0, 0.0)
+    assert conversations.stamp(Command.STATS, 8, None) == (4000, 11)
+    assert conversations.stamp(Command.IDENTIFY, 8, offer) == (3001, 9)
+    assert not conversations.is_repeat(of(1))
+    assert conversations.is_repeat(of(2))
+
+
+def test_dialect_1_is_refused_by_a_board_and_left_to_a_host(talk: Talk) -> None:
+    data = serialize_frame(Frame(0, 0, 1, 8, 7, 3, 1, 1, Command.READ, b"x"))
+    talk.board.receive(data, talk.now, end_of_message=True)
+    assert [event.reason for event in events(talk.board) if isinstance(event, Stale)] == [
+        "dialect 1 has no number to know an old datagram by"
+    ]
+    assert talk.board.counters.refused == talk.board.counters.stale == 1
+    talk.host.receive(data, talk.now, end_of_message=True)
+    assert talk.host.counters.refused == 0
+
+
+def test_why_a_datagram_is_refused(talk: Talk) -> None:
+    talk.ask(Command.TORQUE, ON)
+    for data in talk.sent:
+        talk.board.receive(data, talk.now, end_of_message=True)
+    for answer in talk.answers:
+        talk.host.receive(answer, talk.now, end_of_message=True)
+    assert [event.reason for event in events(talk.board) if isinstance(event, Stale)] == [
+        "it was there already",
+        "it was there already, or is void",
+    ]
+    assert [event.reason for event in events(talk.host) if isinstance(event, Stale)] == [
+        "it answers no IDENTIFY of ours",
+        "it was there already, or is void",
+    ]
+    assert (talk.board.counters.refused, talk.host.counters.refused) == (2, 2)
+
+
+def test_an_answer_to_a_conversation_that_is_over_is_not_sent(talk: Talk) -> None:
+    (data,) = talk.frames(Command.STATS, b"x")
+    talk.board.receive(data, talk.now, end_of_message=True)
+    (request,) = [event for event in events(talk.board) if isinstance(event, Request)]
+    talk.host = host(numbers=numbers(3), epoch=1e9, max_frame=8192)
+    talk.ask(Command.IDENTIFY)
+    talk.ask(Command.STATS, b"y")
+    talk.board.reply(request, 0, b"x", talk.now)
+    assert talk.board.data_to_send() == []

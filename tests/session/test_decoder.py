@@ -247,3 +247,85 @@ def test_a_mutable_buffer_may_be_reused_by_its_owner() -> None:
     decoder.receive(buffer, 0.0)  # type: ignore[arg-type]  # a bytearray, as os.readv fills one
     buffer[:] = bytes(len(buffer))
     assert decoder.next_event() == parse_frame(data)
+
+
+@pytest.mark.parametrize(
+    "prefix",
+    [
+        SYNC * 20,
+        SYNC * 15 + b"\1" * 100,
+        b"x" * 62 + SYNC,
+        b"x" * 63 + SYNC,
+        b"x" * 64 + SYNC,
+        b"x" * 65 + SYNC * 2,
+    ],
+)
+def test_the_first_64_bytes_of_garbage_are_shown_in_however_many_pieces_it_is_found(prefix: bytes) -> None:
+    decoder = FrameDecoder()
+    assert feed(decoder, [prefix + make()]) == [Garbage(len(prefix), prefix[:64]), parse_frame(make())]
+    assert decoder.counters.bytes_dropped == len(prefix)
+    # And nothing of it is left for the next.
+    assert feed(decoder, [b"y" + make()]) == [Garbage(1, b"y"), parse_frame(make())]
+    assert (decoder.counters.resyncs, decoder.counters.frames) == (2, 2)
+
+
+def test_a_bad_frame_shows_its_first_64_bytes() -> None:
+    data = bytearray(make(bytes(range(100)), proto=2))
+    data[-4] ^= 1
+    found = feed(FrameDecoder(), [bytes(data)])
+    assert isinstance(found[0], BadFrame)
+    assert found[0].data == bytes(data[:64])
+    assert found[1] == Garbage(len(data) - 1, bytes(data[1:65]))
+
+
+def test_counters_to_the_byte() -> None:
+    good, bad = make(), bytearray(make(proto=2))
+    bad[-4] ^= 1
+    tail = bytearray(make(proto=2))
+    tail[-1] = 0
+    decoder = FrameDecoder()
+    feed(decoder, [b"xyz" + good + bytes(bad) + good, bytes(tail) + good])
+    c = decoder.counters
+    assert (c.bytes_received, c.frames, c.bad_frames, c.bad_checks, c.resyncs, c.bytes_dropped) == (
+        3 + 5 * len(good), 3, 2, 1, 3, 3 + 2 * len(good),
+    )  # fmt: skip
+
+
+def test_what_is_over_the_buffer_is_dropped_from_the_front_and_reset_forgets_that_too() -> None:
+    decoder = FrameDecoder(253, max_buffer=300)
+    decoder.receive(bytes(400), 0.0)
+    assert decoder.counters.bytes_dropped == 0, "one read is not cut"
+    decoder.receive(b"x" * 50, 0.0)
+    assert decoder.counters.bytes_dropped == 100
+    assert len(decoder._data) == 350
+    assert decoder.reset() == 350
+    assert decoder.counters.bytes_dropped == 450
+    assert decoder.next_event() is None
+    assert feed(decoder, [b"y"]) == [Garbage(1, b"y")]
+
+
+def test_the_buffer_is_never_smaller_than_a_frame() -> None:
+    data = make(bytes(500), proto=2)
+    decoder = FrameDecoder(8192, max_buffer=10)
+    assert feed(decoder, [data[i : i + 1] for i in range(len(data))]) == [parse_frame(data)]
+
+
+@pytest.mark.parametrize("kept", [1, 2, 3])
+def test_the_beginning_of_a_sync_word_is_kept_and_no_more(kept: int) -> None:
+    decoder = FrameDecoder()
+    assert feed(decoder, [b"ab" + SYNC[:kept]]) == [Garbage(2, b"ab")]
+    assert decoder.next_timeout() == pytest.approx(tables.INTERBYTE_TIMEOUT)
+    assert feed(decoder, [make()[kept:]]) == [parse_frame(make())]
+    assert decoder.next_timeout() is None
+    decoder = FrameDecoder()
+    assert feed(decoder, [SYNC[:kept], b"z"]) == [Garbage(kept + 1, SYNC[:kept] + b"z")]
+
+
+def test_what_ends_a_message_says_so() -> None:
+    data = make()
+    decoder = FrameDecoder()
+    assert decoder.end_of_message() is None
+    decoder.receive(data[:-1], 0.0)
+    decoder.next_event()
+    assert decoder.end_of_message() == BadFrame("cut short", data[:-1])
+    assert (decoder.counters.bad_frames, decoder.counters.bad_checks) == (1, 0)

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexwire.errors import RemoteProtocolError, UsageError
+from hexwire.wire import registers as registers_module
 from hexwire.wire.registers import Register, Series
-from hexwire.wire.tables import REGISTER_BITS, REGISTER_NOTES
+from hexwire.wire.tables import REGISTER_BITS, REGISTER_NOTES, REGISTERS, SERIES
 
 EVERY = [(series, register) for series in Series for register in series.registers.values()]
 registers = st.sampled_from([register for _, register in EVERY])
@@ -46,6 +47,49 @@ def test_rows_are_sound() -> None:
         assert (register.si_unit == "") == (register.unit is None), row
         for limit in (register.minimum, register.maximum, register.default):
             assert limit is None or limit in register.fits, row
+
+
+STEPS = {
+    None: ("", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "mA": ("A", 1e-3),
+    "V": ("V", 1.0),
+    "degC": ("degC", 1.0),
+    "count": ("rad", math.pi / 180),
+    "percent": ("fraction", 0.01),
+}
+"""SI unit, and how many of it a unit of the table is."""
+
+
+def test_a_register_is_its_row_of_the_table() -> None:
+    for series in Series:
+        turn = math.radians(series.range_deg) / series.counts_per_rev
+        for row in REGISTERS[series.value]:
+            made = registers_module._make(series.value, row)
+            assert made == series.register(row.name), "as it is kept"
+            for name in [
+                "name",
+                "address",
+                "size",
+                "sign_bit",
+                "unit",
+                "scale",
+                "access",
+                "area",
+                "minimum",
+                "maximum",
+                "default",
+            ]:
+                assert getattr(made, name) == getattr(row, name), f"{series.name} {row.name}: {name}"
+            assert made.byte_order == SERIES[series.value].byte_order
+            assert made.bits == REGISTER_BITS[series.value].get(row.name, {})
+            assert made.note == REGISTER_NOTES[series.value].get(row.name, "")
+            of_counts = {"count/s": ("rad/s", turn), "count/s^2": ("rad/s^2", turn)}
+            unit = "percent" if (row.unit or "").startswith("percent") else row.unit
+            si_unit, step = (STEPS | of_counts)[unit]
+            assert made.si_unit == si_unit
+            assert made.si_factor == pytest.approx(step * (1.0 if row.scale is None else row.scale), rel=1e-12)
 
 
 def test_no_bits_or_notes_without_a_register() -> None:

@@ -103,6 +103,7 @@ def test_bytes_by_hand() -> None:
         lambda: JointCommands(("J1", "")),
         lambda: JointCommands(("é" * 128,)),
         lambda: JointCommands(("J1", "J2"), i_effort_max=(1.0,)),
+        lambda: TrajectoryPoints((1.0,), ()),
         lambda: TrajectoryPoints((1.0, 2.0), ((0.0,),)),
         lambda: TrajectoryPoints((1.0,), ((0.0,), (0.0,))),
         lambda: TrajectoryPoints((1.0, 2.0), ((0.0,), (0.0,)), ((0.0,),)),

@@ -148,6 +148,7 @@ def test_the_largest_values_that_still_fit() -> None:
     assert len(sp.make_write(1, 255, bytes(243))) == 250
     assert len(sp.make_sync_write(255, {253: bytes(241)})) == 250
     assert sp.make_calibrate(3, b"\x08\x05")[2:-1] == b"\x03\x04\x0b\x08\x05"
+    assert len(sp.make_status(255, 255, bytes(244))) == 250
     assert sp.make_action()[2] == 254
     assert sp.make_board_error(4)[2] == 255
 
@@ -357,6 +358,23 @@ def test_a_run_of_ff_hides_nothing(run: int, case: tuple[StatusPacket, bytes], a
     packet, data = case
     found = sp.find_status(b"\xff" * run + data + after, packet.servo_id, len(packet.params))
     assert found == (packet, run + len(data))
+
+
+@pytest.mark.parametrize(
+    "before", [b"", b"\xff", b"\xff\0", b"\xff\xff\0", b"\xff\xf5", b"\0\xff\1\xff", b"\xff" * 9]
+)
+@pytest.mark.parametrize(
+    "packet", [sp.make_status(1, 0, b"\5\6"), sp.make_status(0), sp.make_legacy_ping_status(2)]
+)
+def test_what_begins_like_a_packet_hides_none_and_a_part_is_none(before: bytes, packet: bytes) -> None:
+    status = sp.parse_status(packet)
+    for after in (b"", b"\xff", b"\xff\xff", packet[:-1]):
+        assert list(sp.iter_status(before + packet + after)) == [status]
+        found = sp.find_status(before + packet + after, status.servo_id, len(status.params))
+        assert found == (status, len(before + packet))
+    for n in range(len(packet)):
+        assert list(sp.iter_status(before + packet[:n])) == []
+        assert sp.find_status(before + packet[:n], status.servo_id, None) is None
 
 
 @given(st.binary(max_size=400))
