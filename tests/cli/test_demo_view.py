@@ -1,27 +1,13 @@
 from __future__ import annotations
 
-import math
-
 import pytest
+from tests.model.states import make_state
 
 from hexwire.cli.demo_view import PlainView, Sample
-from hexwire.model.state import JointState
 
 
 def test_the_plain_view_prints_a_line_a_second(capsys: pytest.CaptureFixture[str]) -> None:
-    nan = (math.nan,)
-    state = JointState(
-        names=("J1",),
-        position=(0.1,),
-        velocity=nan,
-        load=nan,
-        current=nan,
-        voltage=nan,
-        temperature=nan,
-        flags=(0,),
-        age=(0.0,),
-        stamp=0.0,
-    )
+    state = make_state(0.1)
     view = PlainView()
     for tenths in range(25):
         view.show(Sample(tenths / 10, 3.0, state, (0.0,), 10.0, 0.01, 0))

@@ -5,6 +5,7 @@ import math
 import pytest
 from rich.console import Console
 from rich.text import Text
+from tests.model.states import make_state
 
 from hexwire.cli.demo_view import Sample
 from hexwire.cli.draw import JointTable, LiveView, SafeConsole, progress
@@ -15,21 +16,7 @@ HEAD = ("joint", "deg", "condition")
 
 
 def state(position: tuple[float, ...], load: tuple[float, ...], flags: tuple[int, ...]) -> JointState:
-    n = len(position)
-    names = tuple(f"J{i + 1}" for i in range(n))
-    nan = (NAN,) * n
-    return JointState(
-        names=names,
-        position=position,
-        velocity=nan,
-        load=load,
-        current=nan,
-        voltage=nan,
-        temperature=nan,
-        flags=flags,
-        age=(0.004,) * n,
-        stamp=1.0,
-    )
+    return make_state(*position, load=load, flags=flags, age=(0.004,) * len(position), stamp=1.0)
 
 
 def drawn(what: object, *, width: int = 80, colour: bool = False) -> str:

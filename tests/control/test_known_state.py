@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.model import states
 
 from hexwire.control.known_state import KnownState, SampleClock, StateFilter
 from hexwire.model.state import JointFlag, JointState
@@ -16,28 +18,9 @@ SILENT = int(JointFlag.SILENT)
 def make_state(
     stamp: float,
     position: tuple[float, ...],
-    *,
-    velocity: tuple[float, ...] | None = None,
-    age: tuple[float, ...] | None = None,
-    flags: tuple[int, ...] | None = None,
-    board_time: float = NAN,
+    **known: Any,
 ) -> JointState:
-    n = len(position)
-    nan = (NAN,) * n
-    names = tuple(f"J{i + 1}" for i in range(n))
-    return JointState(
-        names=names,
-        position=position,
-        velocity=velocity or nan,
-        load=nan,
-        current=nan,
-        voltage=nan,
-        temperature=nan,
-        flags=flags or (0,) * n,
-        age=age or (0.0,) * n,
-        stamp=stamp,
-        board_time=board_time,
-    )
+    return states.make_state(*position, stamp=stamp, **known)
 
 
 def take(states: StateFilter, *args: object, **more: object) -> KnownState:

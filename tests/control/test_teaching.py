@@ -6,10 +6,12 @@ import os
 import threading
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.model import states
 
 from hexwire.control import teaching
 from hexwire.control.teaching import TOLERANCE, Teacher, save, to_points, tolerance_of
@@ -28,27 +30,11 @@ WHEN = datetime(2024, 1, 31, 23, 59, 58)
 def make_state(
     stamp: float,
     *position: float,
-    age: tuple[float, ...] | None = None,
     silent: int = -1,
-    board_time: float = NAN,
+    **known: Any,
 ) -> JointState:
-    n = len(position)
-    nan = (NAN,) * n
-    flags = tuple(int(JointFlag.SILENT) if i == silent else 0 for i in range(n))
-    names = tuple(f"J{i + 1}" for i in range(n))
-    return JointState(
-        names=names,
-        position=position,
-        velocity=nan,
-        load=nan,
-        current=nan,
-        voltage=nan,
-        temperature=nan,
-        flags=flags,
-        age=age or (0.0,) * n,
-        stamp=stamp,
-        board_time=board_time,
-    )
+    flags = tuple(int(JointFlag.SILENT) if i == silent else 0 for i in range(len(position)))
+    return states.make_state(*position, flags=flags, stamp=stamp, **known)
 
 
 def record(states: list[JointState], names: tuple[str, ...] = ("J1", "J2"), now: float = 0.0) -> Taught:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, Self
 
 import pytest
+from tests.model.states import make_state
 
 from hexwire.drivers.base import JointProbe, ProbeReport, RobotDriver, Signal, StopCause, StopLatch, StopMode
 from hexwire.errors import DeviceError, NotSupportedError, UsageError
@@ -50,21 +51,7 @@ class Plain(RobotDriver):
     def read(self) -> JointState:
         if self.broken:
             raise DeviceError("it fell over")
-        nan = (float("nan"),)
-        return JointState(
-            names=MODEL.names,
-            position=(self.angle,),
-            velocity=nan,
-            load=nan,
-            current=nan,
-            voltage=nan,
-            temperature=nan,
-            flags=(0,),
-            age=(0.0,),
-            stamp=self.now(),
-            stopped=self.stopped,
-            watchdog_tripped=self.tripped,
-        )
+        return make_state(self.angle, stamp=self.now(), stopped=self.stopped, watchdog_tripped=self.tripped)
 
     def write(self, target: JointTarget) -> SentTarget:
         self.angle = dict(target.positions)["J1"]

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.model.states import make_state
 
 from hexwire.errors import UsageError
 from hexwire.model.state import LONGEST, JointFlag, JointState, JointTarget, SentTarget
@@ -138,19 +139,7 @@ def test_a_state_is_built_by_keyword_only() -> None:
 
 def test_a_joint_nobody_knows_of_is_infinitely_far_away() -> None:
     nan = math.nan
-    unknown = (nan, nan)
-    state = JointState(
-        names=("a", "b"),
-        position=(1.0, nan),
-        velocity=unknown,
-        load=unknown,
-        current=unknown,
-        voltage=unknown,
-        temperature=unknown,
-        flags=(0, 0),
-        age=(0.0, 0.0),
-        stamp=0.0,
-    )
+    state = make_state(1.0, nan, names=("a", "b"))
     assert state.distances({"a": 1.5, "b": 0.0}) == {"a": 0.5, "b": math.inf}
     with pytest.raises(UsageError, match="no joint 'c'"):
         state.distances({"c": 0.0})
