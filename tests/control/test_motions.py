@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 from tests.drivers.arms import Arm
+from tests.motion.arms import rest_to_rest
 
 from hexwire.control import run_motion
 from hexwire.control.motions import MotionObserver, MotionOptions, check_path
 from hexwire.errors import CommandRefusedError, LinkLostError, ServoError, StoppedError, UsageError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
-from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import PointToPoint
+from hexwire.motion.waypoints import Spline
 
 
 class Watched(MotionObserver):
@@ -63,9 +63,9 @@ class Bench:
     def options(self, **given: Any) -> MotionOptions:
         return MotionOptions(clock=self.arm.clock, sleep=self.arm.wait, **given)
 
-    def way(self, joint: str = "J4", by: float = 0.5, seconds: float = 1.0) -> PointToPoint:
+    def way(self, joint: str = "J4", by: float = 0.5, seconds: float = 1.0) -> Spline:
         here = self.robot.read()[joint].position
-        return PointToPoint((joint,), Quintic((here,), (here + by,), seconds))
+        return rest_to_rest((joint,), (here,), (here + by,), seconds)
 
     def target(self, joint: str = "J4", by: float = 0.5, seconds: float = 1.0) -> JointTarget:
         return JointTarget.of({joint: self.robot.read()[joint].position + by}, seconds)
@@ -98,7 +98,7 @@ def test_targets_are_sent_in_order_one_a_cycle() -> None:
 def test_legs_follow_each_other() -> None:
     bench = Bench()
     there = bench.way()
-    back = PointToPoint(("J4",), Quintic(there.goal, there.start, 1.0))
+    back = rest_to_rest(("J4",), there.goal, there.start, 1.0)
     result = run_motion(bench.robot, [there, back], bench.options())
     assert result.arrived
     assert bench.robot.read()["J4"].position == pytest.approx(there.start[0], abs=0.01)

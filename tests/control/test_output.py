@@ -7,14 +7,13 @@ import pytest
 from tests.control.arm_bench import LEAD, PERIOD
 from tests.control.owner_bench import make_controller
 from tests.drivers.arms import Arm
+from tests.motion.arms import rest_to_rest
 
 from hexwire.control.group import ControllerGroup
 from hexwire.control.output import Output
 from hexwire.errors import CommandRefusedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
-from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import PointToPoint
 
 
 class Bench:
@@ -33,7 +32,7 @@ class Bench:
         )
         state = self.robot.read()
         goal = [angle + 0.2 for angle in state.position]
-        way = PointToPoint(state.names, Quintic(state.position, tuple(goal), 2.0))
+        way = rest_to_rest(state.names, state.position, goal, 2.0)
         self.controller.follow(way, state, self.arm.clock())
 
     def look_again(self) -> None:

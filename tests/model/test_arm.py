@@ -101,8 +101,6 @@ def test_masks() -> None:
     assert ARM.mask() == 0b111
     assert ARM.mask([]) == 0
     assert ARM.mask(["grip", "J1", "J1"]) == 0b101
-    assert ARM.names_of(0b110) == ("J2", "Grip")
-    assert ARM.names_of(0xFFF8) == ()
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointFlag, JointState, JointTarget
+from hexwire.motion.waypoints import Spline, Waypoint
 
 NAMES = HEX7BOT.names
 HOME = {joint.name: joint.offset for joint in HEX7BOT.joints}
+
+
+def rest_to_rest(names: Sequence[str], start: Sequence[float], goal: Sequence[float], seconds: float) -> Spline:
+    """From standing to standing, all joints together."""
+    rest = (0.0,) * len(start)
+    return Spline(names, [Waypoint(0.0, tuple(start), rest, rest), Waypoint(seconds, tuple(goal), rest, rest)])
 
 
 def state(

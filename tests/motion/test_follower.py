@@ -4,15 +4,14 @@ import math
 from itertools import pairwise
 
 import pytest
-from tests.motion.arms import HOME, state
+from tests.motion.arms import HOME, rest_to_rest, state
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.motion.follower import Follower, Mode
 from hexwire.motion.safety import StopReason
-from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import PointToPoint, Spline, Waypoint
+from hexwire.motion.waypoints import Spline, Waypoint
 
 LEAD = 0.05
 J1 = HOME["J1"]
@@ -24,8 +23,8 @@ def started() -> Follower:
     return follower
 
 
-def way(start: float, goal: float, seconds: float = 2.0) -> PointToPoint:
-    return PointToPoint(("J1",), Quintic((start,), (goal,), seconds))
+def way(start: float, goal: float, seconds: float = 2.0) -> Spline:
+    return rest_to_rest(("J1",), (start,), (goal,), seconds)
 
 
 def sent(follower: Follower, now: float, **positions: float) -> float:

@@ -5,10 +5,11 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.motion.arms import rest_to_rest
 
 from hexwire.errors import UsageError
 from hexwire.motion.trajectory import Quintic
-from hexwire.motion.waypoints import Blend, PointToPoint, Sample, Scaled, Spline, Tail, Trajectory, Waypoint
+from hexwire.motion.waypoints import Blend, Sample, Scaled, Spline, Tail, Trajectory, Waypoint
 
 VALUES = st.floats(-3.0, 3.0)
 
@@ -122,18 +123,17 @@ def test_samples_want_a_period() -> None:
         next(Spline(("a",), [Waypoint(0.0, (0.0,))]).samples(0.0))
 
 
-def test_point_to_point_is_the_quintic() -> None:
+def test_from_rest_to_rest_is_the_quintic() -> None:
     quintic = Quintic((0.0, 1.0), (1.0, -2.0), 2.0)
-    way = PointToPoint(("a", "b"), quintic)
+    way = rest_to_rest(("a", "b"), (0.0, 1.0), (1.0, -2.0), 2.0)
     for t in (0.0, 0.3, 1.0, 1.7, 2.0):
         assert way.at(t).position == pytest.approx(quintic.position(t), abs=1e-12)
     assert way.goal == (1.0, -2.0)
     derivatives_agree(way, 0.7)
-    assert PointToPoint(("a",), Quintic((0.0,), (1.0,), 0.0)).sample(0.0).position == (1.0,)
 
 
 def test_scaled_runs_the_same_way_faster() -> None:
-    way = PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0))
+    way = rest_to_rest(("a",), (0.0,), (1.0,), 2.0)
     fast = Scaled(way, 2.0)
     assert fast.duration == 1.0
     assert fast.at(0.5).position == way.at(1.0).position
@@ -146,8 +146,8 @@ def test_scaled_runs_the_same_way_faster() -> None:
 
 @given(st.floats(0.0, 2.5), st.floats(0.1, 1.0))
 def test_blend_has_no_jump(switch: float, seconds: float) -> None:
-    old = PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0))
-    new = PointToPoint(("a",), Quintic((0.5,), (-1.0,), 3.0))
+    old = rest_to_rest(("a",), (0.0,), (1.0,), 2.0)
+    new = rest_to_rest(("a",), (0.5,), (-1.0,), 3.0)
     blend = Blend(old, switch, new, seconds)
     before, after = old.sample(switch), blend.at(0.0)
     for was, now in zip(before, after, strict=True):

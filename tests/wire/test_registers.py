@@ -168,7 +168,6 @@ def test_the_run_time_of_one_series_is_the_current_ceiling_of_the_other() -> Non
 
 def test_series_facts() -> None:
     assert [series.code for series in Series] == [1, 2, 3, 4]
-    assert [Series.from_code(code) for code in (0, 4, 9)] == [None, Series.HLS, None]
     assert [series.reply_header for series in Series] == [b"\xff\xf5", b"\xff\xff", b"\xff\xff", b"\xff\xff"]
     assert [series.neutral for series in Series] == [2047, 511, 2048, 2048]
     assert [series.sync_read for series in Series] == [False, False, True, True]

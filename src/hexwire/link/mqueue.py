@@ -18,14 +18,12 @@ import os
 import pwd
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.errors import (
     LinkBusyError,
     LinkError,
-    LinkNotFoundError,
     LinkPermissionError,
     UsageError,
 )
@@ -39,14 +37,13 @@ from .url import LinkUrl
 if TYPE_CHECKING:
     import posix_ipc
 
-__all__ = ["QueueInfo", "QueueLink", "list_queues", "remove_queue"]
+__all__ = ["QueueLink"]
 
 # Allowed by Linux with its default settings.
 DEFAULT_DEPTH = 10
 DEFAULT_SIZE = 8192
 _NAME = re.compile(r"/?[A-Za-z0-9_.-]{1,200}")
 _SETTINGS = Path("/proc/sys/fs/mqueue")
-_QUEUES = Path("/dev/mqueue")
 
 
 class QueueLink(PollLink):
@@ -242,66 +239,6 @@ class QueueLink(PollLink):
                 url=self.url,
             )
         return LinkError(f"{self.url} cannot be opened: {error}", url=self.url)
-
-
-@dataclass(frozen=True)
-class QueueInfo:
-    """A message queue of this system.
-
-    Attributes:
-        name: Name with the leading slash.
-        waiting: Number of unread bytes; -1 without permission.
-        owner: The program that reads it, such as ``hexwire (pid 4711)``; empty if there is none.
-    """
-
-    name: str
-    waiting: int
-    owner: str
-
-    @property
-    def is_stale(self) -> bool:
-        """No program reads it, so it may have been abandoned."""
-        return not self.owner
-
-
-def list_queues(folder: Path = _QUEUES) -> list[QueueInfo]:
-    """List the message queues of this system, including those of other programs.
-
-    Args:
-        folder: Mount point of the system's queues.
-
-    Raises:
-        LinkNotFoundError: They are not mounted, so they cannot be listed.
-    """
-    if not folder.is_dir():
-        raise LinkNotFoundError(
-            f"{folder} does not exist, so queues cannot be listed; run 'sudo mkdir -p {folder} && "
-            f"sudo mount -t mqueue none {folder}'"
-        )
-    queues = []
-    for path in sorted(folder.iterdir()):
-        found = re.search(r"QSIZE:(\d+)", _text(path))
-        queues.append(QueueInfo("/" + path.name, int(found[1]) if found else -1, lock_owner(path.stat())))
-    return queues
-
-
-def remove_queue(name: str) -> bool:
-    """Remove a queue and its messages; programs that have it open keep it until they close it.
-
-    Returns:
-        False if there was no such queue.
-
-    Raises:
-        LinkPermissionError: It belongs to another user.
-    """
-    ipc = _posix_ipc()
-    try:
-        ipc.unlink_message_queue("/" + name.removeprefix("/"))
-    except ipc.ExistentialError:
-        return False
-    except ipc.PermissionsError as error:
-        raise LinkPermissionError(f"queue {name} belongs to another user") from error
-    return True
 
 
 def _posix_ipc() -> posix_ipc:

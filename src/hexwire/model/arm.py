@@ -139,7 +139,3 @@ class ArmModel:
         for name in names:
             mask |= 1 << self.index(name)
         return mask
-
-    def names_of(self, mask: int) -> tuple[str, ...]:
-        """Names of the joints in a bit mask."""
-        return tuple(joint.name for i, joint in enumerate(self.joints) if mask >> i & 1)

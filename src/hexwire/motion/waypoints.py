@@ -16,9 +16,7 @@ from hexwire.errors import UsageError
 from hexwire.model.state import LONGEST
 from hexwire.units import decimal
 
-from .trajectory import Quintic
-
-__all__ = ["Blend", "PointToPoint", "Sample", "Scaled", "Spline", "Tail", "Trajectory", "Waypoint"]
+__all__ = ["Blend", "Sample", "Scaled", "Spline", "Tail", "Trajectory", "Waypoint"]
 
 Values = tuple[float, ...]
 
@@ -219,28 +217,6 @@ def _polynomial(k: Sequence[float], u: float) -> tuple[float, float, float]:
         first = first * u + value
         value = value * u + factor
     return value, first, second
-
-
-class PointToPoint(Trajectory):
-    """A `Quintic` with its derivatives: from rest to rest, all joints together.
-
-    Args:
-        names: Joint names.
-        quintic: The motion.
-    """
-
-    def __init__(self, names: Sequence[str], quintic: Quintic) -> None:
-        rest = (0.0,) * len(quintic.start)
-        points = [Waypoint(0.0, quintic.start, rest, rest)]
-        if quintic.duration:
-            points.append(Waypoint(quintic.duration, quintic.goal, rest, rest))
-        else:
-            points = [Waypoint(0.0, quintic.goal, rest, rest)]
-        self._spline = Spline(names, points)
-        self.names, self.duration = self._spline.names, self._spline.duration
-
-    def at(self, t: float) -> Sample:
-        return self._spline.at(t)
 
 
 class Scaled(Trajectory):

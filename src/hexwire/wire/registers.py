@@ -141,11 +141,6 @@ class Series(Enum):
         return next((series for series in cls if name in (series.value, *_ALIASES_OF[series.value])), None)
 
     @classmethod
-    def from_code(cls, code: int) -> Series | None:
-        """Series of a code in an IDENTIFY reply, None if the board does not know it."""
-        return next((series for series in cls if series.code == code), None)
-
-    @classmethod
     def from_firmware(cls, major: int, minor: int, byte_order: str = "little") -> Series | None:
         """Series told by registers 0, 1 and 2, None for one that has no table here (SMCL, SCS2).
 
