@@ -247,3 +247,128 @@ def test_any_bodies_are_taken_or_refused(bodies: list[bytes], times: list[float]
             receiver.handle_timeout(now)
             after = receiver.next_timeout()
             assert after is None or after > now
+
+
+def test_the_largest_message_goes_and_one_byte_more_does_not() -> None:
+    sender, receiver = FragmentSender(MIB // 4), FragmentReceiver()
+    (*_, done) = [receiver.receive(chunk, 0.0) for chunk in sender.send(1, 2, 0, bytes(MIB), 0.0)]
+    assert done[0] == Message(1, 2, 0, bytes(MIB))
+    with pytest.raises(LocalProtocolError):
+        sender.send(1, 2, 0, bytes(MIB + 1), 0.0)
+    assert FragmentReceiver().receive(fragment(0, 1, bytes(MIB)), 0.0)[0] is not None
+    receiver = FragmentReceiver()
+    assert receiver.receive(fragment(0, 17, bytes(65536)), 0.0)[0] is None, (
+        "16 of them are a megabyte, the last is empty"
+    )
+    with pytest.raises(RemoteProtocolError, match="fragment 0 of 18 with 65536 bytes"):
+        receiver.receive(fragment(0, 18, bytes(65536), 2), 0.0)
+    assert receiver.refused == 1
+
+
+def test_a_message_is_kept_as_long_as_the_peer_asks_for_it() -> None:
+    sender = FragmentSender(1, lifetime=3.0)
+    sender.send(1, 2, 0, bytes(40), 10.0)
+    sender.send(2, 2, 0, bytes(40), 11.0)
+    assert sender.next_timeout() == 13.0
+    assert len(list(sender.receive_missing(serialize_missing(1, (5, 39, 40)), 12.5))) == 2
+    assert sender.next_timeout() == 14.0
+    sender.handle_timeout(13.9)
+    assert sender.expired == 0
+    sender.handle_timeout(14.0)
+    assert (sender.expired, sender.next_timeout()) == (1, 15.5)
+
+
+def test_what_a_sender_sends() -> None:
+    sender, body = FragmentSender(10), bytes(range(165))
+    sent = list(sender.send(0x1234, 0x1A, 0x85, body, 0.0))
+    assert [FragmentHead.parse(data) for data in sent] == [
+        FragmentHead(0x1234, i, 17, 0x1A, 0x85) for i in range(16)
+    ]
+    assert b"".join(data[8:] for data in sent) == body[:160]
+    (last,) = sender.receive_missing(serialize_missing(0x1234, (16,)), 0.0)
+    assert (FragmentHead.parse(last).number, last[8:]) == (16, body[160:])
+    assert list(FragmentSender(10).send(1, 2, 3, b"", 0.0)) == [fragment(0, 1, b"", 1, 2, 3)]
+    assert len(list(FragmentSender(10).send(1, 2, 3, bytes(20), 0.0))) == 2
+
+
+def test_a_reminder_of_a_message_that_was_forgotten_starts_it_again() -> None:
+    sender = FragmentSender(10)
+    sender.send(1, 2, 3, bytes(40), 0.0)
+    sender.forget(1)
+    sender.forget(1)
+    assert list(sender.receive_missing(serialize_missing(1, (1,)), 0.0)) == []
+    assert list(sender.remind(1, 2, 3, bytes(40), 1.0)) == [fragment(0, 4, bytes(10), 1, 2, 3)]
+    assert len(list(sender.receive_missing(serialize_missing(1, (1, 3)), 1.0))) == 2
+    assert sender.next_timeout() == 1.0 + tables.FRAGMENT_LIFETIME
+    assert list(sender.remind(1, 2, 3, bytes(40), 1.5)) == [fragment(0, 4, bytes(10), 1, 2, 3)]
+    assert sender.next_timeout() == 1.0 + tables.FRAGMENT_LIFETIME, "only its peer keeps a message"
+
+
+def test_a_message_that_is_sent_anew_needs_no_room() -> None:
+    sender = FragmentSender(10)
+    for i in range(tables.FRAGMENT_MESSAGES):
+        sender.send(i, 2, 0, b"x", 0.0)
+    assert len(list(sender.send(0, 2, 0, bytes(20), 0.0))) == 2
+
+
+def test_when_a_receiver_asks_and_for_what() -> None:
+    receiver = FragmentReceiver(lifetime=1.0)
+    for number in range(15):
+        assert receiver.receive(fragment(number, 40, b"x"), 10.0 + number / 100) == (None, [])
+    assert receiver.next_timeout() == pytest.approx(10.14 + ASK_AGAIN)
+    assert receiver.receive(fragment(15, 40, b"x"), 10.2) == (None, [serialize_missing(1, tuple(range(16, 32)))])
+    for number in (17, 30):
+        assert receiver.receive(fragment(number, 40, b"x"), 10.25) == (None, [])
+    assert receiver.next_timeout() == pytest.approx(10.25 + ASK_AGAIN)
+    assert receiver.handle_timeout(10.25 + ASK_AGAIN - 0.001) == []
+    missing = tuple(i for i in range(16, 34) if i not in (17, 30))
+    assert receiver.handle_timeout(10.25 + ASK_AGAIN) == [serialize_missing(1, missing)]
+    # Asked, it waits as long again; after a lifetime of silence it gives up.
+    assert receiver.next_timeout() == pytest.approx(10.25 + 2 * ASK_AGAIN)
+    assert len(receiver.handle_timeout(11.2)) == 1
+    assert receiver.next_timeout() == pytest.approx(11.25)
+    assert len(receiver.handle_timeout(11.2499)) == 0
+    assert receiver.handle_timeout(11.25) == []
+    assert (receiver.expired, receiver.next_timeout()) == (1, None)
+
+
+def test_a_window_that_is_whole_is_asked_on_for_by_its_last_chunk() -> None:
+    receiver = FragmentReceiver()
+    asked = [bool(receiver.receive(fragment(number, 40, b"x"), 0.0)[1]) for number in range(39)]
+    assert [number for number, ask in enumerate(asked) if ask] == [15, 31]
+
+
+def test_counters_of_a_receiver() -> None:
+    receiver = FragmentReceiver()
+    receiver.receive(fragment(0, 2, b"12"), 0.0)
+    receiver.receive(fragment(0, 2, b"12"), 0.0)
+    assert (receiver.duplicates, receiver.refused, receiver.expired) == (1, 0, 0)
+    assert receiver.receive(fragment(1, 2, b"34"), 0.5)[0] is not None
+    assert receiver.receive(fragment(1, 2, b"34"), 0.6) == (None, [serialize_missing(1, ())])
+    assert receiver.duplicates == 2
+    with pytest.raises(RemoteProtocolError):
+        receiver.receive(fragment(0, 2, b"", 9), 0.6)
+    assert (receiver.duplicates, receiver.refused, receiver.expired) == (2, 1, 0)
+    # What was done is known for its lifetime, and its number is free after that.
+    assert receiver.is_done(1, 0.5 + tables.FRAGMENT_LIFETIME - 0.001)
+    assert not receiver.is_done(1, 0.5 + tables.FRAGMENT_LIFETIME)
+    for number in range(2):
+        message, _ = receiver.receive(fragment(number, 2, b"56"), 3.0)
+    assert message == Message(1, 2, 0, b"5656")
+
+
+@pytest.mark.parametrize("changes", [{"cmd": 3}, {"ext": 0x80}, {"chunks": 3}])
+def test_a_chunk_of_another_command_begins_another_message(changes: dict[str, int]) -> None:
+    receiver = FragmentReceiver()
+    receiver.receive(fragment(0, 2, b"old"), 0.0)
+    other = {"number": 1, "chunks": 2, "chunk": b"new", **changes}
+    assert receiver.receive(fragment(**other), 0.0)[0] is None  # type: ignore[arg-type]
+    assert [dict(message.chunks) for message in receiver._in.values()] == [{1: b"new"}]
+
+
+def test_a_message_of_other_shape_is_taken_where_no_other_has_room() -> None:
+    receiver = FragmentReceiver()
+    for i in range(tables.FRAGMENT_MESSAGES):
+        receiver.receive(fragment(0, 2, b"x", i), 0.0)
+    receiver.receive(fragment(0, 3, b"x", 0), 0.0)
+    assert receiver.refused == 0

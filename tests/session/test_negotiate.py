@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from tests.session.wires import Line, bad_line, board, events, host
 
 from hexwire.session.connection import Connection
 from hexwire.session.dialect1 import UNKNOWN_COMMAND_PACKET
-from hexwire.session.events import Request
+from hexwire.session.events import Garbage, Request, TimedOut
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.wire import servo_packet as sp
 from hexwire.wire import tables
@@ -342,3 +344,117 @@ def test_no_clock_puts_the_marker_into_a_question(epoch: float, sn: int) -> None
         h.handle_timeout(now)
         for event in events(h):
             n.handle(event, now)
+
+
+class Schedule:
+    """Lets every question go unanswered, and notes when each was sent, in which dialect, and to which servo."""
+
+    def __init__(self, **how: Any) -> None:
+        self.host = host()
+        self.asked: list[tuple[float, int, int | None]] = []
+        self.negotiator = Negotiator(self.host, 10.0, **how)
+        self.now = 10.0
+        while self.negotiator.outcome is None and not self.negotiator.paused:
+            for frame in map(parse_frame, self.host.data_to_send()):
+                servo_id = frame.body[2] if frame.proto == 1 else None
+                self.asked.append((round(self.now - 10.0, 6), frame.proto, servo_id))
+            self.now = self.host.next_timeout() or self.now
+            self.host.handle_timeout(self.now)
+            for event in events(self.host):
+                self.negotiator.handle(event, self.now)
+
+
+def test_the_order_and_the_times_of_the_questions() -> None:
+    """IDENTIFY twice with 0.25 s each, then a ping, until the time is over; the pings take their ids in turn."""
+    schedule = Schedule(boot_window=2.2, ping_ids=(3, 4))
+    assert [(proto, servo_id) for _, proto, servo_id in schedule.asked] == [
+        (2, None), (2, None), (1, 3), (2, None), (2, None), (1, 4), (2, None), (2, None), (1, 3), (2, None),
+    ]  # fmt: skip
+    times = [time for time, _, _ in schedule.asked]
+    for (before, (_, proto, _)), after in zip(zip(times, schedule.asked, strict=True), times[1:], strict=False):
+        assert after - before == pytest.approx(0.25 if proto == 2 else tables.DIALECT1_REPLY_WINDOW)
+    outcome = schedule.negotiator.outcome
+    assert isinstance(outcome, NegotiationFailed)
+    assert outcome == NegotiationFailed(10, 0, 0, None, 0)
+    assert schedule.now == pytest.approx(12.35)
+
+
+def test_however_short_the_time_one_question_is_asked() -> None:
+    assert len(Schedule(boot_window=0.0).asked) == 1
+    assert len(Schedule(boot_window=0.25).asked) == 1
+    assert len(Schedule(boot_window=0.26).asked) == 2
+    assert len(Schedule(boot_window=0.0, look=True).asked) == 1
+
+
+def test_one_dialect_only() -> None:
+    assert [proto for _, proto, _ in Schedule(boot_window=1.1, dialect=2).asked] == [2] * 5
+    assert [(p, i) for _, p, i in Schedule(boot_window=0.7, dialect=1, ping_ids=(5, 6)).asked][:3] == [
+        (1, 5), (1, 6), (1, 5),
+    ]  # fmt: skip
+    assert {i for _, p, i in Schedule(boot_window=1.0, ping_ids=()).asked if p == 1} == {0}
+
+
+def test_what_was_heard_before_does_not_count() -> None:
+    h, b = host(), board()
+    b.report(Command.JOINT_STATE, b"x", 0.0)
+    (report,) = b.data_to_send()
+    h.receive(report + b"noise", 0.0)
+    negotiator = Negotiator(h, 0.0, boot_window=0.1)
+    h.receive(report + report + b"abc", 0.1)
+    h.handle_timeout(0.25)
+    for event in events(h):
+        negotiator.handle(event, 0.25)
+    assert negotiator.outcome == NegotiationFailed(1, 2 * len(report) + 3, 2, None, 0)
+
+
+@pytest.mark.parametrize(
+    ("failed", "words"),
+    [
+        (NegotiationFailed(5, 0, 0), "is this the board's port and rate"),
+        (NegotiationFailed(5, 7, 0), "7 bytes that are no frame.*wrong baud rate"),
+        (NegotiationFailed(5, 70, 3, None, 2), "2 of our own frames.*hears itself"),
+        (NegotiationFailed(5, 70, 3), "3 frames that answer nothing.*another program"),
+    ],
+)
+def test_a_failure_says_what_came_instead_and_what_to_do(failed: NegotiationFailed, words: str) -> None:
+    error = failed.as_error("serial:///dev/x")
+    assert "IDENTIFY on serial:///dev/x" in str(error)
+    assert re.search(words, str(error), re.DOTALL)
+    assert error.attempts == 5
+
+
+def test_after_the_outcome_nothing_more_is_asked() -> None:
+    n = Negotiation(dialect2_board)
+    n.run()
+    n.negotiator.handle(TimedOut(n.negotiator._ticket, Command.IDENTIFY, 1, ""), 5.0)
+    assert n.negotiator.outcome == Negotiated(2, IDENTITY)
+    assert n.host.data_to_send() == []
+    n.negotiator._pinged = 3
+    n.negotiator.handle(Garbage(6, sp.make_status(3)), 5.0)
+    assert n.negotiator.outcome == Negotiated(2, IDENTITY)
+
+
+def test_the_events_of_other_requests_are_left_alone() -> None:
+    bare = Bare()
+    bare.let_pass(1)
+    bare.negotiator.handle(TimedOut(99, Command.IDENTIFY, 1, ""), 0.0)
+    assert bare.host.data_to_send() == []
+    assert bare.negotiator.outcome is None
+
+
+def test_noise_is_remembered_up_to_64_bytes_and_only_since_the_last_question() -> None:
+    bare = Bare()
+    bare.let_pass(3)
+    status = sp.make_status(3)
+    bare.negotiator.handle(Garbage(3, status[:3]), bare.now)
+    bare.let_pass(4)
+    bare.negotiator.handle(Garbage(3, status[3:]), bare.now)
+    assert bare.negotiator.outcome is None
+    assert bare.negotiator._noise == status[3:]
+    bare.negotiator.handle(Garbage(100, bytes(range(100))), bare.now)
+    assert bare.negotiator._noise == bytes(range(36, 100))
+
+
+def test_a_dialect_1_answer_to_identify_is_no_verdict_where_dialect_2_is_asked_for() -> None:
+    n = Negotiation(chapter_board, dialect=2, boot_window=0.6)
+    assert n.run() == NegotiationFailed(len(n.sent), n.host.decoder.counters.bytes_received, len(n.sent))
