@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
+from hexwire.link.openable import Openable
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
 from hexwire.wire.servo_packet import BROADCAST_ID
@@ -37,7 +38,7 @@ __all__ = ["ServoBus"]
 _new = tuple.__new__
 
 
-class ServoBus:
+class ServoBus(Openable):
     """Servos on one half-duplex wire behind a link. Constructing one does no I/O; `open` or ``with`` does.
 
     One bus object owns its link; several threads may use the object, one transaction at a time.
@@ -101,13 +102,6 @@ class ServoBus:
     def close(self) -> None:
         """Close the link. Harmless if it is closed."""
         self._line.link.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<ServoBus {self.link.url} {self.series.value}>"

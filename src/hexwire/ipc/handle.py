@@ -7,14 +7,12 @@ not know frames or commands.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.link.base import Link, LinkKind
+from hexwire.link.openable import Openable
 from hexwire.wire.modules import IpcType, ModuleType, module_name
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 __all__ = ["IpcHandle"]
 
@@ -30,7 +28,7 @@ _TYPE_OF_SCHEME = {
 }
 
 
-class IpcHandle:
+class IpcHandle(Openable):
     """A channel that has a name and is not open yet.
 
     Args:
@@ -124,12 +122,3 @@ class IpcHandle:
         raise ConfigError(
             f"there is no channel for {module_name(self.module)}; the file has {named}", file=str(self._conf_file)
         )
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

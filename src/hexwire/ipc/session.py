@@ -16,7 +16,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
 
 from hexwire.epochs import Token
 from hexwire.errors import (
@@ -25,6 +24,7 @@ from hexwire.errors import (
     LinkLostError,
     PreemptedError,
 )
+from hexwire.link.openable import Openable
 from hexwire.session.connection import Connection
 from hexwire.session.effects import Effect, effect_of
 from hexwire.session.events import Reply, TimedOut
@@ -39,9 +39,6 @@ from .handle import IpcHandle
 from .mistaken import find_servos, is_servo_bus
 from .session_line import SessionLine
 
-if TYPE_CHECKING:
-    from types import TracebackType
-
 __all__ = ["Session"]
 
 _log = logging.getLogger(__name__)
@@ -55,7 +52,7 @@ _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
 _PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
 
-class Session(SessionLine):
+class Session(SessionLine, Openable):
     """An active conversation with a board over one channel.
 
     Args:
@@ -473,12 +470,3 @@ class Session(SessionLine):
         connection = host_connection(self.ipc, self._src, self._dst, self._type, policy=self.policy, epoch=epoch)
         connection.sn = self._sn
         return connection
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -19,6 +19,7 @@ from hexwire.ipc.connections import random_number
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.link.base import LinkKind
+from hexwire.link.openable import Openable
 from hexwire.session.connection import Connection, Role
 from hexwire.session.events import Request
 from hexwire.wire import tables
@@ -75,7 +76,7 @@ class JoystickSender:
         self.session.close()
 
 
-class JoystickReceiver:
+class JoystickReceiver(Openable):
     """The receiving end: the newest state, and its age.
 
     Args:
@@ -212,12 +213,3 @@ class JoystickReceiver:
             max_frame=tables.MAX_SERIAL_FRAME,
             numbers=random_number if ipc.keeps_messages else None,
         )
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -11,10 +11,10 @@ import fcntl
 import os
 import select
 import struct
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any
 
 from hexwire.errors import (
     LinkBusyError,
@@ -24,10 +24,8 @@ from hexwire.errors import (
     LinkPermissionError,
     UsageError,
 )
+from hexwire.link.openable import Openable
 from hexwire.wire.robot_bodies import JoystickState
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 __all__ = ["EvdevJoystick", "JoystickDevice", "JsJoystick", "find_joysticks", "open_joystick"]
 
@@ -43,7 +41,7 @@ _EV_SYN, _EV_KEY, _EV_ABS, _SYN_DROPPED = 0x00, 0x01, 0x03, 3
 _FIRST_BUTTON, _FIRST_JOYSTICK, _LAST_PAD = 0x100, 0x120, 0x13F
 
 
-class JoystickDevice(ABC):
+class JoystickDevice(Openable):
     """A joystick of this machine. Constructing one does no I/O.
 
     Args:
@@ -108,15 +106,6 @@ class JoystickDevice(ABC):
     def _set_button(self, number: int, down: bool) -> None:
         if number < _MOST:
             self._buttons = self._buttons & ~(1 << number) | down << number
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 class JsJoystick(JoystickDevice):

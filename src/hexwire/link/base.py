@@ -11,13 +11,14 @@ write, or several writes together. A **datagram** link (UDP, message queue) deli
 from __future__ import annotations
 
 import enum
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from time import monotonic
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
+
+from .openable import Openable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
 
 __all__ = ["WRITE_TIME", "Link", "LinkKind"]
 
@@ -32,7 +33,7 @@ class LinkKind(enum.Enum):
     DATAGRAM = "datagram"
 
 
-class Link(ABC):
+class Link(Openable):
     """A line that carries bytes in both directions. Creating a link does no I/O; `open` does.
 
     One thread may read while another writes. Any thread may `close` or `wake`.
@@ -138,17 +139,8 @@ class Link(ABC):
     def wake(self) -> None:
         """Make the waiting read, or otherwise the next one, return at once. Allowed from any thread."""
 
-    def confirm(self) -> None:  # noqa: B027 (most links have nothing to choose)
+    def confirm(self) -> None:
         """Confirm that the bytes read last were valid. A link that chooses its peer then keeps that peer."""
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.url} {'open' if self.is_open else 'closed'}>"

@@ -14,7 +14,7 @@ import threading
 from collections import Counter
 from dataclasses import dataclass, replace
 from time import monotonic
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from hexwire.errors import (
     LinkBusyError,
@@ -25,6 +25,7 @@ from hexwire.errors import (
 )
 
 from .deadline import lock_timeout, poll_timeout
+from .openable import Openable
 from .tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
 from .url import LinkUrl
 from .waker import Waker
@@ -32,7 +33,6 @@ from .waker import Waker
 if TYPE_CHECKING:
     import ssl
     from collections.abc import Callable
-    from types import TracebackType
 
     from .tls import TlsFiles, TlsStream
 
@@ -52,7 +52,7 @@ class _Handshake:
     deadline: float
 
 
-class Listener:
+class Listener(Openable):
     """Accepts clients, each as a separate link.
 
     Under TLS a client becomes a link only after its certificate is found valid; clients with a slow or endless
@@ -342,15 +342,6 @@ class Listener:
 
     def _closed(self) -> LinkClosedError:
         return LinkClosedError(f"{self.url} is closed", url=self.url)
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def listen_address(url: LinkUrl) -> tuple[str, int]:

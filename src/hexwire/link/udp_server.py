@@ -6,17 +6,17 @@ Owns the socket and the choice of accepted hosts. Must not know what the bytes m
 from __future__ import annotations
 
 import errno
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError
 
 from .listener import LOOPBACK
+from .openable import Openable
 from .tcp import host_and_port
 from .udp import MAX_DATAGRAM, bind_udp, check_peer, heard_hosts, is_away
 
 if TYPE_CHECKING:
     import socket
-    from types import TracebackType
 
 __all__ = ["Peer", "UdpServer"]
 
@@ -24,7 +24,7 @@ Peer = tuple[object, ...]
 """Address and port of a client, as the system gives them."""
 
 
-class UdpServer:
+class UdpServer(Openable):
     """Receives datagrams with their senders; sends each answer only to its peer.
 
     Args:
@@ -104,12 +104,3 @@ class UdpServer:
         if self._socket is None:
             raise LinkClosedError(f"{self.url} is closed", url=self.url)
         return self._socket
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
