@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from hexwire.cli.main import cli
 from hexwire.control import loop as motion_loop
-from hexwire.control import motions
+from hexwire.control import motions, teach_mode
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.link import open as ipc_open
@@ -71,6 +71,8 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
         monkeypatch.setattr(ipc_open, "make_link", make_link)
         paced = functools.partial(motion_loop.RateLoop, clock=clock, sleep=sleep)
         monkeypatch.setattr(motion_loop, "RateLoop", paced)
+        by_hand = functools.partial(teach_mode.record_by_hand, sleep=sleep)
+        monkeypatch.setattr(teach_mode, "record_by_hand", by_hand)
         monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, sleep=sleep))
         return bench
 

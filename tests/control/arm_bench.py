@@ -285,7 +285,7 @@ def make_bench(*, on: bool = True, **options: Any) -> Bench:
 
 def free(bench: Bench) -> bool:
     """Nobody has the arm for longer."""
-    return not bench.arm._busy.locked() and not bench.arm.teach_mode.power.locked()
+    return not bench.arm._busy.locked() and not bench.arm.teach_mode.hand.power.locked()
 
 
 def guide(bench: Bench, joint: str, by: float, seconds: float = 1.0) -> None:

@@ -12,7 +12,7 @@ from tests.motion.arms import HOME, NAMES
 from hexwire.control.diagnostics import diagnose
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Outcome, Reason
-from hexwire.errors import GoalError, LimitError, LinkLostError, UsageError
+from hexwire.errors import GoalError, LimitError, LinkLostError, ServoError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
 
 J1 = HOME["J1"]
@@ -316,7 +316,7 @@ def test_torque_off_aborts_and_on_again_begins_where_the_arm_is() -> None:
 def test_torque_that_a_servo_does_not_confirm() -> None:
     bench = make_bench(on=False)
     bench.silence("J3")
-    with pytest.raises(UsageError, match="J3 did not confirm that torque is on"):
+    with pytest.raises(ServoError, match="J3 did not confirm that torque is on"):
         bench.ask(lambda: bench.arm.enable(True))
     assert free(bench)
 

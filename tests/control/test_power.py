@@ -5,7 +5,7 @@ from tests.control.owner_bench import BoardBench
 from tests.drivers.arms import Arm
 
 from hexwire.control.power import give_torque, switch_torque
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import ServoError
 
 
 def test_torque_is_given_to_those_that_have_none() -> None:
@@ -29,5 +29,5 @@ def test_switching_is_confirmed_by_every_joint(on: bool) -> None:
     bench = BoardBench(faults=("silent:4",))
     bench.owner.connect()
     bench.turn(0.2)
-    with pytest.raises(UsageError, match=f"^J5 did not confirm that torque is {'on' if on else 'off'}$"):
+    with pytest.raises(ServoError, match=f"^J5 did not confirm that torque is {'on' if on else 'off'}$"):
         bench.ask(lambda: switch_torque(bench.owner, on, bench.robot.model.names))

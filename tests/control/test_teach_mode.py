@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import threading
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.control.arm_bench import SPLIT, SUCCEEDED, free, guide, make_bench, order
@@ -13,8 +14,9 @@ from tests.drivers.arms import Arm as EmulatedArm
 from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.arm import taught_part
-from hexwire.control.teach_mode import hand_guided
-from hexwire.errors import HexwireError, UsageError
+from hexwire.control.teach_mode import record_by_hand
+from hexwire.errors import HexwireError, ReplyTimeoutError, ServoError, UsageError
+from hexwire.model.state import JointState
 from hexwire.motion.waypoint_file import parse_waypoints
 
 J1 = HOME["J1"]
@@ -117,14 +119,14 @@ def test_a_stop_while_teaching_begins() -> None:
     bench = make_bench()
     service = bench.begin(bench.arm.teach_start)
     pause = threading.Event()
-    while not bench.arm.teach_mode._active and service.thread.is_alive():
+    while not bench.arm.teach_mode.hand.active and service.thread.is_alive():
         pause.wait(0.001)
     bench.arm.stop("test")
     bench.settle(service)
     with pytest.raises(HexwireError):
         service.answer()
     assert free(bench)
-    assert not bench.arm.teach_mode._active
+    assert not bench.arm.teach_mode.hand.active
     assert not bench.arm.teach_mode._teacher.active
 
 
@@ -136,7 +138,7 @@ def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
     with pytest.raises(UsageError, match=r"^taught .* points; J6 did not confirm that torque is on$"):
         bench.ask(bench.arm.teach_stop)
     assert bench.arm.teach_mode.taught is not None
-    assert not bench.arm.teach_mode._active
+    assert not bench.arm.teach_mode.hand.active
     assert free(bench)
 
 
@@ -154,9 +156,9 @@ def test_what_was_taught_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
 def test_a_joint_that_keeps_its_torque_is_not_taught() -> None:
     bench = make_bench()
     bench.silence("J2")
-    with pytest.raises(UsageError, match="J2 did not confirm that torque is off"):
+    with pytest.raises(ServoError, match="J2 did not confirm that torque is off"):
         bench.ask(bench.arm.teach_start)
-    assert not bench.arm.teach_mode._active
+    assert not bench.arm.teach_mode.hand.active
     assert free(bench)
     assert bench.torques()[0], "the others hold again"
 
@@ -198,11 +200,63 @@ def test_a_stopped_arm_keeps_its_torque_and_is_not_taught() -> None:
     assert free(bench)
 
 
+def record(arm: EmulatedArm, take: Callable[[JointState], object], **options: Any) -> None:
+    record_by_hand(arm.driver, take, clock=lambda: arm.clock.time, sleep=arm.wait, **options)
+
+
 @pytest.mark.parametrize("limp", [False, True])
 def test_a_hand_leads_an_arm_without_torque_that_holds_in_the_end_unless_it_is_left_limp(limp: bool) -> None:
     arm = EmulatedArm(2)
     arm.driver.torque(True)
-    with suppress(KeyboardInterrupt), hand_guided(arm.driver, limp=limp):
+    started: list[list[bool]] = []
+    states: list[JointState] = []
+
+    def take(state: JointState) -> None:
+        states.append(state)
         assert arm.torques() == [False] * 7
-        raise KeyboardInterrupt
+        if len(states) == 3:
+            raise KeyboardInterrupt
+
+    record(arm, take, limp=limp, on_start=lambda: started.append(arm.torques()))
+    assert started == [[False] * 7]
+    assert len(states) == 3
     assert arm.torques() == [not limp] * 7
+
+
+@pytest.mark.parametrize(
+    ("duration", "rate", "count"), [(1.0, 0.0, 20), (0.3, 10.0, 3), (0.01, 10.0, 1), (0.25, 10.0, 3)]
+)
+def test_a_recording_has_as_many_states_as_periods_begin_in_its_time(
+    duration: float, rate: float, count: int
+) -> None:
+    arm = EmulatedArm(2)
+    states: list[JointState] = []
+    record(arm, states.append, duration=duration, rate=rate)
+    assert len(states) == count
+    assert arm.torques() == [True] * 7, "all hold, also those that had no torque"
+
+
+def test_torque_comes_back_when_a_state_does_not_come_and_no_stop_is_latched() -> None:
+    arm = EmulatedArm(2)
+    arm.driver.torque(True)
+    read = arm.driver.read
+
+    def take(state: JointState) -> None:
+        def fails_once() -> JointState:
+            arm.driver.read = read  # type: ignore[method-assign]  # the one failure is over
+            raise ReplyTimeoutError("nothing came")
+
+        arm.driver.read = fails_once  # type: ignore[method-assign]  # a state that does not come
+
+    with pytest.raises(ReplyTimeoutError, match="nothing came"):
+        record(arm, take, duration=1.0)
+    assert arm.torques() == [True] * 7
+    assert not arm.driver.read().stopped
+
+
+def test_a_rate_that_makes_no_sense_leaves_the_torque_on() -> None:
+    arm = EmulatedArm(2)
+    arm.driver.torque(True)
+    with pytest.raises(UsageError, match="makes no sense"):
+        record(arm, lambda state: None, rate=1e300)
+    assert arm.torques() == [True] * 7

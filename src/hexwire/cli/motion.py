@@ -9,7 +9,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Trajectory
     from hexwire.new_file import OutputFile
-    from hexwire.trace.recording import RecordingWriter
 
 __all__ = ["goto", "line", "play", "teach"]
 
@@ -291,6 +290,7 @@ def teach(
 
     The torque goes off, so the arm sinks unless it is held.
     """
+    from hexwire.control.teach_mode import record_by_hand
     from hexwire.trace.recording import RecordingWriter
 
     _want_mcap(file)
@@ -302,30 +302,22 @@ def teach(
                     yes,
                     alone="the arm sinks when the torque goes off: hold it, and say so with --yes",
                 )
-                _record_by_hand(robot, recording, rate, duration, limp=limp)
+                record_by_hand(
+                    robot,
+                    lambda state: recording.joint_state(state, time.time() - (time.monotonic() - state.stamp)),
+                    rate=rate or 0.0,
+                    duration=math.inf if duration is None else duration,
+                    limp=limp,
+                    on_start=lambda: note(
+                        "recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s"
+                    ),
+                )
         except BaseException:
             if recording.count:
                 note(f"{recording.count} states are kept in {file}")
             raise
     words = f"{recording.count} states in {file}" + ("" if limp else "; the arm holds")
     answer(as_json, {"states": recording.count, "file": file, "holds": not limp}, words)
-
-
-def _record_by_hand(
-    robot: RobotDriver, recording: RecordingWriter, rate: float | None, duration: float | None, *, limp: bool
-) -> None:
-    """Torque off, record until it ends, torque on."""
-    from hexwire.control.loop import RateLoop
-    from hexwire.control.teach_mode import hand_guided
-
-    # A rate that makes no sense is refused while the arm still has its torque.
-    loop = RateLoop(rate or robot.command_rate)
-    # Ctrl-C is the usual end.
-    with hand_guided(robot, limp=limp), suppress(KeyboardInterrupt):
-        note("recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s")
-        for _ in loop.ticks(math.inf if duration is None else duration):
-            state = robot.read()
-            recording.joint_state(state, time.time() - (time.monotonic() - state.stamp))
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:

@@ -149,7 +149,7 @@ class Arm:
         controller, owner = self.controllers[name], self.owner
         try:
             received = owner.now()
-            self.teach_mode.refuse()
+            self.teach_mode.hand.refuse()
             state = owner.newest()
             if not goal.points and listener is None:
                 self.hold(name, "an empty trajectory came")
@@ -161,7 +161,7 @@ class Arm:
             # Takes long for a long one, so not under the lock.
             controller.check_path(plan.trajectory(start, received), state, others)
             with owner.locked():
-                self.teach_mode.refuse()
+                self.teach_mode.hand.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
                 now = owner.now()
@@ -211,7 +211,7 @@ class Arm:
             HexwireError: The arm is stopped or cannot be reached.
         """
         owner = self.owner
-        self.teach_mode.refuse()
+        self.teach_mode.hand.refuse()
         shares: dict[str, dict[str, float]] = {}
         for joint, angle in positions.items():
             which = next((key for key, c in self.controllers.items() if joint in c.joints), None)
@@ -222,7 +222,7 @@ class Arm:
         if not shares:
             raise UsageError("it holds no position, and these servos take nothing else")
         with owner.locked():
-            self.teach_mode.refuse()
+            self.teach_mode.hand.refuse()
             state, now = owner.newest(), owner.now()
             path = PathCheck(self.settings.model, self.settings.kinematics, self.settings.table)
             for key, share in shares.items():
@@ -267,8 +267,8 @@ class Arm:
         Raises:
             HexwireError: Stopped, being taught, or not every joint confirmed it.
         """
-        with self.teach_mode.power:
-            self.teach_mode.refuse()
+        with self.teach_mode.hand.power:
+            self.teach_mode.hand.refuse()
             switch_torque(self.owner, on, self._all_joints())
         return f"torque is {'on' if on else 'off'}"
 
@@ -372,7 +372,7 @@ class Arm:
             raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
         ways: dict[str, Trajectory] = {}
         with self.owner.locked():
-            self.teach_mode.refuse()
+            self.teach_mode.hand.refuse()
             state, now = self.owner.newest(), self.owner.now()
             for key, controller in self.controllers.items():
                 joints = controller.joints

@@ -53,6 +53,7 @@ class RateLoop:
     Attributes:
         period: Seconds.
         counters: Kept up to date while it runs.
+        due: Seconds from the first cycle to the deadline of the last one that was started.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class RateLoop:
         self.period = 1.0 / rate
         self.tolerance = 0.1 * self.period if tolerance is None else tolerance
         self.counters = LoopCounters()
+        self.due = 0.0
         self._clock = clock
         self._sleep = sleep
         self._started = math.nan
@@ -88,7 +90,7 @@ class RateLoop:
         self._started = start = self._clock()
         tick = 0
         while tick < cycles:
-            due = tick * self.period
+            self.due = due = tick * self.period
             delay = self._wait_until(start + due)
             self._last = start + due + delay
             counters.cycles += 1

@@ -79,6 +79,8 @@ class RobotOwner:
         watchdog: Seconds of silence after which the board stops by itself; 0 for never. More with a borrowed robot
             whose cycles are slow.
         watchdog_mode: What the board does then.
+        stop_on_failure: Stop the arm when the robot fails or `shutdown` ends a motion; False for a caller who makes
+            it safe by other means.
         on_state: Called with every new state and what is to be published of it, in the owner's thread.
         on_sent: Called with what was really sent, in the owner's thread.
         clock: Monotonic seconds; the robot's clock if None.
@@ -104,6 +106,7 @@ class RobotOwner:
         command_rate: float = 0.0,
         watchdog: float = 1.0,
         watchdog_mode: StopMode = StopMode.HOLD,
+        stop_on_failure: bool = True,
         on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         on_sent: Callable[[SentTarget], object] = lambda sent: None,
         clock: Callable[[], float] | None = None,
@@ -120,6 +123,7 @@ class RobotOwner:
         self._borrowed = borrowed
         self._publish_rate, self._command_rate = publish_rate, command_rate
         self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
+        self._stop_on_failure = stop_on_failure
         self._ending = threading.Event()
         self._on_state = on_state
         self._output = Output(robot, self.group, borrowed=borrowed, on_sent=on_sent, look_again=self._look_again)
@@ -179,7 +183,7 @@ class RobotOwner:
         moving = self.group.moving
         self.group.stop(StopReason("asked", "the program ends"))
         with suppress(HexwireError):
-            if self.connected and moving:
+            if self.connected and moving and self._stop_on_failure:
                 self.robot.stop()
         self._end_thread()
         self._jobs.fail(LinkLostError("the program ends"))
@@ -440,8 +444,9 @@ class RobotOwner:
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_jobs()
-        with suppress(HexwireError):
-            self.robot.stop()
+        if self._stop_on_failure:
+            with suppress(HexwireError):
+                self.robot.stop()
         self._close_reader()
         if not self._borrowed:
             with suppress(HexwireError):

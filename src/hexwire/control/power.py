@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import ServoError
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -58,4 +58,4 @@ def switch_torque(owner: RobotOwner, on: bool, names: Sequence[str]) -> None:
     confirmed = owner.torque(on, names)
     missing = [name for name in names if name not in confirmed]
     if missing:
-        raise UsageError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
+        raise ServoError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")

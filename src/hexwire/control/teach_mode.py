@@ -1,76 +1,67 @@
 """Teaching by hand: an arm without torque, what is recorded meanwhile, and the torque given back.
 
-Owns when an arm is in somebody's hands, and what was taught last. Must not know who wants the arm
-otherwise: that is the owner's business, who asks here first.
+Owns when an arm is in somebody's hands, the recording meanwhile, and what was taught last. Must not know who wants
+the arm otherwise: that is the owner's business, who asks here first.
 """
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from hexwire.errors import HexwireError, UsageError
 
-from .power import give_torque, switch_torque
+from .owner import RobotOwner
+from .power import switch_torque
 from .teaching import Teacher, save, tolerance_of
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
-    from .owner import RobotOwner
-
-__all__ = ["TeachMode", "hand_guided"]
+__all__ = ["HandGuiding", "Recorder", "TeachMode", "record_by_hand"]
 
 _TREMOR = 0.1
 """Seconds to either side over which taught positions are smoothed."""
 
 
-@contextmanager
-def hand_guided(robot: RobotDriver, *, limp: bool = False) -> Iterator[None]:
-    """In this context the joints have no torque, so that a hand can lead the arm. Somebody must hold it.
+class Recorder(Protocol):
+    """What takes down the states of an arm that a hand guides."""
 
-    Args:
-        robot: Attached, and nobody else's.
-        limp: Leave the torque off at the end; else the joints hold where they are then.
+    def start(self, names: Sequence[str], now: float) -> None:
+        """Begin with these joints; `now` is the clock of the states' `stamp`."""
 
-    Raises:
-        ServoError: A joint got no torque at the end.
-    """
-    robot.torque(False)
-    try:
-        yield
-    finally:
-        if not limp:
-            give_torque(robot, robot.model.names, robot.read())
+    def take(self, state: JointState) -> None:
+        """Take a state; harmless when not recording."""
 
 
-class TeachMode:
-    """What hands teach an arm. Any thread may call these; `start` and `stop` one at a time.
+class HandGuiding:
+    """Joints that a hand guides: without torque, recorded meanwhile, and held afterwards.
+
+    Any thread may call these; `start` and `stop` one at a time.
 
     Args:
         owner: The robot.
-        folder: Where to save what is taught; empty for nowhere.
-        on_taught: Called with what was taught, in the thread that ended it.
+        recorder: Takes its states.
 
     Attributes:
-        taught: What was taught last, or None.
+        active: The joints are, or are about to be, in somebody's hands. Set under the controllers' lock.
         power: Held by whoever switches torque and looks first whether that is right.
     """
 
-    def __init__(self, owner: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
-        self.taught: Taught | None = None
+    def __init__(self, owner: RobotOwner, recorder: Recorder) -> None:
+        self.active = False
         self.power = threading.Lock()
-        self._owner, self._folder, self._on_taught = owner, folder, on_taught
-        self._teacher = Teacher()
-        # The joints are, or are about to be, in somebody's hands. Set under the controllers' lock.
-        self._active = False
+        self._owner, self._recorder = owner, recorder
         self._had_torque: tuple[str, ...] = ()
-        owner.observers.append(self._teacher.take)
+        owner.observers.append(recorder.take)
 
     def refuse(self) -> None:
         """Nothing may move, nor get torque, while somebody holds the arm.
@@ -78,11 +69,11 @@ class TeachMode:
         Raises:
             UsageError: Somebody does.
         """
-        if self._active:
+        if self.active:
             raise UsageError("the arm is being taught; end that first")
 
     def start(self, names: Sequence[str]) -> None:
-        """Take the torque of joints away and take down where a hand leads them.
+        """Take the torque of joints away and record where a hand leads them.
 
         Raises:
             HexwireError: Something moves, or the arm is stopped or cannot be reached, or a joint kept its torque.
@@ -98,15 +89,15 @@ class TeachMode:
                 if owner.group.busy:
                     raise UsageError("the arm is moving; wait, or cancel the goal first")
                 # From here on nothing is accepted that would move it.
-                self._active = True
+                self.active = True
             self._had_torque = tuple(name for name in names if name in torque)
             try:
                 if self._had_torque:
                     switch_torque(owner, False, names)
                 with owner.locked():
-                    if not self._active:
+                    if not self.active:
                         raise UsageError("the arm was stopped meanwhile; it has no torque")
-                    self._teacher.start(names, owner.now())
+                    self._recorder.start(names, owner.now())
             except BaseException:
                 self.abandon()
                 if self._had_torque:
@@ -114,6 +105,134 @@ class TeachMode:
                     with suppress(HexwireError):
                         owner.torque(True, self._had_torque)
                 raise
+
+    def stop(self, end: Callable[[], object], hold: Sequence[str] | None = None) -> None:
+        """End it: joints hold where they are now, whatever was recorded.
+
+        Args:
+            end: Ends the recording.
+            hold: These joints; those that had torque before if None.
+
+        Raises:
+            HexwireError: Nobody holds the arm, or a joint got no torque.
+        """
+        with self.power:
+            if not self.active:
+                raise UsageError("nothing is being taught; start that first")
+            end()
+            hold = self._had_torque if hold is None else hold
+            try:
+                if hold:
+                    # The arm must not go on hanging on somebody's hands.
+                    switch_torque(self._owner, True, hold)
+            finally:
+                self.active = False
+
+    def abandon(self) -> bool:
+        """As after a stop: it is over, and the torque stays away; whether it was active."""
+        with self._owner.locked():
+            was, self.active = self.active, False
+        return was
+
+
+class _Passing:
+    """Passes every state on, unless it is not to record."""
+
+    def __init__(self, record: Callable[[JointState], object]) -> None:
+        self._record, self._active = record, False
+
+    def start(self, names: Sequence[str], now: float) -> None:
+        self._active = True
+
+    def take(self, state: JointState) -> None:
+        if self._active:
+            self._record(state)
+
+    def stop(self) -> None:
+        self._active = False
+
+
+def record_by_hand(
+    robot: RobotDriver,
+    record: Callable[[JointState], object],
+    *,
+    rate: float = 0.0,
+    duration: float = math.inf,
+    limp: bool = False,
+    on_start: Callable[[], object] = lambda: None,
+    clock: Callable[[], float] | None = None,
+    sleep: Callable[[float], object] = time.sleep,
+) -> None:
+    """Take the torque of an arm away and record its states until a time is over or Ctrl-C; then it holds.
+
+    Whatever ends it, the torque comes back. Somebody must hold the arm.
+
+    Args:
+        robot: Attached, and nobody else's.
+        record: Called with every state.
+        rate: States a second; what the robot takes if 0.
+        duration: Seconds.
+        limp: Leave the torque off at the end; else all joints hold where they are then, also those that had none.
+        on_start: Called once the arm has no torque.
+        clock: Monotonic seconds; the robot's clock if None.
+        sleep: Waits for so many seconds.
+
+    Raises:
+        HexwireError: A joint kept its torque, or got none at the end, or the robot failed.
+    """
+    names = robot.model.names
+    # A failure is no reason to latch a stop, which would refuse the torque.
+    owner = RobotOwner(
+        robot, borrowed=True, command_rate=rate, watchdog=0.0, stop_on_failure=False, clock=clock, sleep=sleep
+    )
+    passing = _Passing(record)
+    guiding = HandGuiding(owner, passing)
+    with owner:
+        # A rate that makes no sense is refused while the arm still has its torque.
+        owner.turn()
+        guiding.start(names)
+        try:
+            on_start()
+            with suppress(KeyboardInterrupt):
+                _turn_for(owner, duration)
+        finally:
+            # It may answer again.
+            owner.connect()
+            guiding.stop(passing.stop, () if limp else names)
+
+
+def _turn_for(owner: RobotOwner, duration: float) -> None:
+    """Turn on the loop's deadlines for so many seconds, at least once."""
+    timing = owner.timing
+    owner.turn()
+    # A hair less, so that 0.3 s of 0.1 s periods are three states and not four.
+    end = timing.due + duration - (1.0 + 1e-6) * timing.period
+    while timing.due < end:
+        owner.turn()
+
+
+class TeachMode:
+    """What hands teach an arm. Any thread may call these; `start` and `stop` one at a time.
+
+    Args:
+        owner: The robot.
+        folder: Where to save what is taught; empty for nowhere.
+        on_taught: Called with what was taught, in the thread that ended it.
+
+    Attributes:
+        taught: What was taught last, or None.
+        hand: Whether somebody holds the arm, and the lock for torque.
+    """
+
+    def __init__(self, owner: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
+        self.taught: Taught | None = None
+        self._owner, self._folder, self._on_taught = owner, folder, on_taught
+        self._teacher = Teacher()
+        self.hand = HandGuiding(owner, self._teacher)
+
+    def start(self, names: Sequence[str]) -> None:
+        """As `HandGuiding.start`."""
+        self.hand.start(names)
 
     def stop(self) -> str:
         """End the lesson; joints that had torque before hold where they are now.
@@ -137,30 +256,25 @@ class TeachMode:
         return words
 
     def abandon(self) -> None:
-        """As after a stop: the lesson is over, and the torque stays away."""
-        with self._owner.locked():
-            was, self._active = self._active, False
-        if was:
+        """As after a stop: the recording is over, and the torque stays away."""
+        if self.hand.abandon():
             with suppress(UsageError):
                 self._teacher.finish()
 
     def _end(self, faults: list[str]) -> Taught | None:
-        taught = None
-        with self.power:
-            if not self._active:
-                raise UsageError("nothing is being taught; start that first")
+        taught: list[Taught] = []
+
+        def finish() -> None:
             try:
-                taught = self._teacher.finish()
+                taught.append(self._teacher.finish())
             except UsageError as error:
                 faults.append(str(error))
-            # Whatever was recorded: the arm must not go on hanging on somebody's hands.
-            try:
-                if self._had_torque:
-                    switch_torque(self._owner, True, self._had_torque)
-            except HexwireError as error:
-                faults.append(str(error))
-            self._active = False
-        return taught
+
+        try:
+            self.hand.stop(finish)
+        except HexwireError as error:
+            faults.append(str(error))
+        return taught[0] if taught else None
 
     def _keep(self, taught: Taught) -> str:
         # A hand trembles.
