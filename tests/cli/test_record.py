@@ -87,7 +87,7 @@ def test_a_recording_is_decoded_like_any_other_traffic(recorded: Path) -> None:
 def test_a_cut_recording_is_mended(recorded: Path, tmp_path: Path) -> None:
     cut, target = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     cut.write_bytes(recorded.read_bytes()[:-200])
-    assert "! the recording is cut off" in ok("record", "info", str(cut))
+    assert "! the recording is truncated" in ok("record", "info", str(cut))
     result = run("record", "recover", str(cut), str(target))
     assert result.exit_code == 0
     assert f"messages saved to {target}" in result.stdout
@@ -126,11 +126,11 @@ def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
     text = tmp_path / "a.txt"
     text.write_text("hello")
     for args, words in (
-        (("record", "info", str(text)), "is no recording"),
+        (("record", "info", str(text)), "is not a recording"),
         (("record", "export", str(text), "x.wav"), "must end in .csv, .jsonl or .pcapng"),
         (("record", "export", str(text), str(tmp_path / "no/x.csv")), "cannot be written"),
         (("record", "recover", str(text), str(text)), "another name"),
-        (("record", "recover", str(text), str(tmp_path / "b.mcap")), "is no recording"),
+        (("record", "recover", str(text), str(tmp_path / "b.mcap")), "is not a recording"),
         (("ports", "--record", str(tmp_path / "no/x.mcap")), "cannot be written"),
     ):
         result = run(*args)

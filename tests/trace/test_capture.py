@@ -113,7 +113,7 @@ def test_a_whole_file_is_recovered_whole(tmp_path: Path) -> None:
 
 
 def test_what_is_none_is_refused() -> None:
-    with pytest.raises(UsageError, match="it is no recording"):
+    with pytest.raises(UsageError, match="it is not a recording"):
         list(read_messages(io.BytesIO(b"hello"), "it"))
 
 
@@ -152,6 +152,6 @@ def test_what_a_signal_handler_tells_in_the_middle_is_refused_and_does_not_wait(
     monkeypatch.setattr(capture._writer, "raw", raw)
     capture.passed(TRAFFIC[0])
     capture.close()
-    assert refused == ["a signal came while the recording was written"]
+    assert refused == ["a signal arrived while the recording was being written"]
     found, _ = messages((tmp_path / "a.mcap").read_bytes())
     assert [m.data for m in found if m.topic in BYTES.values()] == [TRAFFIC[0].data]

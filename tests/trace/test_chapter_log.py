@@ -53,7 +53,7 @@ def test_the_chapters_own_text_is_read() -> None:
 def test_missing_bytes_are_told_and_the_rest_is_read() -> None:
     text = CHAPTER.replace("14 22 0D 0A", "14 22 0D")
     remark, transfer, *_ = parse_log(text.splitlines())
-    assert remark == "the log says 52 bytes, and 51 are there"
+    assert remark == "the log says 52 bytes, but has 51"
     assert isinstance(transfer, Passed)
     assert transfer.data == REQUEST[:-1]
 

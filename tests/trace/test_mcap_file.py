@@ -73,20 +73,20 @@ def test_messages_within_and_without_chunks_of_every_kind() -> None:
 @pytest.mark.parametrize(
     ("spoilt", "words"),
     [
-        (chunk(GOOD, size=len(GOOD) + 1), "says 65 bytes unpacks to less"),
-        (chunk(GOOD, zstandard.compress(GOOD), "zstd", size=9), "says 9 bytes unpacks to more"),
-        (chunk(GOOD, lz4.frame.compress(GOOD), "lz4", size=9), "says 9 bytes unpacks to more"),
-        (chunk(GOOD, b"junk", "zstd"), "a chunk that cannot be unpacked"),
-        (chunk(GOOD, b"junk", "lz4"), "says 64 bytes unpacks to less"),
-        (chunk(GOOD, b"junk" * 9, "lz4"), "a chunk that cannot be unpacked"),
-        (chunk(GOOD, kind="brotli"), "packed by 'brotli', which is not known"),
-        (chunk(GOOD, crc=5), "a chunk whose checksum is wrong"),
+        (chunk(GOOD, size=len(GOOD) + 1), "says 65 bytes, but decompresses to less"),
+        (chunk(GOOD, zstandard.compress(GOOD), "zstd", size=9), "says 9 bytes, but decompresses to more"),
+        (chunk(GOOD, lz4.frame.compress(GOOD), "lz4", size=9), "says 9 bytes, but decompresses to more"),
+        (chunk(GOOD, b"junk", "zstd"), "a chunk cannot be decompressed"),
+        (chunk(GOOD, b"junk", "lz4"), "says 64 bytes, but decompresses to less"),
+        (chunk(GOOD, b"junk" * 9, "lz4"), "a chunk cannot be decompressed"),
+        (chunk(GOOD, kind="brotli"), "unknown compression 'brotli'"),
+        (chunk(GOOD, crc=5), "the checksum of a chunk is wrong"),
         (chunk(message(b"")[:-1]), "a record in its chunk is longer than the chunk"),
         (chunk(b"\5"), "a record in its chunk is longer than the chunk"),
-        (record(6, b"short"), "no chunk"),
-        (record(5, b"short"), "no message"),
-        (record(4, b"short"), "no channel"),
-        (record(3, b"\1\0" + text("\u0416")[:-1] + b"\xff"), "no schema"),
+        (record(6, b"short"), "not a chunk"),
+        (record(5, b"short"), "not a message"),
+        (record(4, b"short"), "not a channel"),
+        (record(3, b"\1\0" + text("\u0416")[:-1] + b"\xff"), "not a schema"),
         (bytes((5,)) + (1 << 40).to_bytes(8, "little"), "its length is 1099511627776 bytes"),
     ],
 )
@@ -96,7 +96,7 @@ def test_damage_is_told_with_its_place_and_what_stands_before_is_given(spoilt: b
     assert data == [b"{}"]
     assert remark.startswith(f"the recording is damaged at byte {begin}, record 3: ")
     assert words in remark
-    assert remark.endswith("; what stands before is whole")
+    assert remark.endswith("; everything before that is intact")
 
 
 def test_a_file_cut_at_each_byte_gives_what_is_whole() -> None:
@@ -104,9 +104,9 @@ def test_a_file_cut_at_each_byte_gives_what_is_whole() -> None:
     for end in range(len(whole)):
         data, remark = read(whole[:end])
         assert len(data) <= 2
-        assert remark == "the recording is cut off; what stands before is whole"
+        assert remark == "the recording is truncated; everything before that is intact"
     for end in range(len(MAGIC)):
-        with pytest.raises(UsageError, match="it is no recording"):
+        with pytest.raises(UsageError, match="it is not a recording"):
             list(read_records(io.BytesIO(MAGIC[:end]), "it"))
 
 

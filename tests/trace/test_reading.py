@@ -63,7 +63,7 @@ def test_an_answer_with_another_series_header_is_doubted() -> None:
     right, wrong = explainer.feed(Passed(Direction.RECEIVED, both, 1.1, ""))
     assert "hazard" not in right.layers[0].fields
     assert wrong.layers[0].fields["hazard"] == "the header of another series"
-    assert wrong.text.endswith("is this the servo that is meant?")
+    assert wrong.text.endswith("is this the right servo?")
 
 
 def test_a_name_comes_from_the_series_that_is_given() -> None:

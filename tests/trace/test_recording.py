@@ -74,11 +74,11 @@ def test_a_file_that_was_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
 
 
 def test_what_is_no_recording_is_said_so(tmp_path: Path) -> None:
-    (tmp_path / "a.mcap").write_bytes(b"hello, world, this is no recording")
-    with pytest.raises(UsageError, match=r"a\.mcap is no recording"):
+    (tmp_path / "a.mcap").write_bytes(b"hello, world, this is not a recording")
+    with pytest.raises(UsageError, match=r"a\.mcap is not a recording"):
         list(read_joint_states(tmp_path / "a.mcap"))
     (tmp_path / "b.mcap").write_bytes(b"")
-    with pytest.raises(UsageError, match=r"b\.mcap is no recording"):
+    with pytest.raises(UsageError, match=r"b\.mcap is not a recording"):
         list(read_joint_states(tmp_path / "b.mcap"))
 
 
@@ -126,7 +126,7 @@ def test_without_the_package_it_says_what_to_install(tmp_path: Path, monkeypatch
 @pytest.mark.parametrize("stamp", [math.nan, math.inf, -1.0, 1e300])
 def test_a_clock_that_makes_no_sense_is_refused(stamp: float, tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "a.mcap") as recording:
-        with pytest.raises(UsageError, match="a recording has no time"):
+        with pytest.raises(UsageError, match="a recording cannot store the time"):
             recording.joint_state(state(), stamp)
         recording.joint_state(state(), 1.0)
     assert len(list(read_joint_states(tmp_path / "a.mcap"))) == 1
@@ -160,5 +160,5 @@ def test_a_whole_recording_can_be_asked_for(tmp_path: Path) -> None:
     assert len(list(read_joint_states(tmp_path / "a.mcap", whole=True))) == 4000
     data = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "b.mcap").write_bytes(data[: len(data) // 2])
-    with pytest.raises(ConfigError, match=r"b\.mcap: the recording is cut off"):
+    with pytest.raises(ConfigError, match=r"b\.mcap: the recording is truncated"):
         list(read_joint_states(tmp_path / "b.mcap", whole=True))

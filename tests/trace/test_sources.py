@@ -106,7 +106,7 @@ def test_a_log_whose_length_is_no_number() -> None:
 
 def test_a_file_that_is_too_large_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexwire.trace.sources.LARGEST", 1 << 20)
-    with pytest.raises(UsageError, match=r"capture\.bin has more than 1 MiB"):
+    with pytest.raises(UsageError, match=r"capture\.bin is larger than 1 MiB"):
         list(read_traffic(bytes((1 << 20) + 1) + b"x", "capture.bin"))
 
 

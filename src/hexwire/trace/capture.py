@@ -1,8 +1,8 @@
-"""Everything a command did on the line, as one recording: raw bytes, frames in words, joint states; and back.
+"""Recordings of all traffic of a command: raw bytes, explained frames, joint states; and reading them back.
 
-Owns the topics of such a recording, how it is read and mended. The file itself is `recording`'s. Topics:
-``/bytes/sent`` and ``/bytes/received`` hold bytes as they are, ``/frames`` holds ``foxglove.Log``,
-``/joint_states`` holds ``foxglove.JointStates``. Must not know who moves the bytes.
+Owns the topics of such a recording, reading it and recovering a damaged one; `recording` owns the file. Topics:
+``/bytes/sent`` and ``/bytes/received`` hold raw bytes, ``/frames`` holds ``foxglove.Log``, ``/joint_states`` holds
+``foxglove.JointStates``. Must not know who sends or receives the bytes.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ _NSEC = 1_000_000_000
 
 
 class Capture:
-    """Records what passes over links and what a robot's joints did. Any thread may tell it something.
+    """Records the traffic of links and the joint states of a robot. Any thread may call it.
 
-    What it is told by a signal handler while its thread is telling it something is refused (HexwireError): waiting
-    for itself would keep a stop from the line.
+    A call from a signal handler that interrupts another call in the same thread is refused (HexwireError): it would
+    deadlock, and keep a stop off the line.
 
     Args:
-        path: The file. Only its maker can read it.
+        path: The file. Only its owner can read it.
         offset: Seconds to add to a link's clock for seconds since 1970.
-        force: Write over one that is there.
+        force: Overwrite an existing file.
 
     Raises:
-        UsageError: The file is there already or cannot be made, or the package ``mcap`` is not installed.
+        UsageError: The file exists already or cannot be created, or the package ``mcap`` is not installed.
     """
 
     def __init__(self, path: str | Path, *, offset: float, force: bool = False) -> None:
@@ -60,7 +60,7 @@ class Capture:
 
     def passed(self, passed: Passed) -> None:
         """Record a transfer, and the frames it completes."""
-        with self._alone():
+        with self._exclusive():
             if self._closed:
                 return
             stamp = passed.time + self._offset
@@ -70,17 +70,17 @@ class Capture:
 
     def joint_state(self, state: JointState, stamp: float) -> None:
         """Record a joint state at `stamp`, seconds since 1970."""
-        with self._alone():
+        with self._exclusive():
             if not self._closed:
                 self._writer.joint_state(state, stamp)
 
     def close(self) -> None:
-        """Finish the file. Harmless if it is finished.
+        """Finish the file. Does nothing if it is finished.
 
         Raises:
-            OSError: The end cannot be written.
+            OSError: The end of the file cannot be written.
         """
-        with self._alone():
+        with self._exclusive():
             if self._closed:
                 return
             self._closed = True
@@ -97,16 +97,16 @@ class Capture:
         self.close()
 
     def abandon(self) -> None:
-        """Take a recording of nothing away again: it would be in the way of the next attempt."""
-        with self._alone():
+        """Delete an empty recording, so that the next attempt does not find an existing file."""
+        with self._exclusive():
             if not self._closed and not self._writer.count:
                 self._closed = True
                 self._writer.discard()
 
     @contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _exclusive(self) -> Iterator[None]:
         if self._owner == threading.get_ident():
-            raise HexwireError("a signal came while the recording was written")
+            raise HexwireError("a signal arrived while the recording was being written")
         with self._lock:
             self._owner = threading.get_ident()
             try:
@@ -135,9 +135,9 @@ class Message(NamedTuple):
     Attributes:
         topic: Its channel.
         schema: Name of the schema, empty for bytes.
-        encoding: Of the data: json, or application/octet-stream.
+        encoding: Encoding of the data: json, or application/octet-stream.
         time: Seconds since 1970.
-        data: As it stands in the file.
+        data: As stored in the file.
     """
 
     topic: str
@@ -148,24 +148,24 @@ class Message(NamedTuple):
 
 
 class Recovered(NamedTuple):
-    """What `recover` saved: messages, and why reading ended (empty if the file was whole)."""
+    """What `recover` saved: number of messages, and why reading ended (empty if the file was complete)."""
 
     messages: int
     problem: str
 
 
 def read_messages(file: IO[bytes], name: str) -> Iterator[Message | str]:
-    """The messages of a recording in the order of the file, as far as it is whole.
+    """The messages of a recording in file order, up to the first damage.
 
     Args:
         file: Open for reading bytes; it need not be seekable.
-        name: What to call it in an error.
+        name: Name of the file in errors.
 
     Yields:
-        Messages; at last a sentence if the file is cut off or damaged.
+        Messages; finally a sentence if the file is truncated or damaged.
 
     Raises:
-        UsageError: It is no recording, or the package ``mcap`` is not installed.
+        UsageError: It is not a recording, or the package ``mcap`` is not installed.
     """
     for record in read_records(file, name):
         if isinstance(record, str):
@@ -187,24 +187,24 @@ def traffic_of(file: IO[bytes], name: str) -> Iterator[Passed | str]:
     Raises:
         UsageError: As `read_messages`.
     """
-    ways = {topic: direction for direction, topic in BYTES.items()}
+    directions = {topic: direction for direction, topic in BYTES.items()}
     for message in read_messages(file, name):
         if isinstance(message, str):
             yield message
-        elif message.topic in ways:
-            yield Passed(ways[message.topic], message.data, message.time, "")
+        elif message.topic in directions:
+            yield Passed(directions[message.topic], message.data, message.time, "")
 
 
 def recover(source: IO[bytes], name: str, target: IO[bytes]) -> Recovered:
-    """Write what is whole of a recording to a new one that every program opens.
+    """Copy the intact part of a recording to a new one that every program can open.
 
     Args:
         source: The damaged recording.
-        name: What to call it in an error.
+        name: Its name in errors.
         target: Open for writing bytes.
 
     Raises:
-        UsageError: It is no recording, or the package ``mcap`` is not installed.
+        UsageError: It is not a recording, or the package ``mcap`` is not installed.
     """
     writer = load_mcap("mcap.writer").Writer(target)
     count, problem = 0, ""

@@ -1,6 +1,6 @@
-"""Traffic as the chapter's host prints it: hex on the left, text on the right, lengths and direction above.
+"""The traffic log that the chapter's host prints: direction and length above, hex on the left, text on the right.
 
-Owns that layout, both ways. Knows nothing of what the bytes mean.
+Owns writing and reading this layout. Must not know what the bytes mean.
 
     SerialPort sent - Length=52
     5A FA FA 5A DB 9A 7A 68 E0 4E 00 0D 2E 00 00 00| Z  Z  zh N  .
@@ -17,7 +17,7 @@ __all__ = ["HEADLINE", "format_passed", "hex_rows", "parse_log"]
 
 _WIDTH = 16
 _WORDS = {Direction.SENT: "sent", Direction.RECEIVED: "receive"}
-# Digits are bounded: a number of thousands is no length, and takes the square of its length to read.
+# The number of digits is bounded: parsing thousands of digits takes quadratic time, and no length has so many.
 HEADLINE = re.compile(
     r"^\s*(?:(?P<time>[0-9]{1,12}\.[0-9]{1,12})\s+)?\S+ (?P<way>sent|receive) - Length=(?P<length>[0-9]{1,9})\s*$"
 )
@@ -25,7 +25,7 @@ _HEX_ROW = re.compile(r"^\s*(?P<hex>[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2})*)\s*(?:\|.
 
 
 def hex_rows(data: bytes) -> Iterator[str]:
-    """Rows of 16 bytes: hex, a bar, and the bytes that are text; all others are blanks."""
+    """Rows of 16 bytes: hex, a bar, and the printable bytes as text; all others are blanks."""
     for at in range(0, len(data), _WIDTH):
         row = data[at : at + _WIDTH]
         text = "".join(chr(b) if 0x21 <= b <= 0x7E else " " for b in row)
@@ -36,9 +36,9 @@ def format_passed(passed: Passed, *, name: str = "SerialPort", start: float | No
     """The lines of one transfer.
 
     Args:
-        passed: What went over the link.
-        name: What the chapter calls the port.
-        start: If given, seconds since then stand in front of the headline, which the chapter's log lacks.
+        passed: The transfer.
+        name: The chapter's name of the port.
+        start: If given, the headline begins with the seconds since then, which the chapter's log does not have.
     """
     stamp = "" if start is None else f"{passed.time - start:.6f} "
     yield f"{stamp}{name} {_WORDS[passed.direction]} - Length={len(passed.data)}"
@@ -46,11 +46,11 @@ def format_passed(passed: Passed, *, name: str = "SerialPort", start: float | No
 
 
 def parse_log(lines: Iterable[str]) -> Iterator[Passed | str]:
-    """Read such a log, whoever wrote it; other lines may stand between.
+    """Read such a log from any program; other lines between transfers are ignored.
 
     Yields:
-        A `Passed` for each transfer, its time 0 where the log has none; a sentence for a transfer whose bytes do
-        not come to its length, before the transfer itself.
+        A `Passed` for each transfer, with time 0 if the log has no times. If the number of bytes differs from the
+        length in the headline, a sentence that says so precedes the transfer.
     """
     way, length, time = Direction.SENT, 0, 0.0
     data: bytearray | None = None
@@ -74,6 +74,6 @@ def _finished(way: Direction, length: int, time: float, data: bytearray | None) 
     if data is None:
         return
     if len(data) != length:
-        yield f"the log says {length} bytes, and {len(data)} are there"
+        yield f"the log says {length} bytes, but has {len(data)}"
     if data:
         yield Passed(way, bytes(data), time, "")

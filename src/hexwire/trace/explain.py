@@ -1,8 +1,8 @@
-"""What bytes on a line mean, a layer at a time: session header, command frame, servo packet, register values.
+"""Explains the bytes on a line, layer by layer: session header, command frame, servo packet, register values.
 
-Owns the layers and their fields; the words and the pairing of answers with their requests are `reading`'s. Takes
-transfers in order and never raises; what is corrupt is shown where it is, with the reason, and explaining goes on
-behind it. Must not know where the transfers come from.
+Owns the layers and their fields; `reading` owns the wording and matches answers with requests. Takes transfers in
+order and never raises: corrupt bytes are reported in place, with the reason, and explaining continues after them.
+Must not know where the transfers come from.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ __all__ = ["Explained", "Explainer", "Layer"]
 
 _SERVO_COMMANDS = (Command.PING, Command.READ, Command.SYNC_WRITE)
 _COOKED = "tail 0A 0A: the port was left with ICRNL, and every 0D in it became 0A"
-_NO_FRAME = "belongs to no frame"
-_NO_PACKET = "no servo packet"
+_NO_FRAME = "not part of a frame"
+_NO_PACKET = "not a servo packet"
 _CEILING = f"hazard: {CEILING}"
 _OTHER_SERIES = "the header of another series"
 _PIECE = 1 << 16
-"""Bytes that are read at a time: what is found in them is held."""
+"""Bytes that are read at a time, since all frames found in them are kept in memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One layer of an explanation: its name, a line of words, and its fields for programs."""
+    """One layer of an explanation: its name, a line of text, and its fields for programs."""
 
     name: str
     text: str
@@ -57,16 +57,16 @@ class Layer:
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """One frame, or bytes that are none.
+    """One frame, or bytes that are not a frame.
 
     Attributes:
-        direction: Which way it went.
-        time: Of its last byte.
+        direction: Sent or received.
+        time: Time of its last byte.
         kind: frame, servo packet, bad, or garbage.
         data: Its bytes.
         text: One line.
-        layers: From the outermost inward.
-        problem: Why it is bad, or what is doubtful; empty if nothing.
+        layers: From the outermost to the innermost.
+        problem: Why it is bad, or what is doubtful; empty if nothing is.
         reading: The short line that the project's analysers show (`reading`).
     """
 
@@ -80,7 +80,7 @@ class Explained:
     reading: str = ""
 
     def as_fields(self) -> dict[str, Any]:
-        """Everything for programs: plain values that JSON takes."""
+        """All attributes as plain values for JSON."""
         fields: dict[str, Any] = {
             "direction": self.direction.value,
             "time_s": self.time,
@@ -98,8 +98,8 @@ class Explainer:
     """Explains the traffic of one link, transfer by transfer.
 
     Args:
-        series: Name of the series of all servos, or board: those of the Hex7Bot by id.
-        bus: The line is a bus of servos, without a board. If None, it is one if it begins with a servo packet.
+        series: Name of the series of all servos, or board: the series of each Hex7Bot servo, by id.
+        bus: Whether the line is a servo bus without a board. If None, it is if it begins with a servo packet.
     """
 
     def __init__(self, series: str = "board", *, bus: bool | None = None) -> None:
@@ -107,12 +107,12 @@ class Explainer:
         self._reader = Reader(TABLES, series=series)
         self._lines = dict.fromkeys(Direction, "host")
         self._framed: set[Direction] = set()
-        # Whoever stops taking in the middle gets the rest with the next transfer.
+        # If the caller stops iterating early, the rest comes with the next transfer.
         self._left: deque[Passed] = deque()
         self._found: deque[Reading] = deque()
 
     def feed(self, passed: Passed) -> Iterator[Explained]:
-        """Explain what is whole after this transfer."""
+        """Explain the frames that this transfer completes."""
         for at in range(0, len(passed.data), _PIECE):
             self._left.append(passed._replace(data=passed.data[at : at + _PIECE]))
         while self._found or self._left:
@@ -124,14 +124,14 @@ class Explainer:
             self._found += self._reader.feed(data, way, time)
 
     def finish(self) -> Iterator[Explained]:
-        """Explain what is left unfinished at the end."""
+        """Explain the incomplete bytes at the end."""
         for way in Direction:
             self._reader.line = self._lines[way]
             for reading in self._reader.silence(way):
                 yield self._explained(reading)
 
     def _line(self, way: Direction, data: bytes) -> str:
-        """What these bytes are read as: the first frame ends the guess that it is a bus."""
+        """How to read these bytes, host or bus: once a frame was found, the line is not a bus."""
         if self._bus is not None:
             return "bus" if self._bus else "host"
         data = self._reader.unfinished(way) + data
@@ -199,10 +199,10 @@ class Explainer:
             f"dialect {frame.proto}, {command_name(frame.cmd)}, seq {frame.seq}, {len(frame.body)} bytes of body, "
         )
         if frame.proto == PROTO_CHAPTER:
-            verdict = "not checked" if check == tables.UNCHECKED else "of unknown kind, not verified"
+            verdict = "not checked" if check == tables.UNCHECKED else "of an unknown kind, not verified"
             hazard = TAIL in raw[4:-2]
             if hazard:
-                verdict += "; 0D 0A inside: a board of the chapter cuts this frame"
+                verdict += "; 0D 0A inside: the chapter's board truncates this frame"
                 fields["hazard"] = "0D 0A inside"
         else:
             verdict = "good"
@@ -238,7 +238,7 @@ class Explainer:
         )
 
     def _servo_layer(self, data: bytes, reading: Reading, *, swapped: bool = True, bus: bool = False) -> Layer:
-        """Fields of a packet in a frame or on a bus; `swapped`: a board may have turned a value's bytes round."""
+        """Fields of a packet in a frame or on a bus; `swapped`: a board may have swapped the bytes of a value."""
         if not reading.answer:
             packet = _try_packet(data)
             if packet is not None:
@@ -284,11 +284,11 @@ class Explainer:
         series = self._series(status.servo_id) or (Series.SEVEN_BOT if status.legacy else Series.HLS)
         if (series is Series.SEVEN_BOT) != status.legacy:
             fields["hazard"] = _OTHER_SERIES
-            words += f", {_OTHER_SERIES}: is this the servo that is meant?"
+            words += f", {_OTHER_SERIES}: is this the right servo?"
         params = status.params
         if asked is not None and asked.instruction == Instruction.READ and asked.params and params:
             if len(params) == 2 and series is Series.SEVEN_BOT and swapped and not bus:
-                # The board has swapped the two bytes, so that the host sees little-endian for every id.
+                # The board has swapped the two bytes, so that the host gets little-endian values from every servo.
                 params = params[::-1]
             fields["registers"] = _values(series, asked.params[0], params)
         return Layer("servo", words, fields)

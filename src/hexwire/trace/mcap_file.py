@@ -1,10 +1,11 @@
-"""The messages of an MCAP file one after the other, in bounded room: chunks are unpacked within limits.
+"""Reads the messages of an MCAP file one after the other, in bounded memory.
 
-Owns finding records, unpacking chunks, and the sentence that says where a file is cut off or damaged. What is in a
-record is read by the package ``mcap``, imported on first use. Must not know topics, nor what messages mean.
+Owns finding records, decompressing chunks within limits, and the sentence that says where a file is truncated or
+damaged. The package ``mcap``, imported on first use, reads the contents of a record. Must not know topics, nor what
+messages mean.
 
-A chunk that unpacks to more than 64 MiB, or a file that unpacks to more than 256 times its size, was made to fill a
-memory: reading ends there, as it does where a file is cut off or spoilt, and what stands before is given.
+A chunk that decompresses to more than 64 MiB, or a file that decompresses to more than 256 times its size, is a
+decompression bomb: reading ends there, as it does where a file is truncated or damaged; earlier messages are given.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ __all__ = ["MAGIC", "load_mcap", "read_records"]
 MAGIC = b"\x89MCAP0\r\n"
 
 _LARGEST = 64 * 1024 * 1024
-"""Bytes of a record or of an unpacked chunk; a file of ours has 64 KiB."""
+"""Bytes of a record or of a decompressed chunk; chunks of hexwire have 64 KiB."""
 _MOST_NAMES = 16 * 1024 * 1024
-"""Bytes of all schemas and channels, which are kept."""
+"""Bytes of all schemas and channels, which are kept in memory."""
 _BEST_RATIO = 256
-"""How many times smaller than its contents a file may be. Ours are 5 to 20 times smaller."""
+"""Largest compression ratio of a file. Files of hexwire have 5 to 20."""
 _WINDOW = 1 << 26
-"""Bytes that unpacking may look back."""
+"""Largest decompression window, bytes."""
 _HEAD = 9
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 3, 4, 5, 6, 2
 _READ = (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER)
@@ -42,35 +43,35 @@ class _CutError(Exception):
 
 
 def read_records(file: IO[bytes], name: str) -> Iterator[tuple[Any, Any, Any] | str]:
-    """Schema (or None), channel and message of every message, in the order of the file, as far as it is whole.
+    """Schema (or None), channel and message of every message in file order, up to the first damage.
 
     Args:
         file: Open for reading bytes; it need not be seekable.
-        name: What to call it in an error.
+        name: Name of the file in errors.
 
     Yields:
-        Triples of `mcap.records`; at last a sentence if the file is cut off or damaged.
+        Triples of `mcap.records`; finally a sentence if the file is truncated or damaged.
 
     Raises:
-        UsageError: It is no recording, or the package ``mcap`` is not installed.
+        UsageError: It is not a recording, or the package ``mcap`` is not installed.
     """
     load_mcap("mcap.records")
     if file.read(len(MAGIC)) != MAGIC:
-        raise UsageError(f"{name} is no recording (MCAP): it does not begin as one")
+        raise UsageError(f"{name} is not a recording (MCAP): it does not start like one")
     reader = _Reader(file)
     try:
         yield from reader.messages()
     except _CutError:
-        yield "the recording is cut off; what stands before is whole"
+        yield "the recording is truncated; everything before that is intact"
     except _DamageError as error:
         yield (
             f"the recording is damaged at byte {reader.at}, record {reader.number}: {error}; "
-            "what stands before is whole"
+            "everything before that is intact"
         )
 
 
 class _Reader:
-    """Where reading is: the byte at which the present record begins, and its number from 1."""
+    """Reads records. `at` is the byte at which the current record starts, `number` counts records from 1."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self.at, self.number = 0, 0
@@ -88,7 +89,7 @@ class _Reader:
                 raise _CutError
             kind, size = head[0], int.from_bytes(head[1:], "little")
             if kind not in _READ:
-                # An index, an attachment: passed over, however long.
+                # Skip an index or an attachment of any length.
                 self._skip(size)
                 continue
             if size > _LARGEST:
@@ -134,7 +135,7 @@ class _Reader:
             return
         self._names += len(content)
         if self._names > _MOST_NAMES:
-            raise _DamageError(f"its schemas and channels have more than {_MOST_NAMES >> 20} MiB")
+            raise _DamageError(f"its schemas and channels are larger than {_MOST_NAMES >> 20} MiB")
         if kind == _SCHEMA:
             schema = _parsed("Schema", content)
             self._schemas[schema.id] = schema
@@ -143,22 +144,22 @@ class _Reader:
             self._channels[channel.id] = channel
 
     def _unpack(self, chunk: Any) -> bytes:
-        """Contents of a chunk. What it says of its size is not believed: no more than that is unpacked."""
+        """Decompress a chunk, but no more than the size it claims."""
         size = chunk.uncompressed_size
         self._unpacked += size
         if size > _LARGEST or self._unpacked > _LARGEST + _BEST_RATIO * self._next:
-            raise _DamageError(f"so far {self._next} bytes unpack to {self._unpacked}, which is too much")
+            raise _DamageError(f"so far {self._next} bytes decompress to {self._unpacked}, which is too much")
         try:
             data = _unpacked(chunk.compression, chunk.data, size)
         except _DamageError:
             raise
-        except Exception as error:  # noqa: BLE001  # each library has exceptions of its own
-            raise _DamageError(f"a chunk that cannot be unpacked ({' '.join(str(error).split())})") from None
+        except Exception as error:  # noqa: BLE001  # each library has its own exceptions
+            raise _DamageError(f"a chunk cannot be decompressed ({' '.join(str(error).split())})") from None
         if len(data) != size:
             wrong = "more" if len(data) > size else "less"
-            raise _DamageError(f"a chunk that says {size} bytes unpacks to {wrong}")
+            raise _DamageError(f"a chunk says {size} bytes, but decompresses to {wrong}")
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-            raise _DamageError("a chunk whose checksum is wrong")
+            raise _DamageError("the checksum of a chunk is wrong")
         return data
 
 
@@ -166,12 +167,14 @@ def _parsed(kind: str, content: bytes, *arguments: int) -> Any:
     stream = load_mcap("mcap.data_stream").ReadDataStream(io.BytesIO(content))
     try:
         return getattr(load_mcap("mcap.records"), kind).read(stream, *arguments)
-    except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever mcap's parts raise
-        raise _DamageError(f"no {kind.lower()} ({' '.join(str(error).split()) or type(error).__name__})") from None
+    except Exception as error:  # noqa: BLE001  # mcap raises many kinds of errors for damaged bytes
+        raise _DamageError(
+            f"not a {kind.lower()} ({' '.join(str(error).split()) or type(error).__name__})"
+        ) from None
 
 
 def _unpacked(compression: str, data: bytes, size: int) -> bytes:
-    """At most one byte more than `size`."""
+    """Decompress at most one byte more than `size`."""
     if compression == "":
         return data
     if compression == "zstd":
@@ -181,14 +184,14 @@ def _unpacked(compression: str, data: bytes, size: int) -> bytes:
     if compression == "lz4":
         frame: bytes = load_mcap("lz4.frame").LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         return frame
-    raise _DamageError(f"a chunk packed by {compression[:20]!r}, which is not known")
+    raise _DamageError(f"a chunk has the unknown compression {compression[:20]!r}")
 
 
 def load_mcap(module: str) -> Any:
     """A module of the package ``mcap``, or of one that comes with it.
 
     Raises:
-        UsageError: It is not installed; the text says how to.
+        UsageError: It is not installed; the text says how to install it.
     """
     from importlib import import_module
 

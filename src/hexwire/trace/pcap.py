@@ -1,7 +1,6 @@
-"""Capture files that Wireshark opens: pcap with nanoseconds, and pcapng with the direction of every transfer.
+"""Writes capture files for Wireshark: pcap with nanoseconds, and pcapng with the direction of every transfer.
 
-Owns the two file formats, for serial bytes (link type USER0), and frames of UDP around them where a capture of a
-network is wanted. Must not know what the bytes mean.
+Owns the two file formats. Must not know what the bytes mean.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from hexwire.link.tap import Direction, Passed
 __all__ = ["USER0", "write_pcap", "write_pcapng"]
 
 USER0 = 147
-"""Link type (DLT_USER0) of captures of a serial line; analyzers/wireshark takes it."""
+"""Link type (DLT_USER0) of captures of a serial line; analyzers/wireshark decodes it."""
 
 _MAGIC_NANOSECONDS = 0xA1B23C4D
 _SNAP = 0x40000
@@ -31,10 +30,10 @@ def write_pcap(file: BinaryIO, packets: Iterable[tuple[float, bytes]], *, link_t
     Args:
         file: Open for writing bytes.
         packets: Seconds since 1970 (or any other zero) and the bytes, in order of time.
-        link_type: What the bytes are; serial traffic if not given.
+        link_type: Link type of the bytes; default serial traffic.
 
     Returns:
-        How many packets were written.
+        Number of packets written.
     """
     file.write(struct.pack("<IHHiIII", _MAGIC_NANOSECONDS, 2, 4, 0, 0, _SNAP, link_type))
     count = 0
@@ -50,11 +49,11 @@ def write_pcapng(file: BinaryIO, traffic: Iterable[Passed], *, name: str = "") -
 
     Args:
         file: Open for writing bytes.
-        traffic: The transfers; their times are written as they are.
-        name: Of the interface, for people.
+        traffic: The transfers; their times are written unchanged.
+        name: Name of the interface.
 
     Returns:
-        How many packets were written.
+        Number of packets written.
     """
     file.write(_block(_SECTION, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
     options = [(_OPT_IF_TSRESOL, b"\x09")]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-or-later
-"""The bytes of a line in words: command frames with their servo packets, or a servo bus.
+"""Describes the bytes on a line in words: command frames with their servo packets, or a servo bus.
 
-Owns finding frames in a stream, pairing answers with requests, and the wording, which ``vectors/readings.jsonl``
-states. `make analyzers` copies this file into the analysers for sigrok and Logic 2, which run inside GPL programs.
-So it has both licences, and needs nothing but the standard library of Python 3.8 and the tables that are passed to
-it (`reading_tables`). Never raises, whatever the bytes are.
+Owns finding frames in a stream, matching answers with requests, and the wording, which ``vectors/readings.jsonl``
+specifies. `make analyzers` copies this file into the analysers for sigrok and Logic 2, which run inside GPL
+programs. So it has both licences, and needs only the standard library of Python 3.8 and the tables that are passed
+to it (`reading_tables`). Never raises, for any bytes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ COOKED = b"\n\n"
 HEAD_SIZE = 40
 OVERHEAD = 44
 MIN_PACKET, MAX_PACKET = 6, 250
-SAMPLE = 24  # bytes shown of a body that is only bytes
+SAMPLE = 24  # most bytes shown of an undecoded body
 SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 READ, REG_WRITE, WRITE, SYNC_READ, SYNC_WRITE = 2, 4, 3, 0x82, 0x83
 CMD_SYNC_WRITE, CMD_TRANSACT = 3, 0x1A
@@ -37,7 +37,7 @@ MARKER = " ! 0D 0A inside, a board of the chapter cuts the frame there"
 MISFIT = " ! the body does not fit the command"
 ICRNL = " ! tail 0A 0A, the port was left with ICRNL"
 _FROM_BOARD = ("from_board", "through")
-# Of a row of FF only the last two can be a header: no servo has the id 255.
+# In a run of FF, only the last two can be a header: no servo has the id 255.
 HEADER = re.compile(rb"\xff(?:\xff(?!\xff)|\xf5)")
 
 
@@ -47,15 +47,15 @@ class Reading(NamedTuple):
     Attributes:
         kind: frame, packet, bad or garbage.
         way: Name of the stream; there is one for each direction.
-        start: Where it begins in that stream, in bytes.
-        end: Where it ends.
-        text: In words.
+        start: Offset of its first byte in that stream.
+        end: Offset after its last byte.
+        text: Description.
         data: Its bytes.
-        time: When its last byte came.
+        time: Time of its last byte.
         words: The part of the text for a frame's body or for a packet, with its hazard.
         problem: Why it is bad; empty if it is not.
         answer: Whether it is an answer: a frame from the board, or a status packet.
-        answers: The request, or None.
+        answers: The request that it answers, or None.
     """
 
     kind: str
@@ -72,7 +72,7 @@ class Reading(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A part of what has come: frame, cooked, packet, bad or garbage."""
+    """A part of the received bytes: frame, cooked, packet, bad or garbage."""
 
     kind: str
     start: int
@@ -88,12 +88,12 @@ def to_hex(data: bytes, limit: int | None = None) -> str:
 
 
 def u16(data: bytes, at: int) -> int:
-    """A little-endian number of two bytes."""
+    """Read a little-endian 16-bit number."""
     return data[at] | data[at + 1] << 8
 
 
 def frame_check(data: bytes) -> int:
-    """CRC-16/IBM-3740; FFFF goes as 0000."""
+    """CRC-16/IBM-3740; FFFF is sent as 0000."""
     crc = crc_hqx(data, 0xFFFF)
     return 0 if crc == 0xFFFF else crc
 
@@ -108,32 +108,32 @@ class Reader:
 
     Args:
         tables: See `reading_tables`.
-        line: host (frames) or bus (servo packets); it may be set anew between two calls.
-        series: Series of all servos, or board: those of the Hex7Bot by id.
+        line: host (frames) or bus (servo packets); it may be changed between calls.
+        series: Series of all servos, or board: the series of each Hex7Bot servo, by id.
     """
 
     def __init__(self, tables: Mapping[str, Any], line: str = "host", series: str = "board") -> None:
         self.tables = tables
         self.line = line
         self.series = series
-        self._rest: dict[Any, bytes] = {}  # way -> bytes of an unfinished frame
-        self._at: dict[Any, int] = {}  # way -> where in the stream they begin
+        self._rest: dict[Any, bytes] = {}  # stream -> bytes of an incomplete frame
+        self._at: dict[Any, int] = {}  # stream -> their offset in it
         self._asked: dict[Any, tuple[Reading, bytes]] = {}  # slot -> request, its servo packet
 
     def feed(self, data: bytes, way: Any = "", time: float = 0.0) -> list[Reading]:
-        """Take bytes of one way; the Readings that are whole now."""
+        """Take bytes of one stream; returns the Readings that they complete."""
         return self._read(bytes(data), way, time, False)
 
     def silence(self, way: Any = "", time: float = 0.0) -> list[Reading]:
-        """Nothing came for long: what is unfinished is given up."""
+        """Give up an incomplete frame after a long pause, or at the end."""
         return self._read(b"", way, time, True)
 
     def unfinished(self, way: Any = "") -> bytes:
-        """What has come of a frame or packet that is not whole yet."""
+        """The bytes of an incomplete frame or packet."""
         return self._rest.get(way, b"")
 
     def series_of(self, servo: int) -> str | None:
-        """Name of a servo's series; None if it is not known."""
+        """Name of a servo's series; None if unknown."""
         return self.tables["joints"].get(servo) if self.series == "board" else self.series
 
     def _read(self, fresh: bytes, way: Any, time: float, final: bool) -> list[Reading]:
@@ -157,7 +157,7 @@ class Reader:
     # -- finding ------------------------------------------------------------------------------------
 
     def _examine(self, data: bytes, at: int) -> tuple[str, int, str]:
-        """Kind (head, more, frame, cooked, bad), size of what is wanted or taken, and what is wrong."""
+        """Kind (head, more, frame, cooked, bad), number of bytes needed or used, and the problem."""
         available = len(data) - at
         if available < HEAD_SIZE:
             return "more", HEAD_SIZE, ""
@@ -197,7 +197,7 @@ class Reader:
             end = start + size
             if kind in ("more", "bad"):
                 problem = problem or f"cut short, {len(data) - start} of {size} bytes"
-                # Bad bytes reach to where the next frame may begin.
+                # Bad bytes end where the next frame may begin.
                 following = data.find(SYNC, start + 1, end)
                 kind, end = "bad", min(end, len(data)) if following < 0 else following
             yield Piece(kind, start, end, problem)
@@ -205,7 +205,7 @@ class Reader:
 
     def _cut_packets(self, data: bytes, final: bool) -> Iterator[Piece]:
         done = at = 0
-        # Sums up to each byte: adding up anew for each of many overlapping packets would take long.
+        # Running sums, since adding up each of many overlapping packets would take long.
         totals: Iterator[int] = accumulate(data, _add, initial=0)
         sums = bytes(totals)
         while True:
@@ -218,7 +218,7 @@ class Reader:
             if not 2 <= length <= MAX_PACKET - 4:
                 at = start + 1
                 continue
-            # A ping's answer of a legacy servo, and most errors of the board, say 6 and have 6 bytes in all.
+            # The length byte of a legacy servo's answer to a ping, and of most board errors, is 6, the full size.
             quirk = len(head) == 6 and head[1] == 0xF5 and length == 6 and head[5] == servo_sum(head[2:5])
             size = MIN_PACKET if quirk else 4 + length
             kind, end, problem = "packet", start + size, ""
@@ -237,7 +237,7 @@ class Reader:
             yield Piece(kind, start, end, problem)
             done = at = end
 
-    # -- pairing ------------------------------------------------------------------------------------
+    # -- matching answers with requests -------------------------------------------------------------
 
     def _frame(self, place: tuple[Any, int, int], data: bytes, time: float, cooked: bool) -> Reading:
         dialect, seq, cmd, ext = data[33], data[34], data[38], data[39]
@@ -284,7 +284,7 @@ class Reader:
         return f"{text} seq {seq}"
 
     def _inner_words(self, data: bytes, body: bytes, asked: bytes | None, from_board: bool) -> tuple[str, str]:
-        """Words for a body, and a hazard."""
+        """Description of a body, and its hazard."""
         cmd, told = data[38], data[33] == 2 and data[39] & 0xC0
         row = self.tables["commands"].get(cmd)
         if not body:
@@ -304,7 +304,7 @@ class Reader:
         return before + words, hazard
 
     def _body_words(self, data: bytes, layout: Mapping[str, Any]) -> str | None:
-        """A body by the layout of its command; None if it does not fit."""
+        """Describe a body by the layout of its command; None if it does not fit."""
         known: dict[str, int] = {}
         text, at = self._row_words(data, 0, layout["fields"], known, 0)
         if text is None:
@@ -343,13 +343,13 @@ class Reader:
     def _servo_words(
         self, data: bytes, asked: bytes | None, where: str, order: Order | None
     ) -> tuple[str, bool, str]:
-        """Words, whether it is an answer, and a hazard, for a sound packet.
+        """Description of a valid packet, whether it is an answer, and its hazard.
 
         Args:
             data: The packet.
-            asked: The servo packet of the request, if that is known.
-            where: bus, to_board, from_board, or through: from a board that has passed it on as it was.
-            order: Byte order of values if it is not the series'.
+            asked: The servo packet of the request, if known.
+            where: bus, to_board, from_board, or through: from a board that passed it on unchanged.
+            order: Byte order of values if it is not that of the series.
         """
         if data[1] == 0xF5 or where in _FROM_BOARD or (where == "bus" and self._is_status(data, asked)):
             return self._status_words(data, asked, where), True, ""
@@ -357,11 +357,11 @@ class Reader:
         return words, False, f" ! {CEILING}" if hazard else ""
 
     def _is_status(self, data: bytes, asked: bytes | None) -> bool:
-        """Whether FF FF ... on a bus is an answer: by what was asked, else by whether it can be a request."""
+        """Whether a packet with FF FF on a bus is an answer, from the last request and what a request can be."""
         inst = data[4]
         if inst not in self.tables["instructions"] or (inst in self.tables["bare"] and len(data) > 6):
             return True
-        # A request that is said again is no answer.
+        # A repeated request is not an answer.
         if asked is None or data == asked or self.tables["replies"].get(asked[4]) == "never":
             return False
         reads = asked[4] in (READ, SYNC_READ) and len(asked) > 7
@@ -453,7 +453,7 @@ def _header(data: bytes, at: int) -> int:
 
 
 def _unsound(data: bytes) -> str:
-    """Why this is no sound packet; empty if it is one."""
+    """Why this is not a valid packet; empty if it is."""
     if len(data) < MIN_PACKET or data[:2] not in (b"\xff\xff", b"\xff\xf5"):
         return "no header"
     if data[3] != len(data) - 4 and not (data[1] == 0xF5 and len(data) == 6 == data[3]):
@@ -463,7 +463,7 @@ def _unsound(data: bytes) -> str:
 
 
 def has_ceiling_hazard(series: str | None, address: int, data: bytes) -> bool:
-    """Whether this is the chapter's 4-byte block on an HLS servo: its run time lands in the current ceiling."""
+    """Whether this is the chapter's 4-byte block on an HLS servo: it writes a run time to the current limit."""
     return series == "hls" and address == 42 and len(data) == 4
 
 

@@ -1,9 +1,8 @@
-"""Recordings: MCAP files with JSON channels under Foxglove's schema names, which other tools open as they are.
+"""Recordings: MCAP files with JSON channels under Foxglove's schema names, which other tools can open.
 
 Owns the file, its channels and their schemas. A joint state is a ``foxglove.JointStates`` message on the topic
-``/joint_states``; the schema lets further fields in, and what Foxglove has no name for (load, current, voltage,
-temperature, flags) is there as well. Must not know who records or plays. Needs the package ``mcap``, imported on
-first use.
+``/joint_states``; the schema allows additional fields, which hold what Foxglove has no name for (load, current,
+voltage, temperature, flags). Must not know who records or plays. Needs the package ``mcap``, imported on first use.
 """
 
 from __future__ import annotations
@@ -42,13 +41,13 @@ JOINT_STATES = "/joint_states"
 
 _NSEC = 1_000_000_000
 _END_OF_TIME = 2**63 / _NSEC
-"""Seconds since 1970 at which nanoseconds leave 64 bits: in 2262."""
-# Small chunks: a crash loses the chunk that is being written, and no more.
+"""Seconds since 1970 at which signed 64-bit nanoseconds overflow: in 2262."""
+# Small chunks, since a crash loses the chunk that is being written.
 _CHUNK = 64 * 1024
 
 _MOST_JOINTS = 253
 _MOST = 1e4
-"""Radians that no joint has."""
+"""Greatest plausible joint position, radians."""
 _TIME = {
     "type": "object",
     "title": "time",
@@ -87,7 +86,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 }
 SCHEMAS["foxglove.Log"] = {
     "title": "foxglove.Log",
-    "description": "A frame on the line, in words",
+    "description": "A frame on the line, explained",
     "type": "object",
     "properties": {
         "timestamp": _TIME,
@@ -110,7 +109,7 @@ class RecordedJoints:
         time: Seconds since 1970.
         names: Joint names.
         position: Radians.
-        values: Further values of each joint by their names in the file, as far as they were recorded.
+        values: Other recorded values of each joint, by their names in the file.
     """
 
     time: float
@@ -123,11 +122,11 @@ class RecordingWriter:
     """Writes a recording; use it as a context manager, or `close` it.
 
     Args:
-        path: The file. Only its maker can read it.
-        force: Write over one that is there; it stays as it is until the recording is whole.
+        path: The file. Only its owner can read it.
+        force: Overwrite an existing file; it is unchanged until the recording is complete.
 
     Raises:
-        UsageError: The file is there already or cannot be made, or the package ``mcap`` is not installed.
+        UsageError: The file exists already or cannot be created, or the package ``mcap`` is not installed.
     """
 
     def __init__(self, path: str | Path, *, force: bool = False) -> None:
@@ -147,10 +146,10 @@ class RecordingWriter:
         """Write a JSON message.
 
         Args:
-            topic: Its channel; made on first use.
-            schema: A name of `SCHEMAS`.
+            topic: Its channel; created on first use.
+            schema: A name in `SCHEMAS`.
             stamp: Seconds since 1970.
-            body: What the schema says.
+            body: Fields of the schema.
         """
         data = json.dumps(body, separators=(",", ":"), allow_nan=False).encode()
         with self._writing():
@@ -177,7 +176,7 @@ class RecordingWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """What fails once fails from then on: behind half a chunk nothing can be read, and it would only grow."""
+        """After an error, refuse all further writing: nothing after a partial chunk could be read."""
         if self._failed is not None:
             raise self._failed
         try:
@@ -187,10 +186,10 @@ class RecordingWriter:
             raise
 
     def raw(self, topic: str, stamp: float, data: bytes) -> None:
-        """Write bytes as they are, without a schema.
+        """Write raw bytes, without a schema.
 
         Args:
-            topic: Their channel; made on first use.
+            topic: Their channel; created on first use.
             stamp: Seconds since 1970.
             data: The bytes.
         """
@@ -202,11 +201,11 @@ class RecordingWriter:
             self._add(topic, stamp, data)
 
     def joint_state(self, state: JointState, stamp: float) -> None:
-        """Write a joint state; what is not known (NaN) is left out.
+        """Write a joint state; unknown values (NaN) are omitted.
 
         Args:
             state: The state.
-            stamp: Seconds since 1970 at which it was true.
+            stamp: Time of the state, seconds since 1970.
         """
         joints = []
         for i, name in enumerate(state.names):
@@ -228,10 +227,10 @@ class RecordingWriter:
         self.message(JOINT_STATES, "foxglove.JointStates", stamp, body)
 
     def close(self) -> None:
-        """Finish the file. Harmless if it is finished; one that could not be written stays cut off.
+        """Finish the file. Does nothing if it is finished; after a write error, the file stays truncated.
 
         Raises:
-            OSError: The end cannot be written.
+            OSError: The end of the file cannot be written.
         """
         if self._closed:
             return
@@ -240,12 +239,12 @@ class RecordingWriter:
             if self._failed is None:
                 self._writer.finish()
         finally:
-            # Closing writes what is buffered, and fails again where writing did.
+            # Closing writes the buffer, which fails again after a write error.
             with suppress(OSError) if self._failed is not None else nullcontext():
                 self._out.keep()
 
     def discard(self) -> None:
-        """Take the file away again. Harmless if it is finished."""
+        """Delete the file. Does nothing if it is finished."""
         self._closed = True
         self._out.discard()
 
@@ -255,25 +254,25 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # An error ends a recording, and what was recorded before it is kept.
+        # An error ends the recording; what was recorded before is kept.
         if kind is not None and not self.count:
             self.discard()
         self.close()
 
 
 def nanoseconds(stamp: float) -> int:
-    """Nanoseconds since 1970, as a recording has them.
+    """Nanoseconds since 1970, the unit of time in a recording.
 
     Raises:
-        UsageError: It is before 1970, not a number, or later than a recording can tell.
+        UsageError: It is before 1970, not a number, or later than a recording can store.
     """
     if not 0 <= stamp < _END_OF_TIME:
-        raise UsageError(f"a recording has no time {stamp:g} s; it takes seconds since 1970")
+        raise UsageError(f"a recording cannot store the time {stamp:g} s; use seconds since 1970")
     return round(stamp * _NSEC)
 
 
 def make_positions(names: Sequence[str], position: Sequence[float]) -> JointState:
-    """A joint state of which only the positions are known, in radians: for recordings that are made, not read."""
+    """A joint state with positions only, in radians, for generated recordings."""
     nan = (math.nan,) * len(names)
     flags, age = (0,) * len(names), (0.0,) * len(names)
     return JointState(
@@ -291,17 +290,17 @@ def make_positions(names: Sequence[str], position: Sequence[float]) -> JointStat
 
 
 def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[RecordedJoints]:
-    """The joint states of a recording, in the order of the file; one that was cut off gives what is whole.
+    """The joint states of a recording in file order; of a truncated one, those before the cut.
 
-    Also reads files of other programs that have ``foxglove.JointStates`` messages in JSON. A joint without a
-    position is left out, and so is a value that is no number.
+    Also reads files of other programs that have ``foxglove.JointStates`` messages in JSON. Joints without a
+    position and values that are not numbers are omitted.
 
     Args:
         path: The file.
-        whole: Refuse a file that is cut off or damaged, at its end.
+        whole: Refuse a truncated or damaged file, once its intact part is read.
 
     Raises:
-        UsageError: It is no recording, or the package ``mcap`` is not installed.
+        UsageError: It is not a recording, or the package ``mcap`` is not installed.
         ConfigError: The file cannot be read, or a joint state is wrong; the text says which, and where in it.
     """
     number = 0
@@ -312,7 +311,7 @@ def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[Reco
             for record in read_records(file, str(path)):
                 if isinstance(record, str):
                     if whole:
-                        raise ConfigError(f"{record}: save that by 'hexwire record recover'", file=str(path))
+                        raise ConfigError(f"{record}: recover it with 'hexwire record recover'", file=str(path))
                 elif is_joint_state(record[0], record[1]):
                     number += 1
                     yield _joints(record[2], str(path), number)
@@ -321,15 +320,15 @@ def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[Reco
 
 
 def is_joint_state(schema: Any, channel: Any) -> bool:
-    """Whether messages of a channel are joint states, by the records of `read_records`."""
+    """Whether a schema and channel of `read_records` are those of joint states."""
     return schema is not None and schema.name == "foxglove.JointStates" and channel.message_encoding == "json"
 
 
 def parse_joints(data: bytes, file: str, number: int) -> tuple[float | None, list[dict[str, Item]]]:
-    """The message of a joint state: its own time, and what it says of each joint, with the name checked.
+    """Parse a joint state: its own time, if it has one, and the fields of each joint, with checked names.
 
     Raises:
-        ConfigError: It is none; the text says where.
+        ConfigError: It is not a joint state; the text says where.
     """
     root = parse_message(data, file, f"joint state {number}").table(needed=("joints",))
     stamp = None

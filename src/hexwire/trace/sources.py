@@ -1,6 +1,6 @@
-"""Traffic from files: the chapter's log text, a hex dump, a raw capture, a recording.
+"""Reads traffic from files: the chapter's log, a hex dump, a raw capture, a recording.
 
-Owns telling the forms apart and turning each into transfers. Must not know what the bytes mean.
+Owns detecting the format and converting each to transfers. Must not know what the bytes mean.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .mcap_file import MAGIC
 __all__ = ["LARGEST", "read_traffic"]
 
 LARGEST = 64 * 1024 * 1024
-"""Bytes of a file of traffic; a longer one is cut into pieces first."""
+"""Greatest size of a file of traffic in bytes; the user must split a larger one."""
 
 _OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{4,16}:?\s+(?=[0-9A-Fa-f]{2}\b)")
 _TEXT_COLUMN = re.compile(r"\||\s\s[^0-9A-Fa-f\s|]")
@@ -29,29 +29,29 @@ _BOARD_TO_HOST = b"\xff\xf5"
 def read_traffic(data: bytes, name: str = "the file") -> Iterator[Passed | str]:
     """Read a file's bytes as traffic.
 
-    Takes a time that grows with the length, whatever stands in it.
+    Takes linear time for any contents.
 
     Args:
         data: The whole file.
-        name: What to call it in an error.
+        name: Name of the file in errors.
 
     Yields:
-        A `Passed` for each transfer, and sentences about what is odd in the file itself.
+        A `Passed` for each transfer, and sentences about irregularities of the file.
 
     Raises:
-        UsageError: The file is empty or larger than `LARGEST`; or it is a recording, and that is damaged beyond
-            reading or the package ``mcap`` is not installed.
+        UsageError: The file is empty or larger than `LARGEST`; or it is a recording that cannot be read at all, or
+            the package ``mcap`` is not installed.
     """
     if not data.strip():
         raise UsageError(f"{name} is empty: there is nothing to decode")
     if len(data) > LARGEST:
-        raise UsageError(f"{name} has more than {LARGEST >> 20} MiB: cut it into pieces, as with split -C 32M")
+        raise UsageError(f"{name} is larger than {LARGEST >> 20} MiB: split it, for example with split -C 32M")
     if data.startswith(MAGIC):
         yield from traffic_of(io.BytesIO(data), name)
         return
     text = _as_text(data)
     if text is None:
-        yield Passed(_way(data), data, 0.0, "")
+        yield Passed(_direction(data), data, 0.0, "")
     elif any(HEADLINE.match(line) for line in _lines(text)):
         yield from parse_log(_lines(text))
     else:
@@ -59,7 +59,7 @@ def read_traffic(data: bytes, name: str = "the file") -> Iterator[Passed | str]:
 
 
 def _lines(text: str) -> Iterator[str]:
-    """One after the other: a list of all would take many times the room of the text."""
+    """Yield line by line: a list of all lines would take many times the memory of the text."""
     at = 0
     while at < len(text):
         end = text.find("\n", at)
@@ -85,20 +85,20 @@ def _as_text(data: bytes) -> str | None:
 
 def _hex_dump(text: str) -> Iterator[Passed | str]:
     """Hex bytes, with or without offsets and a text column; a blank line or `<`, `>` ends a transfer."""
-    way: Direction | None = None
+    direction: Direction | None = None
     gathered = bytearray()
     for number, line in enumerate(_lines(text), start=1):
         line = line.partition("#")[0].strip()
         if line[:1] in ("<", ">", ""):
-            yield from _gathered(gathered, way)
+            yield from _gathered(gathered, direction)
             gathered.clear()
-            way = {">": Direction.SENT, "<": Direction.RECEIVED}.get(line[:1])
+            direction = {">": Direction.SENT, "<": Direction.RECEIVED}.get(line[:1])
             line = line.lstrip("<>").lstrip()
         try:
             gathered += _bytes_of(line)
         except ValueError:
             yield f"line {number} is neither hex nor a log line: {line[:60]}"
-    yield from _gathered(gathered, way)
+    yield from _gathered(gathered, direction)
 
 
 def _bytes_of(line: str) -> bytes:
@@ -111,13 +111,13 @@ def _bytes_of(line: str) -> bytes:
     return bytes.fromhex(line.replace(",", " ").replace("0x", " "))
 
 
-def _gathered(data: bytearray, way: Direction | None) -> Iterator[Passed]:
+def _gathered(data: bytearray, direction: Direction | None) -> Iterator[Passed]:
     if data:
-        yield Passed(way or _way(bytes(data)), bytes(data), 0.0, "")
+        yield Passed(direction or _direction(bytes(data)), bytes(data), 0.0, "")
 
 
-def _way(data: bytes) -> Direction:
-    """Who most likely sent this: a frame says it in src, a legacy status in its header."""
+def _direction(data: bytes) -> Direction:
+    """The most likely direction, from src of a frame or the header of a legacy status packet."""
     if data.startswith(_BOARD_TO_HOST):
         return Direction.RECEIVED
     if data[:4] == b"\x5a\xfa\xfa\x5a" and data[16:20] == b"\x08\0\0\0":
