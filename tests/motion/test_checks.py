@@ -10,7 +10,7 @@ from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import Pose
 from hexwire.motion.checks import InJoints, check_move, check_trajectory
 from hexwire.motion.line import Line
-from hexwire.motion.waypoints import Spline, Waypoint
+from hexwire.motion.waypoints import Sample, Spline, Waypoint
 
 A = Hex7BotModel()
 NEUTRAL = {joint.name: joint.offset for joint in HEX7BOT.joints}
@@ -177,3 +177,97 @@ def test_a_way_that_takes_no_time_is_too_fast(duration: float, rest: tuple[float
     report = check_trajectory(Spline(("J1",), points), HEX7BOT)
     with pytest.raises(LimitError, match="J1 would turn at"):
         report.require()
+
+
+def test_a_driver_joint_may_be_turned_and_shifted_against_the_models() -> None:
+    spline = Spline(
+        [r.name for r in A.ranges],
+        [Waypoint(0.0, (0.5,) * 6, (0.25,) * 6, (0.0,) * 6), Waypoint(1.0, (1.0,) * 6, (0.0,) * 6, (0.5,) * 6)],
+    )
+    joints, t, h = InJoints(spline, A), 0.4, 1e-5
+    for at in (0.0, t, 1.0):
+        assert joints.at(at).position == pytest.approx(tuple(A.to_joints(spline.at(at).position).values()))
+    before, here, after = joints.at(t - h), joints.at(t), joints.at(t + h)
+    for i in range(6):
+        assert here.velocity[i] == pytest.approx((after.position[i] - before.position[i]) / (2 * h), abs=1e-6)
+        assert here.acceleration[i] == pytest.approx((after.velocity[i] - before.velocity[i]) / (2 * h), abs=1e-6)
+    assert joints.duration == 1.0
+
+
+def test_peaks_are_those_of_the_whole_trajectory_and_both_directions() -> None:
+    there = Spline(("J1", "J2"), [Waypoint(0, (0.0, 0.5)), Waypoint(1, (1.0, 0.5)), Waypoint(1.5, (0.25, 0.5))])
+    report = check_trajectory(there, HEX7BOT)
+    assert report.peak_speed == {"J1": pytest.approx(1.5), "J2": 0.0}
+    assert list(report.peak_speed) == ["J1", "J2"]
+    assert report.findings == ()
+
+
+@pytest.mark.parametrize(("share", "good"), [(1.0009, True), (1.0011, False), (-1.0009, True), (-1.0011, False)])
+def test_a_speed_limit_has_a_tolerance_of_a_thousandth(share: float, good: bool) -> None:
+    speed = share * HEX7BOT.joint("J1").max_speed
+    line = Spline(("J1",), [Waypoint(0.0, (0.0,)), Waypoint(0.1, (0.1 * speed,))])
+    assert (check_trajectory(line, HEX7BOT).findings == ()) is good
+
+
+def test_a_jump_between_two_samples_is_a_speed() -> None:
+    class Jump(Spline):
+        def at(self, t: float) -> Sample:
+            return Sample((0.0 if t < 0.505 else 0.5,), (0.0,), (0.0,))
+
+    jump = Jump(("J1",), [Waypoint(0.0, (0.0,)), Waypoint(1.0, (0.5,))])
+    report = check_trajectory(jump, HEX7BOT)
+    assert [(f.time, f.text.partition(" would")[0]) for f in report.findings] == [(pytest.approx(0.51), "J1")]
+    assert report.peak_speed["J1"] == pytest.approx(50.0)
+    assert check_trajectory(jump, HEX7BOT, step=0.5).peak_speed["J1"] == pytest.approx(1.0)
+
+
+def test_each_kind_is_reported_once_when_it_first_occurs() -> None:
+    beyond = HEX7BOT.joint("J1").maximum + 0.2
+    spline = Spline(("J1", "J2"), [Waypoint(t, (beyond * (t % 2), 3.0 * (t > 3))) for t in range(6)])
+    report = check_trajectory(spline, HEX7BOT)
+    times = [f.time for f in report.findings]
+    assert times == sorted(times)
+    assert [f.text.split("=")[0].split(" ")[0] for f in report.findings] == ["J1", "J2", "J2"]
+    assert times[0] < 1.0
+    assert "bring it back" not in report.findings[0].text
+
+
+def test_other_trajectories_are_sampled_to_their_end_and_no_further() -> None:
+    seen: list[float] = []
+
+    class Other(Spline):
+        def sample(self, t: float) -> Sample:
+            seen.append(t)
+            return super().sample(t)
+
+    here = NEUTRAL["J3"]
+    other = Other(("J3",), [Waypoint(0.0, (here,)), Waypoint(0.25, (here,))])
+    still = Spline(("J2",), [Waypoint(0.0, (NEUTRAL["J2"],)), Waypoint(0.125, (NEUTRAL["J2"],))])
+    report = check_trajectory(still, HEX7BOT, A, others=NEUTRAL, meanwhile=[other], step=0.0625)
+    assert seen == [0.0, 0.0625, 0.125, 0.1875, 0.25]
+    assert report.duration == 0.125
+    seen.clear()
+    check_trajectory(still, HEX7BOT, A, others=NEUTRAL, meanwhile=[other], step=0.05)
+    assert seen == pytest.approx([0.0, 0.05, 0.1, 0.125, 0.175, 0.225, 0.275])
+
+
+def test_the_lowest_point_is_that_of_the_whole_trajectory() -> None:
+    low = (90, 60, 155, 90, 90, 90)
+    there_and_back = check_trajectory(through(HOME, low, HOME), HEX7BOT, A)
+    assert there_and_back.lowest == pytest.approx(check_trajectory(through(low), HEX7BOT, A).lowest, abs=1e-6)
+    below = check_trajectory(through(HOME, (90, 50, 160, 90, 90, 90)), HEX7BOT, A)
+    assert below.lowest < 0
+    assert [f.text.partition(" below")[2] for f in below.findings] == [" the table at 0 mm"]
+
+
+def test_a_move_is_checked_at_its_goal_too() -> None:
+    low = A.to_joints([math.radians(d) for d in (90, 60, 155, 90, 90, 90)])
+    height = check_trajectory(through((90, 60, 155, 90, 90, 90)), HEX7BOT, A).lowest
+    check_move(NEUTRAL, low, A, height)
+    with pytest.raises(LimitError, match=r"below the table at \d+ mm, at the goal; nothing was sent$"):
+        check_move(NEUTRAL, low, A, height + 1e-5)
+    deep = A.to_joints([math.radians(d) for d in (90, 50, 160, 90, 90, 90)])
+    with pytest.raises(LimitError, match="below the table at 0 mm"):
+        check_move(NEUTRAL, deep, A)
+    check_move(NEUTRAL, {}, A)
+    check_move(NEUTRAL, {"J1": NEUTRAL["J1"]}, A)

@@ -139,3 +139,48 @@ def test_nobody_creeps_in() -> None:
     assert "coupling" in fence.check_end(here, deeper), "but not to stay"
     assert fence.check_end(here, here) == {}
     assert fence.check_end(here, posture(147, 120)) == {}
+
+
+def bent(degrees: float) -> dict[str, float]:
+    """Folded beyond the joint coupling limit by some degrees."""
+    return posture(140 + degrees, 120)
+
+
+@pytest.mark.parametrize(("moving", "slack"), [(False, 0.0), (True, 0.5)])
+def test_tolerances_at_the_joint_coupling_limit(moving: bool, slack: float) -> None:
+    fence = Fence(A, None, moving=moving)
+    fence.begin(GOOD)
+    assert fence.check(bent(slack - 0.01)) == {}
+    assert "coupling" in fence.check(bent(slack + 0.01))
+    # Who begins outside may go half a degree further in, and the tolerance of a motion comes on top.
+    for more, good in ((-0.01, True), (0.01, False)):
+        fence.begin(bent(3.0))
+        assert (fence.check(bent(3.5 + slack + more)) == {}) is good
+    # What was once reached on the way out is the new limit.
+    assert fence.check(bent(2.0)) == {}
+    assert "coupling" in fence.check(bent(2.0 + slack + 0.01))
+    assert fence.check(bent(2.0)) == {}
+
+
+@pytest.mark.parametrize(
+    ("moving", "slack", "two_higher", "too_high"), [(False, 0.0, 154.1, 154.0), (True, 0.002, 153.2, 153.1)]
+)
+def test_tolerances_at_the_table(moving: bool, slack: float, two_higher: float, too_high: float) -> None:
+    for depth, good in ((slack - 0.0001, True), (slack + 0.0001, False)):
+        fence = Fence(A, lowest(LOW) + depth, moving=moving)
+        fence.begin(UP)
+        assert (fence.check(LOW) == {}) is good
+    # Who begins below it may go 2 mm deeper.
+    for begin, good in ((two_higher, True), (too_high, False)):
+        fence = Fence(A, 0.05, moving=moving)
+        fence.begin(posture(60, begin))
+        assert (fence.check(LOW) == {}) is good
+
+
+def test_without_a_height_the_table_is_at_the_base() -> None:
+    deep = posture(50, 160)
+    assert lowest(deep) < 0 < lowest(LOW)
+    fence = Fence(A)
+    fence.begin(UP)
+    assert fence.check(LOW) == {}
+    assert fence.check(deep)["table"].endswith("below the table at 0 mm")

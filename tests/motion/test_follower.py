@@ -260,8 +260,10 @@ def test_a_jam_stops_the_motion_once() -> None:
 def test_nothing_is_known_before_the_first_cycle() -> None:
     with pytest.raises(UsageError, match="the position of J1 is still unknown"):
         Follower(HEX7BOT).follow(way(J1, J1 + 0.1), 0.0)
-    with pytest.raises(UsageError, match="must be above 0"):
-        Follower(HEX7BOT, blend=0.0)
+    for name in ("blend", "lost_after", "jump"):
+        for value in (0.0, math.inf, math.nan):
+            with pytest.raises(UsageError, match="must be above 0"):
+                Follower(HEX7BOT, **{name: value})
 
 
 def test_a_takeover_can_be_looked_at_before_it_begins() -> None:
@@ -296,3 +298,102 @@ def test_a_takeover_is_kept_within_limits() -> None:
     here = follower.desired(("J1",), follower.next_start(0.85)).position[0]
     looked = [positions["J1"] for _, positions in follower.takeover(way(here, J1), 0.85)]
     assert max(looked) == limit
+
+
+def test_every_event_is_counted() -> None:
+    follower = started()
+    for goal in (1.0, 0.5, 0.2):
+        here = follower.desired(("J1",), follower.next_start(0.0)).position[0]
+        follower.follow(way(here, J1 + goal), 0.0)
+    assert follower.counters.blends == 2
+    now = 0.0
+    for _ in range(2):
+        follower.stop("a test")
+        follower.reset()
+        follower.observe(state())
+        for _ in range(2):
+            follower.set_point({"J1": J1}, now)
+        follower.cycle(state(), now, LEAD)
+        now += 1.0
+        assert follower.cycle(state(), now, LEAD) is None
+    counters = follower.counters
+    assert (counters.set_points, counters.replaced, counters.lost, counters.stops) == (4, 2, 2, 2)
+    assert counters.cycles == 5
+    for _ in range(2):
+        follower.follow(way(J1, J1 + 0.2), now)
+        run(follower, now, now + 0.5)
+        run(follower, now + 1.0, now + 4.0)
+        follower.forget()
+        follower.observe(state())
+        now += 4.0
+    assert counters.slips == 2
+
+
+def test_a_set_point_is_lost_after_its_time_and_not_at_it() -> None:
+    follower = Follower(HEX7BOT, lost_after=0.25)
+    follower.observe(state())
+    follower.set_point({"J1": J1 + 0.01}, 1.0)
+    assert isinstance(follower.cycle(state(), 1.25, LEAD), JointTarget)
+    assert follower.cycle(state(), 1.26, LEAD) is None
+    assert follower.mode is Mode.HOLD
+
+
+def test_a_target_moves_no_further_than_the_time_since_the_last_command_allows() -> None:
+    follower, speed = started(), HEX7BOT.joint("J1").max_speed
+    for i, (now, most) in enumerate(((0.0, LEAD), (0.02, 0.02), (0.02, 0.0), (0.5, LEAD))):
+        before = follower.desired(("J1",), now).position[0]
+        follower.set_point({"J1": J1 + (-1.0 if i == 3 else 1.0)}, now)
+        moved = sent(follower, now, J1=before) - before
+        assert moved == pytest.approx(-speed * most if i == 3 else speed * most)
+
+
+@pytest.mark.parametrize(("seconds", "blend"), [(2.0, 0.3), (0.1, 0.1), (0.01, 0.05), (0.0, 0.05)])
+@pytest.mark.parametrize("jump", [0.5, 1.0])
+def test_a_start_may_be_as_far_away_as_a_blend_can_close(seconds: float, blend: float, jump: float) -> None:
+    gap = jump * HEX7BOT.joint("J1").max_speed * blend / (15 / 8)
+    for share in (0.999, 1.001, -0.999, -1.001):
+        follower = Follower(HEX7BOT, jump=jump)
+        follower.observe(state())
+        there = J1 + share * gap
+        if abs(share) < 1:
+            follower.follow(way(there, there, seconds), 0.0)
+            assert follower.mode is Mode.TRAJECTORY
+        else:
+            with pytest.raises(LimitError, match="move there first"):
+                follower.follow(way(there, there, seconds), 0.0)
+
+
+def test_what_remains_of_a_trajectory() -> None:
+    follower = started()
+    assert follower.remaining(0.0) == 0.0
+    follower.follow(way(J1, J1 + 0.2), 10.0)
+    assert [follower.remaining(t) for t in (10.0, 10.5, 12.0, 13.0)] == pytest.approx([2.0, 1.5, 0.0, 0.0])
+    assert not follower.done
+    follower.hold()
+    assert follower.remaining(10.0) == 0.0
+    assert follower.done
+    follower.set_point({"J1": J1}, 10.0)
+    assert not follower.done
+    follower.stop("a test")
+    assert follower.done
+
+
+def test_a_short_takeover_lasts_as_long_as_its_trajectory() -> None:
+    follower = started()
+    follower.follow(way(J1, J1 + 0.2), 0.0)
+    here = follower.desired(("J1",), 0.0).position[0]
+    looked = list(follower.takeover(way(here, here, 0.1), 0.0))
+    assert [t for t, _ in looked] == pytest.approx([0.01 * i for i in range(11)])
+    assert [t for t, _ in follower.takeover(way(here, here, 0.0), 0.0)] == [0.0, 0.0]
+
+
+def test_a_loop_that_is_late_by_a_lead_catches_up_and_beyond_it_slips() -> None:
+    for late, slips in ((0.99, 0), (1.01, 1)):
+        follower = started()
+        path = way(J1, J1 + 0.2)
+        follower.follow(path, 0.0)
+        sent(follower, 0.0)
+        now = LEAD + late * LEAD
+        angle = sent(follower, now)
+        assert follower.counters.slips == slips
+        assert angle == pytest.approx(path.at(2 * LEAD if slips else now + LEAD).position[0])

@@ -112,6 +112,48 @@ def test_the_puma_draws_lines_too() -> None:
         assert off_the_line(model.forward(sample.position).position, here.position, goal.position) < 1e-9
 
 
-def test_speeds_must_make_sense() -> None:
-    with pytest.raises(UsageError, match="speeds and accelerations must be finite and above 0, not 0"):
-        Line(A, START, moved(0.01, 0, 0), speed=0.0)
+@pytest.mark.parametrize("name", ["speed", "acceleration", "turn_speed"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
+def test_speeds_must_make_sense(name: str, value: float) -> None:
+    with pytest.raises(UsageError, match=f"speeds and accelerations must be finite and above 0, not {value:g}"):
+        Line(A, START, moved(0.01, 0, 0), **{name: value})
+
+
+def test_velocity_and_acceleration_are_derivatives_up_to_both_ends() -> None:
+    line = Line(A, START, moved(0.05, 0.03, -0.04))
+    h = 1e-3
+    for t in (0.0, 0.05, 0.3 * line.duration, 0.8 * line.duration, line.duration):
+        middle = min(max(t, h), line.duration - h)
+        before, here, after = (line.at(middle + k * h).position for k in (-1, 0, 1))
+        for v, a, b, m, c in zip(
+            line.at(middle).velocity, line.at(t).acceleration, before, here, after, strict=True
+        ):
+            assert v == pytest.approx((c - b) / (2 * h), abs=1e-4)
+            assert a == pytest.approx((c - 2 * m + b) / h**2, abs=0.02)
+    assert line.at(0.0).velocity == pytest.approx((0.0,) * 6, abs=1e-3)
+    assert line.at(line.duration).velocity == pytest.approx((0.0,) * 6, abs=1e-3)
+    assert line.at(line.duration + 1.0).position == line.goal
+
+
+def test_the_slower_of_moving_and_turning_sets_the_time() -> None:
+    here = A.forward(START)
+    turned = A.forward((*START[:4], START[4] + 0.6, START[5])).rotation
+    x, y, z = here.position
+    # A tool that turns as fast as it may covers 0.6 rad in 1.2 s, and gains and loses speed in 0.2 s each.
+    turning = Line(A, START, Pose((x, y, z), turned), speed=0.1, acceleration=0.5, turn_speed=0.5)
+    assert turning.duration == pytest.approx(0.6 / 0.5 + 0.1 / 0.5)
+    both = Line(A, START, Pose((x + 0.05, y, z), turned), speed=0.1, acceleration=0.5, turn_speed=0.5)
+    assert both.duration == pytest.approx(turning.duration)
+    slow = Line(A, START, Pose((x + 0.05, y, z), turned), speed=0.01, acceleration=0.5, turn_speed=0.5)
+    assert slow.duration > 5.0
+    middle = slow.pose(0.5)
+    assert middle.position == pytest.approx((x + 0.025, y, z))
+    assert rotation_between(here.rotation, middle.rotation)[1] == pytest.approx(0.3)
+
+
+def test_usual_speeds() -> None:
+    line = Line(A, START, moved(0.05, 0.0, 0.0))
+    assert line.duration == pytest.approx(0.05 / 0.1 + 0.1 / 0.5)
+    here = A.forward(START)
+    turned = A.forward((*START[:4], START[4] + 0.6, START[5])).rotation
+    assert Line(A, START, Pose(here.position, turned)).duration == pytest.approx(0.6 / 1.0 + 0.1 / 0.5)

@@ -94,3 +94,65 @@ def test_numbers_that_make_no_sense(goal: tuple[float, ...], speed: tuple[float,
     for build in (Trapezoid, time_optimal):
         with pytest.raises(UsageError, match=words):
             build(("a",), (0.0,), goal, speed, (1.0,))
+
+
+@given(WAYS, WAYS, st.floats(0.05, 0.95))
+def test_a_trapezoids_speed_and_acceleration_are_derivatives(
+    start: list[float], goal: list[float], share: float
+) -> None:
+    way = Trapezoid(NAMES, start, goal, SPEED, ACCELERATION)
+    t, h = share * way.duration, 1e-6
+    before, here, after = way.at(t - h), way.at(t), way.at(t + h)
+    for i in range(3):
+        assert here.velocity[i] == pytest.approx((after.position[i] - before.position[i]) / (2 * h), abs=1e-4)
+        slope = (after.velocity[i] - before.velocity[i]) / (2 * h)
+        # At a corner the slope is that of one side or between both.
+        assert abs(slope - here.acceleration[i]) < 1e-4 or before.acceleration[i] != after.acceleration[i]
+
+
+def test_a_trapezoid_at_known_times() -> None:
+    # 1 s at 1 rad/s, and a quarter of a second each for gaining and losing it at 4 rad/s^2.
+    way = Trapezoid(("a", "b"), (0.0, 1.0), (1.0, 1.0), (1.0, 1.0), (4.0, 4.0))
+    assert way.at(0.125) == ((0.03125, 1.0), (0.5, 0.0), (4.0, 0.0))
+    assert way.at(0.625) == ((0.5, 1.0), (1.0, 0.0), (0.0, 0.0))
+    assert way.at(1.125) == ((0.96875, 1.0), (0.5, 0.0), (-4.0, 0.0))
+    assert way.at(1.25) == ((1.0, 1.0), (0.0, 0.0), (0.0, 0.0))
+    back = Trapezoid(("a",), (1.0,), (0.0,), (1.0,), (4.0,))
+    assert back.at(0.125) == ((0.96875,), (-0.5,), (-4.0,))
+    # 0.25 rad is where full speed is just reached.
+    assert Trapezoid(("a",), (0.0,), (0.25,), (1.0,), (4.0,)).duration == pytest.approx(0.5)
+    assert Trapezoid(("a",), (0.0,), (0.5,), (1.0,), (4.0,)).duration == pytest.approx(0.75)
+    # The slowest joint sets the time of all.
+    assert Trapezoid(("a", "b"), (0, 0), (0.5, 1.0), (1.0, 1.0), (4.0, 4.0)).duration == pytest.approx(1.25)
+
+
+def test_a_start_that_is_at_rest_needs_no_ruckig(monkeypatch: pytest.MonkeyPatch) -> None:
+    still = time_optimal(NAMES, (1, 1, 1), (1, 1, 1), SPEED, ACCELERATION, velocity=(0, 0, 0))
+    assert still.duration == 0.0
+    assert still.goal == (1, 1, 1)
+    # A start in motion at the goal must first brake and come back.
+    back = time_optimal(("a",), (1.0,), (1.0,), (1.0,), (2.0,), velocity=(0.5,))
+    assert back.duration > 0.25
+    assert max(back.at(0.01 * i).position[0] for i in range(100)) == pytest.approx(
+        1.0 + 0.5**2 / (2 * 2.0), abs=1e-3
+    )
+    monkeypatch.setattr(optimal, "ruckig_or_none", lambda: None)
+    assert isinstance(time_optimal(NAMES, (0, 0, 0), (1, 1, 1), SPEED, ACCELERATION, velocity=(0, 0, 0)), Trapezoid)
+
+
+@pytest.mark.parametrize("column", range(4))
+@pytest.mark.parametrize("bad", [(math.nan,), (math.inf,), (), (1.0, 1.0)])
+def test_every_column_is_checked(column: int, bad: tuple[float, ...]) -> None:
+    columns: list[tuple[float, ...]] = [(0.0,), (1.0,), (1.0,), (1.0,)]
+    columns[column] = bad
+    for build in (Trapezoid, time_optimal):
+        with pytest.raises(UsageError, match=r"is not a number|values for 1 joints"):
+            build(("a",), *columns)
+
+
+def test_limits_of_zero_and_no_joints_are_refused() -> None:
+    for limits in (((0.0,), (1.0,)), ((1.0,), (0.0,)), ((-1.0,), (1.0,))):
+        with pytest.raises(UsageError, match="must be above 0"):
+            Trapezoid(("a",), (0.0,), (1.0,), *limits)
+    with pytest.raises(UsageError):
+        Trapezoid((), (), (), (), ())

@@ -100,7 +100,9 @@ def test_time_in_which_nobody_looked_is_no_proof() -> None:
     assert judged(guard, 0.5, start=1.05, positions=off, load=push) is not None
 
 
-@pytest.mark.parametrize("flag", [JointFlag.OVERLOAD, JointFlag.TEMPERATURE, JointFlag.ENCODER])
+@pytest.mark.parametrize(
+    "flag", [JointFlag.OVERLOAD, JointFlag.TEMPERATURE, JointFlag.ENCODER, JointFlag.CURRENT, JointFlag.VOLTAGE]
+)
 def test_a_servos_own_fault_stops_at_once(flag: JointFlag) -> None:
     found = commanded().judge(state(flags={"J5": flag}), 0.0)
     assert found is not None
@@ -176,3 +178,124 @@ def test_a_joint_that_does_not_say_where_it_is_has_not_been_heard_of() -> None:
     found = judged(commanded(), 5.0, positions={"J2": math.nan})
     assert found is not None
     assert (found.kind, found.joint) == ("lost", "J2")
+
+
+@pytest.mark.parametrize(
+    ("kind", "seconds", "options"),
+    [
+        ("following", 0.4, {"positions": {"J2": HOME["J2"] + math.radians(12.1)}}),
+        ("overload", 0.6, {"load": {"J2": 0.91}}),
+        ("collision", 0.15, {"positions": {"J2": HOME["J2"] - math.radians(4.1)}, "load": {"J2": -0.51}}),
+    ],
+)
+def test_a_condition_counts_when_its_time_is_full(kind: str, seconds: float, options: dict[str, object]) -> None:
+    guard = commanded()
+    # An offset far from 0, in steps that a binary number holds exactly.
+    step = 1 / 64
+    found, i = None, 0
+    while found is None:
+        found = guard.judge(state(**options), 8.0 + i * step)  # type: ignore[arg-type]
+        i += 1
+    assert (found.kind, found.joint) == (kind, "J2")
+    assert (i - 2) * step < seconds <= (i - 1) * step
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"positions": {"J2": HOME["J2"] + math.radians(11.9)}},
+        {"load": {"J2": 0.9}},
+        {"positions": {"J2": HOME["J2"] + math.radians(3.9)}, "load": {"J2": 0.6}},
+        {"positions": {"J2": HOME["J2"] + math.radians(5)}, "load": {"J2": 0.5}},
+        {"load": {"J2": math.nan}},
+    ],
+)
+def test_thresholds_themselves_are_allowed(options: dict[str, object]) -> None:
+    assert judged(commanded(), 5.0, **options) is None
+
+
+def test_what_was_commanded_within_the_lag_counts_and_what_is_older_does_not() -> None:
+    limits = SafetyLimits(lag=0.25, following_error=0.1, following_time=1e-9)
+    # The command of 0.5 s is in force until 1 s, and counts for as long as the lag after that.
+    for when, good in ((1.125, True), (1.247, True), (1.25, False)):
+        guard = Guard(limits)
+        for due, angle in ((0.0, 0.0), (0.5, 1.0), (1.0, 2.0), (2.0, 3.0)):
+            guard.commanded({"J1": angle}, due)
+        found = [guard.judge(state({"J1": 0.95}), when + k / 1024) for k in range(2)]
+        assert (found[1] is None) is good
+    # A position is as old as it says.
+    guard = Guard(limits)
+    for due, angle in ((0.0, 0.0), (1.0, 2.0)):
+        guard.commanded({"J1": angle}, due)
+    for now in (1.375, 1.4375):
+        assert guard.judge(state({"J1": 0.05}, age={"J1": 0.25}), now) is None
+    # Before anything is due, the first command counts.
+    guard = Guard(limits)
+    guard.commanded({"J1": 1.0}, 5.0)
+    guard.commanded({"J1": 2.0}, 6.0)
+    assert guard.judge(state({"J1": 1.05}), 1.0) is None
+    assert guard.judge(state({"J1": 1.05}), 1.05) is None
+    assert guard.judge(state({"J1": 1.2}), 1.1) is None
+    assert guard.judge(state({"J1": 1.2}), 1.15) is not None
+
+
+def test_old_commands_are_dropped_but_the_one_in_force_is_not() -> None:
+    guard = Guard(SafetyLimits(lag=0.25, max_age=0.25))
+    for i in range(1000):
+        guard.commanded({"J1": float(i)}, 0.25 * i)
+    # Lag and twice the age: 0.75 s, and the command before them.
+    assert list(guard._commands["J1"]) == [(0.25 * i, float(i)) for i in range(995, 1000)]
+    guard.commanded({"J1": 0.0}, 1000.0)
+    guard.commanded({"J1": 1.0}, 2000.0)
+    assert [due for due, _ in guard._commands["J1"]] == [1000.0, 2000.0]
+
+
+def test_a_joint_is_lost_after_its_age_and_not_at_it() -> None:
+    guard = commanded()
+    assert guard.judge(state(age={"J4": 0.25}), 1.0) is None
+    silent = state(flags={"J4": JointFlag.SILENT})
+    assert guard.judge(silent, 1.25) is None, "its last position is half a second old"
+    found = guard.judge(silent, 1.375)
+    assert found is not None
+    assert str(found) == "J4 has not answered for 0.62 s"
+    # A value that is just not too old is a value.
+    guard = commanded()
+    for i in range(20):
+        assert guard.judge(state(age={"J4": 0.5}), 0.125 * i) is None
+
+
+def test_every_joint_that_was_commanded_is_judged() -> None:
+    for name in HOME:
+        guard = Guard(LIMITS)
+        guard.commanded({name: HOME[name]}, 0.0)
+        found = guard.judge(state(flags={name: JointFlag.CURRENT}), 0.0)
+        assert found is not None
+        assert found.joint == name
+
+
+def test_a_stall_counts_as_one_cycle_for_every_condition() -> None:
+    guard = Guard(SafetyLimits(lag=0.25))
+    guard.commanded(HOME, 0.0)
+    push = {"J1": 0.95, "J2": 0.95}
+    assert guard.judge(state(load=push), 0.0) is None
+    # Of each second, 0.1 s count: 0.4 of the lag. The overload must last 0.6 s.
+    for i in range(1, 6):
+        assert guard.judge(state(load=push), float(i)) is None
+    assert guard.judge(state(load=push), 6.0) is None
+    found = guard.judge(state(load=push), 7.0)
+    assert found is not None
+    assert found.kind == "overload"
+
+
+def test_a_board_that_was_told_to_stop() -> None:
+    found = commanded().judge(state(stopped=True), 0.0)
+    assert found is not None
+    assert found.text == "the board has stopped the arm: it was told to"
+    assert commanded().judge(state(watchdog_tripped=True), 0.0) is None
+
+
+@pytest.mark.parametrize("period", [0.12, 0.1201, 0.1666, 0.1667, 0.2])
+def test_thresholds_widen_with_the_period_only_where_they_must(period: float) -> None:
+    limits = SafetyLimits.at_period(period)
+    assert limits.lag == max(0.3, 2.5 * period)
+    assert limits.max_age == max(0.5, 3 * period)

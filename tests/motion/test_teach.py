@@ -94,3 +94,69 @@ def test_approach_is_careful() -> None:
     way = approach(HEX7BOT, names, here, [here[0] + 1.0, here[1]], speed=0.25)
     assert way.duration >= 1.0 / (0.25 * HEX7BOT.joint("J1").max_speed)
     assert way.goal == (here[0] + 1.0, here[1])
+
+
+def test_trimming_keeps_samples_at_both_times() -> None:
+    t = taught([0, 1, 2, 3, 4, 5], 0.25, 0.0)
+    assert t.trimmed(0.25, 0.75) == taught([1, 2, 3], 0.25)
+    assert t.trimmed(0.5, 0.5) == taught([2], 0.25)
+    assert t.trimmed() == t
+    with pytest.raises(UsageError, match="nothing is left"):
+        t.trimmed(0.3, 0.4)
+
+
+def test_stillness_is_less_than_a_threshold_of_any_joint() -> None:
+    rows = [(0.0, 0.0), (0.25, 0.0), (0.0, -0.5), (0.0, 0.5), (0.0, 0.25), (0.0, 0.0)]
+    t = Taught.of(("J1", "J2"), [(5.0 + i, row) for i, row in enumerate(rows)])
+    assert t.without_stillness(0.1).rows == tuple(rows)
+    assert t.without_stillness(0.25).rows == tuple(rows[1:5])
+    assert t.without_stillness(0.25).times == (0.0, 1.0, 2.0, 3.0)
+    # Half a degree counts as rest, and a little more as motion.
+    half = math.radians(0.5)
+    slow = taught([0, half, 2.5 * half, 4 * half, 4 * half])
+    assert slow.without_stillness().rows == ((half,), (2.5 * half,), (4 * half,))
+    # A step between two samples, and a creep, are motions too.
+    assert taught([0, 0, 1, 1, 1]).without_stillness().rows == ((0,), (1,))
+    assert taught([0, 0, half, 2 * half, 2 * half]).without_stillness().rows == ((0,), (half,), (2 * half,))
+
+
+def test_smoothing_is_a_raised_cosine() -> None:
+    # One peak: the neighbours half a width away get half the weight of the middle, those at the width none.
+    smooth = taught([0, 0, 0, 4, 0, 0, 0], 0.25, 0.0).smoothed(0.5)
+    assert [row[0] for row in smooth.rows] == pytest.approx([0, 0, 1.0, 2.0, 1.0, 0, 0])
+    assert smooth.times == taught([0] * 7, 0.25, 0.0).times
+    # Next to the ends the window is one sample wide.
+    assert [r[0] for r in taught([4, 1, 1, 1, 4], 0.25, 0.0).smoothed(0.25).rows] == pytest.approx([4, 1, 1, 1, 4])
+    with pytest.raises(UsageError, match="not inf"):
+        taught([0, 1]).smoothed(math.inf)
+
+
+def test_speed_factors() -> None:
+    t = taught([0, 1, 2], 0.25, 0.0)
+    assert t.faster(0.5).times == (0.0, 0.5, 1.0)
+    assert t.faster(0.5).rows == t.rows
+    for factor in (0.0, math.inf, math.nan):
+        with pytest.raises(UsageError, match="speed factor"):
+            t.faster(factor)
+
+
+def test_a_recording_may_last_an_hour() -> None:
+    assert taught([0, 1], 3600.0, 0.0).trajectory().duration == 3600.0
+    with pytest.raises(UsageError, match=r"lasts 3601.* s, and a motion may take 3600 s"):
+        taught([0, 1], 3601.0, 0.0).trajectory()
+
+
+def test_an_approach_takes_the_time_of_its_limits() -> None:
+    here = [HOME["J1"], HOME["J2"]]
+    half = 0.5 * HEX7BOT.joint("J1").max_speed
+    usual = approach(HEX7BOT, ("J1", "J2"), here, [here[0] + 1.0, here[1]])
+    assert usual.duration == pytest.approx(1.0 / half + half / 4.0)
+    slow = approach(HEX7BOT, ("J1", "J2"), here, [here[0] + 1.0, here[1]], speed=0.25, acceleration=1.0)
+    assert slow.duration == pytest.approx(2.0 / half + half / 2.0)
+
+
+def test_a_sample_that_is_no_number_or_not_later_is_left_out() -> None:
+    samples = [(math.inf, (9.0,)), (2.0, (0.0,)), (2.0, (9.0,)), (3.0, (math.inf,)), (3.0, (1.0,))]
+    assert Taught.of(["J1"], samples) == Taught(("J1",), (0.0, 1.0), ((0.0,), (1.0,)))
+    with pytest.raises(UsageError, match="nothing was recorded"):
+        Taught.of(["J1"], [(math.nan, (0.0,))])

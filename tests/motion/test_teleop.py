@@ -295,3 +295,152 @@ def test_the_arm_as_a_whole_stays_out_of_its_gate_and_can_be_led_back() -> None:
     hand.cycle(a1=-1.0)
     assert hand.cycle(a1=-1.0).note == ""
     assert hand.positions["J2"] < there
+
+
+@pytest.mark.parametrize(("axis", "turn"), [("a3", (1, 0, 0)), ("a6", (0, 1, 0)), ("a7", (0, 0, 1))])
+@pytest.mark.parametrize("push", [1.0, -0.56])
+def test_cartesian_jog_turns_about_each_axis(axis: str, turn: tuple[int, int, int], push: float) -> None:
+    model = Puma260Model()
+    hand = puma(JogMode.CARTESIAN, angular=0.2)
+    before = model.forward(model.from_joints(hand.positions))
+    hand.begin()
+    for _ in range(5):
+        assert hand.cycle(**{axis: push}).note == ""
+    after = model.forward(model.from_joints(hand.positions))
+    assert after.position == pytest.approx(before.position, abs=1e-6)
+    about, angle = rotation_between(before.rotation, after.rotation)
+    # 0.56 is half way from the dead zone to the end.
+    share = math.copysign(1.0 if push == 1.0 else 0.5, push)
+    assert angle == pytest.approx(abs(share) * 0.2 * 0.1, abs=1e-6)
+    assert about == pytest.approx([math.copysign(1.0, share) * part for part in turn], abs=1e-4)
+
+
+@pytest.mark.parametrize(("axis", "sign"), [(0, 1), (1, -1), (4, -1), (3, 1), (6, 1), (7, 1)])
+def test_every_axis_moves_its_joint_and_half_deflection_half_as_fast(axis: int, sign: int) -> None:
+    hand = puma()
+    joint = PUMA260.joints[(0, 1, 4, 3, 6, 7).index(axis)]
+    hand.begin()
+    hand.cycle(**{f"a{axis}": 0.56})
+    moved = {name: hand.positions[name] - PUMA_POSE[name] for name in PUMA260.names}
+    expected = dict.fromkeys(PUMA260.names, 0.0) | {joint.name: sign * 0.5 * 0.3 * joint.max_speed * 0.02}
+    assert moved == pytest.approx(expected, abs=1e-12)
+
+
+def test_an_axis_that_is_missing_out_of_range_or_not_assigned_moves_nothing() -> None:
+    rules = Teleop(PUMA260, None, StickMap(axes=(None, 1, -1)))
+    rules.update((0.0, 0.0), 0, 0.0, PUMA_POSE, 0.0)
+    rules.update((0.0, 0.0), DEAD_MAN, 0.0, PUMA_POSE, 0.02)
+    for axes in ((), (1.01, -1.01), (math.nan, math.nan)):
+        assert rules.update(axes, DEAD_MAN, 0.0, PUMA_POSE, 0.04).positions == PUMA_POSE
+    jog = rules.update((1.0, -1.0), DEAD_MAN, 0.0, PUMA_POSE, 0.06)
+    step = {joint.name: 0.3 * joint.max_speed * 0.02 for joint in PUMA260.joints}
+    expected = {**PUMA_POSE, "J2": PUMA_POSE["J2"] - step["J2"], "J3": PUMA_POSE["J3"] - step["J3"]}
+    assert jog.positions == pytest.approx(expected)
+
+
+def test_a_joint_moves_back_from_either_limit_and_not_beyond_it() -> None:
+    for end, axis, sign in (("maximum", "a0", 1.0), ("minimum", "a0", -1.0)):
+        hand = puma(share=1.0)
+        edge = getattr(PUMA260.joints[0], end)
+        hand.positions = HALF | {"J1": edge}
+        hand.begin()
+        assert hand.cycle(**{axis: sign}).note == "J1 at the limit"
+        assert hand.positions["J1"] == edge
+        assert hand.cycle(**{axis: -sign}).note == ""
+        assert (hand.positions["J1"] - edge) * sign < 0
+    two = puma(share=1.0)
+    two.positions = HALF | {joint.name: joint.maximum for joint in PUMA260.joints[:2]}
+    two.begin()
+    assert two.cycle(a0=1.0, a1=-1.0).note == "J1, J2 at the limit"
+
+
+def test_the_gripper_opens_and_closes_between_its_limits() -> None:
+    model, joint = Hex7BotModel(), HEX7BOT.joints[6]
+    home = {each.name: each.offset for each in HEX7BOT.joints}
+    close, open_, both = DEAD_MAN | 1, DEAD_MAN | 2, DEAD_MAN | 3
+    for kinematics in (model, None):
+        hand = Hand(Teleop(HEX7BOT, kinematics, share=0.5), {**home, "J7": joint.maximum - 1e-3})
+        hand.begin()
+        hand.cycle(buttons=close)
+        assert hand.positions["J7"] == joint.maximum
+        hand.cycle(buttons=open_)
+        assert hand.positions["J7"] == pytest.approx(joint.maximum - 0.5 * joint.max_speed * 0.02)
+        before = dict(hand.positions)
+        hand.cycle(buttons=both)
+        assert hand.positions == before
+        hand.positions["J7"] = joint.minimum + 1e-3
+        hand.cycle(buttons=0)
+        hand.begin()
+        hand.cycle(buttons=open_)
+        assert hand.positions["J7"] == joint.minimum
+        assert {name: hand.positions[name] for name in HEX7BOT.names[:6]} == {n: home[n] for n in HEX7BOT.names[:6]}
+
+
+def test_a_tool_whose_joint_lags_stays_on_its_line() -> None:
+    hand = puma(JogMode.CARTESIAN, linear=0.2)
+    hand.begin()
+    hand.follows = False
+    seen = [hand.cycle(a4=1.0) for _ in range(200)]
+    assert seen[0].note == ""
+    assert seen[-1].note == "the arm does not follow"
+    ahead = [abs(seen[-1].positions[name] - PUMA_POSE[name]) for name in PUMA260.names]
+    assert math.radians(5) < max(ahead) <= math.radians(10)
+    model = Puma260Model()
+    first, last = (model.forward(model.from_joints(p)).position for p in (PUMA_POSE, seen[-1].positions))
+    assert last[:2] == pytest.approx(first[:2], abs=1e-6), "the whole step is undone, not one joint's"
+    assert seen[-2].positions == seen[-1].positions
+
+
+def test_a_stall_moves_as_far_as_a_tenth_of_a_second() -> None:
+    for pause, counted in ((0.05, 0.05), (0.1, 0.1), (3.0, 0.1), (-1.0, 0.0)):
+        hand = puma(share=1.0)
+        hand.begin()
+        hand.period = pause
+        hand.cycle(a0=1.0)
+        moved = hand.positions["J1"] - PUMA_POSE["J1"]
+        assert moved == pytest.approx(counted * PUMA260.joints[0].max_speed, abs=1e-12)
+
+
+def test_a_step_that_would_need_a_fast_joint_is_tried_in_halves() -> None:
+    # Near a stretched wrist a turn needs much faster joints than elsewhere.
+    near = PUMA_POSE | {"J5": 0.02}
+    model = Puma260Model()
+    hand = Hand(Teleop(PUMA260, model, mode=JogMode.CARTESIAN, angular=2.0), near)
+    hand.begin()
+    moved, notes = [], []
+    for _ in range(40):
+        before = model.forward(model.from_joints(hand.positions)).rotation
+        was = dict(hand.positions)
+        notes.append(hand.cycle(a3=1.0).note)
+        moved.append(rotation_between(before, model.forward(model.from_joints(hand.positions)).rotation)[1] / 0.04)
+        for joint in PUMA260.joints:
+            assert abs(hand.positions[joint.name] - was[joint.name]) <= 1.5 * joint.max_speed * 0.02 + 1e-12
+    assert {round(share, 3) for share in moved} <= {0.0, 0.25, 0.5, 1.0}
+    assert all(("near a singular pose" in note) == (share < 0.1) for note, share in zip(notes, moved, strict=True))
+
+
+def test_a_lost_channel_says_whether_there_ever_was_one() -> None:
+    hand = puma(stale=0.5)
+    hand.begin()
+    assert hand.cycle(age=0.49).action is Action.MOVE
+    assert hand.cycle(age=0.5).note == "the joystick's channel is silent"
+    assert hand.cycle(age=math.inf).note == "no joystick"
+    # A motion begins where the arm is, however far it was led meanwhile.
+    hand.positions["J1"] = 1.5
+    hand.begin()
+    assert hand.positions["J1"] == 1.5
+
+
+def test_buttons_and_numbers_that_a_map_may_have() -> None:
+    assert StickMap(dead_zone=0.0).dead_zone == 0.0
+    for zone in (-0.1, 1.0, math.nan):
+        with pytest.raises(UsageError, match="a dead zone"):
+            StickMap(dead_zone=zone)
+    assert Teleop(PUMA260, share=1.0).mode is JogMode.JOINT
+    rules = Teleop(PUMA260, None, StickMap(dead_man=0, mode=1))
+    hand = Hand(rules, PUMA_POSE)
+    hand.cycle(buttons=0)
+    assert hand.cycle(buttons=1).action is Action.MOVE
+    hand.cycle(buttons=0)
+    hand.cycle(buttons=2)
+    assert rules.mode is JogMode.JOINT, "without kinematics there is one mode"

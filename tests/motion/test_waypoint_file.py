@@ -99,3 +99,45 @@ def test_what_is_no_trajectory(content: str, error: str) -> None:
 def test_points_that_make_no_trajectory(points: list[Any], error: str) -> None:
     with pytest.raises(UsageError, match=error):
         parse_waypoints(json.dumps({"joint_names": ["J1"], "points": points}), "way.json")
+
+
+def _whole(**changes: Any) -> str:
+    point = {"time_from_start": 0, "positions": [0], "velocities": [0], "accelerations": [0]}
+    return json.dumps({"joint_names": ["J1"], "points": [point | changes]})
+
+
+@pytest.mark.parametrize(("key", "most"), [("positions", 1e4), ("velocities", 1e4), ("accelerations", 1e6)])
+def test_values_have_bounds(key: str, most: float) -> None:
+    for value in (most, -most):
+        point = parse_waypoints(_whole(**{key: [value]}), "way.json").waypoints[0]
+        assert value in (*point.position, *(point.velocity or ()), *(point.acceleration or ()))
+        with pytest.raises(ConfigError, match=rf"points\[0\]\.{key}\[0\]"):
+            parse_waypoints(_whole(**{key: [1.01 * value]}), "way.json")
+
+
+def test_times_have_bounds() -> None:
+    def until(*times: object) -> float:
+        points = [{"time_from_start": t, "positions": [0]} for t in times]
+        return parse_waypoints(json.dumps({"joint_names": ["J1"], "points": points}), "way.json").duration
+
+    assert until(0, 3600) == 3600.0
+    assert until({}, {"secs": 3599, "nsecs": 1e9}) == 3600.0
+    assert until(0, {"nsecs": 500_000_000}) == 0.5
+    with pytest.raises(ConfigError, match=r"^way\.json: lasts 3600\.5 s; a motion may take 3600 s$"):
+        until(0, {"secs": 3600, "nsecs": 500_000_000})
+    for bad in ({"secs": 3601}, {"nsecs": 1e9 + 1}, {"secs": -1}, {"nanosec": -1}):
+        with pytest.raises(ConfigError, match=r"points\[1\]\.time_from_start\.n?"):
+            until(0, bad)
+
+
+def test_names_have_bounds() -> None:
+    def names(*given: str) -> tuple[str, ...]:
+        point = {"time_from_start": 0, "positions": [0] * len(given)}
+        return parse_waypoints(json.dumps({"joint_names": given, "points": [point]}), "way.json").names
+
+    many = tuple(f"J{i}" for i in range(253))
+    assert names(*many) == many
+    assert names("x" * 100, "y") == ("x" * 100, "y")
+    for bad in ((*many, "J253"), ("x" * 101,), ("",)):
+        with pytest.raises(ConfigError, match="joint_names"):
+            names(*bad)

@@ -180,3 +180,96 @@ def test_what_is_left_of_a_trajectory() -> None:
     over = Tail(whole, 3.0)
     assert over.duration == 0.0
     assert over.sample(1.0).position == (1.0,)
+
+
+def test_a_curve_of_two_joints_is_that_of_each() -> None:
+    points = [
+        Waypoint(0.0, (0.0, 1.0), (0.5, 0.0), (0.25, -1.0)),
+        Waypoint(2.0, (1.0, -1.0), (0.0, 0.5), (0.0, 1.0)),
+        Waypoint(3.0, (2.0, 0.0), (1.0, 0.0)),
+        Waypoint(3.5, (0.0, 0.0)),
+    ]
+    both = Spline(("a", "b"), points)
+    for i in range(2):
+        single = [
+            Waypoint(
+                p.time,
+                (p.position[i],),
+                None if p.velocity is None else (p.velocity[i],),
+                None if p.acceleration is None else (p.acceleration[i],),
+            )
+            for p in points
+        ]
+        one = Spline(("a",), single)
+        for k in range(29):
+            t = 0.125 * k
+            assert [column[i] for column in both.at(t)] == [column[0] for column in one.at(t)]
+    for t in (0.3, 1.9, 2.1, 2.9):
+        derivatives_agree(both, t, 1e-3)
+    assert both.at(3.25) == Sample((1.0, 0.0), (-4.0, 0.0), (0.0, 0.0))
+
+
+def test_a_pose_keeps_the_values_it_is_given() -> None:
+    assert Spline(("a",), [Waypoint(0.0, (0.7,), (0.5,), (0.25,))]).at(0.0) == Sample((0.7,), (0.5,), (0.25,))
+    assert Spline(("a",), [Waypoint(0.0, (0.7,))]).at(0.0) == Sample((0.7,), (0.0,), (0.0,))
+
+
+@pytest.mark.parametrize("rest", [None, (0.0,)])
+def test_a_segment_too_short_for_a_curve_is_a_straight_line(rest: tuple[float] | None) -> None:
+    spline = Spline(
+        ("a",), [Waypoint(0.0, (1.0,), rest), Waypoint(5e-10, (3.0,), rest), Waypoint(1.0, (3.0,), rest)]
+    )
+    position, velocity, acceleration = spline.at(2.5e-10)
+    assert position == pytest.approx((2.0,))
+    assert velocity == pytest.approx((2.0 / 5e-10,))
+    assert acceleration == (0.0,)
+    assert spline.at(5e-10).position == (3.0,)
+
+
+def test_a_motion_has_at_most_ten_million_samples() -> None:
+    spline = Spline(("a",), [Waypoint(0.0, (0.0,)), Waypoint(1.0, (1.0,))])
+    assert next(spline.samples(1e-7))[0] == 0.0
+    with pytest.raises(UsageError, match="too many samples"):
+        next(spline.samples(0.99e-7))
+    for period in (-1.0, math.inf, math.nan):
+        with pytest.raises(UsageError, match="period must be"):
+            next(spline.samples(period))
+    assert [t for t, _ in spline.samples(1.0)] == [0.0, 1.0]
+    assert [t for t, _ in spline.samples(0.5)] == [0.0, 0.5, 1.0]
+    assert [t for t, _ in spline.samples(5.0)] == [0.0, 1.0]
+
+
+def test_a_slow_motion_may_last_an_hour() -> None:
+    line = Spline(("a",), [Waypoint(0.0, (0.0,)), Waypoint(3600.0, (1.0,))])
+    assert Scaled(line, 1.0).duration == 3600.0
+    with pytest.raises(UsageError, match="is too long for a motion"):
+        Scaled(line, 0.999)
+    for speed in (-1.0, math.inf, math.nan):
+        with pytest.raises(UsageError, match="speed factor"):
+            Scaled(line, speed)
+    slow = Scaled(PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0)), 0.5)
+    assert slow.duration == 4.0
+    derivatives_agree(slow, 1.3)
+    assert slow.at(5.0).position == (1.0,)
+
+
+def test_a_tail_may_be_cut() -> None:
+    whole = Spline(("a",), [Waypoint(0, (0.0,)), Waypoint(2, (1.0,))])
+    assert Tail(whole, 0.5, 1.0).duration == 1.0
+    assert Tail(whole, 0.5, 9.0).duration == 1.5
+    assert Tail(whole, 0.5, 1.0).goal == (0.75,)
+
+
+def test_a_blend_ends_with_its_time_and_then_is_the_new_trajectory() -> None:
+    old = PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0))
+    new = PointToPoint(("a",), Quintic((0.5,), (-1.0,), 3.0))
+    blend = Blend(old, 1.0, new, 0.5)
+    for t in (0.5, 0.75, 2.0, 3.0):
+        assert blend.at(t) == new.at(t)
+    here, there = old.sample(1.0), new.sample(0.5)
+    curve = Spline(("a",), [Waypoint(0.0, *here), Waypoint(0.5, *there)])
+    for t in (0.0, 0.25, 0.49):
+        assert blend.at(t) == curve.at(t)
+    # Longer than the new one: it lasts as long as that.
+    whole = Blend(old, 1.0, new, 9.0)
+    assert whole.at(2.9) == Spline(("a",), [Waypoint(0.0, *here), Waypoint(3.0, *new.sample(3.0))]).at(2.9)

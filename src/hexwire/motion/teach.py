@@ -86,9 +86,8 @@ class Taught:
 
         first = next((i for i, row in enumerate(rows) if moved(row, rows[0])), 0)
         last = next((i for i in range(len(rows) - 1, -1, -1) if moved(rows[i], rows[-1])), len(rows) - 1)
-        if first > last:
-            return self
-        low, high = max(0, first - 1), min(len(rows), last + 2)
+        # A step between two samples, or a creep, differs from both ends only behind where it has left the first.
+        low, high = max(0, min(first - 1, last)), min(len(rows), max(first + 1, last + 2))
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), rows[low:high])
 
     def faster(self, speed: float) -> Taught:
