@@ -27,6 +27,11 @@ def way(start: float, goal: float, seconds: float = 2.0) -> Spline:
     return rest_to_rest(("J1",), (start,), (goal,), seconds)
 
 
+def rest_at(angle: float, seconds: float) -> Spline:
+    """A trajectory that stays where it starts."""
+    return Spline(("J1",), [Waypoint(t, (angle,)) for t in sorted({0.0, seconds})])
+
+
 def sent(follower: Follower, now: float, **positions: float) -> float:
     order = follower.cycle(state(positions), now, LEAD)
     assert isinstance(order, JointTarget)
@@ -356,11 +361,11 @@ def test_a_start_may_be_as_far_away_as_a_blend_can_close(seconds: float, blend: 
         follower.observe(state())
         there = J1 + share * gap
         if abs(share) < 1:
-            follower.follow(way(there, there, seconds), 0.0)
+            follower.follow(rest_at(there, seconds), 0.0)
             assert follower.mode is Mode.TRAJECTORY
         else:
             with pytest.raises(LimitError, match="move there first"):
-                follower.follow(way(there, there, seconds), 0.0)
+                follower.follow(rest_at(there, seconds), 0.0)
 
 
 def test_what_remains_of_a_trajectory() -> None:
@@ -382,9 +387,9 @@ def test_a_short_takeover_lasts_as_long_as_its_trajectory() -> None:
     follower = started()
     follower.follow(way(J1, J1 + 0.2), 0.0)
     here = follower.desired(("J1",), 0.0).position[0]
-    looked = list(follower.takeover(way(here, here, 0.1), 0.0))
+    looked = list(follower.takeover(rest_at(here, 0.1), 0.0))
     assert [t for t, _ in looked] == pytest.approx([0.01 * i for i in range(11)])
-    assert [t for t, _ in follower.takeover(way(here, here, 0.0), 0.0)] == [0.0, 0.0]
+    assert [t for t, _ in follower.takeover(rest_at(here, 0.0), 0.0)] == [0.0, 0.0]
 
 
 def test_a_loop_that_is_late_by_a_lead_catches_up_and_beyond_it_slips() -> None:

@@ -89,7 +89,9 @@ def test_past_a_singularity_is_refused() -> None:
     start = tuple(math.radians(d) for d in (90, 90, 90, 90, 89, 90))
     here = A.forward(start)
     over = A.forward(tuple(math.radians(d) for d in (91, 90, 90, 90, 91, 90))).rotation
-    with pytest.raises(LimitError, match=r"singularity|deg"):
+    with pytest.raises(
+        LimitError, match=r"at \d+% of the line: t[35] would have to turn \d+.* deg at once; .*singularity"
+    ):
         Line(A, start, Pose(here.position, over))
 
 

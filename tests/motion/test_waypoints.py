@@ -247,7 +247,7 @@ def test_a_slow_motion_may_last_an_hour() -> None:
     for speed in (-1.0, math.inf, math.nan):
         with pytest.raises(UsageError, match="speed factor"):
             Scaled(line, speed)
-    slow = Scaled(PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0)), 0.5)
+    slow = Scaled(rest_to_rest(("a",), (0.0,), (1.0,), 2.0), 0.5)
     assert slow.duration == 4.0
     derivatives_agree(slow, 1.3)
     assert slow.at(5.0).position == (1.0,)
@@ -261,8 +261,8 @@ def test_a_tail_may_be_cut() -> None:
 
 
 def test_a_blend_ends_with_its_time_and_then_is_the_new_trajectory() -> None:
-    old = PointToPoint(("a",), Quintic((0.0,), (1.0,), 2.0))
-    new = PointToPoint(("a",), Quintic((0.5,), (-1.0,), 3.0))
+    old = rest_to_rest(("a",), (0.0,), (1.0,), 2.0)
+    new = rest_to_rest(("a",), (0.5,), (-1.0,), 3.0)
     blend = Blend(old, 1.0, new, 0.5)
     for t in (0.5, 0.75, 2.0, 3.0):
         assert blend.at(t) == new.at(t)

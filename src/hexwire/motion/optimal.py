@@ -169,5 +169,5 @@ def _check(names: Sequence[str], *columns: Sequence[float]) -> None:
             raise UsageError(f"{len(column)} values for {len(names)} joints")
         if not all(map(math.isfinite, column)):
             raise UsageError("a value is not a number")
-    if not names or min(*columns[2], *columns[3], math.inf) <= 0:
+    if not names or min(*columns[2], *columns[3]) <= 0:
         raise UsageError("limits of speed and acceleration must be above 0")

@@ -117,9 +117,6 @@ class Taught:
                 1.0 + math.cos(math.pi * (s - t) / reach) if reach > 0 else 1.0 for s in self.times[low:high]
             ]
             total = sum(weights)
-            if total <= 0:
-                out.append(self.rows[self.times.index(t)])
-                continue
             columns = zip(*self.rows[low:high], strict=True)
             out.append(
                 tuple(sum(w * v for w, v in zip(weights, column, strict=True)) / total for column in columns)
