@@ -8,7 +8,7 @@ import tty
 from pathlib import Path
 
 from hexwire.errors import LinkLostError
-from hexwire.link.base import LinkKind
+from hexwire.link.base import Link, LinkKind
 from hexwire.link.poll_link import PollLink
 
 
@@ -54,3 +54,41 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+class Recorder(Link):
+    """A link that writes down how it is called."""
+
+    kind = LinkKind.STREAM
+    url = "recorder://"
+
+    def __init__(self) -> None:
+        self.calls: list[object] = []
+        self.answer = b""
+
+    @property
+    def is_open(self) -> bool:
+        return True
+
+    def open(self) -> None:
+        self.calls.append("open")
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+    def read(self, deadline: float | None) -> bytes:
+        self.calls.append(("read", deadline))
+        return self.answer
+
+    def write(self, data: bytes, deadline: float | None = None) -> None:
+        self.calls.append(("write", data, deadline))
+
+    def flush_input(self) -> int:
+        self.calls.append("flush")
+        return 7
+
+    def wake(self) -> None:
+        self.calls.append("wake")
+
+    def confirm(self) -> None:
+        self.calls.append("confirm")

@@ -124,3 +124,27 @@ def test_what_to_do_about_permission(
     assert found.level is Level.BAD
     assert advice in found.advice
     assert "-aG root" not in found.advice
+
+
+@pytest.mark.parametrize(
+    ("baud", "divisor", "level"),
+    [
+        (9600, 208, Level.OK),
+        (57600, 35, Level.OK),
+        (115200, 17, Level.HINT),
+        (230400, 9, Level.HINT),
+        (250000, 8, Level.OK),
+        (460800, 4, Level.BAD),
+        (1000000, 2, Level.OK),
+        (2000000, 1, Level.OK),
+        (8000000, 1, Level.BAD),
+    ],
+)
+def test_how_far_a_board_is_off_a_rate(baud: int, divisor: int, level: Level) -> None:
+    error = 16e6 / 8 / divisor / baud - 1
+    assert avr_baud_error(baud) == pytest.approx(error)
+    finding = diagnose_baud(baud)
+    assert (finding.level, finding.about) == (level, "baud rate")
+    assert f"{error:+.1%}" in finding.text
+    assert bool(finding.advice) is (level is not Level.OK)
+    assert avr_baud_error(baud, 8_000_000) == pytest.approx(1e6 / max(1, round(1e6 / baud)) / baud - 1)

@@ -355,3 +355,138 @@ def test_the_rates_are_kept() -> None:
     ):
         assert 120 < value < 280
     assert counts.split == 0
+
+
+# --- what a fault does, over many seeds -----------------------------------------------------------------------
+
+
+def fates(impairment: Impairment, kind: LinkKind, data: bytes, seeds: int = 400) -> list[list[bytes]]:
+    """What comes of one unit, for many seeds."""
+    found = []
+    for seed in range(seeds):
+        lane = Lane(impairment, kind, str(seed))
+        lane.put(data, 0.0)
+        found.append(everything(lane))
+    return found
+
+
+def test_a_run_is_one_to_sixteen_bytes_anywhere() -> None:
+    data = bytes(range(40))
+    lost = {
+        tuple(sorted(set(data) - set(b"".join(out)))) for out in fates(Impairment(drop=1.0), STREAM, data, 2000)
+    }
+    assert all(run == tuple(range(run[0], run[-1] + 1)) for run in lost)
+    assert {len(run) for run in lost} == set(range(1, 17))
+    assert {run[0] for run in lost} >= {0, 24, 39}
+    assert {run[-1] for run in lost} >= {0, 15, 39}
+    # A short unit may be lost whole, and never more than that.
+    assert {len(b"".join(out)) for out in fates(Impairment(drop=1.0), STREAM, b"abc")} == {0, 1, 2}
+
+
+def test_a_repeat_is_one_to_sixteen_bytes_anywhere() -> None:
+    data = bytes(range(40))
+    outs = {b"".join(out) for out in fates(Impairment(duplicate=1.0), STREAM, data, 2000)}
+    runs = {(start, length) for start in range(40) for length in range(1, 17) if start + length <= 40}
+    twice = {data[: start + length] + data[start:] for start, length in runs}
+    assert outs <= twice
+    assert {len(out) - 40 for out in outs} == set(range(1, 17))
+
+
+def test_a_flip_may_be_any_bit_of_any_byte() -> None:
+    flipped = {b"".join(out) for out in fates(Impairment(flip=1.0), STREAM, bytes(3))}
+    assert flipped == {(1 << bit).to_bytes(3, "big") for bit in range(24)}
+
+
+def test_a_split_gives_two_to_four_pieces_none_of_them_empty() -> None:
+    outs = fates(Impairment(split=1.0), STREAM, bytes(range(10)))
+    assert {len(out) for out in outs} == {2, 3, 4}
+    assert all(piece for out in outs for piece in out)
+    assert {len(out[0]) for out in outs} >= {1, 9}
+    assert {len(out) for out in fates(Impairment(split=1.0), STREAM, b"ab")} == {2}
+    assert {len(out) for out in fates(Impairment(split=1.0), STREAM, b"abc")} == {2, 3}
+
+
+@pytest.mark.parametrize("name", ["split", "drop", "flip", "duplicate", "reorder", "delay", "freeze"])
+def test_how_often_a_fault_happens(name: str) -> None:
+    counter = {
+        "drop": "dropped", "flip": "flipped", "duplicate": "duplicated", "reorder": "reordered", "delay": "delayed",
+        "freeze": "frozen",
+    }.get(name, name)  # fmt: skip
+    for probability, low, high in ((0.0, 0, 0), (0.25, 200, 300), (1.0, 1000, 1000)):
+        count = 0
+        for seed in range(1000):
+            lane = Lane(Impairment(**{name: probability}), STREAM, str(seed))
+            lane.put(b"a unit", 0.0)
+            count += getattr(lane.counters, counter)
+            assert lane.counters.units == 1
+        assert low <= count <= high
+
+
+def test_a_delay_is_anything_up_to_the_longest() -> None:
+    times = []
+    for seed in range(300):
+        lane = Lane(Impairment(delay=1.0, delay_time=0.5), STREAM, str(seed))
+        lane.put(b"x", 10.0)
+        times.append(lane.next_time() or 0.0)
+    assert 10.0 <= min(times) < 10.05
+    assert 10.45 < max(times) <= 10.5
+
+
+def test_a_fault_of_one_kind_leaves_the_others_where_they_were() -> None:
+    """As many random numbers are drawn for a unit, whatever becomes of it."""
+    plain, also = Lane(Impairment(flip=0.5), STREAM, "x"), Lane(Impairment(flip=0.5, delay=0.7), STREAM, "x")
+    for i in range(50):
+        for lane in (plain, also):
+            lane.put(b"unit", float(i))
+        assert plain.counters.flipped == also.counters.flipped
+    assert also.counters.delayed > 20
+
+
+def test_a_freeze_holds_everything_and_is_not_shortened() -> None:
+    lane = Lane(Impairment(freeze=1.0, freeze_time=2.0), STREAM, "x")
+    lane.put(b"a", 1.0)
+    assert lane.next_time() == 3.0
+    assert lane.take(2.999) == b""
+    lane.put(b"b", 2.5)
+    assert lane.next_time() == 4.5
+    assert lane.take(4.499) == b""
+    assert [lane.take(4.5), lane.take(4.5), lane.take(4.5)] == [b"a", b"b", b""]
+
+
+def test_what_is_cleared_is_counted_in_bytes_and_forgotten() -> None:
+    lane = Lane(Impairment(reorder=0.0, delay=1.0, delay_time=5.0), STREAM, "x")
+    lane.put(b"abc", 0.0)
+    lane.put(b"de", 0.0)
+    assert lane.clear() == 5
+    assert lane.next_time() is None
+    assert lane.clear() == 0
+    held = Lane(Impairment(reorder=1.0, freeze=1.0, freeze_time=9.0), STREAM, "x")
+    held.put(b"abcd", 0.0)
+    assert held.clear() == 4
+    assert held.next_time() is None
+    held._impairment = NOTHING
+    held.put(b"x", 1.0)
+    assert held.take(1.0) == b"x", "it is frozen no more"
+
+
+def test_a_lane_holds_back_ten_thousand_pieces() -> None:
+    lane = Lane(NOTHING, DATAGRAM, "x")
+    for _ in range(10_001):
+        lane.put(b"x", 0.0)
+    assert lane.counters.overflowed == 1
+    assert len(everything(lane)) == 10_000
+
+
+@pytest.mark.parametrize("name", ["split", "drop", "flip", "duplicate", "reorder", "delay", "freeze"])
+def test_probabilities_and_times_at_their_bounds(name: str) -> None:
+    for value in (0.0, 1.0):
+        assert getattr(Impairment(**{name: value}), name) == value
+    for value in (-0.001, 1.001, float("nan")):
+        with pytest.raises(UsageError, match=name):
+            Impairment(**{name: value})
+    assert getattr(Impairment.all_of(0.25), name) == 0.25
+    assert (Impairment.all_of(0.25).delay_time, Impairment.all_of(0.25).freeze_time) == (0.02, 0.5)
+    for time in ("delay_time", "freeze_time"):
+        assert getattr(Impairment(**{time: 3600.0}), time) == 3600.0
+        with pytest.raises(UsageError, match=time):
+            Impairment(**{time: 3600.1})

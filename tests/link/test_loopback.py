@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.link.loopback import LoopbackResult, loopback_patterns, try_loopback
 
@@ -71,3 +73,43 @@ def test_without_a_plug_it_ends_soon_and_says_so() -> None:
     result = run(Plug(lambda data: b""))
     assert (result.sent, result.returned) == (64, 0)
     assert "TX wired to RX" in result.verdict
+
+
+def test_the_patterns_themselves() -> None:
+    fixed = bytes(range(256)) + b"\x55\xaa" * 32 + b"\x00\xff" * 32
+    for count in (1, 63, 64, 65, 256, 383, 384, 385, 1000):
+        chunks = list(loopback_patterns(count))
+        data = b"".join(chunks)
+        assert len(data) == count
+        assert data[:384] == fixed[:count]
+        assert [len(chunk) for chunk in chunks[:-1]] == [64] * (len(chunks) - 1)
+        assert 1 <= len(chunks[-1]) <= 64
+    assert list(loopback_patterns(0)) == []
+    assert b"".join(loopback_patterns(1000, 1))[384:] != b"".join(loopback_patterns(1000, 2))[384:]
+    assert b"".join(loopback_patterns(1000)) == b"".join(loopback_patterns(1000, 0))
+
+
+@pytest.mark.parametrize(
+    ("returned", "wrong", "bits", "good", "words"),
+    [
+        (100, 0, 0, True, "good"),
+        (0, 0, 0, False, "nothing came back"),
+        (101, 0, 0, False, "1 bytes too many"),
+        (99, 0, 0, False, "1 bytes lost: a long"),
+        (100, 1, 3, False, "1 bytes wrong (3 bits): a long"),
+        (98, 1, 3, False, "2 bytes lost, 1 bytes wrong (3 bits): a long"),
+    ],
+)
+def test_the_verdict(returned: int, wrong: int, bits: int, good: bool, words: str) -> None:
+    result = LoopbackResult(115200, 100, returned, wrong, bits, 0.1)
+    assert (result.lost, result.good) == (100 - returned, good)
+    assert result.verdict.startswith(words)
+
+
+def test_bytes_and_bits_that_differ_are_counted_and_progress_is_told() -> None:
+    clock, told = FakeClock(), list[int]()
+    with BoardLink(Plug(lambda data: data[:-1] + bytes([data[-1] ^ 0b101])), clock, baud=115200) as link:
+        result = try_loopback(link, 115200, 150, clock, told.append)
+    assert told == [64, 128, 150]
+    assert (result.baud, result.sent, result.returned) == (115200, 150, 150)
+    assert (result.wrong_bits / result.wrong, result.lost) == (2, 0)

@@ -76,3 +76,47 @@ def test_the_commander_is_never_pushed_out(steps: list[tuple[int, str, float]]) 
         assert len(seats) <= 5
         if admitted and what:
             seats.heard(key, now)
+
+
+def test_a_server_has_64_places_32_of_them_for_one_host_and_waits_a_minute() -> None:
+    seats: Seats[int] = Seats()
+    assert (seats.most, seats.per_host, seats.idle, seats.turned_away, len(seats)) == (64, 32, 60.0, 0, 0)
+
+
+def test_places_are_full_at_their_number() -> None:
+    seats: Seats[int] = Seats(3, per_host=2)
+    for key, host in enumerate("aab"):
+        assert seats.admit(key, host, float(key)) == (True, None)
+        seats.heard(key, float(key))
+    assert seats.admit(3, "a", 10.0) == (False, None)
+    assert seats.admit(4, "c", 10.0) == (False, None)
+    assert (seats.turned_away, len(seats)) == (2, 3)
+    # The one silent longest goes: of its own host where that is full, of all where the server is.
+    assert seats.admit(5, "a", 70.0) == (True, 0)
+    seats.heard(5, 70.0)
+    assert seats.admit(6, "c", 70.0) == (True, 1)
+
+
+def test_the_longest_silent_goes_not_the_one_that_came_first() -> None:
+    seats: Seats[str] = Seats(3, per_host=3, idle=1.0)
+    for key in "xyz":
+        seats.admit(key, "a", 0.0)
+    for when, key in enumerate("zxy"):
+        seats.heard(key, float(when))
+    assert seats.admit("n", "b", 3.5) == (True, "z")
+
+
+def test_who_commands_no_more_is_no_commander() -> None:
+    seats: Seats[str] = Seats(2, per_host=2, idle=1.0)
+    seats.admit("a", "host a", 0.0)
+    seats.heard("a", 0.0, commanded=True)
+    seats.admit("b", "host b", 0.0)
+    seats.heard("b", 0.5, commanded=True)
+    seats.heard("a", 0.6)
+    # To have been heard is not to command: b commanded last.
+    assert seats.admit("c", "host c", 10.0) == (True, "a")
+    seats.heard("c", 10.0)
+    seats.leave("b")
+    seats.admit("d", "host d", 10.0)
+    seats.heard("d", 10.0)
+    assert seats.admit("e", "host e", 20.0) == (True, "c")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import pytest
+from far_ends import Recorder
 
 from hexwire.errors import LinkClosedError
 from hexwire.link.base import Link
@@ -91,3 +93,66 @@ def test_what_only_some_links_have_is_still_there() -> None:
     assert tap.baud == 57600
     assert tap.set_baud == link.set_baud  # type: ignore[attr-defined]  # a serial port has it
     assert not hasattr(TapLink(memory_pair()[0], lambda _: None), "set_baud")
+
+
+def test_every_call_is_passed_on_as_it_is() -> None:
+    link, seen = Recorder(), list[Passed]()
+    tap = TapLink(link, seen.append, lambda: 42.0)
+    tap.open()
+    tap.write(b"w", 1.5)
+    tap.write(b"v")
+    assert tap.read(2.5) == b""
+    link.answer = b"r"
+    assert tap.read(None) == b"r"
+    assert tap.flush_input() == 7
+    tap.wake()
+    tap.confirm()
+    tap.close()
+    assert link.calls == [
+        "open", ("write", b"w", 1.5), ("write", b"v", None), ("read", 2.5), ("read", None), "flush", "wake",
+        "confirm", "close",
+    ]  # fmt: skip
+    assert seen == [
+        Passed(Direction.SENT, b"w", 42.0, link.url),
+        Passed(Direction.SENT, b"v", 42.0, link.url),
+        Passed(Direction.RECEIVED, b"r", 42.0, link.url),
+    ]
+
+
+def test_the_clock_is_the_links_own_if_it_has_one() -> None:
+    link = Recorder()
+    assert TapLink(link, lambda _: None).clock is time.monotonic
+    link.clock = lambda: 5.0  # type: ignore[attr-defined]  # as links in simulated time have one
+    assert TapLink(link, lambda _: None).clock() == 5.0
+    assert TapLink(link, lambda _: None, lambda: 6.0).clock() == 6.0
+
+
+def test_wrappers_in_wrappers_are_applied_from_the_outside_in() -> None:
+    names: list[str] = []
+
+    def named(name: str) -> Callable[[Link], Link]:
+        return lambda link: names.append(name) or TapLink(link, lambda _: None)  # type: ignore[func-returns-value]
+
+    link = Recorder()
+    with wrap_new_links(named("outer")):
+        with wrap_new_links(named("inner")):
+            wrapped = tapped(link)
+        assert names == ["outer", "inner"]
+        assert isinstance(wrapped, TapLink)
+        assert isinstance(wrapped.link, TapLink)
+        assert wrapped.link.link is link
+        tapped(link)
+    assert names == ["outer", "inner", "outer"]
+    assert tapped(link) is link
+
+
+def test_the_first_failure_is_kept_without_what_it_held() -> None:
+    missed = Missed()
+    for text in ("first", "second"):
+        try:
+            raise ValueError(text)
+        except ValueError as error:
+            missed.add(error)
+    assert (missed.count, str(missed.first)) == (2, "first")
+    assert missed.first is not None
+    assert missed.first.__traceback__ is None

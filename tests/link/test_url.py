@@ -142,3 +142,54 @@ def test_any_text_is_an_address_or_a_usage_error(text: str) -> None:
 def test_loopback() -> None:
     assert [is_loopback(host) for host in ("localhost", "127.0.0.1", "127.9.9.9", "::1")] == [True] * 4
     assert [is_loopback(host) for host in ("0.0.0.0", "10.0.0.1", "arm", "::")] == [False] * 4
+
+
+def test_where_each_part_ends() -> None:
+    assert parse_url("serial:///dev/x?y=1") == LinkUrl("serial:///dev/x?y=1", "serial", "", "/dev/x", {"y": "1"})
+    assert parse_url("tcp://h:1/p/q") == LinkUrl("tcp://h:1/p/q", "tcp", "h:1", "/p/q")
+    assert parse_url("/dev/ttyUSB0") == LinkUrl("/dev/ttyUSB0", "serial", "", "/dev/ttyUSB0")
+    assert parse_url("x://a!b?k=a=b%3F").query == {"k": "a=b?"}
+    assert parse_url("tcp://a:1?x=1&y=2&z=3").query == {"x": "1", "y": "2", "z": "3"}
+
+
+@pytest.mark.parametrize(
+    "scheme", ["serial", "tcp", "tcps", "udp", "mq", "tcp-listen", "tcps-listen", "udp-listen"]
+)
+def test_a_scheme_without_slashes_is_no_device(scheme: str) -> None:
+    with pytest.raises(UsageError, match="write '//' after the first colon"):
+        parse_url(f"{scheme}:x")
+    assert parse_url(f"x{scheme}:x").path == f"x{scheme}:x"
+
+
+@pytest.mark.parametrize("char", ["\x00", "\x1f", " ", "\t"])
+def test_no_blank_is_taken_anywhere(char: str) -> None:
+    for text in (f"tcp://a{char}b:1", f"{char}tcp://a:1", f"tcp://a:1{char}"):
+        with pytest.raises(UsageError, match="empty or contains blanks"):
+            parse_url(text)
+
+
+def test_options_at_their_bounds() -> None:
+    def url(text: str) -> LinkUrl:
+        return LinkUrl("u", "x", "", "", {"n": text})
+
+    assert [url(text).integer("n", 1, 3, 10) for text in ("3", "10", "000000000005")] == [3, 10, 5]
+    for text in ("2", "11", "0000000000005", ""):
+        with pytest.raises(UsageError, match="n must be an integer from 3 to 10"):
+            url(text).integer("n", 1, 3, 10)
+    assert url("1e-9").seconds("n", 1.0) == 1e-9
+    assert [url(text).yes_no("n", False) for text in ("1", "yes", "TRUE", "On")] == [True] * 4
+    assert [url(text).yes_no("n", True) for text in ("0", "NO", "false", "Off")] == [False] * 4
+    with pytest.raises(UsageError, match="n must be 1 or 0, not '2'"):
+        url("2").yes_no("n", True)
+    with pytest.raises(UsageError, match="n must be one of a, b"):
+        LinkUrl("u", "x", "", "").choice("n", "c", ("a", "b"))
+
+
+def test_a_port_that_may_be_left_out_is_still_read() -> None:
+    assert split_host_port("host:7", "x", port_needed=False) == ("host", 7)
+    assert split_host_port("[::1]:7", "x", port_needed=False) == ("::1", 7)
+    assert split_host_port("host:", "x", port_needed=False) == ("host", 0)
+    assert split_host_port("host:00000", "x") == ("host", 0)
+    for netloc in ("host:000000", "[]:5", "[::1]:", "[::1]", "[::1]x"):
+        with pytest.raises(UsageError):
+            split_host_port(netloc, "x")
