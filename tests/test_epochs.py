@@ -16,7 +16,7 @@ def test_a_stop_voids_what_was_called_before_it_and_nothing_else() -> None:
     epochs.check(before, "a move")
     with epochs.stopping():
         assert not epochs.holds(before)
-    with pytest.raises(StoppedError, match=r"a move was not sent: a stop came after it was called"):
+    with pytest.raises(StoppedError, match=r"a move was not sent: a stop came after the call"):
         epochs.check(before, "a move")
     # The arm is stopped now, which its board tells; this side lets it be asked.
     after = epochs.token("a move")

@@ -1,11 +1,11 @@
-"""What a stop voids: every call that was made before it and has not been sent yet.
+"""Epochs: a stop cancels every call that was made before it and has not been sent yet.
 
-Owns the epochs of one arm, and which call a thread is in. Must not know links, frames or what a call does. Every
-stop begins an epoch, at the moment it is called. A call belongs to the epoch it was made in, however long it waits
-for the line, for a reconnection or for what it must read first, and however many requests it is made of.
+Owns the epochs of one arm, and the call that each thread executes. Must not know links, frames or what a call does.
+Every stop begins an epoch at the moment it is called. A call belongs to the epoch in which it was made, however
+long it waits for the line, for a reconnection or for a read, and however many requests it sends.
 
-Nothing here locks: a signal handler may stop the arm in the middle of any line of this file. An epoch is an object
-of its own, and every change is one assignment.
+Nothing here locks, because a signal handler may stop the arm at any line of this file. An epoch is a unique object,
+and every change is a single assignment.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ __all__ = ["Epochs", "Token"]
 _A_MOMENT, _LONGEST = 0.001, 1000
 _STOPPED = 5
 """Status `stopped` of PROTOCOL.md section 6.2."""
-_CAME = "a stop came after it was called; `resume()` first, then call it again"
-_UNDER_WAY = "the arm is being stopped; `resume()` first, when that is done"
-_UNCONFIRMED = "a stop was not confirmed; see to the arm, then `resume()`"
+_CAME = "a stop came after the call; `resume()` first, then call it again"
+_UNDER_WAY = "the arm is being stopped; when that is done, `resume()` first"
+_UNCONFIRMED = "a stop was not confirmed; check the arm, then `resume()`"
 _RESUMED = "it was called while the arm was stopped; call it again"
 
 
 class Token(NamedTuple):
-    """When a call was made.
+    """The time of a call, relative to stops.
 
     Attributes:
-        epoch: The stop before it.
-        stopped: That stop was not ended then, as far as this side knows.
-        urgent: It is the stop itself.
+        epoch: The last stop before the call.
+        stopped: That stop still held at the call, as far as the host knows.
+        urgent: The call is the stop itself.
     """
 
     epoch: object
@@ -48,7 +48,7 @@ class _Local(threading.local):
 
 
 class Epochs:
-    """The stops of one arm, however many sessions, buses and drivers lead to it."""
+    """The stops of one arm, shared by all its sessions, buses and drivers."""
 
     def __init__(self) -> None:
         self._current: object = object()
@@ -61,46 +61,46 @@ class Epochs:
 
     @property
     def stopped(self) -> bool:
-        """Stopped from this side, and not resumed. Where no board latches a stop, this is all there is."""
+        """Whether the host stopped the arm and has not resumed it; the only latch if no board latches a stop."""
         return self._ended is not self._current
 
     @property
     def failed(self) -> bool:
-        """The last stop was not confirmed; only `resume` and torque off are allowed until `resume`."""
+        """Whether the last stop is unconfirmed; then only `resume` and torque off are allowed until `resume`."""
         return self.stopped and self._failed is self._current
 
     @property
     def stopped_by_this_thread(self) -> bool:
-        """The last stop was called in this thread: perhaps by a signal handler in the middle of something."""
+        """Whether this thread called the last stop, perhaps in a signal handler that interrupted a call."""
         return self._stopper == threading.get_ident()
 
     def on_stop(self, wake: Callable[[], None]) -> None:
-        """Have something woken when a stop begins, that it may look up."""
+        """Register a function that is called when a stop begins, to wake a waiting thread."""
         self._wakes.append(wake)
 
     def let_through(self) -> None:
-        """Wait while another thread stops the arm: who asks all the time must not keep the line from it."""
+        """Wait while another thread stops the arm, so that continuous reads do not keep the line busy."""
         for _ in range(_LONGEST):
             if not self._under_way or self.stopped_by_this_thread:
                 return
             time.sleep(_A_MOMENT)
 
     def forget(self) -> None:
-        """Nothing is known of any stop: the arm is met anew."""
+        """Forget all stops; for a newly attached arm."""
         self._ended, self._failed = self._current, None
 
     def assume_stopped(self) -> None:
-        """A stop of another program holds."""
+        """Assume that a stop of another program holds."""
         self._current = object()
 
     # -- calls ----------------------------------------------------------------------------------------
 
     def token(self, what: str, *, freeing: bool = False) -> Token:
-        """The token of the call that this thread is in; of one that begins now if it is in none.
+        """Return the token of the call that this thread executes, or of a new call if there is none.
 
         Args:
-            what: The call, for people.
-            freeing: It ends a stop or takes torque away, which may be done after a stop that was not confirmed.
+            what: Name of the call, for error texts.
+            freeing: The call ends a stop or switches torque off, which is allowed after an unconfirmed stop.
 
         Raises:
             StoppedError: A stop is under way, or was not confirmed.
@@ -117,31 +117,31 @@ class Epochs:
         return Token(current, stopped)
 
     def mark(self) -> Token:
-        """The present: what is planned now is void after the next stop, whether the arm is stopped now or not."""
+        """Return a token of the present: the next stop cancels it, even if the arm is stopped now."""
         return Token(self._current, False)
 
     @property
     def of_this_call(self) -> Token | None:
-        """The token of the call that this thread is in, if it is in one."""
+        """Token of the call that this thread executes; None outside calls."""
         return self._local.token
 
     def holds(self, token: Token) -> bool:
-        """Whether what was called then may still be sent."""
+        """Whether requests of that call may still be sent."""
         if token.urgent:
             return True
         return token.epoch is self._current and not (token.stopped and self._ended is token.epoch)
 
     def check(self, token: Token, what: str) -> None:
-        """Refuse what was called before a stop; right before its bytes leave, with the line in hand.
+        """Refuse a call made before a stop; call this while holding the line, right before the bytes leave.
 
         Raises:
-            StoppedError: A stop came since.
+            StoppedError: The arm was stopped after the call.
         """
         if not self.holds(token):
             raise StoppedError.unsent(what, _STOPPED, _CAME if token.epoch is not self._current else _RESUMED)
 
     def calling(self, what: str, *, freeing: bool = False) -> _Within:
-        """All that this thread does inside belongs to one call that begins now, or to the one it is in.
+        """Make everything in a `with` block part of one call: a new one, or the one that this thread executes.
 
         Raises:
             StoppedError: As `token`.
@@ -149,17 +149,17 @@ class Epochs:
         return _Within(self._local, self.token(what, freeing=freeing))
 
     def using(self, token: Token | None) -> _Within:
-        """All that this thread does inside belongs to a call that was made before, perhaps in another thread."""
+        """Make everything in a `with` block part of an earlier call, perhaps one of another thread."""
         return _Within(self._local, token)
 
     # -- stops ----------------------------------------------------------------------------------------
 
     def stopping(self) -> _Stopping:
-        """A stop begins now, and is confirmed unless an error comes out of it."""
+        """Begin a stop for a `with` block; it is confirmed unless the block raises."""
         return _Stopping(self)
 
     def begin(self, stop: object) -> None:
-        """Void what was called before this stop."""
+        """Cancel the calls made before this stop."""
         self._under_way.add(stop)
         self._current = stop
         self._stopper = threading.get_ident()
@@ -167,19 +167,19 @@ class Epochs:
             wake()
 
     def end(self, stop: object, *, confirmed: bool) -> None:
-        """A stop is over; one that was not confirmed refuses all until `resume`."""
+        """Finish a stop; after an unconfirmed stop everything is refused until `resume`."""
         if not confirmed:
             self._failed = stop
         self._under_way.discard(stop)
 
     def unconfirmed(self) -> None:
-        """The stop that this thread is in was not confirmed, though no error came of it."""
+        """Mark the stop that this thread executes as unconfirmed, although it raised no error."""
         token = self._local.token
         if token is not None and token.urgent:
             self._failed = token.epoch
 
     def resumed(self, token: Token) -> None:
-        """The stop before this call is ended; one that came after it is not."""
+        """End the stop before this call, but not a later one."""
         self._ended = token.epoch
 
 

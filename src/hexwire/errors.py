@@ -1,31 +1,31 @@
-"""Every exception hexwire raises, in one tree.
+"""The tree of all exceptions that hexwire raises.
 
-Owns the names and the wording rule: the text says what happened, to what, and what to do about it, on one
-line. Knows nothing of the layers that raise them.
+Owns the names and the wording rule: one line says what happened, to what, and what to do about it. Knows nothing of
+the layers that raise them.
 
     HexwireError
-    ├── UsageError (ValueError)             the caller: a bad argument, an unknown name
+    ├── UsageError (ValueError)             the caller: an invalid argument, an unknown name
     │   ├── ConfigError                     a file that people write: file, line, column
     │   ├── LimitError                      a target outside the limits; nothing was sent
     │   └── GoalError                       a goal that cannot be followed, and the reason in one word
     ├── ProtocolError                       bytes that break the format
-    │   ├── LocalProtocolError              we were about to send them
+    │   ├── LocalProtocolError              this program was about to send them
     │   └── RemoteProtocolError             the peer sent them
-    ├── LinkError (OSError)                 the line between us
+    ├── LinkError (OSError)                 the line between host and device
     │   ├── LinkNotFoundError               no such port, host or queue
     │   ├── LinkPermissionError             it exists, but not for this user
     │   ├── LinkBusyError                   another program owns it
-    │   ├── LinkLostError                   it was open and went away
-    │   ├── LinkClosedError                 we closed it
-    │   └── LinkTimeoutError (TimeoutError) it took no bytes by the deadline
+    │   ├── LinkLostError                   it was open and is lost
+    │   ├── LinkClosedError                 this program closed it
+    │   └── LinkTimeoutError (TimeoutError) it accepted no bytes by the deadline
     └── DeviceError                         the board, a servo, or the arm
-        ├── ReplyTimeoutError (TimeoutError)  no answer; carries what was asked, how often, what came instead
-        │   └── WrongDeviceError            no answer, since another kind of device is there
+        ├── ReplyTimeoutError (TimeoutError)  no answer; carries the request, the attempts, what arrived instead
+        │   └── WrongDeviceError            no answer, because the device is of another kind
         ├── CommandRefusedError             the board answered with a status other than ok
         │   └── StoppedError                refused, or not even sent, because the arm is stopped
         ├── ServoError                      a servo is silent or reports a fault
-        ├── NotSupportedError               this board or dialect cannot do it
-        └── PreemptedError                  a stop took the line from a request that was sent
+        ├── NotSupportedError               this board or dialect does not support it
+        └── PreemptedError                  a stop interrupted a request that was sent
 """
 
 from __future__ import annotations
@@ -60,23 +60,23 @@ __all__ = [
 
 
 _LONGEST = 1600
-"""Characters of an error that quotes a file; what is in the middle of a longer one is left out."""
+"""Characters of an error that quotes a file; the middle of a longer text is left out."""
 
 
 class HexwireError(Exception):
-    """Base of everything hexwire raises on purpose."""
+    """Base of all exceptions that hexwire raises on purpose."""
 
 
 class UsageError(HexwireError, ValueError):
-    """The caller asked for something that makes no sense; nothing was sent."""
+    """The caller's request is invalid; nothing was sent."""
 
 
 class ConfigError(UsageError):
-    """A file that people write is wrong.
+    """A file that people write is invalid.
 
     Attributes:
         file: Path as the caller gave it.
-        line: Line from 1, or 0 where the fault is in no single line.
+        line: Line from 1, or 0 if the fault is not in a single line.
         column: Column from 1, or 0.
     """
 
@@ -93,7 +93,7 @@ class ConfigError(UsageError):
 
 
 def _one_line(text: str) -> str:
-    """A text that quotes a file, which may hold anything: printable, and not much longer than a screen is wide."""
+    """Make a text that quotes a file printable, and shorten it if it is very long."""
     if len(text) > _LONGEST:
         half = _LONGEST // 2
         text = f"{text[:half]} ... {text[-half:]}"
@@ -108,7 +108,7 @@ class GoalError(UsageError):
     """A goal cannot be followed; nothing was sent.
 
     Attributes:
-        reason: The kind of fault, for programs; whoever raises it owns the list.
+        reason: The kind of fault, for programs; the module that raises it owns the list.
     """
 
     def __init__(self, message: str, *, reason: str = "malformed") -> None:
@@ -121,7 +121,7 @@ class ProtocolError(HexwireError):
 
 
 class LocalProtocolError(ProtocolError):
-    """We were about to send a frame the peer could not accept."""
+    """This program was about to send a frame that the peer cannot accept."""
 
 
 class RemoteProtocolError(ProtocolError):
@@ -129,7 +129,7 @@ class RemoteProtocolError(ProtocolError):
 
 
 class LinkError(HexwireError, OSError):
-    """The line between host and board is at fault.
+    """The line between host and board has a fault.
 
     Attributes:
         url: The link's address, as in ``serial:///dev/ttyUSB0?baud=115200``.
@@ -153,28 +153,28 @@ class LinkBusyError(LinkError):
 
 
 class LinkLostError(LinkError):
-    """The link was open and went away: unplugged, peer closed, reset."""
+    """The link was open and is lost: unplugged, closed by the peer, reset."""
 
 
 class LinkClosedError(LinkError):
-    """The link was closed on this side, perhaps while a call was waiting on it."""
+    """This program closed the link, perhaps while a call was waiting on it."""
 
 
 class LinkTimeoutError(LinkError, TimeoutError):
-    """The link took no bytes before the deadline."""
+    """The link accepted no bytes before the deadline."""
 
 
 class DeviceError(HexwireError):
-    """The board, a servo or the arm is at fault."""
+    """The board, a servo or the arm has a fault."""
 
 
 class ReplyTimeoutError(DeviceError, TimeoutError):
-    """No answer came in time.
+    """No answer arrived in time.
 
     Attributes:
-        asked: What was asked, in words.
-        attempts: How often it was sent.
-        instead: What arrived in its place, in words; empty if nothing did.
+        asked: The request, in words.
+        attempts: Number of times that it was sent.
+        instead: What arrived instead, in words; empty if nothing arrived.
     """
 
     def __init__(self, asked: str, *, attempts: int = 1, instead: str = "", advice: str = "") -> None:
@@ -189,7 +189,7 @@ class ReplyTimeoutError(DeviceError, TimeoutError):
 
 
 class WrongDeviceError(ReplyTimeoutError):
-    """No answer, since another kind of device is behind the port: a servo bus for a board, or a board for one."""
+    """No answer, because the port leads to another kind of device: a servo bus, not a board, or vice versa."""
 
     def __init__(self, message: str) -> None:
         DeviceError.__init__(self, message)
@@ -197,7 +197,7 @@ class WrongDeviceError(ReplyTimeoutError):
 
 
 class CommandRefusedError(DeviceError):
-    """The board answered, but would not do it.
+    """The board answered, but refused the command.
 
     Attributes:
         command: Name of the command.
@@ -212,11 +212,11 @@ class CommandRefusedError(DeviceError):
 
 
 class StoppedError(CommandRefusedError):
-    """The arm is stopped; nothing but reads is accepted until resume."""
+    """The arm is stopped; only reads are accepted until resume."""
 
     @classmethod
     def unsent(cls, command: str, status: int, reason: str) -> Self:
-        """The error for what a stop kept from being sent: no board has refused it."""
+        """Make the error for a request that was not sent because of a stop, and that no board has refused."""
         error = cls(command, status, reason)
         error.args = (f"{command} was not sent: {reason}",)
         return error
@@ -227,7 +227,7 @@ class ServoError(DeviceError):
 
     Attributes:
         servo_id: Bus id of the servo.
-        status: Its error byte, 0 if it was silent.
+        status: Its error byte; 0 if it was silent.
     """
 
     def __init__(self, message: str, *, servo_id: int = -1, status: int = 0) -> None:
@@ -237,8 +237,8 @@ class ServoError(DeviceError):
 
 
 class NotSupportedError(DeviceError):
-    """This board, dialect or servo series cannot do what was asked."""
+    """This board, dialect or servo series does not support the request."""
 
 
 class PreemptedError(DeviceError):
-    """A stop took the line from a request that was sent: it may have been done before the stop, but not after."""
+    """A stop interrupted a request that was sent: the board may have executed it before the stop, but not after."""

@@ -96,7 +96,7 @@ def test_any_flag_byte_has_words(value: int) -> None:
         ((("J1", True),), 1.0, "target of J1 must be a number, not True"),
         ((("J1", 10**400),), 1.0, "target of J1 is too large"),
         ((("J1", [1.0]),), 1.0, "target of J1 must be a number, not a list"),
-        ((("J1", 1e300),), 1.0, "no joint can do"),
+        ((("J1", 1e300),), 1.0, "no joint reaches"),
         (((1, 0.0),), 1.0, "names joints by text"),
     ],
 )

@@ -201,7 +201,7 @@ def test_urgent_goes_before_what_waits_to_be_written() -> None:
 
 def test_a_body_that_cannot_go_leaves_nothing_behind() -> None:
     h = host()
-    with pytest.raises(LocalProtocolError, match="over the 1048576"):
+    with pytest.raises(LocalProtocolError, match="too long for fragments; at most 1048576"):
         h.request(Command.STATS, bytes(2 << 20), 0.0)
     assert h.next_timeout() is None
     h.handle_timeout(10.0)
@@ -688,7 +688,7 @@ def test_an_answer_that_comes_late_or_twice_counts_once() -> None:
     assert reply.rtt == pytest.approx(0.05), "from the last sending"
     assert reply.frame is not None
     assert isinstance(stale, Stale)
-    assert stale == Stale(reply.frame, "answers nothing that was asked")
+    assert stale == Stale(reply.frame, "answers no outstanding request")
     c = h.counters
     assert (c.requests, c.retries, c.replies, c.stale, c.timeouts, c.frames_sent) == (1, 1, 1, 1, 0, 2)
 
@@ -741,7 +741,7 @@ def test_what_may_not_come_in_fragments(cmd: int) -> None:
     b = board()
     data = request_frame(cmd=Command.FRAGMENT, body=FragmentHead(5, 0, 1, cmd, 0).serialize() + b"x")
     b.receive(data, 0.0)
-    assert events(b) == [Stale(parse_frame(data), "what may not come in fragments")]
+    assert events(b) == [Stale(parse_frame(data), "a command that must not be fragmented")]
     assert b.counters.stale == 1
 
 
@@ -749,7 +749,7 @@ def test_who_asks_a_host_or_answers_a_board_is_not_listened_to() -> None:
     h, b = host(), board()
     request = request_frame(src=8, dst=7)
     h.receive(request, 0.0)
-    assert events(h) == [Stale(parse_frame(request), "a request, and this is a host")]
+    assert events(h) == [Stale(parse_frame(request), "a request to a host")]
     other = request_frame(cmd=Command.FRAGMENT, body=FragmentHead(1, 0, 2, 2, 0).serialize() + b"x", src=3, dst=7)
     h.receive(other, 0.0)
     assert events(h) == [Stale(parse_frame(other), "from another module")]
@@ -769,9 +769,7 @@ def test_the_chapters_unknown_command_answers_an_identify_and_nothing_else() -> 
     assert [type(e) for e in events(h)] == [Stale]
     ticket = h.request(Command.IDENTIFY, b"", 1.0)
     h.receive(short, 1.1)
-    assert [e.reason for e in events(h) if isinstance(e, Stale)] == [
-        "dialect 1, and it answers nothing that was asked"
-    ]
+    assert [e.reason for e in events(h) if isinstance(e, Stale)] == ["dialect 1, answers no outstanding request"]
     h.receive(unknown, 1.125)
     (reply,) = events(h)
     assert reply == Reply(ticket, Command.IDENTIFY, Status.UNKNOWN_COMMAND, b"", parse_frame(unknown), 0.125, 1)

@@ -353,12 +353,12 @@ def test_window() -> None:
     assert window.take(10) != ""
     assert window.take(9) != ""
     assert [window.take(sn) for sn in (12, 11, 13)] == ["", "", ""]
-    assert "already" in window.take(11)
+    assert "arrived before" in window.take(11)
     assert window.take(2000) == ""
     assert window.take(2000 - tables.DATAGRAM_WINDOW + 1) == ""
-    assert "long past" in window.take(2000 - tables.DATAGRAM_WINDOW)
+    assert "too old" in window.take(2000 - tables.DATAGRAM_WINDOW)
     window.void()
-    assert "void" in window.take(1999)
+    assert "cancelled" in window.take(1999)
     assert window.take(2001) == ""
     wrapping = Window(0xFFFFFFFE)
     assert [wrapping.take(sn) for sn in (0xFFFFFFFF, 1, 0)] == ["", "", ""]
@@ -420,7 +420,7 @@ def test_window_as_a_set_of_numbers(start: int, steps: list[int | str]) -> None:
         refused = window.take(number & 0xFFFFFFFF)
         long_past = number <= newest - tables.DATAGRAM_WINDOW
         assert bool(refused) == (long_past or number in seen or number < void_below)
-        assert ("long past" in refused) == long_past
+        assert ("too old" in refused) == long_past
         if not refused:
             seen.add(number)
             newest = max(newest, number)
@@ -434,7 +434,7 @@ def of(
 
 def test_half_of_all_numbers_is_ahead_and_half_behind() -> None:
     assert Window(5).take(5 + 2**31 - 1) == ""
-    assert Window(5).take(5 + 2**31) == "its number is long past"
+    assert Window(5).take(5 + 2**31) == "its number is too old"
 
 
 def test_what_is_a_repeat_of_a_request() -> None:
@@ -493,7 +493,7 @@ def test_a_stop_that_is_refused_makes_nothing_void() -> None:
     assert talk.take(of(20, cmd=Command.STOP, body=b"\0"), 0.0) != ""
     assert talk.take(of(29), 0.0) == ""
     assert talk.take(of(35, cmd=Command.STOP, body=b"\0"), 0.0) == ""
-    assert talk.take(of(34), 0.0) == "it was there already, or is void"
+    assert talk.take(of(34), 0.0) == "it arrived before, or is cancelled"
 
 
 def test_numbers_with_the_highest_bit_set_travel_in_a_signed_field() -> None:
@@ -559,7 +559,7 @@ def test_a_board_keeps_its_last_sixteen_offers_and_takes_up_any_of_them() -> Non
     conversations = Conversations(iter(range(1000, 2000)).__next__, host=False)
     for sn in range(17):
         assert conversations.offer(of(sn, cmd=Command.IDENTIFY), 0.0)
-        assert not conversations.offer(of(sn, cmd=Command.IDENTIFY), 0.0), "it was there already"
+        assert not conversations.offer(of(sn, cmd=Command.IDENTIFY), 0.0), "it arrived before"
     assert not conversations.has_news()
     # Numbers 1001 to 1017 were offered; the first made room for the last.
     assert conversations.take(of(100)._replace(type=1001), 0.0) == "it is of another conversation"
@@ -606,7 +606,7 @@ def test_dialect_1_is_refused_by_a_board_and_left_to_a_host(talk: Talk) -> None:
     data = serialize_frame(Frame(0, 0, 1, 8, 7, 3, 1, 1, Command.READ, b"x"))
     talk.board.receive(data, talk.now, end_of_message=True)
     assert [event.reason for event in events(talk.board) if isinstance(event, Stale)] == [
-        "dialect 1 has no number to know an old datagram by"
+        "dialect 1 has no number that identifies an old datagram"
     ]
     assert talk.board.counters.refused == talk.board.counters.stale == 1
     talk.host.receive(data, talk.now, end_of_message=True)
@@ -620,12 +620,12 @@ def test_why_a_datagram_is_refused(talk: Talk) -> None:
     for answer in talk.answers:
         talk.host.receive(answer, talk.now, end_of_message=True)
     assert [event.reason for event in events(talk.board) if isinstance(event, Stale)] == [
-        "it was there already",
-        "it was there already, or is void",
+        "it arrived before",
+        "it arrived before, or is cancelled",
     ]
     assert [event.reason for event in events(talk.host) if isinstance(event, Stale)] == [
-        "it answers no IDENTIFY of ours",
-        "it was there already, or is void",
+        "it does not answer our IDENTIFY",
+        "it arrived before, or is cancelled",
     ]
     assert (talk.board.counters.refused, talk.host.counters.refused) == (2, 2)
 

@@ -142,9 +142,17 @@ def test_what_is_not_free_is_refused(changes: dict[str, Any]) -> None:
         (Command.PING, READ, "PING carries a ping only"),
         (Command.READ, sp.make_write(0, 0x2A, b"\r\n"), "0D 0A inside"),
         (Command.SYNC_WRITE, READ, "SYNC_WRITE carries a sync write only"),
-        (Command.SYNC_WRITE, sp.make_sync_write(0x28, {0: b"\0"}), "takes any sync write for 4 bytes at 0x2A"),
-        (Command.SYNC_WRITE, sp.make_sync_write(0x30, {0: bytes(4)}), "takes any sync write for 4 bytes at 0x2A"),
-        (Command.SYNC_WRITE, sp.make_packet(0xFE, 0x83, b"\x2a\x04"), "takes any sync write"),
+        (
+            Command.SYNC_WRITE,
+            sp.make_sync_write(0x28, {0: b"\0"}),
+            "writes 4 bytes at 0x2A per servo",
+        ),
+        (
+            Command.SYNC_WRITE,
+            sp.make_sync_write(0x30, {0: bytes(4)}),
+            "writes 4 bytes at 0x2A per servo",
+        ),
+        (Command.SYNC_WRITE, sp.make_packet(0xFE, 0x83, b"\x2a\x04"), "for any sync write"),
         (Command.SYNC_WRITE, sp.make_sync_write(0x2A, {i: bytes(4) for i in range(41)}), "208 is the most"),
     ],
 )

@@ -124,13 +124,13 @@ def test_a_window_that_is_asked_for_greedily_gives_no_more_than_a_window() -> No
 
 def test_what_a_sender_refuses() -> None:
     sender = FragmentSender(10)
-    with pytest.raises(LocalProtocolError, match="over the 1048576"):
+    with pytest.raises(LocalProtocolError, match="too long for fragments; at most 1048576"):
         sender.send(1, 2, 0, bytes(MIB + 1), 0.0)
-    with pytest.raises(LocalProtocolError, match="over the 65535 that can be counted"):
+    with pytest.raises(LocalProtocolError, match="at most 65535"):
         sender.send(1, 2, 0, bytes(655_351), 0.0)
     for i in range(tables.FRAGMENT_MESSAGES):
         sender.send(i, 2, 0, b"x", 0.0)
-    with pytest.raises(LocalProtocolError, match="4 fragmented messages are under way"):
+    with pytest.raises(LocalProtocolError, match="4 fragmented messages are unfinished"):
         sender.send(99, 2, 0, b"x", 0.0)
     assert list(sender.remind(99, 2, 0, b"x", 0.0)) == []
     sender.forget(0)
@@ -174,7 +174,7 @@ def test_thousands_of_message_ids_are_bounded() -> None:
             refused += 1
             text = str(error)
     assert refused == receiver.refused == 5000 - tables.FRAGMENT_MESSAGES
-    assert "more than 4 fragmented messages at once" in text
+    assert "more than 4 fragmented messages at the same time" in text
     assert len(receiver.handle_timeout(ASK_AGAIN)) == tables.FRAGMENT_MESSAGES
     assert receiver.handle_timeout(tables.FRAGMENT_LIFETIME) == []
     assert receiver.expired == tables.FRAGMENT_MESSAGES

@@ -410,10 +410,10 @@ def test_what_was_heard_before_does_not_count() -> None:
 @pytest.mark.parametrize(
     ("failed", "words"),
     [
-        (NegotiationFailed(5, 0, 0), "is this the board's port and rate"),
-        (NegotiationFailed(5, 7, 0), "7 bytes that are no frame.*wrong baud rate"),
-        (NegotiationFailed(5, 70, 3, None, 2), "2 of our own frames.*hears itself"),
-        (NegotiationFailed(5, 70, 3), "3 frames that answer nothing.*another program"),
+        (NegotiationFailed(5, 0, 0), "check the port, the rate, and the board's power"),
+        (NegotiationFailed(5, 7, 0), "7 bytes that are no frame.*baud rate may be wrong"),
+        (NegotiationFailed(5, 70, 3, None, 2), "2 of our own frames.*only echoes"),
+        (NegotiationFailed(5, 70, 3), "3 frames that answer no request.*another program"),
     ],
 )
 def test_a_failure_says_what_came_instead_and_what_to_do(failed: NegotiationFailed, words: str) -> None:

@@ -126,6 +126,6 @@ def test_it_gives_up_in_bounded_time_and_memory(tmp_path: Path) -> None:
 def test_more_than_a_receiver_takes_is_refused_at_once(tmp_path: Path) -> None:
     near, far = memory_pair()
     with mirrored(near, far) as (session, _):
-        with pytest.raises(Exception, match="over the 1048576 that fragments carry"):
+        with pytest.raises(Exception, match="too long for fragments; at most 1048576"):
             session.request(ECHO, bytes((1 << 20) + 1))
         assert session.request(ECHO, b"still there").body == b"still there"

@@ -1,6 +1,6 @@
-"""The nouns every layer above the wire shares: joint states, joint targets, what was really sent.
+"""Values that all layers above the wire share: joint states, joint targets, targets as sent.
 
-Owns frozen values in SI units. Knows nothing of counts, frames or how a state came here.
+Owns frozen values in SI units. Knows nothing of counts, frames or the source of a state.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ __all__ = ["LONGEST", "JointFlag", "JointReading", "JointState", "JointTarget", 
 NAN = math.nan
 
 LONGEST = 3600.0
-"""Seconds that a single motion may take. A longer one is a wrong unit or a damaged file."""
+"""Longest duration of a single motion, seconds. A longer one is a wrong unit or a damaged file."""
 _MOST = 1e4
-"""Radians that no joint has; what is beyond is a wrong unit or a damaged file."""
+"""Largest joint angle, radians. A larger one is a wrong unit or a damaged file."""
 
 
 def finite(value: object, what: str) -> float:
-    """A number that is neither infinite nor NaN, as a float.
+    """Convert a value to a float that is neither infinite nor NaN.
 
     Args:
-        value: Whatever a caller gave.
-        what: What the error calls it.
+        value: A value of any type.
+        what: Its name in the error text.
 
     Raises:
-        UsageError: It is something else: a text, a switch, nothing, or too large.
+        UsageError: It is not a number, such as a text, a bool or None, or it is too large.
     """
     if isinstance(value, str | bytes | bytearray | bool) or value is None:
         raise UsageError(f"{what} must be a number, not {repr(value)[:40]}")
     try:
-        number = float(value)  # type: ignore[arg-type]  # what float does not take is no number
+        number = float(value)  # type: ignore[arg-type]  # what float refuses is no number
     except OverflowError:
         raise UsageError(f"{what} is too large a number") from None
     except (TypeError, ValueError):
@@ -57,15 +57,15 @@ class JointFlag(IntFlag):
     TORQUE_ON = 0x40
     SILENT = 0x80
     TORQUE_UNKNOWN = 0x100
-    """Nobody has asked, and no board tells: it may have torque. Of this side only, not of the wire."""
+    """The torque was not read, so the joint may have torque. Set by the host only; not on the wire."""
 
     @property
     def faults(self) -> JointFlag:
-        """Only the bits that mean something is wrong."""
+        """The bits that mean a fault."""
         return self & _FAULTS
 
     def __str__(self) -> str:
-        """The flags in words, ``ok`` if there is nothing to say."""
+        """The flags in words; ``ok`` if none is set."""
         words = [flag.name.lower().replace("_", " ") for flag in JointFlag if flag in self and flag.name]
         return ", ".join(words) or "ok"
 
@@ -82,7 +82,7 @@ _FAULTS = (
 
 @dataclass(frozen=True, slots=True)
 class JointReading:
-    """One joint of a `JointState`. Units as there."""
+    """One joint of a `JointState`, in the same units."""
 
     name: str
     position: float
@@ -97,25 +97,25 @@ class JointReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointState:
-    """All joints at one time: one value a joint in every tuple, in the order of `names`.
+    """All joints at one time: one value per joint in every tuple, in the order of `names`.
 
-    A value that this board or dialect does not give is NaN.
+    A value that this board or dialect does not provide is NaN.
 
     Attributes:
         names: Joint names.
         position: Radians.
         velocity: Radians per second.
-        load: Drive effort as a signed fraction of full scale (1.0 = full PWM).
+        load: Effort as a signed fraction of full scale (1.0 = full PWM).
         current: Amperes.
         voltage: Volts.
         temperature: Degrees Celsius.
         flags: Condition as `JointFlag` bits.
-        age: Seconds since each joint was sampled, at `stamp`; infinite if it never was.
-        stamp: Host clock (monotonic, seconds) at which this state was true.
-        board_time: Board clock at the newest sample, seconds since its start; NaN if it has none.
+        age: Seconds from each joint's sample to `stamp`; infinite for a joint that was never sampled.
+        stamp: Host clock (monotonic, seconds) at the newest sample.
+        board_time: Board clock at the newest sample, seconds since its start; NaN without a board clock.
         stopped: A stop is latched: nothing moves until resume.
-        watchdog_tripped: The board stopped by itself because the host fell silent.
-        maintenance: The board lets settings of servos be written, and nothing move.
+        watchdog_tripped: The board stopped the arm because the host fell silent.
+        maintenance: The board allows writes to servo settings, and no motion.
     """
 
     names: tuple[str, ...]
@@ -175,13 +175,13 @@ class JointState:
         return tuple(n for n, f in zip(self.names, self.flags, strict=True) if f & JointFlag.TORQUE_ON)
 
     def distances(self, goal: Mapping[str, float]) -> dict[str, float]:
-        """How far joints are from where they shall be, radians; infinite where it is not known.
+        """Distances of joints from their goals, radians; infinite for a joint whose position is unknown.
 
         Raises:
             UsageError: There is no such joint.
         """
         ways = {name: abs(angle - self[name].position) for name, angle in goal.items()}
-        # NaN compares as false, so that a joint nobody knows of would pass for one that has arrived.
+        # NaN compares as false, so a joint whose position is unknown would count as arrived.
         return {name: way if math.isfinite(way) else math.inf for name, way in ways.items()}
 
     @property
@@ -192,11 +192,11 @@ class JointState:
 
 @dataclass(frozen=True, slots=True)
 class JointTarget:
-    """Where joints shall go, and in what time.
+    """Target positions of joints, and the duration of the motion.
 
     Attributes:
         positions: Pairs of joint name and position in radians; any subset of the joints.
-        duration: Seconds the motion shall take.
+        duration: Duration of the motion, seconds.
     """
 
     positions: tuple[tuple[str, float], ...]
@@ -213,10 +213,10 @@ class JointTarget:
         positions = tuple((name, finite(value, f"target of {name}")) for name, value in self.positions)
         if not all(abs(value) <= _MOST for _, value in positions):
             name, value = next((name, value) for name, value in positions if not abs(value) <= _MOST)
-            raise UsageError(f"target of {name} is {value:g}, which no joint can do; it is in radians")
+            raise UsageError(f"target of {name} is {value:g} rad, which no joint reaches; give radians")
         duration = finite(self.duration, "duration")
         if not 0 <= duration <= LONGEST:
-            raise UsageError(f"a duration of {duration:g} s makes no sense; a motion takes 0 to {LONGEST:g} s")
+            raise UsageError(f"a duration of {duration:g} s is invalid; a motion takes 0 to {LONGEST:g} s")
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "duration", duration)
 
@@ -225,7 +225,7 @@ class JointTarget:
         """Make a target from a mapping of joint name to radians.
 
         Raises:
-            UsageError: No joint, one twice, or a value that is no number or makes no sense.
+            UsageError: There is no joint, a joint occurs twice, or a value is not a number or out of range.
         """
         if not isinstance(positions, Mapping):
             raise UsageError(f"a target maps joint names to radians; this is {positions!r}")
@@ -234,13 +234,13 @@ class JointTarget:
 
 @dataclass(frozen=True, slots=True)
 class SentTarget:
-    """What really went to the servos.
+    """The target that was actually sent to the servos.
 
     Attributes:
-        positions: Pairs of joint name and position in radians, as the servo's counts round them.
-        duration: Seconds, lengthened where a speed limit asks for it.
+        positions: Pairs of joint name and position in radians, rounded to the servo's counts.
+        duration: Seconds, lengthened if a speed limit requires it.
         clamped: Names of the joints whose target the board moved into its limits.
-        silent: Names of the joints whose servo did not take it.
+        silent: Names of the joints whose servo did not accept the target.
     """
 
     positions: tuple[tuple[str, float], ...]

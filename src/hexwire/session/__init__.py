@@ -1,1 +1,1 @@
-"""Sans-I/O machines: decoding, matching, deadlines and retries, with time as an argument."""
+"""State machines without I/O: decoding, matching, deadlines and retries, with time as an argument."""

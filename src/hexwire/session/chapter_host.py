@@ -1,7 +1,7 @@
-"""The host's half of dialect 1: one request outstanding, pauses where an old board needs them.
+"""The host's side of dialect 1: one outstanding request, and pauses where an old board needs them.
 
-Owns the queue of dialect-1 requests, their deadlines and retries, and the quiet times in which what arrives is
-stale. Sans I/O; time comes in as `now`. Must not know dialect 2, nor who owns it.
+Owns the queue of dialect-1 requests, their deadlines and retries, and the quiet times in which arriving frames are
+stale. No I/O; time comes in as `now`. Must not know dialect 2 or its owner.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from .policy import RetryPolicy
 __all__ = ["ChapterHost"]
 
 _MOST_SENT = 64
-"""Packets whose echo the board may still hand up: it keeps what comes late for whoever asks next."""
+"""Packets whose echo the board may still pass on: it returns late bytes with the next answer."""
 
 
 class ChapterHost:
     """Dialect-1 requests of one host connection.
 
     Args:
-        maker: Builds the frames, holds them until they are taken, and counts.
-        decoder: Of what arrives; it is reset when an answer's window is over.
-        events: Where answers and time-outs go.
+        maker: Builds the frames, keeps them until they are written, and counts.
+        decoder: Decoder of the received bytes; it is reset when the window of an answer ends.
+        events: Queue for answers and time-outs.
         policy: Deadlines and retries.
     """
 
@@ -64,7 +64,7 @@ class ChapterHost:
         self._pump(now)
 
     def receive(self, frame: Frame, now: float) -> bool:
-        """Take a dialect-1 frame; False if it answers nothing that is outstanding."""
+        """Process a dialect-1 frame; False if it does not answer the outstanding request."""
         pending = self._current
         packet = match_reply(frame.body, pending, self._sent) if pending is not None else None
         if pending is None or packet is None:
@@ -72,7 +72,7 @@ class ChapterHost:
         self._current = None
         self._maker.counters.replies += 1
         if pending.sent > 1:
-            # An answer to the earlier sending may still come, and could pass for the next request's.
+            # An answer to an earlier attempt may still arrive, and could be taken for that of the next request.
             self._quiet_until = now + pending.window
         rtt = now - pending.sent_at
         self._events.add(Reply(pending.ticket, pending.cmd, Status.OK, packet, frame, rtt, pending.sent))
@@ -85,22 +85,22 @@ class ChapterHost:
         return (current is not None and current.ticket == ticket) or any(p.ticket == ticket for p in self._queue)
 
     def abandon(self, ticket: int) -> bool:
-        """Forget a request. If it is outstanding, its answer's window must pass first.
+        """Forget a request. If it is outstanding, nothing is sent until the window of its answer ends.
 
         Returns:
-            Whether it may have been sent; True for one that is not known here.
+            Whether it may have been sent; True for an unknown request.
         """
         left = not any(p.ticket == ticket for p in self._queue)
         self._queue = deque(p for p in self._queue if p.ticket != ticket)
         if self._current is not None and self._current.ticket == ticket:
             left = self._give_up()
         elif self._posted is not None and self._posted.ticket == ticket:
-            # A stop may have come from a signal handler just before its frame was put with those to be sent.
+            # A signal handler may have stopped the arm just before the frame was queued.
             left = self._maker.withhold(self._posted.frame)
         return left
 
     def void(self) -> list[bytes]:
-        """Forget every request that is not urgent; returns the frames of the one that stays."""
+        """Forget every request that is not urgent; returns the frame of an urgent outstanding one."""
         self._queue = deque(p for p in self._queue if p.urgent)
         if self._current is not None and self._current.urgent:
             return [self._current.frame]
@@ -122,18 +122,18 @@ class ChapterHost:
         self._quiet_until = max(self._quiet_until, until)
 
     def note(self, instead: str) -> None:
-        """Remember what came in place of the answer."""
+        """Record what arrived instead of the answer."""
         if self._current is not None:
             self._current.instead = instead
 
     def next_timeout(self) -> float | None:
-        """When `handle_timeout` wants to be called, or None."""
+        """Time at which to call `handle_timeout`, or None."""
         if self._current is not None:
             return self._current.deadline
         return self._quiet_until if self._queue else None
 
     def handle_timeout(self, now: float) -> None:
-        """Ask again, give up, or send what had to wait."""
+        """Repeat the request, give up, or send the next one in the queue."""
         pending = self._current
         counters = self._maker.counters
         if pending is not None and pending.deadline <= now:
@@ -153,7 +153,7 @@ class ChapterHost:
             try:
                 pending = self._queue.popleft()
             except IndexError:
-                break  # looking first would not do: a stop in a signal handler empties it at any moment
+                break  # no check before: a stop in a signal handler may empty the queue at any time
             self._transmit(pending, now)
             if pending.answered:
                 self._current = pending

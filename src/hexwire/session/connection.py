@@ -1,8 +1,8 @@
 """The session state machine: one class, two roles, both dialects, no I/O.
 
-Owns serial numbers, sequence numbers, the matching of replies, deadlines and retries, repeat suppression,
-fragments. Bytes go in with `receive`, events come out of `next_event`, bytes to write come out of
-`data_to_send`; time comes in as `now`. Knows nothing of links, clocks, joints or servo registers.
+Owns frame numbers, sequence numbers, matching of replies, deadlines and retries, suppression of repeats, fragments.
+`receive` takes bytes, `next_event` returns events, `data_to_send` returns bytes to write; time comes in as `now`.
+Knows nothing of links, clocks, joints or servo registers.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .reply_store import ReplyStore
 
 __all__ = ["Connection", "ConnectionCounters", "Role"]
 
-# Looking a member up in its enum takes longer than comparing it, and these are compared for every frame.
+# An enum's attribute lookup takes longer than a comparison, and these are compared for every frame.
 _HOST, _BOARD = Role.HOST, Role.BOARD
 _IDENTIFY, _FRAGMENT, _FRAGMENT_MISSING = Command.IDENTIFY, Command.FRAGMENT, Command.FRAGMENT_MISSING
 
@@ -48,24 +48,24 @@ class _Pending:
     message_id: int | None = None
     urgent: bool = False
     frames: list[bytes] = field(init=False)
-    """Of the last sending; those that have not been taken yet can still be kept from it."""
+    """Frames of the last attempt; those not written yet can still be withheld."""
 
 
 class Connection(FrameMaker):
     """One end of a session.
 
     Args:
-        role: HOST asks, BOARD answers.
-        local: Our module id; the src of what we send.
-        remote: The peer's module id; the dst of what we send.
+        role: HOST sends requests, BOARD answers them.
+        local: Module id of this end; src of the frames it sends.
+        remote: Module id of the peer; dst of the frames it is sent.
         type: The header's type field: 3 from a host on a serial line, 8 from a board.
-        dialect: 1 or 2; what requests are sent in.
+        dialect: Dialect of requests, 1 or 2.
         policy: Deadlines and retries.
         max_frame: Longest frame on this link, in bytes.
         epoch: Added to `now` for the header's time: wall minus monotonic on a host, minus boot time on a board.
-        cautious: Keep 0D 0A out of every frame sent, as long as it is unknown who listens.
-        numbers: Given on a link of datagrams: source of the random numbers that mark a conversation, from 0 to
-            2**31 - 1. Then what is old, or of another conversation, is refused (PROTOCOL.md section 6.6).
+        cautious: Keep 0D 0A out of every frame, while the kind of board is unknown.
+        numbers: On a link of datagrams, the source of random numbers from 0 to 2**31 - 1 that identify a
+            conversation; frames that are old or of another conversation are then refused (PROTOCOL.md section 6.6).
 
     Attributes:
         conversations: The conversation over datagrams; None on a stream.
@@ -108,12 +108,12 @@ class Connection(FrameMaker):
     # -- bytes and time -----------------------------------------------------------------------------
 
     def receive(self, data: bytes, now: float, *, end_of_message: bool = False) -> None:
-        """Take bytes from the link.
+        """Process bytes from the link.
 
         Args:
-            data: What was read.
+            data: The bytes.
             now: Seconds, monotonic.
-            end_of_message: The link keeps message boundaries, and this is one: nothing of a frame follows.
+            end_of_message: The link keeps message boundaries, and the bytes end a message: no frame continues.
         """
         self.decoder.receive(data, now)
         self._drain(now, end_of_message)
@@ -132,13 +132,13 @@ class Connection(FrameMaker):
                 break
 
     def next_event(self) -> Event | None:
-        """The next thing that happened, or None."""
+        """Return the next event, or None."""
         return self._events.pop()
 
     def next_timeout(self) -> float | None:
-        """When `handle_timeout` wants to be called, or None."""
+        """Time at which to call `handle_timeout`, or None."""
         first = None
-        # A signal handler may stop the arm in the middle of anything here, and empty what is gone through.
+        # Iterate over a copy: a signal handler may stop the arm at any line, which removes requests.
         for pending in tuple(self._pending.values()):
             if first is None or pending.deadline < first:
                 first = pending.deadline
@@ -149,7 +149,7 @@ class Connection(FrameMaker):
         return first
 
     def handle_timeout(self, now: float) -> None:
-        """Act on every deadline that has passed: ask again, give up, resynchronise."""
+        """Handle every deadline that has passed: repeat requests, give up, resynchronise."""
         while (bad := self.decoder.handle_timeout(now)) is not None:
             self._note(bad)
             self._drain(now)
@@ -182,22 +182,22 @@ class Connection(FrameMaker):
         attempts: int | None = None,
         urgent: bool = False,
     ) -> int:
-        """Ask the board. The answer comes as a `Reply` or `TimedOut` event with the ticket returned here.
+        """Send a request. The answer is a `Reply` or `TimedOut` event with the ticket returned here.
 
-        In dialect 1, where the body is a servo packet, one request is outstanding at a time and others queue;
-        a sync write is never answered, and its `Reply` comes when it has been sent.
+        In dialect 1 the body is a servo packet; one request is outstanding at a time and the others queue. A sync
+        write is never answered; its `Reply` event follows when it is sent.
 
         Args:
             cmd: Command code.
             body: Its body.
             now: Seconds, monotonic.
             window: Seconds to wait for each answer; the policy's if None.
-            attempts: How often to send; the policy's if None.
-            urgent: Go before everything that is queued.
+            attempts: Number of times to send it; the policy's if None.
+            urgent: Send it before everything in the queue.
 
         Raises:
-            LocalProtocolError: The body cannot be sent in this dialect or over this link, or nobody has answered
-                IDENTIFY yet on a link of datagrams.
+            LocalProtocolError: The body cannot be sent in this dialect or over this link, or IDENTIFY was not
+                answered yet on a link of datagrams.
         """
         if self.conversations is not None and cmd != _IDENTIFY and not self.in_conversation:
             raise LocalProtocolError(f"over datagrams IDENTIFY comes first: {command_name(cmd)} was not sent")
@@ -213,7 +213,7 @@ class Connection(FrameMaker):
             if seq not in self._pending:
                 break
             if seq == self.seq:
-                raise LocalProtocolError("256 requests are outstanding; the board answers none of them")
+                raise LocalProtocolError("256 requests are outstanding and unanswered; wait for replies first")
         self.seq = seq
         pending = _Pending(self._ticket, cmd, body, seq, window or self.policy.window, attempts, urgent=urgent)
         self._transmit(pending, now)
@@ -222,21 +222,21 @@ class Connection(FrameMaker):
 
     @property
     def in_conversation(self) -> bool:
-        """Whether commands may be sent: over datagrams, in dialect 2, once IDENTIFY was answered."""
+        """Whether commands may be sent: in dialect 2 over datagrams, only after a reply to IDENTIFY."""
         begun = self.conversations is None or self.conversations.current is not None
         return begun or self.dialect == PROTO_CHAPTER
 
     def holds(self, ticket: int) -> bool:
-        """Whether an answer to a request is still waited for."""
+        """Whether a request still waits for its answer."""
         return any(pending.ticket == ticket for pending in tuple(self._pending.values())) or self._chapter.holds(
             ticket
         )
 
     def abandon(self, ticket: int) -> bool:
-        """Forget a request; an answer that still comes is stale, and what was not taken to be sent is not sent.
+        """Forget a request; a later answer is stale, and frames not written yet are withheld.
 
         Returns:
-            Whether some of it may have been sent.
+            Whether part of it may have been sent.
         """
         left = True
         for pending in list(self._pending.values()):
@@ -246,7 +246,7 @@ class Connection(FrameMaker):
         return self._chapter.abandon(ticket) and left
 
     def void(self) -> None:
-        """A stop is to be sent: forget every request but other stops. Nothing of them is sent, or sent again."""
+        """Forget every request but stops, before a stop is sent; nothing of them is sent or repeated."""
         keep = []
         for pending in list(self._pending.values()):
             if pending.urgent:
@@ -257,22 +257,23 @@ class Connection(FrameMaker):
         self._out = [data for data in self._out if any(data is kept for kept in keep)]
 
     def stay_quiet(self, until: float) -> None:
-        """Dialect 1: send nothing before this time, and take what arrives until then as stale."""
+        """Dialect 1: send nothing before this time, and treat frames that arrive until then as stale."""
         self._chapter.stay_quiet(until)
 
     # -- board --------------------------------------------------------------------------------------
 
     def reply(self, request: Request, status: int, body: bytes, now: float, *, voided: bool = False) -> None:
-        """Answer a dialect-2 request; the reply is kept for a repeat of it.
+        """Answer a dialect-2 request; the reply is stored for repeats of the request.
 
-        Over datagrams, a request of a conversation that is over is not answered.
+        Over datagrams, a request of a past conversation is not answered.
 
         Args:
-            request: What is answered.
+            request: The request.
             status: Status code.
-            body: Of the reply.
+            body: Body of the reply.
             now: Seconds, monotonic.
-            voided: A stop made it void: its repeat must not be done either, however much is answered meanwhile.
+            voided: A stop cancelled the request: its repeat must not be executed either, even after many other
+                replies.
         """
         frame = request.frame
         ext = EXT_REPLY | status & EXT_STATUS_MASK
@@ -293,12 +294,12 @@ class Connection(FrameMaker):
         self._replies.answered(frame, self._out[first:], now, voided=voided)
 
     def take_stop(self, now: float) -> None:
-        """A stop came: what has begun to arrive was asked before it, and what was done is not done again."""
+        """Apply a received stop: drop unfinished requests, and refuse repeats of requests executed before it."""
         self._fragments_in.forget()
         self._replies.void(self._refusal, now)
 
     def _refusal(self, request: Frame) -> bytes:
-        """The reply to a repeat of what a stop ended; `build_again` numbers and stamps it, if one comes."""
+        """Make the reply to a repeat that a stop cancelled; `build_again` numbers and stamps it when it is sent."""
         ext = EXT_REPLY | Status.STOPPED
         return serialize_frame(
             Frame(0, 0, 0, self.local, request.src, self.type, PROTO_HEXWIRE, request.seq, request.cmd, b"", ext)
@@ -347,28 +348,28 @@ class Connection(FrameMaker):
             self._receive_chapter(frame, now)
 
     def _judge(self, frame: Frame, now: float, conversations: Conversations) -> str:
-        """Why a datagram is refused; empty if it is not."""
+        """Return why a datagram is refused; empty if it is accepted."""
         board = self.role is _BOARD
         if frame.proto == PROTO_CHAPTER:
-            return "dialect 1 has no number to know an old datagram by" if board else ""
+            return "dialect 1 has no number that identifies an old datagram" if board else ""
         if frame.cmd != _IDENTIFY:
             begun = conversations.count
             problem = conversations.take(frame, now)
             if conversations.count != begun:
-                # A host that starts anew counts from the beginning.
+                # A restarted host counts from the beginning.
                 self._replies = ReplyStore()
                 self._fragments_in.forget()
             return problem
         if board:
-            return "" if conversations.offer(frame, now) else "it was there already"
-        return "" if conversations.is_answer(frame) else "it answers no IDENTIFY of ours"
+            return "" if conversations.offer(frame, now) else "it arrived before"
+        return "" if conversations.is_answer(frame) else "it does not answer our IDENTIFY"
 
     def _take_frame(self, frame: Frame, now: float) -> None:
         ext = frame.cmd_ext
         if self.role is _HOST and ext & EXT_REPLY:
             pending = self._pending.get(frame.seq)
             if pending is None or pending.cmd != frame.cmd or (frame.src, frame.dst) != (self.remote, self.local):
-                self._stale(frame, "answers nothing that was asked")
+                self._stale(frame, "answers no outstanding request")
                 return
             if frame.cmd == _IDENTIFY and self.conversations is not None:
                 self.conversations.begin(frame, now)
@@ -391,7 +392,7 @@ class Connection(FrameMaker):
             if ext & EXT_UNSOLICITED:
                 self._receive_report(frame)
             else:
-                self._stale(frame, "a request, and this is a host")
+                self._stale(frame, "a request to a host")
         else:
             self._receive_request(frame, now)
 
@@ -400,7 +401,7 @@ class Connection(FrameMaker):
             return
         identify = next((p for p in tuple(self._pending.values()) if p.cmd == _IDENTIFY), None)
         if identify is None or frame.body != UNKNOWN_COMMAND_PACKET:
-            self._stale(frame, "dialect 1, and it answers nothing that was asked")
+            self._stale(frame, "dialect 1, answers no outstanding request")
             return
         self._settle(identify)
         rtt = now - identify.sent_at
@@ -414,7 +415,7 @@ class Connection(FrameMaker):
                 self._events.add(Request(frame))
                 return
         elif frame.cmd == _IDENTIFY:
-            # A host that starts anew counts from the beginning.
+            # A restarted host counts from the beginning.
             self._replies.forget(frame.src)
             self._fragments_in.forget()
         reply = self._replies.find(frame, now)
@@ -424,7 +425,7 @@ class Connection(FrameMaker):
             return
         if self.conversations is not None and self.conversations.is_repeat(frame):
             self.counters.refused += 1
-            self._stale(frame, "it was done already, and its answer is no longer kept")
+            self._stale(frame, "it was executed before, and its reply is no longer stored")
             return
         self._replies.asked(frame, now)
         self._events.add(Request(frame))
@@ -453,7 +454,7 @@ class Connection(FrameMaker):
         if message is not None:
             self._receive_message(frame, message, now)
         elif done and head.number == 0:
-            # The host asks once more for the answer to a request that came in fragments.
+            # The host requests the reply to a fragmented request again.
             reply = self._replies.find_by_number(frame.src, seq, head.cmd, now)
             self.counters.repeats += bool(reply)
             self._out.extend(self.build_again(data, now) for data in reply)
@@ -467,12 +468,12 @@ class Connection(FrameMaker):
             self._send_frame(_FRAGMENT, chunk, now, frame.src)
         pending = self._pending.get(message_id & 0xFF)
         if pending is not None and pending.message_id == message_id:
-            # The peer is taking our message: its answer's window starts when it has it all.
+            # The peer is receiving our message: the window of its answer starts when the message is complete.
             pending.deadline = now + pending.window
 
     def _receive_message(self, frame: Frame, message: Message, now: float) -> None:
         if message.cmd in (_FRAGMENT, _FRAGMENT_MISSING, _IDENTIFY):
-            self._stale(frame, "what may not come in fragments")
+            self._stale(frame, "a command that must not be fragmented")
             return
         whole = frame._replace(
             cmd=message.cmd, cmd_ext=message.cmd_ext, body=message.body, seq=message.message_id & 0xFF

@@ -1,8 +1,8 @@
-"""Conversations over datagrams: which one a frame belongs to, and whether it is old.
+"""Conversations over datagrams: the conversation of each frame, and whether the frame is old.
 
-Owns PROTOCOL.md section 6.6: both sides' numbers, what was there already, what came too late. A stream needs none
-of it, since a line that is opened anew carries nothing of before. It keeps out mistakes and old copies, not
-somebody who reads the line: it is no cryptography. Sans I/O; time and random numbers come in.
+Owns PROTOCOL.md section 6.6: the numbers of both sides, repeated frames, late frames. A stream needs none of this,
+since a newly opened line carries no old frames. It protects against mistakes and old copies, not against an
+attacker who reads the line: it is no cryptography. No I/O; time and random numbers come in.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from .effects import Effect, effect_of
 __all__ = ["Conversation", "Conversations", "Numbers", "Window", "is_stop"]
 
 Numbers = Callable[[], int]
-"""Source of random numbers from 0 to 2**31 - 1, that nobody can foresee."""
+"""Source of unpredictable random numbers from 0 to 2**31 - 1."""
 
 _U32 = 0xFFFFFFFF
 _HALF = 1 << 31
 _MOST_OPENING = 16
 _REPEATS_WITHIN = 128
-"""A request that comes again has a number less than this above the first; seq comes round after 256 requests."""
+"""A repeat has a number less than this above that of the first frame; seq wraps after 256 requests."""
 _DRIFT = 0.001
-"""How much the clocks of two machines may part, in seconds per second: ten times what bad quartz does."""
+"""Drift between the clocks of two computers, seconds per second: ten times that of a poor crystal."""
 
 
 def is_stop(frame: Frame) -> bool:
-    """Whether a request stops the arm: it is obeyed however late it comes, and voids what was sent before it."""
+    """Whether a request stops the arm: it is executed however late it is, and cancels earlier requests."""
     return not frame.cmd_ext and effect_of(frame.proto, frame.cmd, frame.body) is Effect.STOP
 
 
 class Window:
-    """Which numbers of the other side were there: each is good once, and only near the newest.
+    """The frame numbers received from the peer: each is valid once, and only near the newest.
 
     Args:
-        start: The number it began with, which was there.
+        start: The first number, which has been received.
     """
 
     def __init__(self, start: int) -> None:
         self._newest = start
-        # Bit i: the number i below the newest was there. Below the start nothing is to come.
+        # Bit i: the number i below the newest was received. Numbers below the start are invalid.
         self._seen = _ALL
 
     def take(self, sn: int) -> str:
-        """Note a number; returns why it is refused, or an empty text."""
+        """Record a number; returns why it is refused, or an empty text."""
         ahead = sn - self._newest & _U32
         if 0 < ahead < _HALF:
             self._newest = sn
@@ -54,14 +54,14 @@ class Window:
             return ""
         behind = -ahead & _U32
         if behind >= tables.DATAGRAM_WINDOW:
-            return "its number is long past"
+            return "its number is too old"
         if self._seen >> behind & 1:
-            return "it was there already, or is void"
+            return "it arrived before, or is cancelled"
         self._seen |= 1 << behind
         return ""
 
     def void(self) -> None:
-        """Whatever is below the newest number, and has not come yet, is too late now."""
+        """Refuse all numbers below the newest from now on."""
         self._seen = _ALL
 
 
@@ -69,12 +69,12 @@ _ALL = (1 << tables.DATAGRAM_WINDOW) - 1
 
 
 class Conversation:
-    """What both sides of one conversation know of it.
+    """One conversation, as seen from one side.
 
     Args:
-        theirs: The number of the other side's frame that began it; what we send bears it.
-        ours: The number of ours that did; what we hear must bear it.
-        behind: Seconds that our clock is ahead of the stamp of their first frame.
+        theirs: Number of the peer's frame that began it; our frames carry it.
+        ours: Number of our frame that began it; the peer's frames must carry it.
+        behind: Our clock minus the stamp of the peer's first frame, seconds.
         now: Seconds, monotonic.
     """
 
@@ -88,20 +88,20 @@ class Conversation:
         self._requests: dict[int, tuple[int, int]] = {}
 
     def next_number(self) -> int:
-        """Number of the next frame of a board; that of its offer comes first."""
+        """Return the number of the board's next frame, starting with that of its offer."""
         sn = self._sn
         self._sn = sn + 1 & _U32
         return sn
 
     def take(self, frame: Frame, now: float) -> str:
-        """Note a frame of this conversation; returns why it is refused, or an empty text."""
+        """Record a frame of this conversation; returns why it is refused, or an empty text."""
         behind = now - frame.time
-        # The quickest frame so far shows how the clocks stand; what takes longer than that was held up.
+        # The fastest frame so far gives the clocks' difference; a frame that takes longer was delayed.
         self._least = min(behind, self._least + _DRIFT * (now - self._at))
         self._at = now
         late = behind - self._least
         stop = is_stop(frame)
-        # An answer does nothing by itself: as long as it is waited for, it is good however late it comes.
+        # A reply executes nothing: it is valid however late, as long as its request is outstanding.
         if late > tables.DATAGRAM_LATE and not stop and not frame.is_reply:
             return f"it is {late:.1f} s late"
         problem = self._window.take(frame.sn)
@@ -110,7 +110,7 @@ class Conversation:
         return problem
 
     def is_repeat(self, frame: Frame) -> bool:
-        """Note a request; whether it, or a later one of its seq, was there before in a frame of another number."""
+        """Record a request; returns whether it, or a later one with its seq, arrived before with another number."""
         what = hash((frame.cmd, frame.body))
         last = self._requests.get(frame.seq)
         if last is not None:
@@ -122,18 +122,18 @@ class Conversation:
 
 
 class Conversations:
-    """The conversation that is, and those that may become it.
+    """The current conversation, and those on offer.
 
-    A host asks for one by IDENTIFY, and is in it when the answer has come. A board only offers one, since the
-    IDENTIFY may be an old copy: it begins with the first frame that bears the number of the offer.
+    A host requests a conversation by IDENTIFY and enters it with the reply. A board only offers one, since the
+    IDENTIFY may be an old copy: it enters the conversation with the first frame that carries the offer's number.
 
     Args:
         numbers: Source of random numbers.
-        host: This side asks; else it answers.
+        host: Whether this is the host's side.
 
     Attributes:
-        current: The conversation that is; None before the first.
-        count: How many began.
+        current: The current conversation; None before the first.
+        count: Number of conversations entered.
     """
 
     def __init__(self, numbers: Numbers, *, host: bool) -> None:
@@ -149,12 +149,12 @@ class Conversations:
     # -- sending ------------------------------------------------------------------------------------
 
     def stamp(self, cmd: int, kind: int, offer: Conversation | None) -> tuple[int, int]:
-        """The fields sn and type of the next frame.
+        """Return the fields sn and type of the next frame.
 
         Args:
             cmd: Its command.
-            kind: Its type where it belongs to no conversation.
-            offer: The conversation that it offers; None for the one that is.
+            kind: Its type outside conversations.
+            offer: The conversation that it offers; None for the current one.
         """
         if self._host:
             self._sn = self._sn + 1 & _U32
@@ -166,7 +166,7 @@ class Conversations:
         return conversation.next_number(), _signed(conversation.theirs)
 
     def sent(self, cmd: int, sn: int) -> None:
-        """A frame was made with this number, which may be another than `stamp` gave."""
+        """Record the number of a frame that was made, which may differ from that of `stamp`."""
         if not self._host:
             return
         self._sn = sn
@@ -178,11 +178,11 @@ class Conversations:
     # -- host ---------------------------------------------------------------------------------------
 
     def is_answer(self, frame: Frame) -> bool:
-        """Whether a reply to IDENTIFY answers one of ours."""
+        """Whether a reply to IDENTIFY answers one of this host's requests."""
         return frame.type & _U32 in self._asked
 
     def begin(self, answer: Frame, now: float) -> None:
-        """Enter the conversation that an answer offers."""
+        """Enter the conversation that a reply offers."""
         self.current = Conversation(answer.sn, answer.type & _U32, now - answer.time, now)
         self.count += 1
         self._news = True
@@ -194,7 +194,7 @@ class Conversations:
     # -- board --------------------------------------------------------------------------------------
 
     def offer(self, identify: Frame, now: float) -> bool:
-        """Offer a conversation to whoever asks; False if this very frame was there before."""
+        """Offer a conversation in reply to IDENTIFY; False if this frame arrived before."""
         begun = [c.theirs for c in self._offered.values()]
         if identify.sn in begun or (self.current is not None and self.current.theirs == identify.sn):
             return False
@@ -205,13 +205,13 @@ class Conversations:
         return True
 
     def offered_to(self, identify: Frame) -> Conversation | None:
-        """The conversation that was offered in answer to an IDENTIFY."""
+        """Return the conversation that was offered in reply to an IDENTIFY."""
         return next((c for c in self._offered.values() if c.theirs == identify.sn), None)
 
     # -- both ---------------------------------------------------------------------------------------
 
     def take(self, frame: Frame, now: float) -> str:
-        """Judge a frame other than IDENTIFY and its answer; returns why it is refused, or an empty text."""
+        """Check a frame other than IDENTIFY and its reply; returns why it is refused, or an empty text."""
         number = frame.type & _U32
         current = self.current
         if current is not None and number == current.ours:
@@ -226,7 +226,7 @@ class Conversations:
             self.current = offered
             self.count += 1
             self._news = True
-            # What was offered before is past; what was offered since may still be taken up.
+            # Earlier offers end; later offers may still be accepted.
             for ours in list(self._offered):
                 del self._offered[ours]
                 if ours == number:
@@ -234,19 +234,19 @@ class Conversations:
         return problem
 
     def has_news(self) -> bool:
-        """Whether a good frame of the conversation came since the last call."""
+        """Whether a valid frame of the conversation arrived since the last call."""
         news, self._news = self._news, False
         return news
 
     def is_repeat(self, frame: Frame) -> bool:
-        """Note a request of the conversation that is; whether it was there before in a frame of another number."""
+        """Record a request of the current conversation; returns whether it arrived before with another number."""
         return self.current is not None and self.current.is_repeat(frame)
 
     def is_current(self, frame: Frame) -> bool:
-        """Whether a request was made in the conversation that is."""
+        """Whether a request belongs to the current conversation."""
         return self.current is not None and frame.type & _U32 == self.current.ours
 
 
 def _signed(number: int) -> int:
-    """A number as the field type holds it, which is signed."""
+    """Convert a number to the signed value of the field type."""
     return (number ^ _HALF) - _HALF

@@ -1,9 +1,9 @@
-"""Frames out of a stream of bytes: finds them, checks them, counts what it throws away.
+"""Frames from a stream of bytes: finds them, checks them, counts the bytes it discards.
 
-Owns the receive buffer. The one outcome of bad bytes is a `BadFrame` or `Garbage` event and a counter; no
-input raises. Time comes in as `now`. Knows nothing of requests and replies.
+Owns the receive buffer. Bad bytes give a `BadFrame` or `Garbage` event and a counter; no input raises. Time comes
+in as `now`. Knows nothing of requests and replies.
 
-Why a frame is cut by its size and never by its tail: PROTOCOL.md section 3.
+PROTOCOL.md section 3 says why the size of a frame, and never its tail, marks its end.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SYNC_TAILS = tuple(SYNC_BYTES[:n] for n in (3, 2, 1))
 
 @dataclass(slots=True)
 class DecoderCounters:
-    """What went through a decoder, in frames and bytes since it was made."""
+    """Frames and bytes that a decoder has processed since it was made."""
 
     bytes_received: int = 0
     frames: int = 0
@@ -38,10 +38,10 @@ class FrameDecoder:
     """A resynchronising decoder with a bounded buffer.
 
     Args:
-        max_frame: Longest frame believed, in bytes.
-        max_buffer: Most bytes kept from one `receive` to the next; what is over is dropped from the front and
-            counted. Only a caller that does not take its events ever gets there.
-        interbyte_timeout: Seconds of silence after which an unfinished frame is given up.
+        max_frame: Longest frame accepted, bytes.
+        max_buffer: Most bytes kept between calls of `receive`; older bytes are dropped and counted. Only a caller
+            that does not take its events reaches it.
+        interbyte_timeout: Seconds of silence after which an unfinished frame is discarded.
     """
 
     def __init__(
@@ -63,9 +63,9 @@ class FrameDecoder:
         self._waiting = False
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes from the line; events come from `next_event`."""
+        """Process bytes from the line; `next_event` returns the events."""
         if not data:
-            # A read that found nothing must not put off the end of an unfinished frame.
+            # An empty read must not extend the time-out of an unfinished frame.
             return
         self.counters.bytes_received += len(data)
         self._last_rx = now
@@ -79,7 +79,7 @@ class FrameDecoder:
         self._pos = 0
 
     def next_event(self) -> Frame | BadFrame | Garbage | None:
-        """The next thing in the stream, or None if more bytes are needed."""
+        """Return the next event of the stream, or None if more bytes are needed."""
         data = self._data
         end = len(data)
         while self._pos < end:
@@ -98,7 +98,7 @@ class FrameDecoder:
             if self._skipped:
                 return self._garbage()
             if isinstance(result, Frame):
-                # As `Frame.size`, without the call: it is done for every frame.
+                # As `Frame.size`, without the call: this runs for every frame.
                 self._pos = start + FRAME_OVERHEAD + (len(result.body) + 3 & ~3)
                 self.counters.frames += 1
                 return result
@@ -112,23 +112,23 @@ class FrameDecoder:
         return None
 
     def next_timeout(self) -> float | None:
-        """When `handle_timeout` wants to be called, or None."""
+        """Time at which to call `handle_timeout`, or None."""
         return self._last_rx + self._interbyte if self._waiting else None
 
     def handle_timeout(self, now: float) -> BadFrame | Garbage | None:
-        """Give up an unfinished frame if the line has been silent long enough.
+        """Discard an unfinished frame if the line has been silent long enough.
 
-        What it held is searched again from its second byte: call `next_event` afterwards, and then this again,
-        until it gives None.
+        The search continues at its second byte: call `next_event` afterwards, and then this again until it returns
+        None.
         """
         if not self._waiting or now < self._last_rx + self._interbyte:
             return None
         return self.end_of_message("unfinished")
 
     def end_of_message(self, reason: str = "cut short") -> BadFrame | Garbage | None:
-        """Nothing follows: what is held unfinished is bad. For links that keep message boundaries.
+        """Treat unfinished bytes as bad, because the message ends. For links that keep message boundaries.
 
-        As with `handle_timeout`, there may be more behind it.
+        As with `handle_timeout`, call `next_event` afterwards, and then this again until it returns None.
         """
         start = self._pos
         if start >= len(self._data):
@@ -140,7 +140,7 @@ class FrameDecoder:
         return self._bad(reason, start)
 
     def reset(self) -> int:
-        """Forget what is held; returns how many bytes that were."""
+        """Discard the buffer; returns the number of bytes discarded."""
         held = len(self._data) - self._pos
         self.counters.bytes_dropped += held
         self._data = self._sample = b""
@@ -149,7 +149,7 @@ class FrameDecoder:
         return held
 
     def _bad(self, reason: str, start: int) -> BadFrame:
-        # The search goes on at its second byte; the first is reported with this event, not as garbage.
+        # The search continues at the second byte; this event reports the first, so it is not garbage.
         self._pos = start + 1
         self.counters.bytes_dropped += 1
         self.counters.bad_frames += 1

@@ -1,6 +1,6 @@
-"""What dialect 1 needs of a host: frames an old board survives, and answers known by servo id and length.
+"""Dialect 1 on the host: frames that an old board can process, and answers matched by servo id and length.
 
-Owns the rules of PROTOCOL.md section 5 that make an old board safe to talk to. Sans I/O and sans time.
+Owns the rules of PROTOCOL.md section 5 that protect an old board. No I/O and no time.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 MAX_PACKET = 63
-"""Longest servo packet with commands 01 and 02: more hangs the chapter's sketch (its ring has 63 bytes)."""
+"""Longest servo packet of commands 01 and 02; a longer one hangs the chapter's sketch (63-byte ring buffer)."""
 
 SHORT_FRAME_PACKET = bytes.fromhex("FFF5FF0604F6")
 UNKNOWN_COMMAND_PACKET = bytes.fromhex("FFF5FF0607F3")
@@ -56,15 +56,15 @@ _EXCHANGED = 6
 _OFFSETS = {name: offset for name, _, offset in HEADER_FIELDS}
 _SEC, _NSEC, _SN, _SRC = (_OFFSETS[name] for name in ("time_sec", "time_nsec", "sn", "src"))
 _ATTEMPTS = 256
-"""Builds of a frame before giving up. The nanoseconds need at most 66 steps, every other field one."""
+"""Attempts to build a frame. The nanoseconds need at most 66 steps, every other field one."""
 
 
 @dataclass(slots=True)
 class Pending1:
-    """A request of dialect 1 that waits to be sent or answered.
+    """A dialect-1 request that waits to be sent or answered.
 
     Raises:
-        LocalProtocolError: Its body is no servo packet, or one the chapter's board could not survive.
+        LocalProtocolError: Its body is no servo packet, or one that the chapter's board cannot process.
     """
 
     ticket: int
@@ -98,17 +98,17 @@ class Pending1:
 
     @property
     def answered(self) -> bool:
-        """Whether the board answers it at all."""
+        """Whether the board answers it."""
         return self.cmd != Command.SYNC_WRITE
 
     @property
     def servo_id(self) -> int:
-        """The servo that is asked."""
+        """Id of the servo addressed."""
         return self.packet.servo_id
 
 
 def _problem(cmd: int, packet: ServoPacket, size: int) -> str:
-    """Why the chapter's board would not survive a request, or would do something else with it; empty if not."""
+    """Return why the chapter's board would hang on a request or misinterpret it; empty if it would not."""
     instruction, params = packet.instruction, packet.params
     if cmd == Command.SYNC_WRITE:
         longest = max_body(MAX_SERIAL_FRAME)
@@ -119,7 +119,9 @@ def _problem(cmd: int, packet: ServoPacket, size: int) -> str:
         except RemoteProtocolError as error:
             return f"SYNC_WRITE carries a sync write only: {error}"
         if not rows or address != _TARGET or len(rows[0][1]) != _SYNC_WRITE_DATA:
-            return f"a dialect-1 board takes any sync write for {_SYNC_WRITE_DATA} bytes at 0x{_TARGET:02X} a servo"
+            return (
+                f"a dialect-1 board writes {_SYNC_WRITE_DATA} bytes at 0x{_TARGET:02X} per servo for any sync write"
+            )
         return ""
     if cmd not in (Command.PING, Command.READ):
         return f"{command_name(cmd)} does not exist in dialect 1"
@@ -137,19 +139,20 @@ def _problem(cmd: int, packet: ServoPacket, size: int) -> str:
 def match_reply(body: bytes, pending: Pending1, sent: Collection[bytes] = ()) -> bytes | None:
     """Find the status packet in a dialect-1 reply that answers `pending`.
 
-    The payload is what the board heard on its bus: noise, an echo, late answers and all. With command 02 and a
-    legacy servo, the chapter's board has exchanged bytes 5 and 6 of it, whatever those are. So it is looked at
-    twice: with that undone for a legacy servo's answer (FF F5), as it is for any other's (FF FF). What counts as an
-    answer then is `servo_answers`' to say.
+    The payload is everything that the board received on its bus, with noise, echoes and late answers. For command
+    02 and a legacy servo, the chapter's board has exchanged bytes 5 and 6 of it, whatever they are. So the payload
+    is searched
+    twice: with the exchange undone for a legacy servo's answer (FF F5), and unchanged for any other (FF FF).
+        `servo_answers` decides what counts as an answer.
 
     Args:
         body: The payload.
-        pending: What was asked. It remembers what came and was doubtful.
-        sent: Packets sent before: the board keeps an echo that comes late, and hands it to whoever asks next.
+        pending: The request. It keeps doubtful answers.
+        sent: Packets sent before: the board returns a late echo with the next answer.
 
     Returns:
-        Its bytes, echo and noise removed, a legacy servo's two data bytes little-endian; a board's error packet if
-        that is the answer; None if this frame answers something else, or nobody can tell.
+        Bytes of the status packet without echo and noise, a legacy servo's two data bytes little-endian; the
+        board's error packet if that is the answer; None if this frame answers another request, or is ambiguous.
     """
     if body in (UNKNOWN_COMMAND_PACKET, SHORT_FRAME_PACKET):
         return body
@@ -160,28 +163,28 @@ def match_reply(body: bytes, pending: Pending1, sent: Collection[bytes] = ()) ->
         read = pending.packet.instruction == Instruction.READ
         return _exchange(found) if read and len(found) == _READ_ANSWER else found
     if params != 2 and pending.packet.instruction != Instruction.PING:
-        # A board says "no answer" to anything sent with command 02 as to a 2-byte read.
+        # A board reports "no answer" to any packet of command 02 as for a 2-byte read.
         found = _answer(exchanged, pending, LEGACY_HEADER, 2, sent)
         if found == make_board_error(BOARD_ERRORS["read_silent"], pending.servo_id):
             return found
     if exchanged.count(pending.body) > body.count(pending.body):
-        # The board did exchange them, so this is a legacy servo, and what else is there is none of its answers.
+        # The board exchanged the bytes, so this is a legacy servo, and the rest of the payload is not its answer.
         return None
     return _answer(body, pending, SERVO_HEADER, params, sent)
 
 
 def _exchange(payload: bytes) -> bytes:
-    """A payload with bytes 5 and 6 exchanged; as it is where it has fewer."""
+    """Exchange bytes 5 and 6 of a payload, if it has that many."""
     return payload[:5] + payload[6:7] + payload[5:6] + payload[7:] if len(payload) > _EXCHANGED else payload
 
 
 def _answer(data: bytes, pending: Pending1, header: bytes, params: int, sent: Collection[bytes]) -> bytes | None:
-    """The bytes of the one answer in what the board heard; None if there is none or several that differ."""
+    """Return the bytes of the only answer in a payload; None without one, or with several that differ."""
     collector = AnswerCollector(pending.body, (pending.servo_id,), params, header=header, sent=sent, all_sent=True)
     collector.receive(data)
     found = collector.answers.get(pending.servo_id)
     if found is None:
-        # What has something odd behind it is believed if it comes twice.
+        # An answer followed by invalid bytes is trusted if it arrives twice.
         found = collector.murky.get(pending.servo_id)
         before, pending.murky[header, params] = pending.murky.get((header, params)), found
         if found is None or found != before:
@@ -191,16 +194,16 @@ def _answer(data: bytes, pending: Pending1, header: bytes, params: int, sent: Co
 
 
 def clean_frame(frame: Frame, max_frame: int) -> tuple[Frame, bytes]:
-    """Build a frame without 0D 0A in bytes 4..len-3, changing what is free where it stands.
+    """Build a frame without 0D 0A in bytes 4..len-3, by changing fields that may change.
 
-    Free are the nanoseconds (1 us more at a time), sn (the next without), and the seconds: those stand still at
-    the last one without the marker, for 256 s at most on a clock of this century.
+    These are the nanoseconds (in steps of 1 us), sn (to the next without the marker), and the seconds, which stay
+    at the last value without the marker, for 256 s at most on a clock of this century.
 
     Returns:
         The frame as it is sent, and its bytes.
 
     Raises:
-        LocalProtocolError: 0D 0A stands in what is not free: the body, or a module id; or the frame is too long.
+        LocalProtocolError: 0D 0A is in the body or a module id, which may not change; or the frame is too long.
     """
     body_end = BODY_OFFSET + len(frame.body)
     step = 1000 if frame.time_nsec < 999_000_000 else -1000
@@ -213,7 +216,7 @@ def clean_frame(frame: Frame, max_frame: int) -> tuple[Frame, bytes]:
             low = 8 * (at - _SEC)
             frame = frame._replace(time_sec=(frame.time_sec >> low << low) - 1)
         elif at < _SN - 1 or body_end - 1 <= at <= body_end:
-            # In the check of dialect 2 too: any other time gives another.
+            # The check of dialect 2 too: it changes with the time.
             frame = frame._replace(time_nsec=frame.time_nsec + step)
         elif at < _SRC:
             low = 8 * max(at - _SN, 0)

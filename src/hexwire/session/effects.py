@@ -1,6 +1,6 @@
-"""What a request does to an arm: whether a stop must void it, and whether it is a stop itself.
+"""Effect of a request on an arm: whether a stop must cancel it, and whether it is a stop itself.
 
-Owns the judgement by command and body. Sans I/O and sans time; must not know who asks.
+Owns the classification by command and body. No I/O and no time; must not know the sender.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _TRANSACT_HEAD = 2
 
 
 class Effect(Enum):
-    """What a request does."""
+    """Effect of a request."""
 
-    NONE = "reads, or says that the host is there"
+    NONE = "reads, or feeds the watchdog"
     ACT = "moves, switches or sets something"
-    FREE = "takes torque away"
+    FREE = "switches torque off"
     STOP = "stops"
     RESUME = "ends a stop"
 
@@ -44,11 +44,11 @@ _SIGNALS = {1: Effect.STOP, 2: Effect.STOP, 3: Effect.RESUME, 5: Effect.FREE}
 
 
 def effect_of(dialect: int, cmd: int, body: bytes) -> Effect:
-    """What a request does; what is not known acts."""
+    """Return the effect of a request; an unknown request acts."""
     if cmd in (Command.PING, Command.READ):
         return Effect.NONE if packet_only_reads(body) else Effect.ACT
     if dialect == PROTO_CHAPTER:
-        # IDENTIFY, which asks whether there is another dialect.
+        # IDENTIFY checks whether the board speaks dialect 2.
         return Effect.NONE if cmd == Command.IDENTIFY else Effect.ACT
     if cmd in _NEUTRAL or (cmd in (Command.LIMITS, Command.OFFSETS) and not body):
         return Effect.NONE
@@ -68,5 +68,5 @@ def effect_of(dialect: int, cmd: int, body: bytes) -> Effect:
 
 
 def packet_only_reads(packet: bytes) -> bool:
-    """Whether a servo packet only asks."""
+    """Whether a servo packet only reads."""
     return len(packet) > _INSTRUCTION and packet[_INSTRUCTION] in _READS

@@ -1,7 +1,7 @@
-"""The events that wait to be taken: bounded, and never at the cost of an outcome.
+"""Bounded queue of events that never drops the outcome of a request.
 
-Owns what gives way when nobody takes events: the oldest report first makes room for the newest, and anything
-but the outcome of a request for everything else. Knows nothing of how events come about.
+Owns what is dropped when the caller does not take events: the oldest report for a new report, and the oldest event
+except replies and time-outs for any other. Knows nothing of the source of events.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class EventQueue:
     """Events in order.
 
     Args:
-        counters: Where it is counted what made room.
+        counters: Counters for dropped reports and events.
     """
 
     __slots__ = ("_counters", "_events", "_reports")
@@ -31,26 +31,26 @@ class EventQueue:
         self._reports = 0
 
     def pop(self) -> Event | None:
-        """The oldest event, or None."""
+        """Remove and return the oldest event, or return None."""
         if not self._events:
             return None
         try:
             event = self._events.popleft()
         except IndexError:
-            # A signal handler that stops the arm has taken it meanwhile.
+            # A signal handler that stops the arm has taken it.
             return None
         if event.__class__ is Report:
             self._reports -= 1
         return event
 
     def add(self, event: Event) -> None:
-        """Put an event at the end."""
+        """Append an event."""
         if len(self._events) >= _MAX_EVENTS:
             self._make_room()
         self._events.append(event)
 
     def add_report(self, report: Report) -> None:
-        """Put a report at the end. The newest state matters most: the oldest report makes room."""
+        """Append a report; if there are too many, drop the oldest, since the newest state matters most."""
         if self._reports >= _MAX_REPORTS:
             i = next(i for i, event in enumerate(tuple(self._events)) if event.__class__ is Report)
             del self._events[i]
@@ -60,7 +60,7 @@ class EventQueue:
         self._reports += 1
 
     def _make_room(self) -> None:
-        # Somebody waits for a reply or its time-out, and there are no more of them than were asked for.
+        # A caller waits for each reply or time-out, and there are no more of them than requests.
         for i, event in enumerate(tuple(self._events)):
             if not isinstance(event, Reply | TimedOut):
                 del self._events[i]

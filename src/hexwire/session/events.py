@@ -1,6 +1,6 @@
-"""What a session can report: frozen values that travel up, one kind an event.
+"""Events of a session, as frozen values.
 
-Owns the event types with their log lines, and the counters beside them. Knows nothing of how they come about.
+Owns the event types with their log lines, and the counters. Knows nothing of the source of events.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ __all__ = ["BadFrame", "ConnectionCounters", "Event", "Garbage", "Reply", "Repor
 
 @dataclass(slots=True)
 class ConnectionCounters:
-    """What happened on a connection since it was made.
+    """Counters of a connection since it was made.
 
     Attributes:
-        refused: Datagrams that were old, or of another conversation; `stale` counts them too.
+        refused: Datagrams refused as old or of another conversation; `stale` counts them too.
     """
 
     frames_sent: int = 0
@@ -39,7 +39,7 @@ class Garbage:
     """Bytes that belong to no frame.
 
     Attributes:
-        count: How many were thrown away.
+        count: Number of bytes discarded.
         data: The first of them, at most 64.
     """
 
@@ -52,7 +52,7 @@ class Garbage:
 
 @dataclass(frozen=True, slots=True)
 class BadFrame:
-    """Something that began like a frame and was not a good one. Nothing in it is acted on.
+    """Bytes that begin like a frame but fail a check. Nothing in them is executed.
 
     Attributes:
         reason: In words: the check, the tail, unfinished.
@@ -68,7 +68,7 @@ class BadFrame:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Board side: a host asks for something. Answer it with `Connection.reply`."""
+    """Board side: a request of a host. Answer it with `Connection.reply`."""
 
     frame: Frame
 
@@ -80,13 +80,13 @@ class Reply(NamedTuple):
     """Host side: the answer to the request with this ticket.
 
     Attributes:
-        ticket: What `Connection.request` gave.
+        ticket: The value that `Connection.request` returned.
         cmd: Command code of the request.
         status: Status code; 0 is ok. Always 0 in dialect 1, where errors are packets.
         body: In dialect 2 the reply's body; in dialect 1 the status packet, echo and noise removed.
-        frame: The frame it came in; None for a command of dialect 1 that is never answered.
-        rtt: Seconds from the last sending to the answer.
-        attempts: How often it was sent.
+        frame: The frame of the reply; None for a command of dialect 1 that is never answered.
+        rtt: Seconds from the last attempt to the reply.
+        attempts: Number of times that it was sent.
     """
 
     ticket: int
@@ -103,7 +103,7 @@ class Reply(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Host side: a frame the board sent without being asked."""
+    """Host side: an unsolicited frame of the board."""
 
     frame: Frame
 
@@ -116,10 +116,10 @@ class TimedOut:
     """Host side: no answer to the request with this ticket, after all attempts.
 
     Attributes:
-        ticket: What `Connection.request` gave.
+        ticket: The value that `Connection.request` returned.
         cmd: Command code of the request.
-        attempts: How often it was sent.
-        instead: What arrived meanwhile, in words; empty if nothing did.
+        attempts: Number of times that it was sent.
+        instead: What arrived instead, in words; empty if nothing arrived.
     """
 
     ticket: int
@@ -133,7 +133,7 @@ class TimedOut:
 
 @dataclass(frozen=True, slots=True)
 class Stale:
-    """Host side: a good frame that answers nothing we wait for; thrown away and counted."""
+    """Host side: a valid frame that answers no outstanding request; discarded and counted."""
 
     frame: Frame
     reason: str

@@ -1,8 +1,8 @@
-"""Bodies that do not fit a frame: cut into chunks, put together, missing chunks asked for again.
+"""Bodies that do not fit a frame: split into chunks, assembled again, with missing chunks requested again.
 
-Owns both ends of PROTOCOL.md's FRAGMENT and FRAGMENT_MISSING, bounded in size, number and time. The receiver
-pulls: it confirms a window by asking for the next one, so a slow receiver or a lossy link sets the pace by
-itself. Sans I/O; time comes in as `now`. Knows nothing of frames or links.
+Owns both ends of PROTOCOL.md's FRAGMENT and FRAGMENT_MISSING, bounded in size, number and time. The receiver pulls:
+it confirms a window by requesting the next one, so a slow receiver or a lossy link limits the rate. No I/O; time
+comes in as `now`. Knows nothing of frames or links.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from hexwire.wire.commands import FRAGMENT_HEAD_SIZE, FragmentHead, parse_missin
 __all__ = ["FragmentReceiver", "FragmentSender", "Message"]
 
 WINDOW = 16
-"""Chunks sent before the receiver must ask on. 16 of 8 kB stay inside a default UDP receive buffer."""
+"""Chunks sent before the receiver must request more. 16 chunks of 8 kB fit a default UDP receive buffer."""
 
 ASK_AGAIN = 0.1
-"""Seconds of silence after which a receiver asks for what is missing."""
+"""Seconds of silence after which a receiver requests the missing chunks."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A body put together again."""
+    """An assembled body."""
 
     message_id: int
     cmd: int
@@ -57,11 +57,11 @@ class _Incoming:
 
 
 class FragmentSender:
-    """Cuts bodies and keeps them until the peer has them.
+    """Splits bodies and keeps them until the peer has received them.
 
     Args:
-        chunk_size: Bytes of body a fragment carries.
-        lifetime: Seconds without a word from the peer after which a message is forgotten.
+        chunk_size: Bytes of the body in each fragment.
+        lifetime: Seconds without a request of the peer after which a message is dropped.
     """
 
     def __init__(self, chunk_size: int, lifetime: float = tables.FRAGMENT_LIFETIME) -> None:
@@ -74,37 +74,37 @@ class FragmentSender:
         """Start a message; yields the FRAGMENT bodies of its first window.
 
         Raises:
-            LocalProtocolError: It is over the size that a receiver takes, or too many are under way.
+            LocalProtocolError: It is larger than a receiver accepts, or too many messages are unfinished.
         """
         if len(body) > tables.FRAGMENT_MAX_BYTES:
             raise LocalProtocolError(
-                f"a body of {len(body)} bytes is over the {tables.FRAGMENT_MAX_BYTES} that fragments carry"
+                f"a body of {len(body)} bytes is too long for fragments; at most {tables.FRAGMENT_MAX_BYTES}"
             )
         self.handle_timeout(now)
         if len(self._out) >= tables.FRAGMENT_MESSAGES and message_id not in self._out:
-            raise LocalProtocolError(f"{len(self._out)} fragmented messages are under way already")
+            raise LocalProtocolError(f"{len(self._out)} fragmented messages are unfinished; wait for one to finish")
         size = self._chunk_size
         chunks = [body[i : i + size] for i in range(0, len(body), size)] or [b""]
         if len(chunks) > 0xFFFF:
-            raise LocalProtocolError(f"{len(chunks)} chunks are over the 65535 that can be counted")
+            raise LocalProtocolError(f"a body of {len(chunks)} chunks is too long; at most 65535")
         self._out[message_id] = _Outgoing(cmd, cmd_ext, chunks, now + self._lifetime)
         return self._bodies(message_id, range(min(WINDOW, len(chunks))))
 
     def remind(self, message_id: int, cmd: int, cmd_ext: int, body: bytes, now: float) -> Iterator[bytes]:
         """Send the first chunk again.
 
-        A receiver that missed the whole window then asks for the rest; one that has it all says so once more.
+        A receiver that missed the whole window then requests the rest; one that has all chunks confirms again.
         """
         if message_id not in self._out and len(self._out) < tables.FRAGMENT_MESSAGES:
             self.send(message_id, cmd, cmd_ext, body, now)
         return self._bodies(message_id, (0,) if message_id in self._out else ())
 
     def forget(self, message_id: int) -> None:
-        """Drop a message; what the peer still asks of it is not answered."""
+        """Drop a message; later requests for its chunks are not answered."""
         self._out.pop(message_id, None)
 
     def receive_missing(self, body: bytes, now: float) -> Iterator[bytes]:
-        """Act on a FRAGMENT_MISSING body; yields the FRAGMENT bodies asked for.
+        """Process a FRAGMENT_MISSING body; yields the FRAGMENT bodies requested.
 
         Raises:
             RemoteProtocolError: The body is malformed.
@@ -117,17 +117,17 @@ class FragmentSender:
             del self._out[message_id]
             return iter(())
         message.deadline = now + self._lifetime
-        # At most a window an answer, whatever a peer asks: it asks again for the rest.
+        # At most one window per answer; the peer requests the rest again.
         return self._bodies(message_id, [i for i in indexes if i < len(message.chunks)][:WINDOW])
 
     def next_timeout(self) -> float | None:
-        """When `handle_timeout` wants to be called, or None."""
+        """Time at which to call `handle_timeout`, or None."""
         if not self._out:
             return None
         return min(m.deadline for m in self._out.values())
 
     def handle_timeout(self, now: float) -> None:
-        """Forget messages that the peer no longer asks about."""
+        """Drop messages of which the peer no longer requests chunks."""
         for message_id in [i for i, m in self._out.items() if m.deadline <= now]:
             del self._out[message_id]
             self.expired += 1
@@ -141,12 +141,12 @@ class FragmentSender:
 
 
 class FragmentReceiver:
-    """Puts messages together; bounded in number, size and time.
+    """Assembles messages; bounded in number, size and time.
 
     Attributes:
-        expired: Messages given up because the peer fell silent.
-        refused: Fragments that fit no message, or would have gone over a bound.
-        duplicates: Chunks that were there already.
+        expired: Messages dropped because the peer fell silent.
+        refused: Fragments that fit no message, or would exceed a bound.
+        duplicates: Chunks received before.
     """
 
     def __init__(self, lifetime: float = tables.FRAGMENT_LIFETIME) -> None:
@@ -158,18 +158,18 @@ class FragmentReceiver:
         self.duplicates = 0
 
     def receive(self, body: bytes, now: float) -> tuple[Message | None, list[bytes]]:
-        """Take a FRAGMENT body.
+        """Process a FRAGMENT body.
 
         Returns:
-            The message if it is whole now, and the FRAGMENT_MISSING bodies to send back.
+            The message if it is complete, and the FRAGMENT_MISSING bodies to send back.
 
         Raises:
-            RemoteProtocolError: The body is malformed, or over a bound.
+            RemoteProtocolError: The body is malformed, or exceeds a bound.
         """
         head = FragmentHead.parse(body)
         chunk = body[FRAGMENT_HEAD_SIZE:]
         if self.is_done(head.message_id, now):
-            # Our confirmation was lost: the sender is still asking what we got.
+            # Our confirmation was lost: confirm again.
             self.duplicates += 1
             return None, [serialize_missing(head.message_id, ())]
         message = self._in.get(head.message_id)
@@ -198,17 +198,17 @@ class FragmentReceiver:
         return None, []
 
     def is_done(self, message_id: int, now: float) -> bool:
-        """Whether a message was put together within its lifetime."""
+        """Whether a message was assembled within its lifetime."""
         done = self._done.get(message_id)
         return done is not None and done + self._lifetime > now
 
     def forget(self) -> None:
-        """Drop all messages, whole or not: the peer starts anew, and may use their numbers again."""
+        """Drop all messages, complete or not: a restarted peer may use their numbers again."""
         self._in.clear()
         self._done.clear()
 
     def next_timeout(self) -> float | None:
-        """When `handle_timeout` wants to be called, or None."""
+        """Time at which to call `handle_timeout`, or None."""
         if not self._in:
             return None
         return min(
@@ -216,7 +216,7 @@ class FragmentReceiver:
         )
 
     def handle_timeout(self, now: float) -> list[bytes]:
-        """Ask again for what is missing, give up what has been silent too long; returns bodies to send."""
+        """Request missing chunks again, and drop messages that were silent too long; returns bodies to send."""
         asks = []
         for message_id, message in list(self._in.items()):
             if now >= message.last_rx + self._lifetime:
@@ -228,7 +228,7 @@ class FragmentReceiver:
         return asks
 
     def _forget_done(self, now: float) -> None:
-        # In the order they were done: the cost is that of what is dropped.
+        # Entries are in order of completion, so only dropped ones cost time.
         while self._done:
             message_id, done = next(iter(self._done.items()))
             if done + self._lifetime > now:
@@ -238,7 +238,7 @@ class FragmentReceiver:
     def _start(self, head: FragmentHead, now: float) -> _Incoming:
         if head.message_id not in self._in and len(self._in) >= tables.FRAGMENT_MESSAGES:
             self.refused += 1
-            raise RemoteProtocolError(f"more than {tables.FRAGMENT_MESSAGES} fragmented messages at once")
+            raise RemoteProtocolError(f"more than {tables.FRAGMENT_MESSAGES} fragmented messages at the same time")
         message = _Incoming(head.cmd, head.cmd_ext, head.chunks, now, now, min(WINDOW, head.chunks))
         self._in[head.message_id] = message
         return message
@@ -255,7 +255,7 @@ class FragmentReceiver:
             del self._in[head.message_id]
             self.refused += 1
             raise RemoteProtocolError(
-                f"fragment {head.number} of {head.chunks} with {len(chunk)} bytes breaks its message's size"
+                f"fragment {head.number} of {head.chunks} with {len(chunk)} bytes does not fit its message's size"
             )
 
     def _ask(self, message_id: int, message: _Incoming, now: float) -> bytes:

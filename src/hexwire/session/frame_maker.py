@@ -1,7 +1,7 @@
-"""The sending half of a connection: it numbers, stamps and serializes frames, and holds them until they are taken.
+"""The sending half of a connection: numbers, stamps and serializes frames, and queues them for writing.
 
-Owns the header of what is sent (who, to whom, when, the frame counter, over datagrams the conversation) and the
-queue of what waits. Sans I/O; time comes in as `now`. Must not know which requests are outstanding.
+Owns the header of sent frames (source, destination, time, frame counter, over datagrams the conversation) and the
+queue of frames to write. No I/O; time comes in as `now`. Must not know which requests are outstanding.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ __all__ = ["FrameMaker", "Role"]
 
 
 _SMALLEST_FRAME = 128
-"""No peer is believed that takes less: the answer of a 16-joint board to IDENTIFY needs this much."""
+"""Smaller limits of a peer are ignored: the reply of a 16-joint board to IDENTIFY needs this size."""
 
 
 class Role(Enum):
-    """Which end of the line this is."""
+    """End of the line: host or board."""
 
     HOST = "host"
     BOARD = "board"
 
 
 class FrameMaker:
-    """What `Connection` sends with; see there for the arguments."""
+    """The sending half of `Connection`, which documents the arguments."""
 
     def __init__(
         self,
@@ -82,8 +82,8 @@ class FrameMaker:
             seq: Its command counter.
             now: Seconds, monotonic.
             ext: Flags and status.
-            dst: Module it goes to; `remote` if None.
-            offer: The conversation that an answer to IDENTIFY offers; None for the one that is.
+            dst: Destination module; `remote` if None.
+            offer: The conversation that a reply to IDENTIFY offers; None for the current one.
         """
         kind = self.type
         if self.conversations is None:
@@ -95,7 +95,7 @@ class FrameMaker:
         to = self.remote if dst is None else dst
         frame = Frame(sec, nsec, sn, self.local, to, kind, proto, seq, cmd, body, ext)
         if self.cautious or (proto == PROTO_CHAPTER and self.role is Role.HOST):
-            # Whatever the link takes, an old board behind it has a buffer of 254 bytes.
+            # Whatever the link allows, an old board has a buffer of 254 bytes.
             longest = min(self.max_frame, tables.MAX_SERIAL_FRAME)
             frame, data = clean_frame(frame, longest)
             sn = frame.sn
@@ -107,12 +107,12 @@ class FrameMaker:
         return data
 
     def build_again(self, data: bytes, now: float) -> bytes:
-        """A stored frame with a new number and time: by its time the host knows how old its body is."""
+        """Build a stored frame again with a new number and time; the time shows the host the age of the body."""
         frame = parse_frame(data)
         return self.build(PROTO_HEXWIRE, frame.cmd, frame.body, frame.seq, now, frame.cmd_ext, dst=frame.dst)
 
     def build_dialect1(self, packet: bytes, now: float, dst: int) -> bytes:
-        """An answer as the chapter's board makes it: command 02, its own count as seq, no check."""
+        """Build an answer as the chapter's board does: command 02, its frame counter as seq, no check."""
         self.sn = (self.sn + 1) & 0xFFFFFFFF
         sec, nsec = split_time(now + self.epoch)
         self.counters.frames_sent += 1
@@ -131,17 +131,17 @@ class FrameMaker:
         )
         return serialize_frame(frame, self.max_frame)
 
-    # -- what waits to be written ------------------------------------------------------------------
+    # -- frames to write ---------------------------------------------------------------------------
 
     def data_to_send(self) -> list[bytes]:
-        """Frames to write now, in order; each is one message where the link keeps boundaries."""
+        """Take the frames to write now, in order; each is one message on a link that keeps boundaries."""
         out = self._out
         if out:
             self._out = []
         return out
 
     def report(self, cmd: int, body: bytes, now: float) -> None:
-        """Send a frame nobody asked for.
+        """Send an unsolicited frame.
 
         Raises:
             LocalProtocolError: The body does not fit one frame.
@@ -150,22 +150,22 @@ class FrameMaker:
         self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, EXT_UNSOLICITED))
 
     def reply_dialect1(self, packet: bytes, now: float, *, dst: int = 0) -> None:
-        """Answer in dialect 1 the way the chapter's board does: command 02, its own count as seq, no check."""
+        """Send an answer as the chapter's board does: command 02, its frame counter as seq, no check."""
         self._out.append(self.build_dialect1(packet, now, dst))
 
     def send_chapter(self, cmd: int, body: bytes, now: float) -> bytes:
-        """Queue a dialect-1 frame, and return it. For the dialect-1 half only."""
+        """Queue a dialect-1 frame and return it. For the dialect-1 half only."""
         self.seq = (self.seq + 1) & 0xFF
         data = self.build(PROTO_CHAPTER, cmd, body, self.seq, now)
         self._out.append(data)
         return data
 
     def withhold(self, data: bytes) -> bool:
-        """Take a frame back; returns whether it was too late. For the dialect-1 half only."""
+        """Remove a frame from the queue; returns whether it was too late. For the dialect-1 half only."""
         return self._withhold([data])
 
     def _withhold(self, frames: list[bytes]) -> bool:
-        """Take frames back that were not taken to be sent; returns whether any was."""
+        """Remove frames from the queue; returns whether any was taken to be written before."""
         waiting = [data for data in self._out if any(data is frame for frame in frames)]
         self._out = [data for data in self._out if not any(data is frame for frame in frames)]
         return len(waiting) < len(frames)
@@ -174,7 +174,7 @@ class FrameMaker:
         self._out.append(self.build(PROTO_HEXWIRE, cmd, body, self.seq, now, dst=dst))
 
     def _send_message(self, cmd: int, ext: int, body: bytes, seq: int, now: float, dst: int | None = None) -> int:
-        # The low byte of a message id is the seq of its request, so that a reply in fragments finds it.
+        # The low byte of a message id is the seq of its request, which identifies a fragmented reply.
         self._message_count = (self._message_count + 1) & 0xFF
         message_id = self._message_count << 8 | seq
         for chunk in self._fragments_out.send(message_id, cmd, ext, body, now):
@@ -182,7 +182,7 @@ class FrameMaker:
         return message_id
 
     def limit_frame(self, max_frame: int) -> None:
-        """Send no frame longer than this, because the peer said so; longer bodies go in fragments."""
+        """Limit the length of frames to what the peer accepts; longer bodies are sent in fragments."""
         self._take_limit(min(self.max_frame, max(max_frame, _SMALLEST_FRAME)))
 
     def _take_limit(self, max_frame: int) -> None:

@@ -1,8 +1,8 @@
-"""Which dialect does the board speak? Ask with IDENTIFY; fall back to the chapter's dialect.
+"""Negotiation of the dialect: try IDENTIFY, then fall back to the chapter's dialect.
 
-Owns the order of the questions and the verdict when nobody answers. Works on a `Connection`, sans I/O: the
-caller moves bytes, hands events in with `handle`, and calls `handle_timeout`. A board that is still booting
-(opening its port resets a Mega) is waited for by asking, until a deadline.
+Owns the order of the requests and the diagnosis when nothing answers. Works on a `Connection`, without I/O: the
+caller moves bytes, passes events to `handle`, and calls `handle_timeout`. Requests are repeated until a deadline,
+since a board may still be booting (opening its port resets a Mega).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ __all__ = ["Negotiated", "NegotiationFailed", "Negotiator"]
 
 _ASK_WINDOW = 0.25
 _LOOK_AFTER = 2
-"""Unanswered questions after which it is time to look for something else on the line."""
+"""Unanswered requests after which the caller may look for another device on the line."""
 _NOISE = 64
 _ASK_ON = 2
-"""IDENTIFYs after a ping that was answered: every board answers it, and one that has just booted may have
-missed the questions before."""
+"""IDENTIFYs after an answered ping: every board answers the ping, and one that has just booted may have missed
+the IDENTIFYs before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Negotiated:
 
     Attributes:
         dialect: 1 or 2.
-        identity: What it said of itself; None in dialect 1, which has no such question.
+        identity: Its reply to IDENTIFY; None in dialect 1, which has no such command.
     """
 
     dialect: int
@@ -46,14 +46,14 @@ class Negotiated:
 
 @dataclass(frozen=True, slots=True)
 class NegotiationFailed:
-    """Nobody answered in either dialect.
+    """Nothing answered in either dialect.
 
     Attributes:
-        attempts: How often we asked.
+        attempts: Number of requests sent.
         bytes_received: Bytes that arrived meanwhile.
-        frames: Good frames among them.
-        servo_id: A servo that answered a ping by itself, without a board's frame around it: this is a servo bus.
-        echoes: Our own frames among those.
+        frames: Valid frames among them.
+        servo_id: Servo that answered a ping directly, without a board's frame: this is a servo bus.
+        echoes: Our own frames among those frames.
     """
 
     attempts: int
@@ -63,21 +63,19 @@ class NegotiationFailed:
     echoes: int = 0
 
     def as_error(self, url: str) -> ReplyTimeoutError:
-        """The error that says what came instead of an answer, and what to do about it."""
+        """Make the error that says what arrived instead of an answer, and what to do about it."""
         if self.bytes_received == 0:
             instead = ""
-            advice = (
-                "is this the board's port and rate, has the board power and firmware? `hexwire ports` lists ports"
-            )
+            advice = "check the port, the rate, and the board's power and firmware; `hexwire ports` lists ports"
         elif self.frames == 0:
             instead = f"{self.bytes_received} bytes that are no frame"
-            advice = "a wrong baud rate looks like this; so does another device"
+            advice = "the baud rate may be wrong, or this is another device"
         elif self.echoes:
             instead = f"{self.echoes} of our own frames"
-            advice = "the line hears itself, and no board is behind it: an adapter, or a plug with TX on RX"
+            advice = "the line only echoes, and no board is connected: an adapter, or a plug with TX on RX"
         else:
-            instead = f"{self.frames} frames that answer nothing"
-            advice = "another program on the line, or a board of another make"
+            instead = f"{self.frames} frames that answer no request"
+            advice = "another program uses the line, or the board is of another make"
         return ReplyTimeoutError(f"IDENTIFY on {url}", attempts=self.attempts, instead=instead, advice=advice)
 
 
@@ -87,14 +85,14 @@ class Negotiator:
     Args:
         connection: A host connection; its dialect is set to the outcome.
         now: Seconds, monotonic.
-        boot_window: Seconds to go on asking.
+        boot_window: Seconds to repeat the requests.
         ping_ids: Servos to ping in dialect 1.
-        dialect: Ask only in this dialect; both if None.
-        look: Pause once, when the first questions were not answered, so that the caller can look for another kind
-            of device; `go_on` ends the pause.
+        dialect: Try this dialect only; both if None.
+        look: Pause once after the first unanswered requests, so that the caller can look for another kind of
+            device; `go_on` ends the pause.
 
     Attributes:
-        paused: Nothing is asked until `go_on`.
+        paused: Nothing is sent until `go_on`.
     """
 
     def __init__(
@@ -128,7 +126,7 @@ class Negotiator:
         self._next(now)
 
     def handle(self, event: Event, now: float) -> None:
-        """Take an event of the connection; `outcome` is set when it settles the matter."""
+        """Process an event of the connection; sets `outcome` when the negotiation ends."""
         if isinstance(event, Garbage):
             self._overhear(event.data)
         elif isinstance(event, Stale):
@@ -153,7 +151,7 @@ class Negotiator:
             else:
                 self._settle(Negotiated(PROTO_HEXWIRE, identity), now)
         else:
-            # It was asked before a stop, or while the board was busy: it knows dialect 2, and is asked again.
+            # Refused because of a stop or a busy board: the board speaks dialect 2, so repeat the request.
             self._knows_identify = event.status in (Status.STOPPED, Status.BUSY) or self._knows_identify
             self._left_to_ask = None if self._knows_identify else self._left_to_ask
             self._next(now)
@@ -164,7 +162,7 @@ class Negotiator:
         self._next(now)
 
     def _overhear(self, data: bytes) -> None:
-        """A servo answers the ping that it hears in a frame. No frame around its answer: there is no board."""
+        """Detect a servo that answers the ping inside a frame directly: without a frame there is no board."""
         self._noise = (self._noise + data)[-_NOISE:]
         try:
             status = parse_status(self._noise)
@@ -179,7 +177,7 @@ class Negotiator:
         self._connection.dialect = outcome.dialect
         self._connection.cautious = outcome.dialect == PROTO_CHAPTER
         if outcome.dialect == PROTO_CHAPTER and self._asked > 1:
-            # A board that booted meanwhile now answers what it had queued: let that pass.
+            # A board that booted meanwhile now answers queued requests: ignore those answers.
             self._connection.stay_quiet(now + tables.DIALECT1_REPLY_WINDOW)
 
     def _next(self, now: float) -> None:
@@ -194,8 +192,8 @@ class Negotiator:
             self._look, self.paused = False, True
             return
         if self._asked == 0 or now < self._deadline:
-            # IDENTIFY twice, then a dialect-1 ping, and so on: a board that answers neither of the first two
-            # may still know the ping.
+            # IDENTIFY twice, then a dialect-1 ping, and so on: a board that does not answer IDENTIFY may answer the
+            # ping.
             both = self._only is None and not self._knows_identify
             self._ask(now, ping=self._only == PROTO_CHAPTER or (both and self._asked % 3 == 2))
             return

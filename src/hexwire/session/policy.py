@@ -1,6 +1,6 @@
 """Deadlines, retries and reconnection: one frozen value each, applied in one place.
 
-Owns the numbers. The connection applies `RetryPolicy`, the session object applies `ReconnectPolicy`.
+Owns the numbers. The connection applies `RetryPolicy`, the session applies `ReconnectPolicy`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ __all__ = ["ReconnectPolicy", "RetryPolicy"]
 
 @dataclass(frozen=True, slots=True)
 class RetryPolicy:
-    """How long to wait for an answer, and how often to ask.
+    """Time to wait for an answer, and number of attempts.
 
     Attributes:
-        attempts: How often a request is sent before it counts as unanswered.
+        attempts: Number of times that a request is sent before it counts as unanswered.
         window: Seconds for an answer in dialect 2.
         dialect1_window: Seconds for an answer in dialect 1.
-        dialect1_holdoff: Seconds of pause after a frame of dialect 1 that is never answered: the chapter's
-            board loses what arrives while it writes to the bus.
+        dialect1_holdoff: Seconds of pause after a frame of dialect 1 that is never answered: the chapter's board
+            loses bytes that arrive while it writes to the bus.
     """
 
     attempts: int = 3
@@ -32,12 +32,12 @@ class RetryPolicy:
 
 @dataclass(frozen=True, slots=True)
 class ReconnectPolicy:
-    """What to do when the port goes away.
+    """Reconnection after the port is lost.
 
     Attributes:
-        enabled: Try to open it again at all.
+        enabled: Whether to open it again.
         give_up_after: Seconds after which the loss is final.
-        interval: Seconds between tries.
+        interval: Seconds between attempts.
     """
 
     enabled: bool = True

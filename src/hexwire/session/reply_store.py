@@ -1,8 +1,8 @@
-"""The board's memory of what it was asked: a request that comes again is not executed again.
+"""The board's store of requests and replies: a repeated request is not executed again.
 
-Owns PROTOCOL.md's rule of repeats: same src, seq, cmd and body, within 2 s, among the last 4 answered. What a stop
-made void is remembered for 2 s however much it was, and so are the requests of `_LASTING` that were done before it.
-Sans I/O; time comes in as `now`.
+Owns PROTOCOL.md's rule of repeats: same src, seq, cmd and body, within 2 s, among the last 4 answered. All requests
+that a stop cancelled are stored for 2 s, and so are the requests of `_LASTING` executed before it. No I/O; time
+comes in as `now`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from hexwire.wire.command_frame import Command, Frame
 __all__ = ["ReplyStore"]
 
 _MAX_OPEN = 48
-"""Requests without an answer: a board keeps 24 and 16 stops, and the one under way."""
+"""Requests without a reply: a board queues 24 and 16 stops, and executes one."""
 _MAX_VOIDED = 1024
-"""More than a serial line carries in 2 s."""
+"""More requests than a serial line carries in 2 s."""
 _LASTING = frozenset({Command.RESUME, Command.TORQUE, Command.MAINTENANCE})
-"""What ends a stop, gives torque or opens the servos' settings: a late repeat must not undo a stop."""
+"""Commands that end a stop, switch torque on or allow servo settings: a late repeat must not undo a stop."""
 
 
 class ReplyStore:
-    """Requests of late, with their answers once they have one."""
+    """Recent requests, with their replies."""
 
     def __init__(self) -> None:
         self._answered: deque[tuple[float, Frame, list[bytes]]] = deque(maxlen=tables.STORED_REPLIES)
@@ -33,7 +33,7 @@ class ReplyStore:
         self._done: deque[tuple[float, Frame]] = deque(maxlen=_MAX_VOIDED)
 
     def find(self, frame: Frame, now: float) -> list[bytes] | None:
-        """Frames to send for a repeat; none of them if its answer is on the way; None if it is no repeat."""
+        """Return the frames to send for a repeat; empty if the reply is pending; None if it is no repeat."""
         for when, request, reply in (*self._answered, *self._voided):
             if _repeats(frame, request) and now - when < tables.REPEAT_WINDOW:
                 return reply
@@ -43,18 +43,18 @@ class ReplyStore:
         return None
 
     def find_by_number(self, src: int, seq: int, cmd: int, now: float) -> list[bytes]:
-        """The answer to a request whose body is not at hand, as that of one in fragments."""
+        """Return the reply to a request whose body is not available, such as a fragmented one."""
         for when, request, reply in (*self._answered, *self._voided):
             if (src, seq, cmd) == (request.src, request.seq, request.cmd) and now - when < tables.REPEAT_WINDOW:
                 return reply
         return []
 
     def asked(self, frame: Frame, now: float) -> None:
-        """Remember a request that has no answer yet."""
+        """Store a request that has no reply yet."""
         self._open.append((now, frame))
 
     def answered(self, frame: Frame, reply: list[bytes], now: float, *, voided: bool = False) -> None:
-        """Remember the frames that answered a request; the last few, but all of what a stop made void."""
+        """Store the reply to a request: the last few, and all of requests that a stop cancelled."""
         for entry in self._open:
             if _repeats(frame, entry[1]):
                 self._open.remove(entry)
@@ -69,10 +69,10 @@ class ReplyStore:
         self._voided.append((now, frame, reply))
 
     def void(self, make_reply: Callable[[Frame], bytes], now: float) -> None:
-        """A stop came: a repeat of what was done before it gets another answer from now on.
+        """Apply a stop: repeats of requests executed before it get another reply from now on.
 
         Args:
-            make_reply: Makes the frame that answers such a repeat.
+            make_reply: Makes the reply to such a repeat.
             now: Seconds, monotonic.
         """
         for when, frame in self._done:
@@ -81,7 +81,7 @@ class ReplyStore:
         self._done.clear()
 
     def forget(self, src: int) -> None:
-        """Drop what a module asked: it starts anew, and nothing it asks may pass for a repeat."""
+        """Drop the requests of a restarted module, so that its new requests do not count as repeats."""
         self._answered = deque((e for e in self._answered if e[1].src != src), tables.STORED_REPLIES)
         self._voided = deque((e for e in self._voided if e[1].src != src), _MAX_VOIDED)
         self._open = deque((e for e in self._open if e[1].src != src), _MAX_OPEN)

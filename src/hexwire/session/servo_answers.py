@@ -1,17 +1,17 @@
-"""Collecting the answers to one request on a servo bus, whatever comes between them.
+"""Collector of the answers to one request on a servo bus, with any bytes between them.
 
-Owns what counts as an answer, and when nothing more can come. Sans I/O; the caller feeds bytes and keeps time. This
-is the careful path: what a healthy bus sends is checked faster, by the plans of `hexwire.bus`.
+Owns what counts as an answer, and when no more answers can arrive. No I/O; the caller passes bytes and keeps time.
+This is the careful path: the plans of `hexwire.bus` check the bytes of a healthy bus faster.
 
 An answer is a status packet whose header, id, length and checksum fit, and
 
-- that is no copy of a packet sent lately, the request among them, and could not be the echo of any 2-byte read:
-  by its form that is a status packet with error 2;
-- behind which nothing stands that makes no sense: when bytes are lost, a packet takes in the first bytes of what
-  follows, and one time in 256 its checksum fits all the same. What follows then starts in the middle;
-- that is not contradicted by another of the same servo.
+- that is no copy of a recently sent packet, including the request, and cannot be the echo of a 2-byte read, which
+has the form of a status packet with error 2;
+- that is not followed by invalid bytes: when bytes are lost, a packet takes in the first bytes of the next one, and
+one time in 256 its checksum still fits. The bytes after it then start in the middle of a packet;
+- that no other answer of the same servo contradicts.
 
-One that is sound but for what stands behind it is `murky`: worth believing if it comes twice.
+A packet that fails only the second condition is `murky`: it is trusted if it arrives twice.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from hexwire.wire.tables import LEGACY_HEADER, MAX_SERVO_ID, SERVO_HEADER
 
 __all__ = ["AnswerCollector", "Outlook", "is_read_echo"]
 
-# What one request can cause at most, echo and a generous amount of noise included; older bytes are dropped.
+# More than one request can cause, with echo and a generous amount of noise; older bytes are dropped.
 _MAX_BUFFER = 16 * 1024
 _READ_PARAMS = 2
 _HEAD = 4
 
 
 class Outlook(Enum):
-    """What is still to be expected."""
+    """Whether more answers may arrive."""
 
     WAIT = "wait"
-    """An answer may still come."""
+    """An answer may still arrive."""
     LINGER = "linger"
-    """As many bytes as the answers have are here, but not all answers: only what noise pushed back can come."""
+    """As many bytes as all answers have arrived, but not all answers: only answers delayed by noise can follow."""
     DONE = "done"
-    """Nothing more will come."""
+    """No more answers will arrive."""
 
 
 class _Token(NamedTuple):
-    """A sound packet in what was received; `status` is None for an echo."""
+    """A valid packet in the received bytes; `status` is None for an echo."""
 
     start: int
     end: int
@@ -51,30 +51,30 @@ class _Token(NamedTuple):
 
 
 def is_read_echo(packet: bytes) -> bool:
-    """Whether a sound packet may be the echo of a READ: as a status it has error 2, then address and count."""
+    """Whether a valid packet may be the echo of a READ: read as a status, it has error 2, address and count."""
     return packet[4] == Instruction.READ and len(packet) == 6 + _READ_PARAMS and packet[6] > 0
 
 
 class AnswerCollector:
-    """The answers to one request.
+    """Collector of the answers to one request.
 
     Args:
         request: The bytes that were sent.
-        servo_ids: Who answers, in this order.
+        servo_ids: Ids of the servos that answer, in this order.
         params: Parameter bytes of each answer.
-        header: First two bytes of an answer; None takes either kind.
-        sent: Packets sent lately, whose echo may still come.
-        all_sent: `sent` has every read too, so that what only looks like the echo of one is none.
-        echo: Whether the request's own echo is to be expected.
+        header: First two bytes of an answer; None accepts either kind.
+        sent: Recently sent packets, whose echo may still arrive.
+        all_sent: `sent` has every read too, so that other packets cannot be the echo of one.
+        echo: Whether to expect the echo of the request.
 
     Attributes:
-        answers: Status packets by servo id, as far as they came.
-        murky: Status packets that would be answers but for what stands behind them.
-        others: What would be an answer but for its length, by servo id and parameter bytes: of an earlier attempt,
-            perhaps.
-        strays: Sound status packets that answer something else, or nothing.
-        copies: Ids of which a packet came that is either an answer or a copy of something sent.
-        echoed: The request itself came back.
+        answers: Status packets received so far, by servo id.
+        murky: Status packets that would be answers but are followed by invalid bytes.
+        others: Status packets that would be answers but have another length, perhaps of an earlier attempt; by
+            servo id and number of parameter bytes.
+        strays: Valid status packets that answer another request, or none.
+        copies: Ids with a packet that is either an answer or a copy of a sent packet.
+        echoed: The echo of the request arrived.
         size: Bytes received.
     """
 
@@ -108,15 +108,15 @@ class AnswerCollector:
         self._rest = 0
 
     def receive(self, data: bytes) -> Outlook:
-        """Take bytes in, in any pieces. Never raises."""
+        """Process bytes, split at any place. Never raises."""
         self.size += len(data)
         self._data = data = (self._data + data)[-_MAX_BUFFER:]
         self._look(data)
         wanted = self.servo_ids
         if not wanted or wanted[-1] in self.answers:
-            # Servos answer in the order of the request: whoever has not by now will not.
+            # Servos answer in the order of the request: earlier ones that have not answered will not.
             return Outlook.DONE
-        # What an echo took is not counted. One that is expected and not there may be damaged.
+        # Bytes of an echo do not count. An expected echo that did not arrive may be damaged.
         left = self._rest - (0 if self.echoed else self._and_echo)
         return Outlook.LINGER if left >= self._enough else Outlook.WAIT
 
@@ -127,7 +127,7 @@ class AnswerCollector:
 
     @property
     def due(self) -> int:
-        """How many answers may still come: those of the servos after the last that answered."""
+        """Number of answers that may still arrive: those of the servos after the last that answered."""
         for waiting, servo_id in enumerate(reversed(self.servo_ids)):
             if servo_id in self.answers:
                 return waiting
@@ -135,11 +135,11 @@ class AnswerCollector:
 
     @property
     def only_echo(self) -> bool:
-        """Nothing but copies of what was sent came, or answers that look exactly like them."""
+        """Whether only copies of sent packets arrived, or answers identical to them."""
         return self.size > 0 and not self._rest
 
     def in_words(self) -> str:
-        """What came instead of an answer, for an error text; empty if nothing did."""
+        """What arrived instead of an answer, for an error text; empty if nothing arrived."""
         if not self.size:
             return ""
         if self.only_echo:
@@ -179,7 +179,7 @@ class AnswerCollector:
         self.others = {key: status for key, status in good.items() if key[1] != own}
 
     def _goes_on(self, data: bytes, at: int, servo_id: int) -> bool:
-        """Whether the answer of a later servo begins here, damaged perhaps further on."""
+        """Whether the answer of a later servo begins here; the rest of it may be damaged."""
         head = data[at : at + _HEAD]
         if len(head) < _HEAD or head[:2] not in (SERVO_HEADER, LEGACY_HEADER) or head[3] != self.params + 2:
             return False
@@ -187,7 +187,7 @@ class AnswerCollector:
         return head[2] in later
 
     def _tokens(self, data: bytes) -> Iterator[_Token]:
-        """All sound packets, in order, echoes among them. What is none is passed over."""
+        """Yield all valid packets in order, including echoes, and skip other bytes."""
         at = data.find(b"\xff")
         while 0 <= at <= len(data) - 6:
             end = self._echo_end(data, at)
@@ -199,7 +199,7 @@ class AnswerCollector:
             at = data.find(b"\xff", end or at + 1)
 
     def _echo_end(self, data: bytes, at: int) -> int:
-        """Offset after the echo that starts at `at`; 0 if none does."""
+        """Return the offset after the echo that starts at `at`; 0 without one."""
         if data[at + 1] != 0xFF and data[at + 1] != 0xF5:
             return 0
         servo_id, length = data[at + 2], data[at + 3]
@@ -211,7 +211,7 @@ class AnswerCollector:
         if packet == self.request and data[at + 1] == 0xFF:
             self.echoed = True
         if not copy and data[at + 1] == 0xFF:
-            # No servo has the id of all, and any 2-byte read of lately may come back.
+            # No servo has the broadcast id, and any recent 2-byte read may be echoed.
             like_a_read = not self._all_sent and servo_id <= MAX_SERVO_ID and is_read_echo(packet)
             copy = servo_id == BROADCAST_ID or like_a_read
         if not copy:

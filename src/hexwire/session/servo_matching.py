@@ -1,7 +1,7 @@
-"""Matching on a half-duplex servo bus: what answer a packet calls for, and which bytes are that answer.
+"""Matching on a half-duplex servo bus: the answer expected for a packet, and the bytes that are this answer.
 
-Owns who answers what, and in which length. Sans I/O and sans state: the caller keeps the request. Used by the
-dialect-1 side of a connection, by boards, and by whoever drives a bus directly.
+Owns which servos answer a packet, and the length of the answers. No I/O and no state: the caller keeps the request.
+Used by the dialect-1 half of a connection, by boards, and by the servo bus.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _NO_ANSWER = frozenset({Instruction.SYNC_WRITE, Instruction.REBOOT})
 
 
 class Expected(NamedTuple):
-    """What answers a packet.
+    """The answer expected for a packet.
 
     Attributes:
-        servo_ids: Who answers, in order; empty if nobody does.
+        servo_ids: Ids of the servos that answer, in order; empty if none does.
         params: Parameter bytes of each answer.
     """
 
@@ -40,7 +40,7 @@ class Expected(NamedTuple):
 
 
 def expected_answer(packet: ServoPacket, *, acknowledges_writes: bool = True) -> Expected:
-    """What answer a packet calls for.
+    """Return the answer expected for a packet.
 
     Args:
         packet: The request.
@@ -59,13 +59,13 @@ def expected_answer(packet: ServoPacket, *, acknowledges_writes: bool = True) ->
 
 
 def match_answer(data: bytes, request: bytes, expected: Expected) -> StatusPacket | None:
-    """Find the one status packet that answers `request` in what was received.
+    """Find the status packet that answers `request` in received bytes. Never raises.
 
-    What is an answer and what is an echo, `servo_answers` decides. A board does not ask in another way where
-    noise follows, so that counts.
+    `servo_answers` tells answers from echoes. An answer followed by noise counts too, since a board does not repeat
+    the request in another form.
 
     Returns:
-        The packet, or None if it is not (yet) there. Never raises.
+        The packet, or None if it has not arrived.
     """
     if not expected.servo_ids:
         return None
