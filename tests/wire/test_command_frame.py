@@ -178,7 +178,7 @@ def test_limits_of_length() -> None:
     assert len(serialize_frame(longest, 253)) == 252
     with pytest.raises(LocalProtocolError, match="frame of 256 bytes, the line takes 253"):
         serialize_frame(longest._replace(body=bytes(209)), 253)
-    with pytest.raises(LocalProtocolError, match="STOP would need"):
+    with pytest.raises(LocalProtocolError, match="STOP needs"):
         make(body=bytes(70000))
     assert parse_frame(make(body=bytes(8148))).size == 8192
     with pytest.raises(RemoteProtocolError, match="over 253"):

@@ -193,13 +193,13 @@ def test_a_sync_write_is_read_only_where_its_rows_fill_it(size: int, more: int) 
         assert [len(data) for _, data in rows] == [size] * (more // (1 + size))
         assert b"".join(bytes((servo_id,)) + data for servo_id, data in rows) == packet.params[2:]
     else:
-        with pytest.raises(RemoteProtocolError, match="do not fill it"):
+        with pytest.raises(RemoteProtocolError, match="ends within a row"):
             sp.parse_sync_write(packet)
 
 
 @pytest.mark.parametrize("body", [b"", b"\x2a"])
 def test_a_sync_write_without_its_head_is_refused(body: bytes) -> None:
-    with pytest.raises(RemoteProtocolError, match="do not fill it"):
+    with pytest.raises(RemoteProtocolError, match="ends within a row"):
         sp.parse_sync_write(ServoPacket(254, Instruction.SYNC_WRITE, body))
 
 

@@ -1,6 +1,6 @@
-"""The check of a command frame.
+"""Checksum of a command frame.
 
-A pure function of bytes. Knows no layout: the caller says which bytes.
+A pure function of bytes. Knows no layout: the caller chooses the bytes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ __all__ = ["frame_check"]
 
 
 def frame_check(data: bytes | bytearray | memoryview) -> int:
-    """Check field of a dialect-2 frame, from byte 0 to the end of the body.
+    """Compute the check field of a dialect-2 frame, from byte 0 to the end of the body.
 
     CRC-16/IBM-3740: poly 1021, init FFFF, not reflected, no final xor. FFFF means "not checked" on
     the wire, so a CRC of FFFF is sent as 0000.

@@ -1,7 +1,7 @@
 """The whole frame: session header, command header, body, check, pad and tail.
 
-Owns the frame as a value, the layout of both dialects and the rules that make a frame good. Knows nothing of
-streams: finding a frame among other bytes is `session.decoder`, which calls `examine` here.
+Owns the frame as a value, the layout of both dialects and the rules for a valid frame. Knows nothing of streams:
+`session.decoder` finds frames among other bytes and calls `examine` here.
 """
 
 from __future__ import annotations
@@ -107,20 +107,20 @@ _STATUS_NAMES = {s.value: s.name.lower().replace("_", " ") for s in Status}
 
 
 def command_name(code: int) -> str:
-    """Name of a command code, or ``command 0x7F`` for one nobody knows."""
+    """Return the name of a command code, or ``command 0x7F`` for an unknown one."""
     return _COMMAND_NAMES.get(code) or f"command 0x{code:02X}"
 
 
 def status_name(code: int) -> str:
-    """Words for a status code, or ``status 42`` for one nobody knows."""
+    """Return the name of a status code, or ``status 42`` for an unknown one."""
     return _STATUS_NAMES.get(code) or f"status {code}"
 
 
 class Frame(NamedTuple):
-    """One whole frame: what `serialize_frame` takes and what the decoder gives. Equal when every field is.
+    """One whole frame, as `serialize_frame` takes it and the decoder returns it. Equal if all fields are.
 
-    What follows from the fields (lengths, pad, check) is not stored. A flat tuple, because a hundred thousand of
-    them are made in a second.
+    Values that follow from the fields (lengths, pad, check) are not stored. A flat tuple, because programs make
+    a hundred thousand per second.
 
     Attributes:
         time_sec: Whole seconds of the sender's clock.
@@ -132,7 +132,7 @@ class Frame(NamedTuple):
         proto: Dialect, 1 or 2.
         seq: Command counter; a reply in dialect 2 has that of its request.
         cmd: Command code.
-        body: What the command carries.
+        body: Bytes of the body.
         cmd_ext: Flags and status, in dialect 2.
     """
 
@@ -165,7 +165,7 @@ class Frame(NamedTuple):
 
     @property
     def is_unsolicited(self) -> bool:
-        """Whether a dialect-2 frame was sent without being asked for."""
+        """Whether a dialect-2 frame is unsolicited."""
         return bool(self.cmd_ext & EXT_UNSOLICITED)
 
     @property
@@ -174,7 +174,7 @@ class Frame(NamedTuple):
         return self.cmd_ext & EXT_STATUS_MASK
 
     def __str__(self) -> str:
-        """One short line; cannot fail, whatever the fields hold."""
+        """One short line; never raises, whatever the fields hold."""
         kind = ""
         if self.proto == PROTO_HEXWIRE:
             if self.is_reply:
@@ -204,9 +204,7 @@ def serialize_frame(frame: Frame, max_frame: int = MAX_NETWORK_FRAME) -> bytes:
     pad = -length & 3
     size = FRAME_OVERHEAD + length + pad
     if size > max_frame:
-        raise LocalProtocolError(
-            f"{command_name(cmd)} would need a frame of {size} bytes, the line takes {max_frame}"
-        )
+        raise LocalProtocolError(f"{command_name(cmd)} needs a frame of {size} bytes, the line takes {max_frame}")
     data = (
         _pack_head(SYNC, sec, nsec, sn, src, dst, kind, size, FRAME_FLAG, proto, seq, pad, length, cmd, ext) + body
     )
@@ -218,12 +216,12 @@ _new_frame: Callable[..., Frame] = tuple.__new__
 
 
 def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
-    """Judge the bytes at `start`, which begin with the sync word.
+    """Check the bytes at `start`, which begin with the sync word.
 
     Returns:
-        A `Frame` if a whole good one stands there; a reason (str) starting with ``head:`` if the header cannot
-        be one, or other words if a whole frame is there but bad; else the number of bytes (int) that must be
-        there before more can be said.
+        A `Frame` if the bytes hold a whole valid frame; a reason (str) that starts with ``head:`` if the header is
+        invalid, or with other words if a whole frame is invalid; else the number of bytes (int) needed for the next
+        check.
     """
     available = len(data) - start
     if available < BODY_OFFSET:
@@ -266,10 +264,10 @@ def examine(data: bytes, start: int, max_frame: int) -> Frame | str | int:
 
 
 def parse_frame(data: bytes, max_frame: int = MAX_NETWORK_FRAME) -> Frame:
-    """Read exactly one frame.
+    """Parse exactly one frame.
 
     Raises:
-        RemoteProtocolError: It is not one; the text says why.
+        RemoteProtocolError: The bytes are not one valid frame; the text says why.
     """
     if data[:4] != SYNC_BYTES:
         raise RemoteProtocolError(f"no sync word: {data[:4].hex(' ').upper() or 'no bytes'}")

@@ -1,7 +1,7 @@
 """Bodies of the dialect-2 commands as frozen values.
 
-Owns the packing of each body in PROTOCOL.md section 6; `schema/commands.toml` is the source, and a test
-holds the two together. Knows nothing of frames, joints by name, or SI units: these are counts and codes.
+Owns the packing of each body in PROTOCOL.md section 6; `schema/commands.toml` is the source, and a test compares
+the two. Knows nothing of frames, joint names or SI units: the values are counts and codes.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class Identity(NamedTuple):
     joints: tuple[JointRow, ...]
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         head = _IDENTITY.pack(
             self.protocol,
             *self.firmware,
@@ -128,7 +128,7 @@ class Identity(NamedTuple):
 
     @classmethod
     def parse(cls, body: bytes) -> Identity:
-        """Read the body; a later firmware may send a longer head only with a higher protocol number."""
+        """Parse the body; later firmware may send a longer head only with a higher protocol number."""
         _need("IDENTIFY", body, _IDENTITY.size)
         protocol, major, minor, patch, boot, caps, max_frame, flags, n = _IDENTITY.unpack_from(body)
         rows = _rows_at("IDENTIFY", body, _IDENTITY_ROW, _IDENTITY.size, n)
@@ -137,9 +137,9 @@ class Identity(NamedTuple):
 
 
 class JointReport(NamedTuple):
-    """JOINT_STATE, as columns of one value a joint. A column that was not asked for is None.
+    """JOINT_STATE, as columns with one value per joint. A column that was not requested is None.
 
-    Units are the wire's: counts, counts/s, 0.1 % PWM, 0.1 V, deg C, mA, ms.
+    Units are those of the wire: counts, counts/s, 0.1 % PWM, 0.1 V, deg C, mA, ms.
     """
 
     time_us: int
@@ -155,7 +155,7 @@ class JointReport(NamedTuple):
 
     @property
     def fields(self) -> int:
-        """Mask of the optional columns that are here."""
+        """Mask of the optional columns present."""
         mask = 0
         for (bit, _), column in zip(_FIELD_ORDER, self[4:], strict=True):
             if column is not None:
@@ -163,7 +163,7 @@ class JointReport(NamedTuple):
         return mask
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         columns = [self.position, self.status, *(c for c in self[4:] if c is not None)]
         row = _ROW_STRUCTS[self.fields]
         head = _STATE_HEAD.pack(self.time_us, self.fields, self.board_flags, len(self.position), 0)
@@ -171,7 +171,7 @@ class JointReport(NamedTuple):
 
     @classmethod
     def parse(cls, body: bytes) -> JointReport:
-        """Read the body."""
+        """Parse the body."""
         if len(body) < 8:
             raise RemoteProtocolError(f"JOINT_STATE: {len(body)} bytes, at least 8 are needed")
         time_us, fields, flags, n, _ = _STATE_HEAD.unpack_from(body)
@@ -202,12 +202,12 @@ class MoveRequest(NamedTuple):
     rows: tuple[MoveRow, ...]
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         return _MOVE_HEAD.pack(self.duration_ms, len(self.rows)) + b"".join(_MOVE_ROW.pack(*r) for r in self.rows)
 
     @classmethod
     def parse(cls, body: bytes) -> MoveRequest:
-        """Read the body."""
+        """Parse the body."""
         _need("JOINT_MOVE", body, _MOVE_HEAD.size)
         duration, n = _MOVE_HEAD.unpack_from(body)
         rows = _rows_at("JOINT_MOVE", body, _MOVE_ROW, _MOVE_HEAD.size, n)
@@ -215,7 +215,7 @@ class MoveRequest(NamedTuple):
 
 
 class SentRow(NamedTuple):
-    """One target as it went to the bus; `clamped` if it is not what was asked."""
+    """One target as sent to the bus; `clamped` if it differs from the request."""
 
     servo_id: int
     position: int
@@ -223,18 +223,18 @@ class SentRow(NamedTuple):
 
 
 class MoveReply(NamedTuple):
-    """Reply to JOINT_MOVE: what was really sent."""
+    """Reply to JOINT_MOVE: the targets that were sent."""
 
     duration_ms: int
     rows: tuple[SentRow, ...]
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         return _MOVE_HEAD.pack(self.duration_ms, len(self.rows)) + b"".join(_SENT_ROW.pack(*r) for r in self.rows)
 
     @classmethod
     def parse(cls, body: bytes) -> MoveReply:
-        """Read the body."""
+        """Parse the body."""
         _need("JOINT_MOVE reply", body, _MOVE_HEAD.size)
         duration, n = _MOVE_HEAD.unpack_from(body)
         rows = _rows_at("JOINT_MOVE reply", body, _SENT_ROW, _MOVE_HEAD.size, n)
@@ -257,75 +257,75 @@ class OffsetRow(NamedTuple):
 
 
 class LimitTable(NamedTuple):
-    """Reply to LIMITS: one row a joint, with the version of the stored settings."""
+    """Reply to LIMITS: one row per joint, with the version of the stored settings."""
 
     version: int
     rows: tuple[LimitRow, ...]
 
     def serialize(self) -> bytes:
-        """The reply's bytes."""
+        """Serialize the reply."""
         return _TABLE_HEAD.pack(self.version, len(self.rows)) + b"".join(_LIMIT_ROW.pack(*r) for r in self.rows)
 
     @staticmethod
     def serialize_request(rows: tuple[LimitRow, ...]) -> bytes:
-        """The body of a request that stores these rows."""
+        """Serialize a request that stores these rows."""
         return bytes([len(rows)]) + b"".join(_LIMIT_ROW.pack(*r) for r in rows)
 
     @staticmethod
     def parse_request(body: bytes) -> tuple[LimitRow, ...]:
-        """Rows of a request that stores."""
+        """Parse a request that stores rows."""
         _need("LIMITS", body, 1)
         return tuple(LimitRow(*r) for r in _rows_at("LIMITS", body, _LIMIT_ROW, 1, body[0]))
 
     @classmethod
     def parse(cls, body: bytes) -> LimitTable:
-        """Read a reply."""
+        """Parse a reply."""
         _need("LIMITS reply", body, 2)
         return cls(body[0], tuple(LimitRow(*r) for r in _rows_at("LIMITS reply", body, _LIMIT_ROW, 2, body[1])))
 
 
 class OffsetTable(NamedTuple):
-    """Reply to OFFSETS: one row a joint, with the version of the stored settings."""
+    """Reply to OFFSETS: one row per joint, with the version of the stored settings."""
 
     version: int
     rows: tuple[OffsetRow, ...]
 
     def serialize(self) -> bytes:
-        """The reply's bytes."""
+        """Serialize the reply."""
         return _TABLE_HEAD.pack(self.version, len(self.rows)) + b"".join(_OFFSET_ROW.pack(*r) for r in self.rows)
 
     @staticmethod
     def serialize_request(rows: tuple[OffsetRow, ...]) -> bytes:
-        """The body of a request that stores these rows."""
+        """Serialize a request that stores these rows."""
         return bytes([len(rows)]) + b"".join(_OFFSET_ROW.pack(*r) for r in rows)
 
     @staticmethod
     def parse_request(body: bytes) -> tuple[OffsetRow, ...]:
-        """Rows of a request that stores."""
+        """Parse a request that stores rows."""
         _need("OFFSETS", body, 1)
         return tuple(OffsetRow(*r) for r in _rows_at("OFFSETS", body, _OFFSET_ROW, 1, body[0]))
 
     @classmethod
     def parse(cls, body: bytes) -> OffsetTable:
-        """Read a reply."""
+        """Parse a reply."""
         _need("OFFSETS reply", body, 2)
         return cls(body[0], tuple(OffsetRow(*r) for r in _rows_at("OFFSETS reply", body, _OFFSET_ROW, 2, body[1])))
 
 
 class TransactRequest(NamedTuple):
-    """Body of TRANSACT: a servo packet and what answer to wait for."""
+    """Body of TRANSACT: a servo packet, and the length and time-out of its answer."""
 
     reply_length: int
     timeout_ms: int
     packet: bytes
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         return bytes([self.reply_length, self.timeout_ms]) + self.packet
 
     @classmethod
     def parse(cls, body: bytes) -> TransactRequest:
-        """Read the body."""
+        """Parse the body."""
         _need("TRANSACT", body, 2)
         return cls(body[0], body[1], body[2:])
 
@@ -337,12 +337,12 @@ class MaintenanceReply(NamedTuple):
     board_flags: int
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         return _MAINTENANCE_REPLY.pack(*self)
 
     @classmethod
     def parse(cls, body: bytes) -> MaintenanceReply:
-        """Read the body."""
+        """Parse the body."""
         if len(body) != _MAINTENANCE_REPLY.size:
             raise RemoteProtocolError(f"MAINTENANCE reply: {len(body)} bytes, not {_MAINTENANCE_REPLY.size}")
         on, flags = _MAINTENANCE_REPLY.unpack(body)
@@ -369,31 +369,31 @@ STATS_FIELDS = (
 
 
 class Stats(NamedTuple):
-    """Reply to STATS: counters by name; those of a newer board that have no name here are left out."""
+    """Reply to STATS: counters by name; unknown counters of a newer board are left out."""
 
     counters: dict[str, int]
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         return struct.pack(
             f"<{len(STATS_FIELDS)}I", *(self.counters.get(name, 0) & 0xFFFFFFFF for name in STATS_FIELDS)
         )
 
     @classmethod
     def parse(cls, body: bytes) -> Stats:
-        """Read the body."""
+        """Parse the body."""
         _need("STATS", body, 4)
         values = struct.unpack_from(f"<{len(body) // 4}I", body)
         return cls(dict(zip(STATS_FIELDS, values, strict=False)))
 
 
 def make_stop_reply(mode: int, mask: int) -> bytes:
-    """Body of a TORQUE or STOP reply: what was done, and the joints that confirmed it."""
+    """Serialize a TORQUE or STOP reply: the mode, and the mask of joints that confirmed it."""
     return _STOP_REPLY.pack(mode, mask)
 
 
 def parse_stop_reply(body: bytes) -> tuple[int, int]:
-    """Read a TORQUE or STOP reply: what was done, and the mask of joints that confirmed it."""
+    """Parse a TORQUE or STOP reply: the mode, and the mask of joints that confirmed it."""
     if len(body) != _STOP_REPLY.size:
         raise RemoteProtocolError(f"TORQUE or STOP reply: {len(body)} bytes, not {_STOP_REPLY.size}")
     mode, mask = _STOP_REPLY.unpack(body)
@@ -413,12 +413,12 @@ class FragmentHead(NamedTuple):
     cmd_ext: int
 
     def serialize(self) -> bytes:
-        """The head's 8 bytes."""
+        """Serialize the head, 8 bytes."""
         return _FRAGMENT.pack(*self)
 
     @classmethod
     def parse(cls, body: bytes) -> FragmentHead:
-        """Read the head; an index outside the count is refused."""
+        """Parse the head; refuses a number outside the count."""
         _need("FRAGMENT", body, _FRAGMENT.size)
         head = cls(*_FRAGMENT.unpack_from(body))
         if head.number >= head.chunks:
@@ -427,12 +427,12 @@ class FragmentHead(NamedTuple):
 
 
 def serialize_missing(message_id: int, indexes: tuple[int, ...]) -> bytes:
-    """Body of FRAGMENT_MISSING; no indexes means that all arrived."""
+    """Serialize FRAGMENT_MISSING; no indexes means that all chunks arrived."""
     return _MISSING.pack(message_id, len(indexes)) + struct.pack(f"<{len(indexes)}H", *indexes)
 
 
 def parse_missing(body: bytes) -> tuple[int, tuple[int, ...]]:
-    """Read a FRAGMENT_MISSING body: the message and the chunks asked for again."""
+    """Parse a FRAGMENT_MISSING body: the message id and the indexes of the chunks requested again."""
     _need("FRAGMENT_MISSING", body, _MISSING.size)
     message_id, count = _MISSING.unpack_from(body)
     if len(body) != _MISSING.size + 2 * count:

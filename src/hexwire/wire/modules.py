@@ -1,6 +1,6 @@
 """Module ids and channel kinds of the chapter, with their strings.
 
-Owns the two enumerations. Knows nothing of configuration files or links; those look names up here.
+Owns the two enumerations. Knows nothing of configuration files or links.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ __all__ = ["IpcType", "ModuleType", "module_name"]
 
 
 class ModuleType(IntEnum):
-    """The chapter's ModuleType_e: who speaks and who is spoken to."""
+    """The chapter's ModuleType_e: sender and receiver of a frame."""
 
     INVALID_MODULE = -1
     ROS1_HOST = 0
@@ -26,7 +26,7 @@ class ModuleType(IntEnum):
 
 
 class IpcType(IntEnum):
-    """The chapter's Ipctype_e: what kind of channel."""
+    """The chapter's Ipctype_e: the kind of channel."""
 
     QUEUE = 0
     TCP = 1
@@ -38,5 +38,5 @@ _NAMES = {member.value: member.name for member in ModuleType}
 
 
 def module_name(module_id: int) -> str:
-    """Name of a module id; ids the chapter does not have come back as ``module 42``."""
+    """Return the name of a module id, or ``module 42`` for an id that the chapter does not have."""
     return _NAMES.get(module_id) or f"module {module_id}"

@@ -1,8 +1,7 @@
-"""Servo registers as typed rows: address, width, coding, unit, range; one set a series.
+"""Servo registers as typed rows: address, width, coding, unit, range; one set per series.
 
-Owns the coding of a register (byte order, sign-magnitude) and its SI value. The rows themselves are generated
-into `tables` from the schema. Knows nothing of packets, and nothing of joints: an angle here is measured from
-count 0 of the servo.
+Owns the coding of a register (byte order, sign-magnitude) and its SI value. The rows are generated into `tables`
+from the schema. Knows nothing of packets or joints: angles are measured from count 0 of the servo.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _ALIASES_OF = {
     "sts_sms": ("sts", "sms", "sms_sts"),
     "hls": ("hlscl",),
 }
-"""Further names of the series: on the vendor's boxes, in its libraries, and what people write for the 7Bot's."""
+"""Aliases of the series: on the vendor's boxes, in its libraries, and common names of the 7Bot's servos."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,15 +39,15 @@ class Register:
         size: Bytes, 1 or 2.
         byte_order: "big" or "little".
         sign_bit: Sign-magnitude coding: this bit set means negative. None is unsigned.
-        unit: Unit of ``raw * scale``; "count" has its scale in degrees. None if it is a bare number.
+        unit: Unit of ``raw * scale``; "count" has its scale in degrees. None for a bare number.
         scale: See unit.
         access: "r" or "rw".
         area: "eeprom", "ram" or "factory".
-        minimum: Least value the servo takes, raw; None if unknown.
-        maximum: Greatest value the servo takes, raw; None if unknown.
-        default: As it leaves the factory, raw; None if unknown or by model. Public sources disagree: read it.
+        minimum: Lowest raw value that the servo accepts; None if unknown.
+        maximum: Highest raw value that the servo accepts; None if unknown.
+        default: Factory setting, raw; None if unknown or different by model. Public sources disagree: read it.
         bits: Names of single bits.
-        note: What else is known.
+        note: Further facts.
         si_unit: rad, rad/s, rad/s^2, A, V, degC, s, fraction (1.0 = 100 %), or "" for a bare number.
         si_factor: SI value of one raw step.
     """
@@ -72,19 +71,19 @@ class Register:
 
     @property
     def fits(self) -> range:
-        """Raw values the coding can express."""
+        """Raw values that the coding can express."""
         if self.sign_bit is None:
             return range(1 << (8 * self.size))
         return range(1 - (1 << self.sign_bit), 1 << self.sign_bit)
 
     def decode(self, data: bytes) -> int:
-        """Raw value of the register's bytes, signed.
+        """Decode the register's bytes to a signed raw value.
 
         Raises:
-            RemoteProtocolError: Not as many bytes as the register has.
+            RemoteProtocolError: The number of bytes is not that of the register.
         """
         if len(data) != self.size:
-            raise RemoteProtocolError(f"{self.name} has {self.size} bytes, but {len(data)} came")
+            raise RemoteProtocolError(f"{self.name} has {self.size} bytes, but {len(data)} arrived")
         if self.size == 1:
             value = data[0]
         else:
@@ -95,7 +94,7 @@ class Register:
         return -magnitude if value >> self.sign_bit & 1 else magnitude
 
     def encode(self, value: int) -> bytes:
-        """Bytes for a raw value.
+        """Encode a raw value as bytes.
 
         Raises:
             UsageError: The value does not fit the coding. The servo's own range is not checked.
@@ -110,11 +109,11 @@ class Register:
         return bytes((value >> 8, value & 0xFF) if self.byte_order == "big" else (value & 0xFF, value >> 8))
 
     def to_si(self, raw: int) -> float:
-        """SI value of a raw value, in `si_unit`."""
+        """Convert a raw value to the SI value, in `si_unit`."""
         return raw * self.si_factor
 
     def from_si(self, value: float) -> int:
-        """Nearest raw value of an SI value.
+        """Convert an SI value to the nearest raw value.
 
         Raises:
             UsageError: The value is not finite or does not fit the coding.
@@ -136,18 +135,18 @@ class Series(Enum):
 
     @classmethod
     def _missing_(cls, value: object) -> Series | None:
-        """The names that people know from boxes, other libraries and vendors' programs, in any case."""
+        """Accept names from boxes, other libraries and vendors' programs, in upper or lower case."""
         name = str(value).strip().lower().replace("-", "_")
         return next((series for series in cls if name in (series.value, *_ALIASES_OF[series.value])), None)
 
     @classmethod
     def from_firmware(cls, major: int, minor: int, byte_order: str = "little") -> Series | None:
-        """Series told by registers 0, 1 and 2, None for one that has no table here (SMCL, SCS2).
+        """Return the series for registers 0, 1 and 2; None for a series without a table here (SMCL, SCS2).
 
         Args:
             major: Register 0.
             minor: Register 1.
-            byte_order: Decides where two series share versions (3.20 to 3.39).
+            byte_order: Selects between two series that share versions (3.20 to 3.39).
         """
         rows = [row for row in FIRMWARE if row.major == major and row.minor_first <= minor <= row.minor_last]
         for row in rows:
@@ -162,7 +161,7 @@ class Series(Enum):
 
     @property
     def title(self) -> str:
-        """One line for people."""
+        """Title for display, one line."""
         return SERIES[self.value].title
 
     @property
@@ -177,7 +176,7 @@ class Series(Enum):
 
     @property
     def counts_per_rev(self) -> int:
-        """Encoder counts over `range_deg`: 4096 a turn, but 1024 over the range of an SCS."""
+        """Encoder counts over `range_deg`: 4096 per turn, or 1024 over the range of an SCS."""
         return SERIES[self.value].counts
 
     @property
@@ -192,40 +191,40 @@ class Series(Enum):
 
     @property
     def baud(self) -> int:
-        """Line rate as it leaves the factory."""
+        """Factory setting of the line rate."""
         return SERIES[self.value].baud
 
     @property
     def baud_codes(self) -> Mapping[int, int]:
-        """Value of register baud_code -> line rate; empty if the series has no such register."""
+        """Line rate by value of register baud_code; empty if the series has no such register."""
         return SERIES[self.value].baud_codes
 
     @property
     def max_read(self) -> int:
-        """Most bytes one READ is answered with."""
+        """Most bytes in the answer to one READ."""
         return SERIES[self._value_].max_read
 
     @property
     def sync_read(self) -> bool:
-        """Whether SYNC_READ is answered."""
+        """Whether the series answers SYNC_READ."""
         return SERIES[self.value].sync_read
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """Names of the instructions it knows."""
+        """Names of the instructions that the series supports."""
         return SERIES[self._value_].instructions
 
     @property
     def registers(self) -> Mapping[str, Register]:
         """All registers by name, in order of address."""
-        # `value` is a descriptor written in Python, and every servo packet comes by here.
+        # `value` is a descriptor written in Python, and every servo packet uses this property.
         return _registers(self._value_)
 
     def register(self, name: str) -> Register:
-        """The register of that name.
+        """Return the register with a name.
 
         Raises:
-            UsageError: This series has none; names the ones that sound alike.
+            UsageError: The series has no such register; the text suggests similar names.
         """
         found = self.registers.get(name)
         if found is None:
@@ -237,7 +236,7 @@ class Series(Enum):
         return found
 
     def at(self, address: int) -> Register | None:
-        """The register that starts at an address, None if none does."""
+        """Return the register that starts at an address, or None."""
         return _by_address(self.value).get(address)
 
 

@@ -1,7 +1,7 @@
 """Bodies of the commands for robot controllers other than the Hex7Bot's board, and of the joystick channel.
 
 Owns the packing of ROBOT_*, JOINT_COMMANDS, JOINT_STATES, JOINT_TRAJECTORY and JOYSTICK (PROTOCOL.md section 6).
-Knows nothing of frames, nor of which robot this is.
+Knows nothing of frames or particular robots.
 """
 
 from __future__ import annotations
@@ -65,12 +65,12 @@ class RobotStatus(NamedTuple):
     joints: int
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         return _PROBE.pack(*self, 0)
 
     @classmethod
     def parse(cls, body: bytes) -> RobotStatus:
-        """Read the body."""
+        """Parse the body."""
         _need("ROBOT_PROBE reply", body, _PROBE.size)
         return cls(*_PROBE.unpack_from(body)[:4])
 
@@ -91,13 +91,13 @@ class EncoderStates(NamedTuple):
     rows: tuple[EncoderRow, ...]
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         head = _STATES.pack(self.time_us & 0xFFFFFFFF, self.robot_flags, len(self.rows))
         return head + b"".join(_STATE_ROW.pack(*row) for row in self.rows)
 
     @classmethod
     def parse(cls, body: bytes) -> EncoderStates:
-        """Read the body."""
+        """Parse the body."""
         _need("JOINT_STATES", body, _STATES.size)
         time_us, flags, n = _STATES.unpack_from(body)
         if len(body) != _STATES.size + n * _STATE_ROW.size:
@@ -107,11 +107,11 @@ class EncoderStates(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JointCommands:
-    """The fields of osrf_msgs/JointCommands: arrays in the order of `name`, each as long as it or empty.
+    """The fields of osrf_msgs/JointCommands: arrays in the order of `name`, each of the same length or empty.
 
-    The effort that a controller applies is effort + kp_position * e + ki_position * (integral of e, its effort held
-    between i_effort_min and i_effort_max) + kd_position * de/dt + kp_velocity * (velocity error). Radians, seconds,
-    newton metres.
+    The effort that a controller applies is effort + kp_position * e + ki_position * (integral of e, its effort
+    limited to i_effort_min..i_effort_max) + kd_position * de/dt + kp_velocity * (velocity error). Units:
+    radians, seconds, newton metres.
     """
 
     name: tuple[str, ...]
@@ -139,7 +139,7 @@ class JointCommands:
                 raise UsageError(f"joint commands: {array} holds a value that is not a finite number")
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         arrays = [getattr(self, array) for array in COMMAND_ARRAYS]
         mask = sum(1 << i for i, values in enumerate(arrays) if values)
         names = b"".join(bytes((len(name.encode()),)) + name.encode() for name in self.name)
@@ -148,7 +148,7 @@ class JointCommands:
 
     @classmethod
     def parse(cls, body: bytes) -> JointCommands:
-        """Read the body."""
+        """Parse the body."""
         _need("JOINT_COMMANDS", body, _COMMANDS.size)
         n, mask = _COMMANDS.unpack_from(body)
         at, names = _COMMANDS.size, []
@@ -177,9 +177,9 @@ class TrajectoryPoints:
     """Body of JOINT_TRAJECTORY.
 
     Attributes:
-        times: Seconds from the start, each later than the one before.
-        positions: Radians: one row a point, one value a joint.
-        velocities: Radians per second, the same shape; empty if not given.
+        times: Seconds from the start, increasing.
+        positions: Radians: one row per point, one value per joint.
+        velocities: Radians per second, in the same shape; empty if not given.
     """
 
     times: tuple[float, ...]
@@ -193,16 +193,16 @@ class TrajectoryPoints:
             raise UsageError(f"a trajectory of {n} points and {joints} joints cannot be sent")
         for rows in (self.positions, self.velocities):
             if rows and (len(rows) != n or any(len(row) != joints for row in rows)):
-                raise UsageError("a trajectory needs one value a joint at every point")
+                raise UsageError("a trajectory needs one value per joint at every point")
             if not all(math.isfinite(value) for row in rows for value in row):
                 raise UsageError("a trajectory holds a value that is not a finite number")
         if self.times[0] < 0 or not all(a < b for a, b in zip(self.times, self.times[1:], strict=False)):
-            raise UsageError("times of a trajectory must start at 0 or later and grow")
+            raise UsageError("times of a trajectory must start at 0 or later and increase")
         if not math.isfinite(self.times[-1]):
-            raise UsageError("a trajectory must end")
+            raise UsageError("the last time of a trajectory must be finite")
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         joints = len(self.positions[0])
         numbers: list[float] = []
         for i, when in enumerate(self.times):
@@ -215,7 +215,7 @@ class TrajectoryPoints:
 
     @classmethod
     def parse(cls, body: bytes) -> TrajectoryPoints:
-        """Read the body."""
+        """Parse the body."""
         _need("JOINT_TRAJECTORY", body, _TRAJECTORY.size)
         joints, flags, points = _TRAJECTORY.unpack_from(body)
         with_velocities = bool(flags & _WITH_VELOCITIES)
@@ -240,7 +240,7 @@ class JoystickState:
     """Body of JOYSTICK.
 
     Attributes:
-        axes: -1..1 each.
+        axes: Positions of the axes, -1..1 each.
         buttons: Bit i is button i.
     """
 
@@ -258,13 +258,13 @@ class JoystickState:
         return bool(self.buttons >> button & 1)
 
     def serialize(self) -> bytes:
-        """The body's bytes."""
+        """Serialize the body."""
         raw = [round(axis * AXIS_FULL) for axis in self.axes]
         return _JOYSTICK.pack(len(raw), self.buttons) + struct.pack(f"<{len(raw)}h", *raw)
 
     @classmethod
     def parse(cls, body: bytes) -> JoystickState:
-        """Read the body."""
+        """Parse the body."""
         _need("JOYSTICK", body, _JOYSTICK.size)
         n, buttons = _JOYSTICK.unpack_from(body)
         if n > MAX_AXES or len(body) != _JOYSTICK.size + 2 * n:

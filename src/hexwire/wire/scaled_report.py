@@ -1,7 +1,7 @@
-"""JOINT_STATE bodies straight to scaled columns: the one body that is read a hundred times a second and more.
+"""JOINT_STATE bodies to scaled columns in one pass, since this body is parsed a hundred or more times per second.
 
-Owns the shortcut that unpacks and scales a whole report in one pass. It gives what `JointReport.parse` gives, times
-the factors; a body of any other shape is left to that. Knows no unit: factors are the caller's.
+Owns the fast path that unpacks and scales a whole report. The result is that of `JointReport.parse` times the
+factors; bodies of another shape need `JointReport.parse`. Knows no units: the factors are the caller's.
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ _Column = tuple[float, ...]
 
 
 class ReportScaler:
-    """Reads JOINT_STATE bodies that hold every field of a known number of joints.
+    """Parser of JOINT_STATE bodies that hold every field of a known number of joints.
+
+    Positions and status are not scaled.
 
     Args:
-        speed: Factor a joint; so for the others. Positions and status are not scaled.
-        load: Of the load.
-        voltage: Of the supply.
-        temperature: Of the temperature.
-        current: Of the current.
-        age: One factor for all ages.
+        speed: Factors of the speeds, one per joint.
+        load: Factors of the loads, one per joint.
+        voltage: Factors of the supply voltages, one per joint.
+        temperature: Factors of the temperatures, one per joint.
+        current: Factors of the currents, one per joint.
+        age: Factor of all ages.
     """
 
     def __init__(
@@ -43,11 +45,11 @@ class ReportScaler:
         )
 
     def parse(self, body: bytes) -> tuple[int, int, tuple[tuple[float, ...], ...]] | None:
-        """Read a body.
+        """Parse a body.
 
         Returns:
             time_us, board flags, and the columns position, status, speed, load, voltage, temperature, current and
-            age; or None if the body has another shape, for `JointReport.parse` to judge.
+            age; or None if the body has another shape, which `JointReport.parse` handles.
         """
         if len(body) != self.size:
             return None

@@ -1,14 +1,16 @@
 """Servo packets: FF FF id len inst params chk, and the status packets that answer them.
 
-Owns building, exact parsing and finding them in a byte stream. Knows no registers, no time and no series; the
-quirks of who answers how are these:
+Owns building, exact parsing and finding them in a byte stream. Knows no registers, no time and no series. The
+quirks
+of answers are:
 
 - A status packet starts FF FF (Feetech) or FF F5 (legacy servo, and every error the board makes itself).
-- A legacy ping status is 6 bytes whose length byte says 6; a JOHO part says 2, as it should. Both are taken.
+- A legacy ping status has 6 bytes, with 6 in its length byte; a JOHO part has 2 there, which is correct. Both are
+accepted.
 - Board errors are FF F5 FF 06 04 and FF F5 FF 06 07, FF F5 id 06 05, and FF F5 id 04 01 00 00: see
-  `board_error_name`. From a legacy id the last two may as well be the servo's own error bits.
-- The chapter's board exchanges value and checksum of a one-byte legacy read. The checksum fits all the same,
-  so nothing here can notice; see `undo_one_byte_swap`.
+  `board_error_name`. From a legacy id the last two may also be the servo's own error bits.
+  - The chapter's board exchanges value and checksum of a one-byte legacy read. The checksum still fits, so this
+  module cannot detect it; see `undo_one_byte_swap`.
 - The echo of a request is a valid status packet to the same id: remove it first (`strip_echo`).
 """
 
@@ -65,10 +67,10 @@ __all__ = [
 ]
 
 BOARD_ID = 0xFF
-"""Id in errors the board reports about itself. No servo has it."""
+"""Id in errors of the board itself. No servo has it."""
 
 _QUIRK_LENGTH = 6
-_MAX_ERROR = 0x7F  # the vendor's SDK takes a higher error byte for noise
+_MAX_ERROR = 0x7F  # the vendor's SDK treats a higher error byte as noise
 _MIN_PACKET = 6
 _KNOWN = frozenset(INSTRUCTIONS.values())
 _new = tuple.__new__
@@ -99,12 +101,12 @@ class ServoPacket(NamedTuple):
     params: bytes
 
     def serialize(self) -> bytes:
-        """The packet's bytes."""
+        """Serialize the packet."""
         return make_packet(self.servo_id, self.instruction, self.params)
 
 
 class StatusPacket(NamedTuple):
-    """An answer. `legacy` says that its header was FF F5; `error` holds the servo's status bits."""
+    """An answer. `legacy`: its header is FF F5; `error`: the servo's status bits."""
 
     servo_id: int
     error: int
@@ -119,7 +121,7 @@ def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
     """Build any request packet.
 
     Raises:
-        UsageError: Id outside 0..254, instruction no byte, or more than 250 bytes in all.
+        UsageError: The id is outside 0..254, the instruction is no byte, or the packet has more than 250 bytes.
     """
     if not 0 <= servo_id <= BROADCAST_ID:
         raise UsageError(f"servo id {servo_id} is outside 0..254 (254 = all)")
@@ -145,7 +147,7 @@ def _count(count: int) -> int:
 
 
 def make_ping(servo_id: int) -> bytes:
-    """Build PING: who is there? Answered by an empty status packet."""
+    """Build PING, which a servo answers with an empty status packet."""
     return make_packet(servo_id, Instruction.PING)
 
 
@@ -155,22 +157,22 @@ def make_read(servo_id: int, address: int, count: int) -> bytes:
 
 
 def make_write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Build WRITE: `data` takes effect at once."""
+    """Build WRITE: `data` takes effect immediately."""
     return make_packet(servo_id, Instruction.WRITE, bytes((_address(address),)) + data)
 
 
 def make_reg_write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Build REG_WRITE: `data` waits in the servo for ACTION."""
+    """Build REG_WRITE: `data` takes effect at ACTION."""
     return make_packet(servo_id, Instruction.REG_WRITE, bytes((_address(address),)) + data)
 
 
 def make_action(servo_id: int = BROADCAST_ID) -> bytes:
-    """Build ACTION: run the waiting REG_WRITE."""
+    """Build ACTION: execute the pending REG_WRITE."""
     return make_packet(servo_id, Instruction.ACTION)
 
 
 def make_restore(servo_id: int) -> bytes:
-    """Build RESTORE: factory settings. A legacy servo loses its id by it."""
+    """Build RESTORE: factory settings. A legacy servo also loses its id."""
     return make_packet(servo_id, Instruction.RESTORE)
 
 
@@ -194,7 +196,7 @@ def make_calibrate(servo_id: int, position: bytes | None = None) -> bytes:
 
     Args:
         servo_id: Bus id.
-        position: Two bytes in the servo's order; only firmware that takes one (STS 3.10, HLS 3.43 and later).
+        position: Two bytes in the servo's order; only for firmware that accepts one (STS 3.10, HLS 3.43 and later).
     """
     if position is not None and len(position) != 2:
         raise UsageError(f"a calibration position has 2 bytes, not {len(position)}")
@@ -214,17 +216,17 @@ def _checked_ids(ids: Iterable[int]) -> bytes:
 
 
 def make_sync_read(address: int, count: int, ids: Iterable[int]) -> bytes:
-    """Build SYNC_READ: each id answers in this order (STS/SMS and HLS only)."""
+    """Build SYNC_READ: the servos answer in the order of `ids` (STS/SMS and HLS only)."""
     head = bytes((_address(address), _count(count)))
     return make_packet(BROADCAST_ID, Instruction.SYNC_READ, head + _checked_ids(ids))
 
 
 def make_sync_write(address: int, data: Mapping[int, bytes] | Iterable[tuple[int, bytes]]) -> bytes:
-    """Build SYNC_WRITE: equally long data for several servos. Never answered.
+    """Build SYNC_WRITE: data of the same length for several servos. Never answered.
 
     Args:
         address: First register address, the same for all.
-        data: Bytes for each id, each in its own servo's byte order.
+        data: Bytes by id, in the byte order of each servo.
     """
     items = list(data.items()) if isinstance(data, Mapping) else list(data)
     _checked_ids(servo_id for servo_id, _ in items)
@@ -239,9 +241,9 @@ def make_status(servo_id: int, error: int = 0, params: bytes = b"", *, legacy: b
     """Build a status packet.
 
     Args:
-        servo_id: Who answers.
+        servo_id: Id of the answering servo.
         error: Status bits.
-        params: What was read, in the servo's byte order.
+        params: Parameter bytes, in the servo's byte order.
         legacy: Start with FF F5 instead of FF FF.
     """
     if not 0 <= servo_id <= 0xFF or not 0 <= error <= 0xFF:
@@ -253,7 +255,7 @@ def make_status(servo_id: int, error: int = 0, params: bytes = b"", *, legacy: b
 
 
 def make_legacy_ping_status(servo_id: int, error: int = 0) -> bytes:
-    """Build the ping answer of a legacy servo: 6 bytes, of which the length byte counts all."""
+    """Build the ping answer of a legacy servo: 6 bytes, with 6 in the length byte."""
     body = bytes((servo_id, _QUIRK_LENGTH, error))
     return LEGACY_HEADER + body + bytes((~sum(body) & 0xFF,))
 
@@ -263,7 +265,7 @@ def make_board_error(code: int, servo_id: int = BOARD_ID) -> bytes:
 
     Args:
         code: A value of `tables.BOARD_ERRORS`. "read_silent" is 8 bytes long, the others 6.
-        servo_id: The servo it is about, or 0xFF.
+        servo_id: The servo that the error concerns, or 0xFF.
 
     Raises:
         UsageError: The board has no such code.
@@ -282,7 +284,7 @@ def parse_packet(data: bytes) -> ServoPacket:
     """Parse the bytes of exactly one request.
 
     Raises:
-        RemoteProtocolError: Says what is wrong: header, length, checksum or id.
+        RemoteProtocolError: Header, length, checksum or id is wrong; the text says which.
     """
     if len(data) < _MIN_PACKET:
         raise RemoteProtocolError(f"servo packet of {len(data)} bytes; the shortest has {_MIN_PACKET}")
@@ -301,10 +303,10 @@ def parse_status(data: bytes, *, as_it_is: bool = False) -> StatusPacket:
 
     Args:
         data: Its bytes.
-        as_it_is: Take an id that no servo has and reserved error bits: for showing what was on the line.
+        as_it_is: Accept an invalid id and reserved error bits, to display what was on the line.
 
     Raises:
-        RemoteProtocolError: Says what is wrong: header, length, checksum, id or error byte.
+        RemoteProtocolError: Header, length, checksum, id or error byte is wrong; the text says which.
     """
     if len(data) < _MIN_PACKET:
         raise RemoteProtocolError(f"status packet of {len(data)} bytes; the shortest has {_MIN_PACKET}")
@@ -331,16 +333,16 @@ def _verify(data: bytes) -> None:
 
 
 def parse_sync_write(packet: ServoPacket) -> tuple[int, tuple[tuple[int, bytes], ...]]:
-    """Take a SYNC_WRITE apart: the address, and (id, data) of each servo.
+    """Parse a SYNC_WRITE: the address, and (id, data) of each servo.
 
     Raises:
-        RemoteProtocolError: It is none, or its rows do not come out even.
+        RemoteProtocolError: It is another instruction, or its rows are incomplete.
     """
     if packet.instruction != Instruction.SYNC_WRITE:
         raise RemoteProtocolError(f"instruction {packet.instruction:#04x} is not a sync write")
     params = packet.params
     if len(params) < 2 or not params[1] or (len(params) - 2) % (params[1] + 1):
-        raise RemoteProtocolError("the rows of a sync write do not fill it")
+        raise RemoteProtocolError("a sync write ends within a row")
     step = params[1] + 1
     rows = tuple((params[i], params[i + 1 : i + step]) for i in range(2, len(params), step))
     return params[0], rows
@@ -355,16 +357,16 @@ def find_status(
     """Find the first status packet of one servo among other bytes. Never raises.
 
     Args:
-        data: What was received.
-        servo_id: Whose answer; `BOARD_ID` for errors of the board itself.
-        n_params: Parameters it must have; None takes any number.
-        start: Where to begin.
+        data: The received bytes.
+        servo_id: Id of the answering servo; `BOARD_ID` for errors of the board itself.
+        n_params: Number of parameters it must have; None accepts any number.
+        start: Offset at which to begin.
 
     Returns:
         The packet and the offset after it, or None.
     """
-    # Only candidates of this id count, so that noise which happens to look like another servo's packet cannot
-    # swallow the answer.
+    # Only candidates with this id count, so that noise that looks like another servo's packet cannot hide the
+    # answer.
     data = bytes(data)
     at = data.find(b"\xff", start)
     while 0 <= at <= len(data) - _MIN_PACKET:
@@ -377,8 +379,8 @@ def find_status(
 
 
 def iter_status(data: bytes) -> Iterator[StatusPacket]:
-    """All status packets of a byte stream, in order; what is none is passed over. Never raises."""
-    # One `find` for the next FF and constant work a candidate: linear in the length of any noise.
+    """Yield all status packets of a byte stream in order, and skip other bytes. Never raises."""
+    # One `find` for the next FF and constant work per candidate: linear in the length of any noise.
     data = bytes(data)
     find, last = data.find, len(data) - _MIN_PACKET
     at = find(b"\xff")
@@ -392,12 +394,12 @@ def iter_status(data: bytes) -> Iterator[StatusPacket]:
 
 
 def status_end(data: bytes, at: int, n_params: int | None = None) -> int:
-    """Offset after the sound status packet that starts at `at`, 0 if none does.
+    """Return the offset after the valid status packet that starts at `at`; 0 without one.
 
     Args:
-        data: What was received; at least 6 bytes from `at` on.
-        at: Where the packet starts.
-        n_params: Parameters that were asked for: those of a legacy answer with four may begin like a ping's.
+        data: The received bytes; at least 6 from `at` on.
+        at: Offset of the packet.
+        n_params: Number of parameters requested: a legacy answer with four may begin like that to a ping.
     """
     second = data[at + 1]
     if second != 0xFF and second != 0xF5:
@@ -414,12 +416,12 @@ def status_end(data: bytes, at: int, n_params: int | None = None) -> int:
 
 
 def _status(data: bytes, at: int, end: int) -> StatusPacket:
-    # tuple.__new__ skips the Python-level constructor, which would double the cost of a packet.
+    # tuple.__new__ skips the Python-level constructor, which doubles the cost of a packet.
     return _new(StatusPacket, (data[at + 2], data[at + 4], data[at + 5 : end - 1], data[at + 1] == 0xF5))
 
 
 def iter_packets(data: bytes) -> Iterator[ServoPacket]:
-    """All requests with a known instruction in a byte stream; the rest is passed over. Never raises."""
+    """Yield all requests with a known instruction in a byte stream, and skip other bytes. Never raises."""
     data = bytes(data)
     last = len(data) - _MIN_PACKET
     at = data.find(SERVO_HEADER)
@@ -440,22 +442,22 @@ def iter_packets(data: bytes) -> Iterator[ServoPacket]:
 
 
 def strip_echo(data: bytes, request: bytes) -> bytes:
-    """Remove the echo of a request, as a one-wire adapter makes it.
+    """Remove the echo of a request that a one-wire adapter makes.
 
-    What came before the echo is older than the request, so it goes too. Without an echo the bytes come back
-    as they are. An answer that is byte for byte like its request (a ping answered with error 1, say) cannot
-    be told from an echo and is removed.
+    Bytes before the echo are older than the request, so they are removed too. Without an echo the bytes are
+    returned unchanged. An answer identical to its request (such as a ping answered with error 1) cannot be
+    distinguished from an echo and is removed.
     """
     at = data.find(request) if request else -1
     return data if at < 0 else data[at + len(request) :]
 
 
 def undo_one_byte_swap(data: bytes) -> bytes:
-    """Put a one-byte legacy read right, whose value and checksum the chapter's board exchanged.
+    """Correct a one-byte legacy read whose value and checksum the chapter's board exchanged.
 
-    A sum does not change when its terms change places, so the exchanged bytes have a valid checksum and
-    nothing in them tells. Use this only on what came through a dialect-1 board from a legacy servo; better,
-    read two registers. Anything but 7 bytes FF F5 id 03 error x y comes back as it is.
+    A sum does not depend on the order of its terms, so the exchanged bytes have a valid checksum and do not
+    show the exchange. Use this only for answers of a legacy servo through a dialect-1 board; better, read two
+    registers. Anything but 7 bytes FF F5 id 03 error x y is returned unchanged.
     """
     if len(data) == 7 and data[:2] == LEGACY_HEADER and data[3] == 3:
         return data[:5] + bytes((data[6], data[5]))
@@ -466,10 +468,10 @@ def undo_one_byte_swap(data: bytes) -> bytes:
 
 
 def board_error_name(status: StatusPacket) -> str | None:
-    """Name of the board error a status packet may be, a key of `tables.BOARD_ERRORS`, or None.
+    """Return the board error that a status packet may be, a key of `tables.BOARD_ERRORS`, or None.
 
-    From the id of a legacy servo, "read_silent" and "ping_silent" may also be the servo's own status bits:
-    the bytes are the same. Take them for "no answer" unless the value says otherwise.
+    From the id of a legacy servo, "read_silent" and "ping_silent" may also be the servo's own status bits: the
+    bytes are the same. Treat them as "no answer" unless the value excludes it.
     """
     if not status.legacy or not status.error:
         return None
