@@ -9,6 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from hexwire.control.owner import RobotOwner
+from hexwire.control.path_check import PathCheck
 from hexwire.control.teleop import TeleopController
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -16,12 +17,14 @@ from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.errors import LimitError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.puma260 import Puma260Model
 from hexwire.model.state import JointTarget
-from hexwire.motion.teleop import JogMode, Teleop
+from hexwire.motion.teleop import JogMode, StickMap, Teleop
 from hexwire.wire.modules import ModuleType
 
 HELD = 1 << 4
@@ -160,3 +163,20 @@ def test_the_chapters_board_can_be_driven_too() -> None:
     rig.run(push(0, begin=1.0, rest=1.0), 20.0)
     assert rig.at("J1") > before + 0.1
     rig.robot.detach()
+
+
+def test_a_set_point_goes_no_further_than_one_of_a_program() -> None:
+    rig = hex7bot()
+    model = Hex7BotModel()
+    path = PathCheck(HEX7BOT, model, None)
+    stick = StickMap(axes=(0, 1, 2, 3, 6, 7))
+    rig = rig._replace(rules=Teleop(HEX7BOT, model, stick, check=path.posture))
+    rig.robot.torque(True)
+    rig.robot.write(JointTarget.of({"J3": HEX7BOT.joint("J3").offset + 0.7}, 1.0))
+    rig.clock.advance(2.0)
+    rig.run(push(1), 4.0)
+    assert any("elbow folded" in str(note) for note in rig.notes)
+    held = rig.robot.read().positions
+    path.posture(held, {"J2": held["J2"]})
+    with pytest.raises(LimitError, match="elbow folded"):
+        path.posture(held, {"J2": held["J2"] + math.radians(3)})

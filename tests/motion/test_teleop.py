@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import UsageError
+from hexwire.errors import LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.pose import rotation_between
 from hexwire.model.puma260 import PUMA260, Puma260Model
 from hexwire.motion.fence import Fence
-from hexwire.motion.teleop import Action, Jog, JogMode, StickMap, Teleop
+from hexwire.motion.teleop import Action, Jog, JogMode, StickMap, Teleop, within_limits
 
 DEAD_MAN = 1 << 4
 MODE = 1 << 7
@@ -285,7 +286,12 @@ def test_any_stick_keeps_the_rules(mode: JogMode, steps: list[tuple[list[float],
 def test_the_arm_as_a_whole_stays_out_of_its_gate_and_can_be_led_back() -> None:
     model = Hex7BotModel()
     start = {joint.name: joint.offset for joint in HEX7BOT.joints} | {"J3": HEX7BOT.joint("J3").offset + 0.7}
-    hand = Hand(Teleop(HEX7BOT, model, StickMap(axes=(0, 1, 2, 3, 6, 7)), fence=Fence(model, None)), start)
+
+    def check(before: Mapping[str, float], goal: Mapping[str, float]) -> None:
+        if found := Fence(model, None).check_end(before, {**before, **goal}):
+            raise LimitError("; ".join(found.values()))
+
+    hand = Hand(Teleop(HEX7BOT, model, StickMap(axes=(0, 1, 2, 3, 6, 7)), check=check), start)
     hand.begin()
     notes = {hand.cycle(a1=1.0).note for _ in range(200)}
     assert any(note.startswith("elbow folded") for note in notes)
@@ -444,3 +450,19 @@ def test_buttons_and_numbers_that_a_map_may_have() -> None:
     hand.cycle(buttons=0)
     hand.cycle(buttons=2)
     assert rules.mode is JogMode.JOINT, "without kinematics there is one mode"
+
+
+def test_the_check_is_given_what_is_sent_and_where_that_begins() -> None:
+    seen: list[tuple[dict[str, float], dict[str, float]]] = []
+    rules = Teleop(
+        PUMA260, Puma260Model(), share=0.5, check=lambda before, goal: seen.append((dict(before), dict(goal)))
+    )
+    outside = PUMA260.joints[1].maximum + 0.1
+    hand = Hand(rules, HALF | {"J2": outside})
+    hand.begin()
+    assert not seen, "nothing new"
+    jog = hand.cycle(a0=1.0)
+    before, goal = seen[-1]
+    assert before == HALF | {"J2": outside}
+    assert goal == {name: angle for name, angle in jog.positions.items() if name != "J2"}
+    assert within_limits(PUMA260, jog.positions) == goal

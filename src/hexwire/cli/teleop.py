@@ -129,9 +129,9 @@ def teleop(
     joystick of this machine. The board stops the arm if this program dies, where it has a watchdog.
     """
     from hexwire.control.owner import RobotOwner
+    from hexwire.control.path_check import PathCheck
     from hexwire.control.teleop import OVERLAP, TeleopController
     from hexwire.model.geometry import kinematics_or_none
-    from hexwire.motion.fence import Fence
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
     if sum(option is not None for option in (device, url, conf)) > 1:
@@ -140,12 +140,10 @@ def teleop(
         raise UsageError(f"--speed {speed:g} is over the joints' own limits; 1 is the most")
     model = make_robot(options).model
     kinematics = kinematics_or_none(model.name, links)
-    fence = None
-    if kinematics is not None:
-        fence = Fence(kinematics, table)
-    else:
+    if kinematics is None:
         refuse_table(model)
-    rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, fence=fence)
+    check = PathCheck(model, kinematics, table).posture
+    rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, check=check)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason, board_stop
-from hexwire.motion.teleop import Action
+from hexwire.motion.teleop import Action, within_limits
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -93,7 +93,7 @@ class TeleopController:
         if jog.action is not Action.MOVE:
             return None
         # A joint that stands outside its limits stays where it is.
-        inside = {name: angle for name, angle in jog.positions.items() if _allowed(self._rules.arm, name, angle)}
+        inside = within_limits(self._rules.arm, jog.positions)
         return JointTarget.of(inside, OVERLAP * period) if inside else None
 
     def stop(self, reason: StopReason) -> None:
@@ -125,8 +125,3 @@ def holding(arm: ArmModel, state: JointState) -> JointTarget | None:
         if math.isfinite(joint.position):
             inside[joint.name] = max(limits.minimum, min(limits.maximum, joint.position))
     return JointTarget.of(inside, _SETTLE) if inside else None
-
-
-def _allowed(arm: ArmModel, name: str, angle: float) -> bool:
-    joint = arm.joint(name)
-    return joint.minimum <= angle <= joint.maximum

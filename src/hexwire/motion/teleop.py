@@ -7,7 +7,7 @@ jog. Time comes in as `now`. Knows no devices, channels or boards; axes and butt
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -16,9 +16,7 @@ from hexwire.model.arm import ArmModel
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose, multiply, rotation_x, rotation_y, rotation_z
 
-from .fence import Fence
-
-__all__ = ["Action", "Jog", "JogMode", "StickMap", "Teleop"]
+__all__ = ["Action", "Jog", "JogMode", "StickMap", "Teleop", "within_limits"]
 
 _LONGEST_STEP = 0.1
 """Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
@@ -105,7 +103,8 @@ class Teleop:
         linear: Speed of the tool at full deflection, m/s.
         angular: The same for turns, rad/s.
         stale: Age of the joystick state in seconds from which the channel counts as lost.
-        fence: Check of the whole arm; None for no check.
+        check: Called with the set-point before and a new one, radians by name; the new one has the joints within
+            their limits. Raises LimitError where the arm must not go.
     """
 
     def __init__(
@@ -119,7 +118,7 @@ class Teleop:
         linear: float = 0.05,
         angular: float = 0.4,
         stale: float = 0.25,
-        fence: Fence | None = None,
+        check: Callable[[Mapping[str, float], Mapping[str, float]], object] = lambda before, goal: None,
     ) -> None:
         if not 0.0 < share <= 1.0:
             raise UsageError(f"the share of the speed limits must be above 0 and at most 1, not {share:g}")
@@ -133,7 +132,7 @@ class Teleop:
         self._linear = linear
         self._angular = angular
         self._stale = stale
-        self._fence = fence
+        self._check = check
         self._free = False
         self._active = False
         self._alive: set[int] = set()
@@ -171,8 +170,6 @@ class Teleop:
             self._alive.clear()
             self._goal = {name: positions[name] for name in self.arm.names}
             self._last = now
-            if self._fence is not None:
-                self._fence.begin(self._goal)
         step = min(max(now - self._last, 0.0), _LONGEST_STEP)
         self._last = now
         wanted = self._wanted(axes)
@@ -181,9 +178,11 @@ class Teleop:
         self._gripper(buttons, step)
         if self._keep_near(positions, before):
             note = note or "the arm does not follow"
-        if self._fence is not None and self._goal != before and (found := self._fence.check(self._goal)):
-            self._goal = before
-            note = "; ".join(found.values())
+        if self._goal != before:
+            try:
+                self._check(before, within_limits(self.arm, self._goal))
+            except LimitError as error:
+                self._goal, note = before, str(error)
         return Jog(Action.MOVE, dict(self._goal), note)
 
     def _hold(self, note: str) -> Jog:
@@ -297,3 +296,11 @@ class Teleop:
         for name in ahead:
             self._goal[name] = before[name]
         return bool(ahead)
+
+
+def within_limits(arm: ArmModel, positions: Mapping[str, float]) -> dict[str, float]:
+    """Those of these positions that are within their joint's limits, radians by name."""
+    joints = {name: arm.joint(name) for name in positions}
+    return {
+        name: angle for name, angle in positions.items() if joints[name].minimum <= angle <= joints[name].maximum
+    }
