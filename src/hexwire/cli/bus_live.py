@@ -395,7 +395,7 @@ def _say_stress(
     say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
 
 
-def histogram(seconds: Sequence[float], width: int = 40) -> str:
+def histogram(seconds: Sequence[float]) -> str:
     """Durations as a text histogram, with percentiles."""
     ordered = sorted(seconds)
     low = ordered[0]
@@ -406,7 +406,7 @@ def histogram(seconds: Sequence[float], width: int = 40) -> str:
     lines = []
     for i, count in enumerate(counts):
         label = f"{(low + i * step) * 1e6:8.0f} us" if i < 10 else f"above {(low + i * step) * 1e6:.0f}".rjust(11)
-        lines.append(f"{label} {'#' * round(width * count / max(counts))} {count}".rstrip())
+        lines.append(f"{label} {'#' * round(40 * count / max(counts))} {count}".rstrip())
     p50, p99 = ordered[len(ordered) // 2], ordered[len(ordered) * 99 // 100]
     lines.append(f"p50 {p50 * 1e6:.0f} us, p99 {p99 * 1e6:.0f} us, longest {ordered[-1] * 1e6:.0f} us")
     return "\n".join(lines)

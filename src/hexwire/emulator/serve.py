@@ -91,11 +91,10 @@ class BoardLink(Link):
         clock: FakeClock | None = None,
         *,
         baud: int = 0,
-        url: str = "serial:///emulated",
     ) -> None:
         self.device = device
         self.clock = clock or FakeClock()
-        self.url = url
+        self.url = "serial:///emulated"
         self.lost = False
         self.written: list[bytes] = []
         self._to_board = PacedLine(baud)
@@ -227,7 +226,6 @@ class PtyServer:
         link: Path of a symbolic link to make to the terminal; none if None.
         baud: Line rate; 0 is unpaced. Paced, a host that opens the port at another rate gets garbage.
         reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino.
-        clock: Monotonic seconds.
     """
 
     def __init__(
@@ -237,14 +235,12 @@ class PtyServer:
         link: str | Path | None = None,
         baud: int = 0,
         reset_on_open: bool = False,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.device = device
         self.path = ""
         self._link = Path(link) if link else None
         self._baud = baud
         self._reset_on_open = reset_on_open
-        self._clock = clock
         self._name: TerminalName | None = None
         self._master = -1
         self._slave = -1
@@ -302,7 +298,7 @@ class PtyServer:
 
     def run_once(self, timeout: float = _IDLE) -> None:
         """Wait for bytes or the next event, at most `timeout` seconds, and act on them."""
-        now = self._clock()
+        now = time.monotonic()
         due = [t for t in (self.device.next_event_time(), self._to_host.next_time()) if t is not None]
         arriving = self._to_board.next_time()
         if arriving is not None:
@@ -314,7 +310,7 @@ class PtyServer:
         poll = select.poll()
         poll.register(self._master, mask)
         events = poll.poll(wait * 1000)
-        now = self._clock()
+        now = time.monotonic()
         for _, flags in events:
             if flags & select.POLLIN:
                 self._read(now)

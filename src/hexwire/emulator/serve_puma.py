@@ -54,7 +54,6 @@ def serve_puma(
     udp: UdpServer | None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
-    clock: Callable[[], float] = time.monotonic,
 ) -> None:
     """Serve until told to stop. Nobody is waited for: a host that does not take its answers is hung up on.
 
@@ -64,7 +63,6 @@ def serve_puma(
         udp: Where UDP hosts may speak, likewise; none if None.
         stop: Asked at least every quarter of a second.
         announce: Told the addresses when they are bound.
-        clock: Monotonic seconds.
     """
     hosts = _Hosts()
     with listener:
@@ -74,7 +72,7 @@ def serve_puma(
                 udp.open()
                 announce(udp.url)
             while not stop():
-                _turn(robot, listener, udp, hosts, clock)
+                _turn(robot, listener, udp, hosts)
         finally:
             for caller in hosts.callers.values():
                 caller.link.close()
@@ -82,27 +80,25 @@ def serve_puma(
                 udp.close()
 
 
-def _turn(
-    robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts: _Hosts, clock: Callable[[], float]
-) -> None:
+def _turn(robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts: _Hosts) -> None:
     due = hosts.next_event_time()
-    wait = _IDLE if due is None else max(0.0, min(_IDLE, due - clock()))
+    wait = _IDLE if due is None else max(0.0, min(_IDLE, due - time.monotonic()))
     poll = select.poll()
     for fd in (listener.fileno(), *([] if udp is None else [udp.fileno()]), *hosts.callers):
         poll.register(fd, select.POLLIN)
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
-    robot.step(clock())
+    robot.step(time.monotonic())
     # Connected hosts go before new ones.
-    _serve_callers(hosts, ready, clock)
+    _serve_callers(hosts, ready)
     if udp is not None:
-        _serve_peers(robot, udp, hosts, udp.fileno() in ready, clock)
+        _serve_peers(robot, udp, hosts, udp.fileno() in ready)
     if listener.fileno() in ready:
-        _let_in(robot, listener, hosts, clock)
+        _let_in(robot, listener, hosts)
 
 
-def _serve_callers(hosts: _Hosts, ready: set[int], clock: Callable[[], float]) -> None:
+def _serve_callers(hosts: _Hosts, ready: set[int]) -> None:
     for fd, caller in list(hosts.callers.items()):
-        now = clock()
+        now = time.monotonic()
         try:
             if fd in ready:
                 data = caller.link.read(now)
@@ -116,9 +112,9 @@ def _serve_callers(hosts: _Hosts, ready: set[int], clock: Callable[[], float]) -
             _hang_up(hosts, fd)
 
 
-def _let_in(robot: EmulatedPuma, listener: Listener, hosts: _Hosts, clock: Callable[[], float]) -> None:
+def _let_in(robot: EmulatedPuma, listener: Listener, hosts: _Hosts) -> None:
     for _ in range(_MOST_AT_ONCE):
-        now = clock()
+        now = time.monotonic()
         link = listener.accept(now)
         if link is None:
             return
@@ -137,12 +133,10 @@ def _hang_up(hosts: _Hosts, fd: int) -> None:
     hosts.callers.pop(fd).link.close()
 
 
-def _serve_peers(
-    robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts, readable: bool, clock: Callable[[], float]
-) -> None:
+def _serve_peers(robot: EmulatedPuma, udp: UdpServer, hosts: _Hosts, readable: bool) -> None:
     for _ in range(_MOST_AT_ONCE if readable else 0):
         came = udp.receive()
-        now = clock()
+        now = time.monotonic()
         if came is None:
             break
         sender, data = came
@@ -151,7 +145,7 @@ def _serve_peers(
             peer.receive(data, now, end_of_message=True)
             _note(hosts.udp_seats, sender, peer, now)
     for sender, peer in hosts.peers.items():
-        peer.step(clock())
+        peer.step(time.monotonic())
         for frame in peer.frames_to_send():
             udp.send(sender, frame)
 

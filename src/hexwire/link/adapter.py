@@ -43,10 +43,10 @@ def _timer(device: str, sysfs: Path) -> Path:
     return sysfs / Path(device).resolve().name / "latency_timer"
 
 
-def set_latency(device: str, milliseconds: int = 1, *, sysfs: Path = _SYSFS) -> bool:
-    """Set an adapter's latency timer; False if it has none or this user has no permission."""
+def set_latency(device: str, *, sysfs: Path = _SYSFS) -> bool:
+    """Set an adapter's latency timer to 1 ms; False if it has none or this user has no permission."""
     try:
-        _timer(device, sysfs).write_text(f"{milliseconds}\n", encoding="ascii")
+        _timer(device, sysfs).write_text("1\n", encoding="ascii")
     except OSError:
         return False
     return True

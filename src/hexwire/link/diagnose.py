@@ -141,10 +141,10 @@ def diagnose_system(ports: Iterable[PortInfo], root: Path = Path("/")) -> list[F
     return findings
 
 
-def avr_baud_error(baud: int, clock: int = _AVR_CLOCK) -> float:
-    """Rate error of an AVR's UART (double speed), as a signed fraction."""
-    divisor = max(1, round(clock / 8 / baud))
-    return clock / 8 / divisor / baud - 1.0
+def avr_baud_error(baud: int) -> float:
+    """Rate error of the UART of an AVR at 16 MHz (double speed), as a signed fraction."""
+    divisor = max(1, round(_AVR_CLOCK / 8 / baud))
+    return _AVR_CLOCK / 8 / divisor / baud - 1.0
 
 
 def diagnose_baud(baud: int) -> Finding:

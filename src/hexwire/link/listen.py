@@ -26,19 +26,20 @@ if TYPE_CHECKING:
 
 __all__ = ["TcpListenLink", "TcpsListenLink"]
 
+_PATIENCE = 5.0
+
 
 class TcpListenLink(Link):
     """The listening side of a line with one peer: the first client is the peer until the line is lost.
 
     `open` binds and returns; the first read or write waits for a client. While one is connected, others are
-    disconnected at once, except that a client without a certificate that has sent nothing for `patience` seconds is
+    disconnected at once, except that a client without a certificate that has sent nothing for five seconds is
     replaced by the next. After a loss, `open` waits for the next client, on the same port.
 
     Args:
         host: Address to bind; loopback by default.
         port: Port; 0 lets the system choose.
         tls: Certificates; None for unencrypted connections.
-        patience: Seconds for which a silent client keeps others out.
         clock: Monotonic seconds.
     """
 
@@ -50,11 +51,10 @@ class TcpListenLink(Link):
         port: int = 0,
         *,
         tls: TlsFiles | None = None,
-        patience: float = 5.0,
         clock: Callable[[], float] = monotonic,
     ) -> None:
         self._listener = Listener(host, port, tls=tls)
-        self._patience = math.inf if tls else patience
+        self._patience = math.inf if tls else _PATIENCE
         self._clock = clock
         self._silent_since: float | None = None
         self._gives_way = False

@@ -67,17 +67,15 @@ class LoopbackResult:
         return ", ".join(words) + ": a long or loose cable, a missing ground, or a rate the adapter cannot keep"
 
 
-def loopback_patterns(count: int, seed: int = 0) -> Iterator[bytes]:
+def loopback_patterns(count: int) -> Iterator[bytes]:
     """Chunks of `count` bytes in total: every byte value, the hardest edges (55, AA, 00, FF), then random bytes."""
     fixed = bytes(range(256)) + b"\x55\xaa" * 32 + b"\x00\xff" * 32
-    data = fixed + random.Random(seed).randbytes(max(0, count - len(fixed)))
+    data = fixed + random.Random(0).randbytes(max(0, count - len(fixed)))
     for at in range(0, min(count, len(data)), _CHUNK):
         yield data[at : min(at + _CHUNK, count)]
 
 
-def try_loopback(
-    link: Link, baud: int, count: int, clock: Callable[[], float], progress: Callable[[int], None] | None = None
-) -> LoopbackResult:
+def try_loopback(link: Link, baud: int, count: int, clock: Callable[[], float]) -> LoopbackResult:
     """Send patterns over an open link and compare the bytes that come back.
 
     Args:
@@ -85,7 +83,6 @@ def try_loopback(
         baud: The rate, for the deadlines.
         count: Bytes to send.
         clock: The clock of the link's deadlines.
-        progress: Called with the number of bytes sent so far.
 
     Raises:
         LinkError: The line was lost or accepts no bytes.
@@ -109,8 +106,6 @@ def try_loopback(
             if a != b:
                 wrong += 1
                 wrong_bits += (a ^ b).bit_count()
-        if progress is not None:
-            progress(sent)
         if not heard:
             # Nothing at all came back: further chunks would only wait as long again.
             break

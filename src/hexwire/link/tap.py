@@ -89,19 +89,18 @@ class TapLink(Link):
         link: The link that does the work.
         observer: Called for all bytes, in the thread that moved them. Its errors are counted and do not affect the
             traffic.
-        clock: Monotonic seconds; the link's own clock if it has one.
 
     Attributes:
         missed: Errors of the observer.
     """
 
-    def __init__(self, link: Link, observer: Observer, clock: Callable[[], float] | None = None) -> None:
+    def __init__(self, link: Link, observer: Observer) -> None:
         from time import monotonic
 
         self.link = link
         self.kind = link.kind
         self.max_message = link.max_message
-        self.clock = clock or getattr(link, "clock", None) or monotonic
+        self.clock = getattr(link, "clock", None) or monotonic
         self.missed = Missed()
         self._observer = self.missed.guard(observer)
 

@@ -20,6 +20,9 @@ from .waypoints import Spline, Trajectory, Waypoint
 
 __all__ = ["Taught", "approach"]
 
+_ACCELERATION = 4.0  # rad/s²
+_REST = math.radians(0.5)
+
 
 @dataclass(frozen=True, slots=True)
 class Taught:
@@ -77,12 +80,12 @@ class Taught:
             raise UsageError(f"nothing is left between {start:g} and {end:g} s of {self.duration:.2f} s")
         return Taught(self.names, tuple(t - self.times[low] for t in self.times[low:high]), self.rows[low:high])
 
-    def without_stillness(self, threshold: float = math.radians(0.5)) -> Taught:
-        """Without the time before the first and after the last motion; up to `threshold` radians count as rest."""
+    def without_stillness(self) -> Taught:
+        """Without the time before the first and after the last motion."""
         rows = self.rows
 
         def moved(row: Sequence[float], rest: Sequence[float]) -> bool:
-            return any(abs(a - b) > threshold for a, b in zip(row, rest, strict=True))
+            return any(abs(a - b) > _REST for a, b in zip(row, rest, strict=True))
 
         first = next((i for i, row in enumerate(rows) if moved(row, rows[0])), 0)
         last = next((i for i in range(len(rows) - 1, -1, -1) if moved(rows[i], rows[-1])), len(rows) - 1)
@@ -153,7 +156,6 @@ def approach(
     goal: Sequence[float],
     *,
     speed: float = 0.5,
-    acceleration: float = 4.0,
 ) -> Trajectory:
     """A slow motion to the start of another motion.
 
@@ -163,7 +165,6 @@ def approach(
         here: Present positions of the joints, radians.
         goal: Start positions of the other motion, radians.
         speed: Share of the speed limits.
-        acceleration: Radians per second squared.
     """
     limits = [speed * arm.joint(name).max_speed for name in names]
-    return time_optimal(names, here, goal, limits, [acceleration] * len(names))
+    return time_optimal(names, here, goal, limits, [_ACCELERATION] * len(names))

@@ -41,7 +41,6 @@ class FrameDecoder:
         max_frame: Longest frame accepted, bytes.
         max_buffer: Most bytes kept between calls of `receive`; older bytes are dropped and counted. Only a caller
             that does not take its events reaches it.
-        interbyte_timeout: Seconds of silence after which an unfinished frame is discarded.
     """
 
     def __init__(
@@ -49,12 +48,10 @@ class FrameDecoder:
         max_frame: int = tables.MAX_SERIAL_FRAME,
         *,
         max_buffer: int = 65536,
-        interbyte_timeout: float = tables.INTERBYTE_TIMEOUT,
     ) -> None:
         self.max_frame = max_frame
         self.counters = DecoderCounters()
         self._max_buffer = max(max_buffer, max_frame)
-        self._interbyte = interbyte_timeout
         self._data = b""
         self._pos = 0
         self._skipped = 0
@@ -113,7 +110,7 @@ class FrameDecoder:
 
     def next_timeout(self) -> float | None:
         """Time at which to call `handle_timeout`, or None."""
-        return self._last_rx + self._interbyte if self._waiting else None
+        return self._last_rx + tables.INTERBYTE_TIMEOUT if self._waiting else None
 
     def handle_timeout(self, now: float) -> BadFrame | Garbage | None:
         """Discard an unfinished frame if the line has been silent long enough.
@@ -121,7 +118,7 @@ class FrameDecoder:
         The search continues at its second byte: call `next_event` afterwards, and then this again until it returns
         None.
         """
-        if not self._waiting or now < self._last_rx + self._interbyte:
+        if not self._waiting or now < self._last_rx + tables.INTERBYTE_TIMEOUT:
             return None
         return self.end_of_message("unfinished")
 
