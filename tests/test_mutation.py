@@ -41,6 +41,31 @@ def test_a_change_of_what_is_said_does_not(old: str, new: str) -> None:
     assert not is_meaningful(BEFORE, BEFORE.replace(old, new))
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "counts"),
+    [
+        ('return f"{x} a" if x > 3 else f"{x} b"', 'return f"{x} a" if x >= 3 else f"{x} b"', False),
+        ('t = f" {x}" if x else ""', 't = f" {x}" if not x else ""', False),
+        ('return "a" if x > 3 else "b"', 'return "a" if x >= 3 else "b"', True),
+        ('return f"{x}" if f(x) else ""', 'return f"{x}" if f(None) else ""', True),
+        ('return "a" if x > 3 else None', 'return "a" if x >= 3 else None', True),
+        ('return "a" if f(x) else "b"', 'return "a" if f(None) else "b"', True),
+        ("return 1 if x > 3 else 2", "return 1 if x >= 3 else 2", True),
+        ("return 1 if x > 3 else 1.5", "return 1 if x > 3 else 2.5", True),
+        ("for i in x:\n  if i:\n   break", "for i in x:\n  if i:\n   return", False),
+        ("if x:\n  while x:\n   break", "if x:\n  while x:\n   return", False),
+        ("for i in x:\n  break\n return 1", "for i in x:\n  return\n return 1", True),
+        ("for i in x:\n  for j in i:\n   break", "for i in x:\n  for j in i:\n   return", True),
+        ("for i in x:\n  break\n else:\n  g()", "for i in x:\n  return\n else:\n  g()", True),
+        ("while x:\n  continue", "while x:\n  break", True),
+        ('open(x, encoding="ascii")', "open(x, encoding=None)", False),
+        ('open(x, encoding="ascii")', 'open(None, encoding="ascii")', True),
+    ],
+)
+def test_texts_that_are_chosen_and_loops_that_end(before: str, after: str, counts: bool) -> None:
+    assert is_meaningful(f"def f(x):\n {before}", f"def f(x):\n {after}") is counts
+
+
 def test_what_a_value_shows_of_itself_does_not_count() -> None:
     assert not is_meaningful("def __repr__(self):\n    return a + b", "def __repr__(self):\n    return a - b")
 
