@@ -13,6 +13,7 @@ from hexwire.bus import backup as backups
 from hexwire.bus.setup import write_setting
 from hexwire.errors import ConfigError, ServoError, UsageError
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import make_status
 
 
 @pytest.mark.parametrize("series", list(Series))
@@ -80,3 +81,39 @@ def test_any_content_is_a_backup_or_a_named_error(tmp_path: Path, content: objec
     except ConfigError:
         return
     assert rows == []
+
+
+def test_differences_name_what_is_on_either_side_only() -> None:
+    one = backups.ServoBackup(1, "sts_sms", "3.10", "sts3215", "", {"id": 1, "position_p": 2})
+    other = replace(one, registers={"position_p": 3, "lock": 1, "id": 1})
+    assert backups.compare(one, other) == [("position_p", 2, 3), ("lock", None, 1)]
+
+
+def test_values_at_a_registers_ends_are_put_back_and_beyond_them_not() -> None:
+    bus, _ = make_bus((1,))
+    saved = backups.take_backup(bus, 1)
+    # With 0 it reports at once that it is too hot, which must not keep anybody from putting that right.
+    for value in (0, 100):
+        odd = replace(saved, registers={"max_temperature": value})
+        assert backups.restore_backup(bus, 1, odd) == ["max_temperature"]
+        bus.pause(1.0)
+        reading = bus.read(1, "max_temperature")
+        assert (reading.raw, reading.ok) == (value, value == 100)
+    for value in (-1, 101):
+        with pytest.raises(UsageError, match=f"max_temperature = {value}, .*nothing was changed"):
+            backups.restore_backup(bus, 1, replace(saved, registers={"max_temperature": value}))
+    assert backups.restore_backup(bus, 1, replace(saved, registers={"max_temperature": 100})) == []
+
+
+def test_a_servo_that_does_not_take_a_setting_is_named() -> None:
+    bus, device = make_bus((1,))
+    saved = backups.take_backup(bus, 1)
+    plain = device.wire[1].receive
+    device.wire[1].receive = lambda packet, now: (
+        make_status(1) if packet.instruction == 3 and packet.params[:1] == b"\x0d" else plain(packet, now)
+    )
+    odd = replace(saved, registers={"max_temperature": 61, "position_p": 9})
+    with pytest.raises(ServoError, match=r"^servo 1 did not take max_temperature$"):
+        backups.restore_backup(bus, 1, odd)
+    assert bus.read(1, "position_p").raw == 9
+    assert bus.read(1, "lock").raw == 1

@@ -210,7 +210,7 @@ def unlocked(bus: ServoBus, servo_id: int) -> Iterator[None]:
     if "lock" not in bus.series_of(servo_id).registers:
         yield
         return
-    bus.write_raw(servo_id, "lock", 0).check()
+    _faultless(bus.write_raw(servo_id, "lock", 0))
     try:
         yield
     finally:
