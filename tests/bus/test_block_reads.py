@@ -39,3 +39,37 @@ def test_a_servo_alone_that_is_silent_has_no_data() -> None:
     assert bus.read_block(9, 56, 8).error == "no answer"
     with pytest.raises(UsageError):
         bus.read_block(1, 300, 2)
+
+
+def test_blocks_teach_how_long_answers_take_at_any_time() -> None:
+    bus, _ = make_bus((1, 2))
+    for _ in range(70):
+        bus.read(1, "id")
+    before = bus.timing.answers
+    for i in range(1, 6):
+        bus.sync_read_blocks(56, 4, (1, 2))
+        assert bus.timing.answers == before + i
+    assert bus.counters.requests == 75
+    assert bus.counters.answers == 80
+
+
+def test_a_troubled_servos_block_has_its_error() -> None:
+    bus, device = make_bus((1, 2, 3), retries=0)
+    device.wire[2].protection.forced |= 32
+    device.wire.servos = [servo for servo in device.wire.servos if servo.servo_id != 3]
+    bus.pause(0.1)
+    one, two, three = bus.sync_read_blocks(5, 1, (1, 2, 3))
+    assert (one.data, one.status, one.error, one.address) == (b"\x01", 0, "", 5)
+    assert (two.data, two.status, two.error, two.address) == (b"\x02", 32, "", 5)
+    assert (three.data, three.status, three.error, three.address) == (b"", 0, "no answer", 5)
+    alone = bus.read_block(2, 5, 1)
+    assert (alone.servo_id, alone.address, alone.data, alone.status, alone.error) == (2, 5, b"\x02", 32, "")
+
+
+def test_a_block_in_doubt_is_read_around() -> None:
+    bus, _ = make_bus((1, 2))
+    bus._machine.gave_up((2,), 4, b"something else", bus.now(), bus.now())
+    before = len(bus.link.written)
+    blocks = bus.sync_read_blocks(56, 4, (1, 2))
+    assert [len(block.data) for block in blocks] == [4, 4]
+    assert [packet[6] for packet in bus.link.written[before:]] == [5]

@@ -53,3 +53,16 @@ def test_what_is_murky_must_come_twice() -> None:
     assert block.take(attempt(56, 2, make_status(1, 0, b"ab") + b"\0"), (56, 2)) == {}
     assert block.take(attempt(56, 3, make_status(1, 0, b"axy") + b"\0"), (56, 3)) == {}
     assert block.take(attempt(56, 4, make_status(1, 0, b"axcd") + b"\0"), (56, 4))[1].params == b"ax"
+
+
+def test_what_an_echo_of_an_attempt_left_is_believed_from_the_place_it_was_asked_at() -> None:
+    block = BlockAnswers(56, 2)
+    assert block.take(attempt(54, 4, b""), (54, 4)) == {}
+    found = block.take(attempt(56, 2, make_status(1, 0x20, b"wxyz")), (56, 2))
+    assert (found[1].params, found[1].error) == (b"yz", 0x20)
+
+
+def test_murky_bytes_that_differ_count_as_the_first_of_their_kind() -> None:
+    block = BlockAnswers(56, 2)
+    for heard, sure in ((b"ab", False), (b"cd", False), (b"ab", False), (b"ab", True)):
+        assert bool(block.take(attempt(56, 2, make_status(1, 0, heard) + b"\0"), (56, 2))) is sure

@@ -79,3 +79,45 @@ def test_the_last_packets_are_known_however_long_the_host_stood_still() -> None:
     late = sent.packets(1000.0)
     assert len(late) == 64
     assert {make_write(1, 42, b"\0\0"), make_write(1, 42, bytes((199, 0)))} <= late
+
+
+def test_an_answer_never_lengthens_a_doubt() -> None:
+    doubts = Doubts()
+    doubts.add(1, 2, READ, 10.0, 10.0)
+    doubts.answered(1, 3, 10.0 + LATEST - 0.01)
+    assert not doubts.holds(1, 2, 10.0 + LATEST)
+    doubts.answered(2, 3, 10.0)
+
+
+def test_a_doubt_given_up_twice_lasts_from_the_second_time() -> None:
+    doubts = Doubts()
+    doubts.add(1, 2, READ, 9.0, 10.0)
+    doubts.add(1, 2, READ, 9.5, 10.5)
+    assert doubts.late(1, 2) == 9.5
+    assert doubts.holds(1, 2, 10.5 + LATEST - 0.01)
+    assert not doubts.holds(1, 2, 10.6, READ), "the same request is in doubt with others only"
+    doubts.add(1, 3, READ, 10.0, 11.0)
+    assert not doubts.holds(1, 2, 10.5 + LATEST)
+    assert doubts.holds(1, 3, 10.5 + LATEST)
+    assert doubts.ended
+
+
+def test_of_many_packets_the_recent_and_the_last_are_kept() -> None:
+    sent = SentLately()
+    packets = [make_write(1, 42, k.to_bytes(2, "little")) for k in range(100)]
+    for k, packet in enumerate(packets):
+        sent.add(packet, 10.0 + (k >= 20))
+    # 64 are the last; of the others those of the last second.
+    assert sent.packets(11.5) == set(packets[20:])
+    assert sent.packets(11.0) == set(packets[20:])
+    assert sent.packets(12.0) == set(packets[36:])
+    assert sent.packets(10.9) == set(packets)
+    few = SentLately()
+    for packet in packets[:64]:
+        few.add(packet, 10.0)
+    few.prepare(packets[70])
+    assert few.packets(1000.0) == {*packets[:64], packets[70]}
+    # Sent again, it is the last.
+    few.add(packets[0], 11.0)
+    few.add(packets[80], 11.0)
+    assert few.packets(1000.0) == {packets[0], *packets[2:64], packets[70], packets[80]}

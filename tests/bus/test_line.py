@@ -5,8 +5,8 @@ from tests.bus.bus_bench import BusLink, make_bus
 
 from hexwire.bus.counters import BusCounters
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.errors import UsageError
-from hexwire.wire.servo_packet import make_read, make_status
+from hexwire.errors import StoppedError, UsageError
+from hexwire.wire.servo_packet import make_read, make_status, make_write
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
 
@@ -172,3 +172,49 @@ def test_an_echo_with_a_wrong_byte_in_its_header_is_no_value_of_a_legacy_servo()
     bus.pause(1.1)
     bus._line.exchange = lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:]
     assert bus.read(1, "present_speed").raw is None
+
+
+def test_one_transaction_in_sixteen_is_timed_once_the_line_is_known() -> None:
+    bus, _ = make_bus((1,))
+    for _ in range(64):
+        bus.read(1, "id")
+    assert bus.timing.answers == 64
+    for _ in range(160):
+        bus.read(1, "id")
+    assert bus.timing.answers == 74
+
+
+def test_a_stop_names_what_it_voids() -> None:
+    bus, _ = make_bus((1,))
+    with bus.epochs.calling("a move"):
+        bus.epochs.begin(object())
+        for call in (lambda: bus.read_block(1, 56, 3), lambda: bus._line.send(make_write(1, 41, b"\x01"))):
+            with pytest.raises(StoppedError, match="a servo packet"):
+                call()
+
+
+def test_a_rate_of_its_own_is_kept_until_another_is_followed() -> None:
+    link = make_bus((1,))[0].link
+    assert ServoBus(link).timing.baud == 1_000_000
+    own = ServoBus(link, baud=250_000)
+    assert own.timing.baud == 250_000
+    link.close()
+    own.open()
+    assert own.timing.baud == 250_000
+    own.set_baud(115_200)
+    assert own.timing.baud == 115_200
+    assert ServoBus(link, retries=0).retries == 0
+
+
+def test_an_interrupted_fast_read_is_in_doubt_from_that_moment() -> None:
+    bus, _ = make_bus((1, 2))
+
+    def interrupted(data: bytes, window: float, rest: object = None) -> bytes:
+        raise KeyboardInterrupt
+
+    bus._line.exchange = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        bus.sync_read("present_position", (1, 2))
+    for servo_id in (1, 2):
+        assert bus._machine.doubts.late(servo_id, 2) == bus.now()
+        assert bus._machine.doubts.holds(servo_id, 2, bus.now())

@@ -235,3 +235,103 @@ def test_the_echo_of_a_legacy_servos_read_is_known_before_it_is_sent() -> None:
     machine = make_machine(Series.SEVEN_BOT)
     plan, _ = machine.plan_read(1, "present_position")
     assert plan.request in machine.sent.packets(machine.now)
+
+
+def test_what_happened_is_counted() -> None:
+    machine = make_machine()
+    play = Play(machine, lambda _: [(0.001, ANSWER + b"xy")])
+    for k in range(1, 4):
+        machine.doubts.clear()
+        collect(machine, play)
+        counters = machine.counters
+        assert (counters.requests, counters.careful) == (k, k)
+    machine = make_machine()
+    play = Play(machine, lambda packet: [(0.0, packet), (0.001, ANSWER)])
+    for k in range(1, 4):
+        collect(machine, play)
+        counters = machine.counters
+        assert (counters.echoes, counters.answers, counters.stray_bytes, counters.lost) == (k, k, 0, 0)
+    machine.turns, machine.extra_answers = 10, 6
+    assert machine.counters.requests == 13
+    assert machine.counters.answers == 19
+
+
+def test_lost_answers_and_stray_bytes_add_up() -> None:
+    machine = make_machine()
+    play = Play(machine, lambda _: [(0.001, b"noise")])
+    for k in range(1, 4):
+        collect(machine, play)
+        assert (machine.counters.lost, machine.counters.stray_bytes) == (k, 5 * k)
+    machine = make_machine()
+    play = Play(machine, lambda _: [])
+    for k in range(1, 4):
+        play._coming = [(machine.now, b"abc")]
+        play(machine.drain())
+        assert machine.counters.stray_bytes == 3 * k
+
+
+def test_a_packet_to_all_has_no_echo_to_remember() -> None:
+    machine = make_machine()
+    machine.posted(make_sync_write(42, {1: b"\0\0"}), 100.0)
+    assert machine.sent.packets(100.0) == set()
+    machine.posted(make_write(1, 41, b"\x01"), 100.0)
+    assert machine.sent.packets(100.0) == {make_write(1, 41, b"\x01")}
+
+
+def test_a_line_that_is_free_again_has_no_backlog() -> None:
+    machine, packet = make_machine(), make_sync_write(42, {1: b"\0\0"})
+    takes = len(packet) * 10e-6
+    machine.posted(packet, 100.0)
+    assert machine.backlog(100.0 + takes / 2) == pytest.approx(takes / 2)
+    assert machine.backlog(100.0 + 2 * takes) == 0.0
+    assert machine.busy_until == 0.0
+    # What is sent later is not added to what was carried long ago.
+    machine.posted(packet, 200.0)
+    machine.posted(packet, 300.0)
+    assert machine.backlog(300.0) == pytest.approx(takes)
+
+
+def test_a_silent_servo_rests_for_half_a_second() -> None:
+    machine = make_machine()
+    machine.mark_silent(3, 100.0)
+    assert machine.silent == {3: 100.5}
+
+
+def test_a_line_is_emptied_with_a_pause_only_after_a_rest() -> None:
+    for idle, pause in ((0.05, 0.0), (0.2, ADAPTER_TIME)):
+        machine = make_machine()
+        play = Play(machine, lambda _: [])
+        machine.gave_up((1,), 2, READ, 99.0, 99.1)
+        machine.now = 100.1 - idle
+        play(machine.doubted(1, 2))
+        machine.now = 100.1
+        assert not play(machine.doubted(1, 2))
+        assert play.steps == [Listen(pytest.approx(100.1 + pause))]
+        assert not machine.doubts.ended
+
+
+def test_what_was_asked_is_late_from_when_it_was_sent() -> None:
+    machine = make_machine()
+    play = Play(machine, lambda _: [])
+    collect(machine, play)
+    assert machine.doubts.late(1, 2) == 100.0
+    assert machine.doubts.holds(1, 2, machine.now + LATEST - 0.001)
+
+
+def test_after_the_last_answer_a_line_is_looked_at_a_few_times_only() -> None:
+    machine = make_machine()
+    play = Play(machine, lambda _: [(0.0, ANSWER)] + [(0.0, READ)] * 100)
+    collect(machine, play)
+    assert len(play.steps) == 5
+    machine = make_machine()
+    play = Play(machine, lambda _: [(0.001, ANSWER)])
+    collect(machine, play)
+    assert len(play.steps) == 2
+
+
+def test_answers_are_waited_for_by_how_many_are_due() -> None:
+    machine, ids = make_machine(), (1, 2, 3)
+    request = make_sync_read(56, 2, ids)
+    play = Play(machine, lambda _: [(0.001, make_status(1, 0, b"ab"))])
+    play(machine.collect(request, ids, 2, 0.003, header=None))
+    assert play.steps[1] == Listen(pytest.approx(100.001 + 0.002 + machine.timing.allowance))

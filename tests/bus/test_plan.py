@@ -130,3 +130,67 @@ def test_a_value_that_does_not_fit_is_refused() -> None:
         SyncWritePlan(GOAL, (1, 2)).serialize((0, 40000))
     with pytest.raises(UsageError, match="has 1 byte"):
         SyncWritePlan(STS.register("torque_enable"), (1,))
+
+
+@given(st.lists(words, min_size=3, max_size=3))
+def test_the_last_servos_answer_ends_the_wait_if_it_is_sound(values: list[int]) -> None:
+    plan = SyncReadPlan(STS, (1, 2, 3), 56, 2, POSITION)
+    plan.base, plan.allowance = 0.0024, 0.001
+    one, two, three = (make_status(i, 0, v.to_bytes(2, "little")) for i, v in enumerate(values, 1))
+    assert plan.rest(one + three) == 0.0
+    assert plan.rest(three) == 0.0
+    damaged = three[:-1] + bytes((three[-1] ^ 1,))
+    assert plan.rest(one + damaged) == pytest.approx(0.0024 * 8 / 24 + 0.001)
+    assert plan.rest(one + two) == pytest.approx(0.0018)
+    assert plan.rest(b"") == pytest.approx(0.0034)
+    assert plan.rest(one + two + three + b"x") == 0.0
+
+
+def test_lengths_and_totals() -> None:
+    sync = SyncReadPlan(STS, (1, 2, 3), 56, 4)
+    assert (sync.size, sync.length, sync.total) == (10, 30, 30 + len(sync.request))
+    assert (sync.base, sync.allowance) == (0.0, 0.0)
+    one = ReadPlan(1, STS, 56, 2, POSITION)
+    assert (one.ids, one.length, one.total) == ((1,), 8, 16)
+    assert (one.base, one.allowance, one.latest, one.stamp) == (0.0, 0.0, None, 0.0)
+    write = WritePlan(1, STS, 41, b"\x05")
+    assert (write.data, write.length, write.total, write.base) == (b"\x05", 6, len(write.request) + 6, 0.0)
+    order = WritePlan(1, STS, 41, b"\x05", make_status(1))
+    assert (order.data, order.request, order.total) == (b"", make_status(1), 12)
+
+
+@given(st.binary(max_size=20))
+def test_blocks_are_taken_only_in_their_exact_length(noise: bytes) -> None:
+    plan = SyncReadPlan(STS, (1, 2), 56, 3)
+    data = make_status(1, 0, b"abc") + make_status(2, 0, b"def")
+    assert plan.blocks(data) == [b"abc", b"def"]
+    for other in (data[:-1], data + noise + b"x", noise):
+        assert plan.blocks(other) is None
+        assert SyncReadPlan(STS, (1, 2), 56, 2, POSITION).glance(other) is None
+
+
+@pytest.mark.parametrize("series", [STS, Series.SCS])
+def test_a_sync_write_takes_its_registers_whole_range_and_no_more(series: Series) -> None:
+    register = series.register("goal_position")
+    plan = SyncWritePlan(register, (4, 9))
+    assert (plan.least, plan.most) == (
+        register.fits[0] if register.minimum is None else register.minimum,
+        register.fits[-1] if register.maximum is None else register.maximum,
+    )
+    pair = (plan.least, plan.most)
+    assert plan.serialize(pair) == make_sync_write(
+        register.address, {i: register.encode(v) for i, v in zip((4, 9), pair, strict=True)}
+    )
+    for bad, servo_id in (((plan.least - 1, 0), 4), ((0, plan.most + 1), 9)):
+        with pytest.raises(UsageError, match=f"of servo {servo_id} takes {plan.least}..{plan.most}, not"):
+            plan.serialize(bad)
+
+
+def test_a_register_of_one_byte_has_no_glance() -> None:
+    plan = SyncReadPlan(STS, (1, 2), 63, 1, STS.register("present_temperature"))
+    data = make_status(1, 0, b"\x20") + make_status(2, 0, b"\x21")
+    assert plan.glance(data) is None
+    assert plan.blocks(data) == [b"\x20", b"\x21"]
+    one = ReadPlan(1, STS, 63, 1, STS.register("present_temperature"))
+    assert one.value(make_status(1, 0, b"\xff")) == 255
+    assert one.value(make_status(1, 0, b"\xff\0")) is None

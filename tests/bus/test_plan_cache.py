@@ -86,3 +86,21 @@ def test_what_can_only_be_read_is_not_written() -> None:
     assert writable(Series.STS_SMS, 4, "goal_position").name == "goal_position"
     with pytest.raises(UsageError, match="register present_position of servo 4 can only be read"):
         writable(Series.STS_SMS, 4, POSITION)
+
+
+def test_errors_name_the_servo() -> None:
+    with pytest.raises(UsageError, match="register present_position of servo 7 can only be read"):
+        make_cache().sync_write(POSITION, (7, 1))
+    assert make_cache({3: "scs"}).sync_write("goal_position", (3,)) is not None
+    assert make_cache({3: "scs"}).sync(POSITION, (3,)) is None, "an SCS servo knows no sync read"
+    assert make_cache().sync(POSITION, (3,)) is not None
+
+
+def test_a_part_in_the_same_place_but_of_another_length_is_a_block() -> None:
+    cache = make_cache()
+    plan = cache.sync(POSITION, (1, 2, 3))
+    assert plan is not None
+    for address, count in ((plan.address - 1, plan.count), (plan.address, 3)):
+        part = cache.part(plan, (1, 2), address, count)
+        assert (part.address, part.count, part.ids, part.register) == (address, count, (1, 2), None)
+        assert part.base == pytest.approx(part.total * 10e-6 + 2 * RETURN_DELAY)

@@ -166,3 +166,151 @@ def test_whether_a_servo_is_there_is_asked_in_one_byte() -> None:
     assert found is not None
     assert servos.asked[0][2] == 1
     assert machine.counters.settled == 1
+
+
+def test_a_request_of_one_length_is_repeated_and_then_given_up() -> None:
+    for retries in (0, 2):
+        machine, request = make_machine(retries=0), make_ping(1)
+        play = Play(machine, Servos())
+        asking = questions.ask_one(machine, 1, request, 0, base=0.001, header=None, retries=retries)
+        assert play(asking)[0] is None
+        assert play.sent == [request] * (1 + retries)
+        counters = machine.counters
+        assert (counters.repeats, counters.given_up, counters.lost) == (retries, 1, 1 + retries)
+        assert machine.silent[1] > machine.now
+        # An answer takes it back.
+        machine.doubts.clear()
+        play.answering = Servos(1)
+        asking = questions.ask_one(machine, 1, request, 0, base=0.001, header=None, retries=retries)
+        found, _ = play(asking)
+        assert found is not None
+        assert not machine.silent
+        assert machine.counters.given_up == 1
+
+
+def test_a_servo_whose_answer_may_be_an_echo_is_neither_silent_nor_asked_the_same_again() -> None:
+    machine, request = make_machine(), make_ping(1)
+    play = Play(machine, lambda packet: [(0.001, packet)])
+    found, collector = play(questions.ask_one(machine, 1, request, 0, base=0.001, header=None, retries=3))
+    assert found is None
+    assert collector.copies == {1}
+    assert play.sent == [request]
+    assert not machine.silent
+    assert machine.counters.given_up == 1
+
+
+def test_a_block_whose_answer_may_be_an_echo_is_asked_otherwise_even_without_repeats() -> None:
+    machine, servos = make_machine(), Servos(1)
+
+    def answering(packet: bytes) -> list[tuple[float, bytes]]:
+        return [(0.001, packet)] if packet == make_read(1, 56, 2) else servos(packet)
+
+    play = Play(machine, answering)
+    found, _ = play(questions.ask_block(machine, 1, 56, 2))
+    assert found is not None
+    assert found.params == MEMORY[56:58]
+    assert play.sent == [make_read(1, 56, 2), make_read(1, 56, 3)]
+    assert (machine.counters.repeats, machine.counters.settled, machine.counters.given_up) == (1, 1, 0)
+
+
+def test_what_has_come_already_is_gone_on_with() -> None:
+    machine, servos = make_machine(retries=1), Servos(1)
+    play = Play(machine, servos)
+    answer = make_status(1, 0, MEMORY[56:58])
+    found, _ = play(questions.ask_block(machine, 1, 56, 2, base=0.001, data=answer))
+    assert found is not None
+    assert play.sent == []
+    found, _ = play(questions.ask_block(machine, 1, 56, 2, base=0.001, data=answer[:-1] + b"\0"))
+    assert found is not None
+    assert play.sent == [make_read(1, 56, 3)]
+    assert machine.counters.repeats == 1
+
+
+def test_each_servo_is_asked_as_its_own_series_wants() -> None:
+    machine = make_machine(Series.STS_SMS)
+    machine.servos.set_series(7, Series.SEVEN_BOT)
+    servos = Servos(7, legacy=True)
+    doubt(machine, 7, 2)
+    play = Play(machine, servos)
+    found, _ = play(questions.ask_block(machine, 7, 56, 2))
+    assert found is not None
+    assert play.sent == [make_ping(7), make_ping(7), make_read(7, 56, 2)]
+    assert Play(machine, servos)(questions.ask_registers(machine, 7, 56, 4)) == (MEMORY[56:60], 0)
+    assert servos.asked[-2:] == [(7, 56, 2), (7, 58, 2)]
+    # An answer in the other kind's header is none.
+    servos.legacy = False
+    machine.doubts.clear()
+    assert Play(machine, servos)(questions.ask_block(machine, 7, 56, 2))[0] is None
+
+
+def test_error_bits_of_all_parts_are_told() -> None:
+    machine = make_machine(Series.SEVEN_BOT)
+    errors = iter((1, 32, 0))
+    play = Play(machine, lambda packet: [(0.001, make_status(1, next(errors), b"ab", legacy=True))])
+    assert play(questions.ask_registers(machine, 1, 56, 6)) == (b"ababab", 33)
+
+
+def test_settling_needs_an_answer_and_marks_who_gives_none() -> None:
+    machine, servos = make_machine(), Servos(1)
+    for servo_id, there in ((1, True), (2, False)):
+        doubt(machine, servo_id, 0)
+        doubt(machine, servo_id, 5)
+        assert Play(machine, servos)(questions.settle(machine, servo_id, 0)) is there
+        assert machine.doubts.holds(servo_id, 0, machine.now) is not there
+        assert machine.doubts.holds(servo_id, 5, machine.now), "only the length that was asked about"
+        assert (servo_id in machine.silent) is not there
+
+
+def test_a_legacy_servo_is_believed_only_if_it_answers_twice() -> None:
+    for answers, settled in (((True, True), True), ((True, False), False), ((False,), False)):
+        machine, servos = make_machine(Series.SEVEN_BOT), Servos(1, legacy=True)
+        doubt(machine, 1, 2)
+        left = list(answers)
+
+        def answering(packet: bytes, servos: Servos = servos, left: list[bool] = left) -> list[tuple[float, bytes]]:
+            return servos(packet) if left and left.pop(0) else []
+
+        play = Play(machine, answering)
+        assert play(questions.settle(machine, 1, 2)) is settled
+        assert play.sent == [make_ping(1)] * len(answers)
+        assert machine.counters.settled == settled
+    machine, servos = make_machine(Series.SEVEN_BOT), Servos(1, legacy=True)
+    doubt(machine, 1, 0)
+    play = Play(machine, servos)
+    assert play(questions.settle(machine, 1, 0))
+    assert play.sent == [make_read(1, 63, 2)] * 2
+
+
+def test_who_was_silent_in_a_sync_read_is_not_asked_again_for_half_a_second() -> None:
+    machine, servos = make_machine(retries=1), Servos(1, 2)
+    plan = machine.plans.block(56, 2, (1, 2, 3))
+    play = Play(machine, servos)
+    assert set(play(questions.ask_many(machine, plan, None))) == {1, 2}
+    assert [row[:-2] for row in servos.asked] == [(1, 2, 3), (3,)]
+    assert machine.counters.given_up == 1
+    until = machine.silent[3]
+    machine.doubts.clear()
+    servos.asked.clear()
+    assert set(play(questions.ask_many(machine, plan, None))) == {1, 2}
+    assert [row[:-2] for row in servos.asked] == [(3, 1, 2)]
+    assert machine.silent[3] == until, "the rest is not prolonged"
+    machine.now = until
+    servos.ids, servos.asked = (1, 2, 3), []
+    machine.doubts.clear()
+    assert set(play(questions.ask_many(machine, plan, None))) == {1, 2, 3}
+    assert not machine.silent
+    assert machine.counters.given_up == 2
+
+
+def test_a_sync_read_is_asked_where_most_servos_have_no_doubt() -> None:
+    machine, servos = make_machine(retries=1), Servos(1, 2, 3)
+    plan = machine.plans.block(56, 2, (1, 2, 3))
+    # 1 has doubts in every length, which no block can go round.
+    for count in range(1, 247):
+        doubt(machine, 1, count)
+    doubt(machine, 2, 2)
+    found = Play(machine, servos)(questions.ask_many(machine, plan, None))
+    assert {i: status.params for i, status in found.items()} == dict.fromkeys((2, 3), MEMORY[56:58])
+    assert servos.asked[0] == (2, 3, 56, 3)
+    assert machine.counters.settled == 2
+    assert machine.counters.given_up == 1

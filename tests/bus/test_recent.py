@@ -38,3 +38,15 @@ def test_a_servo_that_a_sync_read_lacked_keeps_what_was_before() -> None:
     assert recent.last(NAME, 1, None) == (10, 100.0)
     assert recent.last("present_speed", 1, None) is None
     assert recent.last(NAME, 3, None) is None
+
+
+def test_of_two_values_of_the_same_time_the_first_known_stays() -> None:
+    recent = RecentValues()
+    plan = ReadPlan(1, Series.STS_SMS, POSITION.address, 2, POSITION)
+    recent.keep(NAME, 1, 10, 100.0)
+    plan.latest, plan.stamp = 11, 100.0
+    assert recent.last(NAME, 1, plan) == (10, 100.0)
+    recent.syncs[NAME] = Readings(POSITION, (1,), (12,), 100.0)
+    assert recent.last(NAME, 1, plan) == (10, 100.0)
+    plan.latest, plan.stamp = 0, 101.0
+    assert recent.last(NAME, 1, plan) == (0, 101.0)

@@ -454,3 +454,63 @@ def test_a_line_that_never_stops_talking_does_not_hold_a_read_for_ever(noise: by
     bus._line.exchange = lambda data, window, rest=None: make_read(1, 56, 2) + heard
     bus.link.read = lambda deadline: noise
     assert bus.read(1, "present_position").raw in (None, position)
+
+
+@pytest.mark.parametrize(
+    ("url", "series", "baud"),
+    [
+        ("serial:///dev/none", Series.STS_SMS, 1_000_000),
+        ("serial:///dev/none", Series.SEVEN_BOT, 115_200),
+        ("serial:///dev/none?low_latency=0", Series.SEVEN_BOT, 115_200),
+        ("serial:///dev/none?baud=38400", Series.STS_SMS, 38_400),
+    ],
+)
+def test_a_serial_url_without_a_rate_gets_that_of_the_series(url: str, series: Series, baud: int) -> None:
+    bus = ServoBus.from_url(url, series=series, retries=5)
+    assert bus.timing.baud == baud
+    assert bus.series is series
+    assert bus.retries == 5
+    assert f"baud={baud}" in bus.link.url
+    assert ServoBus.from_url("serial:///dev/none").timing.baud == 1_000_000
+
+
+def test_two_of_a_series_are_asked_together_on_a_mixed_wire() -> None:
+    bus, device = make_bus((1, 2, 3), (Series.STS_SMS, Series.SCS, Series.STS_SMS), paced=False)
+    before = len(bus.link.written)
+    readings = bus.sync_read("present_position", (1, 2, 3))
+    assert [packet[4] for packet in bus.link.written[before:]] == [0x82, 2]
+    assert readings.raw == tuple(device.wire[i].registers.get("present_position") for i in (1, 2, 3))
+    before = len(bus.link.written)
+    bus.sync_read("present_position", (1, 2))
+    assert [packet[4] for packet in bus.link.written[before:]] == [2, 2]
+
+
+def test_a_value_that_comes_with_a_fault_is_remembered() -> None:
+    bus, device = make_bus((1, 2), retries=0)
+    device.wire[1].protection.forced |= 32
+    bus.pause(0.1)
+    assert bus.read(1, "present_voltage").faults == ("overload",)
+    both = bus.sync_read("present_voltage", (1, 2))
+    value, stamp = both[1].raw, bus.now()
+    device.wire.servos = []
+    bus.pause(1.5)
+    gone = bus.read(1, "present_voltage")
+    assert (gone.raw, gone.last, gone.status, gone.error) == (None, value, 0, "no answer")
+    assert gone.age == pytest.approx(bus.now() - stamp, abs=0.01)
+    assert bus.read(2, "present_voltage").last == both[2].raw
+    never = bus.read(2, "present_temperature")
+    assert (never.last, never.age) == (None, math.inf)
+
+
+def test_an_answer_with_a_negative_value_is_counted_once() -> None:
+    bus, device = make_bus((1, 2))
+    device.wire[1].registers.put("goal_position", -5)
+    before = bus.counters
+    readings = bus.sync_read("goal_position", (1, 2))
+    assert readings.raw[0] == -5
+    after = bus.counters
+    assert (after.requests - before.requests, after.answers - before.answers, after.careful) == (
+        1,
+        2,
+        before.careful,
+    )

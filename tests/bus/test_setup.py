@@ -4,9 +4,13 @@ import pytest
 from tests.bus.bus_bench import make_bus
 
 from hexwire.bus import setup as setup
+from hexwire.bus.values import Answer
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import NotSupportedError, ServoError, UsageError
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import ServoPacket, make_status, make_write
+
+STS = Series.STS_SMS
 
 ALL = (Series.SEVEN_BOT, Series.SCS, Series.STS_SMS, Series.HLS)
 
@@ -160,3 +164,156 @@ def test_a_late_answer_makes_no_servo_of_the_next_id(late: float) -> None:
     for seed in range(20):
         bus, _ = make_bus((2,), faults=FaultPlan([f"late:2:{late}:0.5"], seed=seed))
         assert {row.servo_id for row in setup.scan(bus, ids=range(8))} <= {2}
+
+
+@pytest.mark.parametrize("retries", [0, 1, 3])
+def test_a_scan_pings_once_and_asks_who_answers_at_least_once_again(retries: int) -> None:
+    bus, device = make_bus((4,), retries=retries)
+    plain = device.wire[4].receive
+    device.wire[4].receive = lambda packet, now: plain(packet, now) if packet.instruction == 1 else None
+    assert setup.scan(bus, ids=(3, 4)) == [setup.Found(None, 4, 1_000_000, False)]
+    sent = [packet for packet in bus.link.written if packet[2] == 3]
+    assert len(sent) == 1
+    # Nine bytes of who it is, and then a position as of a legacy servo.
+    asked = [packet for packet in bus.link.written if packet[4:7] == bytes((2, 0, 9))]
+    assert len(asked) == 1 + max(1, retries)
+    assert bus.retries == retries
+
+
+@pytest.mark.parametrize("series", ALL)
+def test_one_servo_does_not_share_its_id(series: Series) -> None:
+    bus, _ = make_bus((4,), (series,))
+    (row,) = setup.scan(bus, ids=(4,))
+    assert row.info is not None
+    assert (row.info.series, row.shared) == (series, False)
+
+
+def test_a_scan_reports_its_progress_and_restores_the_rate_after_an_error() -> None:
+    bus, _ = make_bus((1, 3))
+    seen: list[tuple[int, int, int]] = []
+    setup.scan(bus, ids=(1, 2, 3), progress=lambda *row: seen.append(row))
+    assert seen == [(1_000_000, 1, 0), (1_000_000, 2, 1), (1_000_000, 3, 1)]
+
+    def fail(baud: int, servo_id: int, found: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        setup.scan(bus, bauds=(115_200,), progress=fail)
+    assert bus.timing.baud == 1_000_000
+    assert bus.retries == 2
+
+
+def test_what_a_servo_says_of_itself() -> None:
+    bus, device = make_bus((1, 2), (Series.SCS, Series.STS_SMS), paced=False)
+    for name, raw in (("return_delay", 100), ("status_return_level", 0), ("model_minor", 1)):
+        for servo_id in (1, 2):
+            device.wire[servo_id].registers.put(name, raw)
+    one, two = setup.identify(bus, 1), setup.identify(bus, 2)
+    assert one is not None
+    assert two is not None
+    assert (one.servo_id, one.firmware, one.status) == (1, "0.20", 0)
+    assert one.return_delay == pytest.approx(200e-6)
+    assert two.return_delay == pytest.approx(500e-6), "no effect on this series"
+    assert not one.acknowledges
+    assert not bus.acknowledges(1)
+    assert two.model is not None
+    assert two.model_name == str(two.model) == str(device.wire[2].registers.get("model_major") + 256)
+    assert bus._machine.servos.return_delays((1,)) == pytest.approx(200e-6)
+
+
+@pytest.mark.parametrize(("firmware", "instruction"), [((3, 9), 3), ((3, 10), 11), ((4, 0), 11)])
+def test_the_middle_is_set_as_the_firmware_knows_it(firmware: tuple[int, int], instruction: int) -> None:
+    bus, device = make_bus((1,))
+    device.wire[1].registers.put("firmware_minor", firmware[1])
+    device.wire[1].registers.put("firmware_major", firmware[0])
+    assert abs(setup.center(bus, 1) - 2048) <= 1
+    packet = next(p for p in bus.link.written if p[4] in (3, 11))
+    assert packet[4] == instruction
+    if instruction == 3:
+        assert packet[5:7] == bytes((40, 128))
+
+
+@pytest.mark.parametrize(("off", "good"), [(8, True), (-8, True), (9, False), (-9, False)])
+def test_a_middle_may_be_eight_counts_off(off: int, good: bool) -> None:
+    bus, _ = make_bus((1,))
+    plain = bus.read
+
+    def read(servo_id: int, name: str) -> object:
+        reading = plain(servo_id, name)
+        return reading._replace(raw=2048 + off) if name == "present_position" else reading
+
+    bus.read = read  # type: ignore[assignment,method-assign]
+    if good:
+        assert setup.center(bus, 1) == 2048 + off
+    else:
+        with pytest.raises(ServoError, match=f"reports position {2048 + off} after"):
+            setup.center(bus, 1)
+
+
+@pytest.mark.parametrize(("series", "high"), [(Series.SEVEN_BOT, 250), (Series.STS_SMS, 253)])
+def test_ids_have_bounds(series: Series, high: int) -> None:
+    bus, _ = make_bus((1,), (series,))
+    for bad in (-1, high + 1):
+        with pytest.raises(UsageError, match=f"id {bad} is outside 0..{high}"):
+            setup.set_id(bus, 1, bad)
+    with pytest.raises(UsageError, match="has that id already"):
+        setup.set_id(bus, 1, 1)
+    assert setup.set_id(bus, 1, high).servo_id == high
+    assert setup.set_id(bus, high, 0).servo_id == 0
+
+
+def test_a_setting_that_does_not_hold_is_told_and_locked_again() -> None:
+    bus, device = make_bus((1,))
+    plain = device.wire[1].receive
+    # It acknowledges and forgets.
+    device.wire[1].receive = lambda packet, now: (
+        make_status(1) if packet.instruction == 3 and packet.params[:1] == b"\x0d" else plain(packet, now)
+    )
+    before = device.wire[1].registers.get("max_temperature")
+    assert STS.register("max_temperature").address == 13
+    with pytest.raises(ServoError, match=f"servo 1 has {before} after max_temperature was set to 61"):
+        setup.write_setting(bus, 1, "max_temperature", 61)
+    assert bus.read(1, "lock").raw == 1
+    device.wire.servos = []
+    with pytest.raises(ServoError):
+        setup.write_setting(bus, 1, "max_temperature", 61)
+
+
+def test_a_rate_that_a_series_or_a_link_does_not_have() -> None:
+    legacy, _ = make_bus((1,), (Series.SEVEN_BOT,))
+    with pytest.raises(NotSupportedError, match="whose rate is fixed"):
+        setup.set_baud(legacy, 1, 1_000_000)
+    gone, device = make_bus((1,))
+    plain = device.wire[1].receive
+    # It is deaf from the moment its rate is written.
+    deaf: list[bool] = []
+
+    def receive(packet: ServoPacket, now: float) -> bytes | None:
+        if packet.instruction == 3 and packet.params[:1] == b"\x06":
+            deaf.append(True)
+        return None if deaf else plain(packet, now)
+
+    device.wire[1].receive = receive
+    with pytest.raises(ServoError, match="answers neither at 1000000 nor at 115200 baud: scan for it"):
+        setup.set_baud(gone, 1, 115_200)
+    written = [packet for packet in gone.link.written if packet[4:6] == b"\x03\x06"]
+    assert written == [make_write(1, 6, b"\x04"), make_write(1, 6, b"\0")], "it is sent back blindly"
+    assert gone.timing.baud == 1_000_000
+
+
+def test_recovery_waits_as_long_as_it_may_and_stops_when_the_fault_is_gone() -> None:
+    bus, device = make_bus((1,), faults=FaultPlan(["hot:1"]))
+    bus.pause(0.5)
+    for patience, pings in ((0.5, 5), (0.04, 1), (1.0, 10)):
+        before, start = len(bus.link.written), bus.now()
+        assert setup.recover(bus, 1, patience=patience) == ("temperature",)
+        sent = bus.link.written[before:]
+        assert sum(packet[4] == 1 for packet in sent) == pings
+        assert bus.now() - start == pytest.approx(0.1 * pings, abs=0.05)
+    device.wire.faults = FaultPlan([])
+    before = len(bus.link.written)
+    plain = bus.ping
+    left = [Answer(1, "ping", 4), Answer(1, "ping", 4)]
+    bus.ping = lambda servo_id: left.pop() if left else plain(servo_id)._replace(status=0)  # type: ignore[method-assign]
+    assert setup.recover(bus, 1) == ()
+    assert left == []

@@ -82,3 +82,57 @@ def test_single_readings_are_joined_with_their_ages_and_errors() -> None:
     assert list(joined) == rows
     assert joined.missing == (2, 9)
     assert joined.stamp == 100.0
+
+
+def test_a_reading_is_well_only_with_a_value_and_without_a_fault() -> None:
+    assert Reading(1, POSITION, 5).ok
+    assert not Reading(1, POSITION, 5, 1).ok
+    assert not Reading(1, POSITION, None, 0, 0.0, "no answer").ok
+    with pytest.raises(ServoError, match="servo 1: no answer to present_position") as caught:
+        Reading(1, POSITION, None, 4, 0.0, "no answer").check()
+    assert (caught.value.servo_id, caught.value.status) == (1, 4)
+    with pytest.raises(ServoError, match="servo 1 reports current at present_position") as caught:
+        Reading(1, POSITION, 5, 8).check()
+    assert (caught.value.servo_id, caught.value.status) == (1, 8)
+    assert math.isnan(Reading(1, POSITION, None).value)
+
+
+def test_readings_of_a_servo_that_was_never_heard() -> None:
+    readings = Readings(POSITION, (4, 5), (None, 7), 10.0)
+    assert list(readings) == [
+        Reading(4, POSITION, None, 0, math.inf, "no answer", None),
+        Reading(5, POSITION, 7, 0, 0.0, "", 7),
+    ]
+    assert not readings.ok
+    assert not Readings(POSITION, (4,), (7,), 10.0, {4: 1}).ok
+    assert Readings(POSITION, (4,), (7,), 10.0, {}).ok
+    troubled = Readings(POSITION, (4,), (None,), 10.0, {4: 32}, {}, {4: "no answer, but noise"})
+    assert troubled[4] == Reading(4, POSITION, None, 32, math.inf, "no answer, but noise", None)
+
+
+def test_joined_readings_keep_status_and_register_of_each() -> None:
+    other = Series.SCS.register("present_position")
+    rows = [Reading(4, POSITION, 5, 32, 0.0, "", 5), Reading(2, other, 6, 0, 0.0, "", 6)]
+    joined = Readings.joined(rows, 100.0)
+    assert list(joined) == rows
+    assert joined[2].register is other
+    assert not joined.ok
+
+
+def test_a_block_holds_only_whole_registers() -> None:
+    load, speed = STS.register("present_load"), STS.register("present_speed")
+    assert ServoBlock(1, 56, bytes(4)).raw(speed) == 0
+    assert ServoBlock(1, 56, bytes(3)).raw(speed) is None
+    assert ServoBlock(1, 57, bytes(9)).raw(POSITION) is None
+    assert ServoBlock(1, 56, bytes((0, 8))).value(POSITION) == pytest.approx(math.pi)
+    assert ServoBlock(1, 58, bytes(2)).raw(load) is None
+    with pytest.raises(ServoError, match="overload"):
+        ServoBlock(1, 56, b"ab", 32).check()
+    block = ServoBlock(1, 56, b"ab")
+    assert block.check() is block
+
+
+def test_advice_is_that_of_the_gravest_fault() -> None:
+    assert fault_text(1, 0x21, "x").endswith("(free the joint, then `hexwire bus recover`)")
+    assert fault_text(1, 0x05, "x").endswith("(too hot: let it cool down)")
+    assert fault_text(1, 0x40, "x") == "servo 1 reports bits 0x40 at x (read its register status)"

@@ -4,9 +4,9 @@ import pytest
 from tests.bus.bus_bench import make_bus
 
 from hexwire.bus.writes import in_range
-from hexwire.errors import PreemptedError, StoppedError, UsageError
+from hexwire.errors import PreemptedError, ServoError, StoppedError, UsageError
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_ping, make_write
+from hexwire.wire.servo_packet import ServoPacket, make_ping, make_status, make_sync_write, make_write
 
 
 def test_an_acknowledgement_nobody_waits_for_is_never_an_answer() -> None:
@@ -123,3 +123,87 @@ def test_a_value_outside_a_registers_range_is_refused() -> None:
     assert in_range(1, register, 70) == 70
     with pytest.raises(UsageError, match=r"max_temperature of servo 1 takes 0\.\.100, not 101; nothing was sent"):
         in_range(1, register, 101)
+
+
+@pytest.mark.parametrize("retries", [0, 2])
+def test_a_write_in_doubt_is_repeated_until_it_is_seen(retries: int) -> None:
+    bus, device = make_bus((1,), retries=retries)
+    plain = device.wire[1].receive
+    device.wire[1].receive = lambda packet, now: None if packet.instruction == 3 else plain(packet, now)
+    bus._machine.gave_up((1,), 0, make_write(1, 41, b"\x01"), bus.now(), bus.now())
+    before = len(bus.link.written)
+    answer = bus.write_raw(1, "acceleration", 9)
+    assert answer.error
+    assert not answer.confirmed
+    sent = [packet[4] for packet in bus.link.written[before:]]
+    # Written and read back each time, and then once more as where nothing is in doubt, with its repeats.
+    assert sent[: 2 * (1 + retries)] == [3, 2] * (1 + retries)
+    assert sent.count(3) == 2 * (1 + retries)
+
+
+def test_a_write_that_is_not_acknowledged_is_repeated_and_one_of_a_kind_is_not() -> None:
+    for retries in (0, 2):
+        bus, device = make_bus((1,), retries=retries)
+        assert bus.write_raw(1, "acceleration", 1).confirmed
+        device.wire.servos = []
+        before = len(bus.link.written)
+        answer = bus.write_raw(1, "acceleration", 2)
+        assert (answer.error, answer.confirmed) == ("no answer", False)
+        assert [packet[4] for packet in bus.link.written[before:]] == [3] * (1 + retries)
+
+
+def test_a_register_that_lies_elsewhere_is_written_in_a_packet_of_its_own() -> None:
+    bus, device = make_bus((1, 2, 3), (Series.STS_SMS, Series.SCS, Series.STS_SMS), paced=False)
+    before = len(bus.link.written)
+    bus.sync_write_raw("lock", {1: 0, 2: 0, 3: 0})
+    bus.pause(0.01)
+    assert bus.link.written[before:] == [
+        make_sync_write(55, {1: b"\0", 3: b"\0"}),
+        make_sync_write(48, {2: b"\0"}),
+    ]
+    with pytest.raises(UsageError, match="of servo 2 takes"):
+        bus.sync_write_raw("lock", {1: 0, 2: 2})
+    with pytest.raises(UsageError, match="register present_position of servo 1 can only be read"):
+        bus.sync_write_raw("present_position", {1: 0, 2: 0})
+    assert len(bus.link.written) == before + 2
+    assert [device.wire[i].registers.get("lock") for i in (1, 2, 3)] == [0, 0, 0]
+
+
+def test_what_was_called_is_named_when_it_fails() -> None:
+    bus, device = make_bus((1,), retries=0)
+    device.wire.servos = []
+    for call, words in (
+        (lambda: bus.write_raw(1, "acceleration", 1), "to a write of acceleration"),
+        (lambda: bus.write_bytes(1, 41, b"\x01"), "to a write at 41"),
+        (lambda: bus.reg_write(1, "goal_position", 1.0), "to a delayed write of goal_position"),
+        (lambda: bus.backup(1), "to backup"),
+        (lambda: bus.reset_turns(1), "to reset of turns"),
+        (lambda: bus.calibrate(1), "to calibration"),
+        (lambda: bus.restore(1), "to factory reset"),
+        (lambda: bus.ping(1), "to ping"),
+        (lambda: bus.action(1), "to action"),
+    ):
+        with pytest.raises(ServoError, match=f"^servo 1: no answer {words} "):
+            call().check()
+
+
+def test_range_ends_are_in_range() -> None:
+    register = Series.STS_SMS.register("max_temperature")
+    assert in_range(1, register, 0) == 0
+    assert in_range(1, register, 100) == 100
+    with pytest.raises(UsageError):
+        in_range(1, register, -1)
+
+
+def test_an_error_byte_of_a_servo_comes_with_its_acknowledgement() -> None:
+    bus, device = make_bus((1,))
+    device.wire[1].protection.status = 32
+    plain = device.wire[1].receive
+
+    def receive(packet: ServoPacket, now: float) -> bytes | None:
+        answer = plain(packet, now)
+        return make_status(1, 32) if answer is not None and packet.instruction == 3 else answer
+
+    device.wire[1].receive = receive
+    answer = bus.write_raw(1, "acceleration", 3)
+    assert (answer.status, answer.error, answer.confirmed) == (32, "", True)

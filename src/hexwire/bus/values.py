@@ -190,7 +190,7 @@ class Readings:
             tuple(row.raw for row in rows),
             now,
             {row.servo_id: row.status for row in rows if row.status},
-            {row.servo_id: (row.last, now - row.age) for row in rows if row.raw is None and row.last is not None},
+            {row.servo_id: (row.last, now - row.age) for row in rows if row.last is not None},
             {row.servo_id: row.error for row in rows if row.error},
         )
 
