@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from itertools import pairwise
 from typing import Any
 
@@ -317,3 +319,33 @@ def test_a_joint_of_unknown_position_is_said_and_coupling_limits_are_not_checked
     how = bench.options(kinematics=Hex7BotModel().within_arm())
     assert run_motion(bench.robot, bench.target("J2", 0.1), how, observer=watched).arrived
     assert watched.said[0] == ("unchecked", ("J3",))
+
+
+@pytest.mark.parametrize("what", ["way", "target"])
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt(), LinkLostError("gone")])
+def test_a_caller_makes_the_arm_safe_in_place_of_a_stop(what: str, error: BaseException | None) -> None:
+    bench = Bench()
+    armed: list[float] = []
+
+    @contextmanager
+    def safe() -> Iterator[None]:
+        try:
+            yield
+        finally:
+            armed.append(bench.arm.board.state.watchdog_timeout)
+            bench.robot.torque(False)
+
+    watched = Watched()
+
+    def fail(state: JointState) -> None:
+        if error is not None and len(watched.states) == 10:
+            raise error
+
+    watched.do = fail
+    motion = bench.way() if what == "way" else bench.target()
+    with nullcontext() if error is None else pytest.raises(type(error)):
+        assert run_motion(bench.robot, motion, bench.options(), observer=watched, safe=safe()).arrived
+    assert armed == [1.0]
+    state = bench.arm.board.state
+    assert (state.stopped, state.watchdog_timeout) == (False, 0.0)
+    assert not any(bench.arm.torques())

@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -22,7 +23,7 @@ from .demo_view import PlainView, Sample, View, in_degrees
 from .exits import note, shielded
 
 if TYPE_CHECKING:
-    from hexwire.control.loop import RateLoop
+    from hexwire.control.loop import LoopCounters, RateLoop
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
@@ -109,7 +110,6 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
 
 
 def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
-    from hexwire.drivers.base import StopMode
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
     robot = Hex7BotDriver.from_url(url, dialect=dialect)
@@ -125,10 +125,8 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
         view.say("read", f"{in_degrees(state)} deg")
         goal = turning_pose(robot.model, state.position)
         # The arm is made safe before the drawing ends: a terminal that takes nothing must not delay it.
-        pace = rate or robot.command_rate
-        silence = max(_WATCHDOG, 4 / pace)
-        with view.moving(), robot.watched(silence, StopMode.TORQUE_OFF) as covered, _torque_safe(robot):
-            summary = _move(robot, state.position, goal, duration, pace, covered, view)
+        with view.moving():
+            summary = _move(robot, state.position, goal, duration, rate or robot.command_rate, view)
         view.say("torque off", "all joints")
     view.say("summary", summary)
 
@@ -139,67 +137,78 @@ def _move(
     goal: tuple[float, ...],
     duration: float,
     rate: float,
-    covered: bool,
     view: View,
 ) -> str:
-    """Torque on, there and back; returns the summary."""
-    from hexwire.control.arrival import Arrival, Tolerance, Verdict
-    from hexwire.control.loop import RateLoop
-    from hexwire.model.state import JointTarget
+    """Torque on, there and back, torque off; returns the summary.
+
+    Raises:
+        ServoError: The arm did not come back.
+    """
+    from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
+    from hexwire.drivers.base import StopMode
+    from hexwire.model.state import JointFlag
+    from hexwire.motion.safety import SafetyLimits
     from hexwire.motion.trajectory import Quintic
-    from hexwire.motion.waypoints import Sample as MotionSample
+    from hexwire.motion.waypoints import Spline, Waypoint
 
-    model = robot.model
-    safety = ", and off by itself if we fall silent"
-    if not covered:
-        safety = ", and nothing takes it off if this program is killed: dialect 1 has no watchdog"
-    view.say("torque on", " ".join(robot.torque(True)) + safety)
-    leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in model.joints]))
-    there, back = Quintic(start, goal, leg), Quintic(goal, start, leg)
+    names = robot.model.names
+    leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in robot.model.joints]))
+    rest = (0.0,) * len(names)
+    way = Spline(names, [Waypoint(t, at, rest, rest) for t, at in ((0.0, start), (leg, goal), (2 * leg, start))])
 
-    def pose(t: float) -> tuple[float, ...]:
-        return there.position(t) if t < leg else back.position(t - leg)
+    class Watch(MotionObserver):
+        """Draws every cycle, and keeps how those of the way itself kept their time."""
 
-    loop = RateLoop(rate)
-    before = _counters(robot)
-    began = robot.now()
+        timing: RateLoop | None = None
+        first: JointState
 
-    def cycle(t: float) -> JointState:
-        state = robot.read()
-        retries = robot.host_counters()["retries"] - before["retries"]
-        # Where the joints should have been when they were sampled, not where they are sent next.
-        target = pose(state.stamp - began)
-        view.show(Sample(t, 2 * leg, state, target, loop.achieved, robot.round_trips[-1], retries))
-        return state
+        def started(self, timing: RateLoop) -> None:
+            self.timing, self.began, self.before = timing, robot.now(), _counters(robot)
+            self.seen(self.first)
 
-    for t in loop.ticks(2 * leg):
-        # Each set-point is where the joints shall be when the next one comes.
-        set_point = pose(t + loop.period)
-        robot.write(JointTarget.of(dict(zip(model.names, set_point, strict=True)), loop.period))
-        cycle(t)
-    # Where the line or the machine is slow, the cycle that would have sent the end may have been skipped.
-    robot.write(JointTarget.of(dict(zip(model.names, start, strict=True)), loop.period))
-    rest = (0.0,) * len(start)
-    tolerance = dict.fromkeys(model.names, Tolerance(_BACK_WITHIN))
-    arrival = Arrival(tolerance, robot.now(), max(_SETTLE, 3 * loop.period), early=True)
-    for _ in RateLoop(rate).ticks():
-        position = cycle(2 * leg).position
-        verdict = arrival.judge(robot.now(), model.names, MotionSample(start, rest, rest), position, rest)
-        if verdict is Verdict.ARRIVED:
-            break
-        if verdict is Verdict.MISSED:
-            off = ", ".join(f"{row.joint} by {math.degrees(row.by):.1f} deg" for row in arrival.off)
-            raise ServoError(f"the arm did not come back to where it started: {off}")
-    return _summary(robot, loop, before)
+        def seen(self, state: JointState) -> None:
+            if self.timing is None:
+                self.first = state
+                return
+            due, rate = self.timing.due, self.timing.achieved
+            if due < way.duration - 1e-6:
+                self.cycles, self.rate = replace(self.timing.counters), rate
+            retries = robot.host_counters()["retries"] - self.before["retries"]
+            # Where the joints should have been when they were sampled, not where they are sent next.
+            target = way.sample(state.stamp - self.began).position
+            t = min(due, way.duration)
+            view.show(Sample(t, way.duration, state, target, rate, robot.round_trips[-1], retries))
+
+    watch = Watch()
+    options = MotionOptions(
+        tolerance=_BACK_WITHIN,
+        grace=max(_SETTLE, 3 / rate),
+        rate=rate,
+        # What goes wrong is to be seen, and told in the end.
+        limits=SafetyLimits(
+            following_error=math.inf,
+            load=math.inf,
+            collision_load=math.inf,
+            max_age=math.inf,
+            faults=JointFlag(0),
+        ),
+        watchdog=_WATCHDOG,
+        watchdog_mode=StopMode.TORQUE_OFF,
+    )
+    result = run_motion(robot, way, options, observer=watch, safe=_torque(robot, view))
+    if result.off:
+        off = ", ".join(f"{row.joint} by {math.degrees(row.by):.1f} deg" for row in result.off)
+        raise ServoError(f"the arm did not come back to where it started: {off}")
+    result.require()
+    return _summary(robot, watch.cycles, watch.rate, watch.before)
 
 
-def _summary(robot: Hex7BotDriver, loop: RateLoop, before: dict[str, int]) -> str:
+def _summary(robot: Hex7BotDriver, cycles: LoopCounters, rate: float, before: dict[str, int]) -> str:
     count = {name: value - before[name] for name, value in _counters(robot).items()}
     trips = sorted(list(robot.round_trips)[-count["requests"] :])
     p50, p99 = (1000 * trips[min(int(share * len(trips)), len(trips) - 1)] for share in (0.50, 0.99))
-    cycles = loop.counters
     return (
-        f"dialect {robot.dialect}, {cycles.cycles} cycles at {loop.achieved:.2f} Hz ({cycles.late} late, "
+        f"dialect {robot.dialect}, {cycles.cycles} cycles at {rate:.2f} Hz ({cycles.late} late, "
         f"{cycles.skipped} skipped), round trip p50 {p50:.1f} ms p99 {p99:.1f} ms, "
         f"{count['retries']} retries, {count['dropped']} dropped frames"
     )
@@ -213,13 +222,17 @@ def _counters(robot: Hex7BotDriver) -> dict[str, int]:
 
 
 @contextmanager
-def _torque_safe(robot: Hex7BotDriver) -> Iterator[None]:
-    """Take the torque away at the end, whatever ends it.
+def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
+    """Give torque, and take it away at the end, whatever ends it.
 
     Raises:
         ServoError: It is not confirmed that all is off.
     """
+    safety = ", and off by itself if we fall silent"
+    if not robot.has_watchdog:
+        safety = ", and nothing takes it off if this program is killed: dialect 1 has no watchdog"
     try:
+        view.say("torque on", " ".join(robot.torque(True)) + safety)
         yield
     except BaseException:
         with shielded():

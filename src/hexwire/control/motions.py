@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -215,6 +216,7 @@ def run_motion(
     wait: bool = True,
     until: Callable[[JointState], bool] | None = None,
     observer: MotionObserver | None = None,
+    safe: AbstractContextManager[object] | None = None,
 ) -> MotionResult:
     """Do one motion: check its path, give torque, arm the watchdog, run it under guard, and judge the arrival.
 
@@ -229,6 +231,8 @@ def run_motion(
         wait: False returns as soon as a single target is sent: nothing watches over it then.
         until: Asked with every state once the arm has set out; True ends the motion where it is.
         observer: Told what happens.
+        safe: Entered before anything moves, and left while the watchdog is still armed, whatever ends the motion.
+            It makes the arm safe in place of the stop on an exception; not used without `wait`.
 
     Returns:
         How it ended.
@@ -240,18 +244,20 @@ def run_motion(
     """
     options, observer = options or MotionOptions(), observer or MotionObserver()
     if isinstance(motion, JointTarget):
-        return _run_target(robot, motion, options, observer, wait, until)
+        return _run_target(robot, motion, options, observer, wait, until, safe)
     path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)
-    return _run_path(robot, path, options, observer, until)
+    return _run_path(robot, path, options, observer, until, safe)
 
 
+@contextmanager
 def _owner(
     robot: RobotDriver,
     rate: float,
     options: MotionOptions,
     observer: MotionObserver,
     on_sent: Callable[[SentTarget], object] = lambda sent: None,
-) -> RobotOwner:
+    safe: AbstractContextManager[object] | None = None,
+) -> Iterator[RobotOwner]:
     owner = RobotOwner(
         robot,
         borrowed=True,
@@ -259,13 +265,15 @@ def _owner(
         command_rate=rate,
         watchdog=options.watchdog,
         watchdog_mode=options.watchdog_mode,
+        stop_on_failure=safe is None,
         clock=options.clock,
         sleep=options.sleep,
     )
     if not robot.has_watchdog:
         observer.unwatched(owner.lead)
     owner.observers.append(observer.seen)
-    return owner
+    with owner, safe or nullcontext():
+        yield owner
 
 
 def _turn_until(owner: RobotOwner, over: Callable[[], bool], until: Callable[[JointState], bool] | None) -> bool:
@@ -321,6 +329,7 @@ def _run_path(
     options: MotionOptions,
     observer: MotionObserver,
     until: Callable[[JointState], bool] | None,
+    safe: AbstractContextManager[object] | None,
 ) -> MotionResult:
     names = path.legs[0].names
     rate = options.rate or robot.command_rate
@@ -333,9 +342,9 @@ def _run_path(
         kinematics=options.kinematics,
         table=options.table,
     )
-    powered = give_torque(robot, names, robot.read())
     arrived = cut = False
-    with _owner(robot, rate, options, observer) as owner:
+    with _owner(robot, rate, options, observer, safe=safe) as owner:
+        powered = give_torque(robot, names, robot.read())
         owner.group.members = (controller,)
         owner.turn()
         observer.started(owner.timing)
@@ -372,6 +381,7 @@ def _run_target(
     observer: MotionObserver,
     wait: bool,
     until: Callable[[JointState], bool] | None,
+    safe: AbstractContextManager[object] | None,
 ) -> MotionResult:
     goal = dict(target.positions)
     state = _check_target(robot, goal, options, observer)
@@ -396,7 +406,7 @@ def _run_target(
         if step is None:
             observer.sent(sent)
 
-    with _owner(robot, rate, options, observer, was_sent) as owner:
+    with _owner(robot, rate, options, observer, was_sent, safe) as owner:
         owner.group.members = (controller,)
         if step is not None:
             observer.sent(SentTarget(target.positions, target.duration))
