@@ -13,6 +13,7 @@ from .values import SILENT, ServoBlock
 
 if TYPE_CHECKING:
     from .line import BusLine
+    from .plan import SyncReadPlan
 
 __all__ = ["read_block", "sync_read_blocks"]
 
@@ -40,15 +41,23 @@ def _read_together(line: BusLine, address: int, count: int, ids: tuple[int, ...]
     machine = line.machine
     plan = machine.plans.block(address, count, ids)
     with line.lock:
-        data = None
-        if not (machine.silent or line.doubted(ids, count)):
+        if machine.silent or line.doubted(ids, count):
+            return _read_carefully(line, plan, None)
+        try:
             data = line.transact(plan, timed=True)
             rows = plan.blocks(data)
-            if rows is not None:
-                machine.learn_time(plan, line.clock())
-                machine.extra_answers += len(ids) - 1
-                return {i: ServoBlock(i, address, row) for i, row in zip(ids, rows, strict=True)}
-        found = {i: ServoBlock(i, address, b"", 0, SILENT) for i in ids}
-        for i, status in line.run(questions.ask_many(machine, plan, data)).items():
-            found[i] = ServoBlock(i, address, status.params, status.error)
+            if rows is None:
+                return _read_carefully(line, plan, data)
+        except BaseException:
+            line.gave_up(plan)
+            raise
+        machine.learn_time(plan, line.clock())
+        machine.extra_answers += len(ids) - 1
+        return {i: ServoBlock(i, address, row) for i, row in zip(ids, rows, strict=True)}
+
+
+def _read_carefully(line: BusLine, plan: SyncReadPlan, data: bytes | None) -> dict[int, ServoBlock]:
+    found = {i: ServoBlock(i, plan.address, b"", 0, SILENT) for i in plan.ids}
+    for i, status in line.run(questions.ask_many(line.machine, plan, data)).items():
+        found[i] = ServoBlock(i, plan.address, status.params, status.error)
     return found

@@ -139,6 +139,7 @@ class BusLine:
         except BaseException:
             with suppress(Interrupted):
                 conversation.throw(Interrupted(clock()))
+            self.machine.interrupted(clock())
             raise
 
     def doubted(self, servo_ids: Sequence[int], params: int) -> bool:
@@ -149,14 +150,14 @@ class BusLine:
         """Send a prepared read and take what comes: the fast path. The caller checks it.
 
         Where `machine.asked_at` is set afterwards and the answers are sound, the caller has `machine.learn_time`
-        learn from it.
+        learn from it. If an error or Ctrl-C comes before the caller has checked the answers, it calls `gave_up`.
 
         Args:
             plan: What is asked.
             timed: Learn from this one how long answers take, in any case.
 
         Raises:
-            LinkError: The line is at fault. The answers may come all the same, which is remembered.
+            LinkError: The line is at fault. The answers may come all the same.
         """
         machine = self.machine
         turn = machine.turns = machine.turns + 1
@@ -164,17 +165,17 @@ class BusLine:
         window = plan.base + allowance
         plan.allowance = allowance
         machine.asked_at = None
-        try:
-            if machine.busy_until:
-                left = machine.backlog(self.clock())
-                window += left
-            if timed or machine.learning or not turn % MEASURED_EVERY:
-                machine.asked_at = self.clock() + left
-            return self.exchange(plan.request, window, plan.rest)
-        except BaseException:
-            now = self.clock()
-            machine.gave_up(plan.ids, plan.count, plan.request, now, now)
-            raise
+        if machine.busy_until:
+            left = machine.backlog(self.clock())
+            window += left
+        if timed or machine.learning or not turn % MEASURED_EVERY:
+            machine.asked_at = self.clock() + left
+        return self.exchange(plan.request, window, plan.rest)
+
+    def gave_up(self, plan: ReadPlan | SyncReadPlan) -> None:
+        """An error or Ctrl-C came before the answers to `transact` were checked; they may come all the same."""
+        now = self.clock()
+        self.machine.gave_up(plan.ids, plan.count, plan.request, now, now)
 
     def post(self, packet: bytes, token: Token | None) -> None:
         """Send what nobody answers.

@@ -106,6 +106,7 @@ class BusMachine:
         turns: Transactions begun on the fast path.
         extra_answers: Answers taken there beyond one for each of them.
         asked_at: When the line was free for what the fast path sent last; None if that is not timed, or done.
+        asking: Servos, parameter bytes and packet of the careful request whose outcome is not recorded yet.
     """
 
     def __init__(self, servos: KnownServos, baud: int, retries: int) -> None:
@@ -125,6 +126,7 @@ class BusMachine:
         self.turns = 0
         self.extra_answers = 0
         self.asked_at: float | None = None
+        self.asking: tuple[Sequence[int], int, bytes] | None = None
         self._fallen = 0
         self._looked_at = 0.0
 
@@ -216,6 +218,12 @@ class BusMachine:
         for servo_id in servo_ids:
             self.doubts.add(servo_id, params, request, asked, now)
 
+    def interrupted(self, now: float) -> None:
+        """An error or Ctrl-C ended a conversation, perhaps at the moment at which it recorded an outcome."""
+        if self.asking is not None:
+            self.gave_up(*self.asking, now, now)
+            self.asking = None
+
     # --- conversations ----------------------------------------------------------------------------------------
 
     def doubted(self, servo_id: int, params: int, request: bytes = b"") -> Conversation[bool]:
@@ -263,8 +271,7 @@ class BusMachine:
         count = self.count
         window = base + self.timing.allowance + self.backlog(self.now)
         asked_at, self.asked_at = self.asked_at, None
-        sent = data is not None
-        if sent:
+        if data is not None:
             self._fallen += 1
         else:
             count.requests += 1
@@ -281,20 +288,23 @@ class BusMachine:
             echo=self.echo is not False,
         )
         count.careful += 1
+        # Ctrl-C may come between any two steps: what may have been sent counts as sent.
+        sent, self.asking = True, (servo_ids, params, request)
         try:
             if data is None:
-                data = yield from self._hear(Send(request, window))
-                sent = True
+                try:
+                    data = yield from self._hear(Send(request, window))
+                except GeneratorExit:
+                    sent = False
+                    raise
             yield from self._gather(collector, data, base)
-        except Interrupted:
-            sent = True
-            raise
         finally:
             # Whatever ended the wait, be it Ctrl-C, an answer that is not here may come later.
             now = self.now
             if sent:
                 count.lost += len(collector.missing)
                 self.gave_up(collector.missing, params, request, now if asked_at is None else asked_at, now)
+            self.asking = None
         self._take(collector, now)
         if asked_at is not None and len(collector.answers) == len(servo_ids) > 0:
             self.timing.measured(now - asked_at, len(request) + len(servo_ids) * (6 + params))

@@ -217,10 +217,14 @@ class ServoBus(Openable):
         with self._lock:
             if machine.doubtful and line.doubted(plan.ids, plan.count):
                 return self._read_carefully(plan, register, None)
-            data = line.transact(plan)
-            raw = plan.value(data)
-            if raw is None:
-                return self._read_carefully(plan, register, data)
+            try:
+                data = line.transact(plan)
+                raw = plan.value(data)
+                if raw is None:
+                    return self._read_carefully(plan, register, data)
+            except BaseException:
+                line.gave_up(plan)
+                raise
             plan.latest = raw
             plan.stamp = now = line.clock()
             if machine.asked_at is not None:
@@ -262,10 +266,14 @@ class ServoBus(Openable):
         with self._lock:
             if machine.silent or (machine.doubtful and line.doubted(ids, plan.count)):
                 return self._sync_carefully(plan, register, None)
-            data = line.transact(plan)
-            raw = plan.glance(data)
-            if raw is None:
-                return self._sync_carefully(plan, register, data)
+            try:
+                data = line.transact(plan)
+                raw = plan.glance(data)
+                if raw is None:
+                    return self._sync_carefully(plan, register, data)
+            except BaseException:
+                line.gave_up(plan)
+                raise
             now = line.clock()
             if machine.asked_at is not None:
                 machine.learn_time(plan, now)

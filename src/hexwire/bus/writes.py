@@ -70,11 +70,18 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
                 return Answer(servo_id, what, block.error)
             if not line.run(questions.settle(machine, servo_id, 0)):
                 return Answer(servo_id, what, 0, SILENT, False)
-        data = _exchange(line, plan)
-        if data is None:
-            servos.confirmed_writes.add(servo_id)
-            return _new(Answer, (servo_id, what, 0, "", True))
-        status, instead = line.run(_finish(machine, plan, data, machine.retries if repeat else 0))
+        line.check_call()
+        start = line.clock()
+        try:
+            data = _exchange(line, plan, start)
+            if data is None:
+                servos.confirmed_writes.add(servo_id)
+                return _new(Answer, (servo_id, what, 0, "", True))
+            status, instead = line.run(_finish(machine, plan, data, machine.retries if repeat else 0))
+        except BaseException:
+            # An error, or Ctrl-C: the acknowledgement may come all the same.
+            machine.gave_up((servo_id,), 0, plan.request, start, line.clock())
+            raise
         if status is not None:
             servos.confirmed_writes.add(servo_id)
             return Answer(servo_id, what, status.error)
@@ -86,17 +93,11 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
         return Answer(servo_id, what, 0, why(instead), False)
 
 
-def _exchange(line: BusLine, plan: WritePlan) -> bytes | None:
-    """Send a write; None if what comes at once is its acknowledgement, else what comes."""
+def _exchange(line: BusLine, plan: WritePlan, start: float) -> bytes | None:
+    """Send a write at `start`; None if what comes at once is its acknowledgement, else what comes."""
     machine = line.machine
-    line.check_call()
-    start = line.clock()
     machine.sent.add(plan.request, start)
-    try:
-        data = line.exchange(plan.request, plan.base + machine.timing.allowance)
-    except BaseException:
-        machine.gave_up((plan.servo_id,), 0, plan.request, start, line.clock())
-        raise
+    data = line.exchange(plan.request, plan.base + machine.timing.allowance)
     machine.turns += 1
     if data != plan.acknowledgement:
         return data
