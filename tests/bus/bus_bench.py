@@ -39,7 +39,7 @@ def make_bus(
     rate = baud or servos[0].baud
     rates = [rate]
     device = BusDevice(servos, paced=paced, faults=faults, echo=echo, host_baud=lambda: rates[0])
-    link = BusLink(device, url="serial:///emulated")
+    link = BusLink(device)
     link.rates = rates
     kinds = list(series) * len(ids) if len(series) == 1 else list(series)
     bus = ServoBus(link, series=kinds[0], servos=dict(zip(ids, kinds, strict=True)), retries=retries)
