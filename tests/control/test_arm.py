@@ -370,7 +370,7 @@ def test_one_at_a_time_has_the_arm() -> None:
     first = bench.begin(lambda: bench.arm.go_to("side"))
     bench.until(lambda: bench.controller.busy)
     for second in (lambda: bench.arm.go_to("home"), bench.arm.teach_start):
-        with pytest.raises(UsageError, match="on its way for somebody else"):
+        with pytest.raises(UsageError, match="busy with another request"):
             second()
     bench.settle(first)
     assert first.answer() == "at side"
@@ -416,7 +416,7 @@ def test_a_pose_that_is_never_reached_is_given_up(monkeypatch: pytest.MonkeyPatc
     bench = make_bench()
     service = bench.begin(lambda: bench.arm.go_to("side"))
     # Nobody turns: in the service's own time the arm never arrives.
-    with pytest.raises(UsageError, match="not there after 0 s; the arm holds"):
+    with pytest.raises(UsageError, match="not arrived after 0 s; the arm holds"):
         service.answer()
     assert free(bench)
     assert not bench.controller.busy

@@ -35,7 +35,7 @@ def test_the_grace_time_counts_from_the_first_look_after_the_end() -> None:
     assert judge(judged, 13.0, SHORT) is Verdict.NOT_YET
     assert judge(judged, 13.5, SHORT) is Verdict.NOT_YET
     assert judge(judged, 13.6, SHORT) is Verdict.MISSED
-    assert judged.why == "J2 is 0.5 rad (28.6 deg) off its goal, 0.1 rad (5.73 deg) are allowed"
+    assert judged.why == "J2 is 0.5 rad (28.6 deg) off its goal, tolerance 0.1 rad (5.73 deg)"
     assert judged.off == (Deviation("J2", 0.5, 0.1),)
 
 
@@ -54,14 +54,14 @@ def test_without_a_grace_time_it_waits_without_end() -> None:
 def test_an_arm_that_moves_has_not_arrived() -> None:
     judged = arrival()
     assert judged.judge(10.0, JOINTS, GOAL, THERE, (0.06, 0.0)) is Verdict.NOT_YET
-    assert judged.why.startswith("the speed of J1 is 0.06 rad/s")
+    assert judged.why.startswith("the velocity of J1 is 0.06 rad/s")
     assert judged.judge(10.1, JOINTS, GOAL, THERE, (math.nan, math.nan)) is Verdict.ARRIVED, "not judged if unknown"
 
 
 def test_positions_from_before_the_end_say_nothing() -> None:
     judged = arrival()
     assert judge(judged, 10.1, THERE, sampled=9.9) is Verdict.NOT_YET
-    assert judged.why == "not every joint has been heard of since the end"
+    assert judged.why == "some joints have not reported since the end"
     assert judge(judged, 10.7, THERE, sampled=9.9) is Verdict.MISSED
     assert judge(arrival(), 10.1, THERE, sampled=10.05) is Verdict.ARRIVED
 
@@ -79,7 +79,7 @@ def test_an_unknown_position_is_no_arrival(early: bool) -> None:
     assert judge(judged, 10.0, (math.nan, 2.0)) is Verdict.NOT_YET
     assert judged.off == (Deviation("J1", math.inf, 0.1),)
     assert judge(judged, 11.0, (math.nan, 2.0)) is Verdict.MISSED
-    assert judged.why == "it is not known where J1 is"
+    assert judged.why == "the position of J1 is unknown"
 
 
 def test_a_tolerance_of_zero_is_not_checked() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hexwire.control.calls import Jobs
+from hexwire.control.calls import QueuedCalls
 from hexwire.errors import (
     DeviceError,
     LinkLostError,
@@ -20,16 +20,16 @@ from hexwire.errors import (
 class Caller:
     """A thread that calls, and what came of it."""
 
-    def __init__(self, jobs: Jobs, job: Callable[[], Any]) -> None:
+    def __init__(self, jobs: QueuedCalls, job: Callable[[], Any]) -> None:
         self.result: Any = None
         self.error: BaseException | None = None
-        self._jobs, self._job = jobs, job
+        self._calls, self._job = jobs, job
         self.thread = threading.Thread(target=self._run, daemon=True)
         self.thread.start()
 
     def _run(self) -> None:
         try:
-            self.result = self._jobs.call(self._job)
+            self.result = self._calls.call(self._job)
         except BaseException as error:  # noqa: BLE001  # judged by the test
             self.error = error
 
@@ -39,7 +39,7 @@ class Caller:
         return self
 
 
-def waiting(jobs: Jobs, count: int = 1) -> None:
+def waiting(jobs: QueuedCalls, count: int = 1) -> None:
     """Until so many calls wait."""
     tick = threading.Event()
     for _ in range(10_000):
@@ -57,7 +57,7 @@ def raising(error: BaseException) -> Callable[[], Any]:
 
 
 def test_the_caller_gets_what_the_owner_did() -> None:
-    jobs = Jobs()
+    jobs = QueuedCalls()
     caller = Caller(jobs, lambda: threading.current_thread())
     waiting(jobs)
     jobs.run()
@@ -66,7 +66,7 @@ def test_the_caller_gets_what_the_owner_did() -> None:
 
 
 def test_jobs_are_done_in_their_order() -> None:
-    jobs = Jobs()
+    jobs = QueuedCalls()
     done: list[int] = []
     callers = []
     for i in range(5):
@@ -79,7 +79,7 @@ def test_jobs_are_done_in_their_order() -> None:
 
 
 def test_a_fault_of_a_job_is_its_callers_alone() -> None:
-    jobs = Jobs()
+    jobs = QueuedCalls()
     for error in (UsageError("no"), ZeroDivisionError(), ReplyTimeoutError("silent"), DeviceError("x")):
         caller, after = Caller(jobs, raising(error)), None
         waiting(jobs)
@@ -94,7 +94,7 @@ def test_a_fault_of_a_job_is_its_callers_alone() -> None:
     "error", [LinkLostError("gone"), LinkTimeoutError("stuck"), PreemptedError("stop"), KeyboardInterrupt()]
 )
 def test_a_lost_line_is_the_owners_business_too(error: BaseException) -> None:
-    jobs = Jobs()
+    jobs = QueuedCalls()
     first = Caller(jobs, raising(error))
     waiting(jobs)
     second = Caller(jobs, lambda: 7)
@@ -107,7 +107,7 @@ def test_a_lost_line_is_the_owners_business_too(error: BaseException) -> None:
 
 
 def test_nobody_waits_for_ever_and_what_was_given_up_is_never_done() -> None:
-    jobs = Jobs(timeout=0.05)
+    jobs = QueuedCalls(timeout=0.05)
     done: list[int] = []
     caller = Caller(jobs, lambda: done.append(1)).join()
     assert isinstance(caller.error, DeviceError)
@@ -118,7 +118,7 @@ def test_nobody_waits_for_ever_and_what_was_given_up_is_never_done() -> None:
 
 
 def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:
-    jobs = Jobs(timeout=1.0)
+    jobs = QueuedCalls(timeout=1.0)
     begun, go_on = threading.Event(), threading.Event()
 
     def job() -> int:
@@ -133,14 +133,14 @@ def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:
     assert begun.wait(30.0)
     caller.join()
     assert isinstance(caller.error, DeviceError), "not a TimeoutError of the library's, which nobody catches"
-    assert str(caller.error) == "the robot has not done it within 1 s"
+    assert str(caller.error) == "the robot has not finished within 1 s"
     go_on.set()
     owner.join(30.0)
     assert not owner.is_alive()
 
 
 def test_all_who_wait_are_told_when_there_is_no_robot() -> None:
-    jobs = Jobs()
+    jobs = QueuedCalls()
     callers = []
     for i in range(3):
         callers.append(Caller(jobs, lambda: 7))

@@ -89,7 +89,7 @@ def test_out_of_goal_tolerance_after_goal_time() -> None:
     assert told.ends == []
     loop.run(0.15)
     assert told.outcome == ABORTED_GOAL
-    assert told.text == "J1 is 0.1 rad (5.73 deg) off its goal, 0.05 rad (2.86 deg) are allowed"
+    assert told.text == "J1 is 0.1 rad (5.73 deg) off its goal, tolerance 0.05 rad (2.86 deg)"
     assert not loop.controller.busy
     assert loop.controller.follower.reason is None, "it holds, and takes the next goal"
     loop.robot.jammed = {}

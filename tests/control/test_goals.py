@@ -121,15 +121,15 @@ def test_an_order_without_points_is_the_caller_s_business_but_makes_no_trajector
         ),
         (
             Point(2.0, REST, effort=(0.0, 0.0, 1.5)),
-            "points[1].effort: J3 is 1.5; this arm takes no feed-forward, leave effort empty",
+            "points[1].effort: J3 is 1.5; this arm accepts no feed-forward, leave effort empty",
         ),
         (
             Point(1.0, REST),
-            "points[1].time_from_start is 1 s, not after the 1 s of points[0]; times must rise",
+            "points[1].time_from_start is 1 s, not after the 1 s of points[0]; times must increase",
         ),
         (
             Point(0.5, REST),
-            "points[1].time_from_start is 0.5 s, not after the 1 s of points[0]; times must rise",
+            "points[1].time_from_start is 0.5 s, not after the 1 s of points[0]; times must increase",
         ),
         (Point(math.nan, REST), "points[1].time_from_start is nan, not a time"),
         (Point(math.inf, REST), "points[1].time_from_start is inf, not a time"),

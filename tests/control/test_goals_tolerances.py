@@ -64,21 +64,21 @@ def test_the_goal_time_follows_the_same_rule(asked: float, goal_time: float) -> 
             [],
             0.0,
             WRONG,
-            "path_tolerance is there twice for J1; give it once",
+            "path_tolerance is given twice for J1; give it once",
         ),
         (
             [("J1", math.nan, 0.0, 0.0)],
             [],
             0.0,
             Reason.MALFORMED,
-            "path_tolerance for the position of J1 is nan, not a number; -1 switches the check off",
+            "path_tolerance for the position of J1 is nan, not a number; -1 disables the check",
         ),
         (
             [],
             [("J1", 0.0, 0.0, math.inf)],
             0.0,
             Reason.MALFORMED,
-            "goal_tolerance for the acceleration of J1 is inf, not a number; -1 switches the check off",
+            "goal_tolerance for the acceleration of J1 is inf, not a number; -1 disables the check",
         ),
         ([], [], math.nan, Reason.MALFORMED, "goal_time_tolerance is nan, not a number"),
     ],
@@ -109,7 +109,7 @@ def test_inside_the_tolerances_nothing_is_said() -> None:
 
 def test_off_the_path_is_said_in_radians_and_degrees_worst_first() -> None:
     assert DEFAULTS.path_violation(JOINTS, AT_ZERO, (0.0, -0.12, 0.0), REST) == (
-        "J2 is 0.12 rad (6.88 deg) off its path, 0.1 rad (5.73 deg) are allowed"
+        "J2 is 0.12 rad (6.88 deg) off its path, tolerance 0.1 rad (5.73 deg)"
     )
     text = DEFAULTS.path_violation(JOINTS, AT_ZERO, (0.2, 0.3, -0.4), REST)
     assert [part[:2] for part in text.split("; ")] == ["J3", "J2", "J1"]
@@ -128,7 +128,7 @@ def test_values_belong_to_the_names_that_come_with_them() -> None:
 
 def test_at_the_goal_the_arm_must_stand() -> None:
     assert at_goal(JOINTS, AT_ZERO, REST, (0.0, 0.0, -0.02)) == (
-        "the speed of J3 is 0.02 rad/s (1.15 deg/s) off its goal, 0.01 rad/s (0.573 deg/s) are allowed"
+        "the velocity of J3 is 0.02 rad/s (1.15 deg/s) off its goal, tolerance 0.01 rad/s (0.573 deg/s)"
     )
     assert at_goal(JOINTS, AT_ZERO, (0.06, 0.0, 0.0), REST).startswith("J1 is 0.06 rad (3.44 deg) off its goal")
 
@@ -136,8 +136,8 @@ def test_at_the_goal_the_arm_must_stand() -> None:
 def test_a_speed_may_be_worse_than_a_position() -> None:
     text = at_goal(JOINTS, AT_ZERO, (0.06, 0.0, 0.0), (0.0, 0.02, 0.05))
     assert [part[:18] for part in text.split("; ")] == [
-        "the speed of J3 is",
-        "the speed of J2 is",
+        "the velocity of J3",
+        "the velocity of J2",
         "J1 is 0.06 rad (3.",
     ]
 
@@ -145,7 +145,7 @@ def test_a_speed_may_be_worse_than_a_position() -> None:
 def test_a_position_that_is_not_known_is_in_no_tolerance_a_velocity_is_not_judged() -> None:
     lost = (0.5, math.nan, 0.0)
     text = DEFAULTS.path_violation(JOINTS, AT_ZERO, lost, (math.nan,) * 3)
-    assert text.startswith("it is not known where J2 is; J1 is 0.5 rad")
+    assert text.startswith("the position of J2 is unknown; J1 is 0.5 rad")
     unchecked = DEFAULTS.overridden([("J1", -1.0, 0.0, 0.0), ("J2", -1.0, 0.0, 0.0)], [], 0.0)
     assert unchecked.path_violation(JOINTS, AT_ZERO, lost, (math.nan,) * 3) == ""
     assert at_goal(JOINTS, AT_ZERO, REST, (math.nan,) * 3) == ""

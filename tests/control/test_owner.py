@@ -140,7 +140,7 @@ def test_one_target_a_period_however_much_hurry() -> None:
         bench.owner.hurry()
         bench.owner.turn()
     writes = [when for when in bench.writes if when <= begun + 3.0]
-    # The first did not wait for the raster.
+    # The first did not wait for the periodic.
     assert writes[0] - begun < 0.011
     gaps = [b - a for a, b in itertools.pairwise(writes)]
     assert min(gaps) > 0.03
@@ -372,7 +372,7 @@ def test_nobody_waits_for_a_robot_that_was_lost_that_moment() -> None:
     bench.link.lost = True
     # As if the loss came between the look at `connected` and the queue.
     with pytest.raises(LinkLostError, match="cannot be reached"):
-        bench.ask(lambda: owner._jobs.call(lambda: None))
+        bench.ask(lambda: owner._calls.call(lambda: None))
     assert not owner.connected
 
 

@@ -50,13 +50,13 @@ def test_what_waits_for_the_owner_is_void_after_a_stop() -> None:
 
     thread = threading.Thread(target=enable)
     thread.start()
-    while not owner._jobs._waiting:
+    while not owner._calls._waiting:
         thread.join(0.001)
     # The robot is stopped and resumed past the owner, who then comes to what had been asked for before.
     bench.robot.stop()
     bench.robot.resume()
     while thread.is_alive():
-        owner._jobs.run()
+        owner._calls.run()
         thread.join(0.001)
     assert isinstance(outcome[0], StoppedError)
     assert not bench.robot.read().torque_on

@@ -4,78 +4,78 @@ import itertools
 
 import pytest
 
-from hexwire.control.rate import Raster, RateMeter
+from hexwire.control.rate import Periodic, RateMeter
 
 
-def asked(raster: Raster, times: list[float], period: float = 1.0) -> list[float]:
+def asked(periodic: Periodic, times: list[float], period: float = 1.0) -> list[float]:
     """Those of the times at which it says yes; what is due is done."""
     yes = []
     for now in times:
-        if raster.due(now, period):
-            raster.done(now)
+        if periodic.due(now, period):
+            periodic.done(now)
             yes.append(now)
     return yes
 
 
 def test_the_first_time_is_at_once_and_then_once_a_period() -> None:
     times = [i * 0.25 for i in range(17)]
-    assert asked(Raster(), times) == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert asked(Periodic(), times) == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
 def test_who_comes_a_little_late_does_not_shift_the_raster() -> None:
     times = [i * 0.3 for i in range(100)]
-    yes = asked(Raster(), times)
+    yes = asked(Periodic(), times)
     assert len(yes) == 30
     assert yes[-1] < 29.3
 
 
 def test_what_was_missed_is_not_made_up_for() -> None:
-    raster = Raster()
-    assert asked(raster, [0.0, 5.7, 5.8, 6.2, 6.7, 6.8, 7.7]) == [0.0, 5.7, 6.7, 7.7]
+    periodic = Periodic()
+    assert asked(periodic, [0.0, 5.7, 5.8, 6.2, 6.7, 6.8, 7.7]) == [0.0, 5.7, 6.7, 7.7]
 
 
 def test_a_hurry_after_a_pause_is_at_once() -> None:
-    raster = Raster()
-    assert raster.due(0.0, 1.0)
-    assert raster.due(1.0, 1.0)
+    periodic = Periodic()
+    assert periodic.due(0.0, 1.0)
+    assert periodic.due(1.0, 1.0)
     # Looked at, but nothing to do: `done` was not called.
-    raster.hurry()
-    assert raster.due(1.1, 1.0)
-    raster.done(1.1)
-    assert not raster.due(1.2, 1.0)
-    assert not raster.due(2.0, 1.0)
-    assert raster.due(2.1, 1.0)
+    periodic.hurry()
+    assert periodic.due(1.1, 1.0)
+    periodic.done(1.1)
+    assert not periodic.due(1.2, 1.0)
+    assert not periodic.due(2.0, 1.0)
+    assert periodic.due(2.1, 1.0)
 
 
 def test_a_hurry_is_never_more_than_once_a_period() -> None:
-    raster = Raster()
+    periodic = Periodic()
     yes = []
     for i in range(1000):
-        raster.hurry()
-        if raster.due(i * 0.01, 1.0):
-            raster.done(i * 0.01)
+        periodic.hurry()
+        if periodic.due(i * 0.01, 1.0):
+            periodic.done(i * 0.01)
             yes.append(i * 0.01)
     assert len(yes) == 10
     assert min(b - a for a, b in itertools.pairwise(yes)) > 0.99
 
 
 def test_a_hurry_waits_until_it_may() -> None:
-    raster = Raster()
-    assert raster.due(0.0, 1.0)
-    raster.done(0.6)
-    raster.hurry()
-    assert not raster.due(0.9, 1.0)
-    assert raster.due(1.0, 1.0)
-    # That was the time of the raster; the hurry is over with it.
-    assert not raster.due(1.7, 1.0)
+    periodic = Periodic()
+    assert periodic.due(0.0, 1.0)
+    periodic.done(0.6)
+    periodic.hurry()
+    assert not periodic.due(0.9, 1.0)
+    assert periodic.due(1.0, 1.0)
+    # That was the time of the periodic; the hurry is over with it.
+    assert not periodic.due(1.7, 1.0)
 
 
 def test_the_period_may_change() -> None:
-    raster = Raster()
-    assert raster.due(0.0, 10.0)
-    assert not raster.due(9.0, 0.1)
-    assert raster.due(10.0, 0.1)
-    assert raster.due(10.1, 0.1)
+    periodic = Periodic()
+    assert periodic.due(0.0, 10.0)
+    assert not periodic.due(9.0, 0.1)
+    assert periodic.due(10.0, 0.1)
+    assert periodic.due(10.1, 0.1)
 
 
 def test_a_rate() -> None:

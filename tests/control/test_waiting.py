@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from hexwire.control.outcomes import Ended, Outcome, Reason
-from hexwire.control.waiting import Alone, Waiter, join_or_hang_up
+from hexwire.control.waiting import TryLock, Waiter, join_or_abort
 from hexwire.errors import UsageError
 
 DONE = Ended(Outcome.SUCCEEDED, Reason.REACHED)
@@ -39,7 +39,7 @@ def test_an_end_without_words() -> None:
 
 
 def test_who_never_arrives() -> None:
-    with pytest.raises(UsageError, match=r"^not there after 0 s; the arm holds$"):
+    with pytest.raises(UsageError, match=r"^not arrived after 0 s; the arm holds$"):
         Waiter().wait(0.0)
 
 
@@ -53,16 +53,16 @@ def test_another_thread_ends_the_wait() -> None:
 
 def test_one_at_a_time() -> None:
     lock = threading.Lock()
-    with Alone(lock), pytest.raises(UsageError, match="on its way for somebody else"), Alone(lock):
+    with TryLock(lock), pytest.raises(UsageError, match="busy with another request"), TryLock(lock):
         raise AssertionError("two at once")
     assert not lock.locked()
 
 
 def test_a_failure_gives_the_arm_free() -> None:
     lock = threading.Lock()
-    with pytest.raises(ZeroDivisionError), Alone(lock):
+    with pytest.raises(ZeroDivisionError), TryLock(lock):
         raise ZeroDivisionError
-    with Alone(lock):
+    with TryLock(lock):
         assert lock.locked()
 
 
@@ -71,7 +71,7 @@ def test_a_thread_that_waits_again_is_hung_up_on_again(calls: int) -> None:
     bell = threading.Semaphore(0)
     thread = threading.Thread(target=lambda: [bell.acquire() for _ in range(calls)], daemon=True)
     thread.start()
-    assert join_or_hang_up(thread, 0.0, bell.release, 60.0)
+    assert join_or_abort(thread, 0.0, bell.release, 60.0)
     assert not thread.is_alive()
 
 
@@ -80,7 +80,7 @@ def test_a_thread_that_never_ends_is_given_up() -> None:
     thread = threading.Thread(target=free.wait, args=(60,), daemon=True)
     thread.start()
     hung_up: list[bool] = []
-    assert not join_or_hang_up(thread, 0.0, lambda: hung_up.append(True), 0.0)
+    assert not join_or_abort(thread, 0.0, lambda: hung_up.append(True), 0.0)
     assert len(hung_up) > 1
     free.set()
-    assert join_or_hang_up(thread, 30.0, lambda: None, 0.0)
+    assert join_or_abort(thread, 30.0, lambda: None, 0.0)

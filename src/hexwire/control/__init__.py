@@ -1,6 +1,6 @@
 """The one owner of a moving robot. Knows no front: no middleware, no terminal, no page.
 
-Owns the names for programs that want a motion done; they load on first use, since most commands move nothing.
+Owns the public names for programs that run motions; they load on first use, since most commands move nothing.
 """
 
 from __future__ import annotations

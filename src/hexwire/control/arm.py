@@ -24,7 +24,7 @@ from .owner import RobotOwner
 from .path_check import PathCheck
 from .power import switch_torque
 from .teach_mode import TeachMode
-from .waiting import Alone, Waiter
+from .waiting import TryLock, Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -283,7 +283,7 @@ class Arm:
         goals = self.settings.poses.get(pose)
         if goals is None:
             raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
-        with self._alone():
+        with self._exclusive():
             self._travel(goals, f"the arm goes to {pose}")
         return f"at {pose}"
 
@@ -294,7 +294,7 @@ class Arm:
             HexwireError: As `TeachMode.start`, or somebody else has the arm.
         """
         names = self._all_joints()
-        with self._alone():
+        with self._exclusive():
             self.teach_mode.start(names)
         return f"teaching {', '.join(names)}; they have no torque"
 
@@ -304,7 +304,7 @@ class Arm:
         Raises:
             HexwireError: As `TeachMode.stop`, or somebody else has the arm.
         """
-        with self._alone():
+        with self._exclusive():
             return self.teach_mode.stop()
 
     def teach_play(self) -> str:
@@ -316,7 +316,7 @@ class Arm:
         taught = self.teach_mode.taught
         if taught is None:
             raise UsageError("nothing was taught since the node started")
-        with self._alone():
+        with self._exclusive():
             self._travel(dict(zip(taught.names, taught.rows[0], strict=True)), "the arm plays what was taught")
             self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()})
         return f"played {taught.duration:.1f} s"
@@ -359,8 +359,8 @@ class Arm:
         ways = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
         return [way for way in ways if way is not None]
 
-    def _alone(self) -> Alone:
-        return Alone(self._busy)
+    def _exclusive(self) -> TryLock:
+        return TryLock(self._busy)
 
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)

@@ -1,7 +1,7 @@
-"""The one judge of arrival: whether joints stand where a motion was to end, not yet, or not in time, and why.
+"""The one check of arrival: whether joints have reached their goal, not yet, or not in time, and why.
 
-Owns tolerances and that verdict. Pure: time, states and targets come in as arguments. Must not know robots, what is
-followed, nor who waits for it.
+Owns tolerances and the verdict. Pure: time, states and targets come in as arguments. Must not know robots,
+trajectories, nor who waits for the arrival.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _SHOWN = 5
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far one joint may be off; 0 is not checked.
+    """Greatest deviations of one joint; 0 means not checked.
 
     Attributes:
         position: Radians.
         velocity: Radians per second.
-        acceleration: Radians per second squared; kept, but never judged, since no arm here measures it.
+        acceleration: Radians per second squared; stored, but never checked, since no supported arm measures it.
     """
 
     position: float = 0.0
@@ -43,8 +43,8 @@ class Deviation:
     Attributes:
         joint: Its name.
         by: Radians, or radians per second; infinite if its position is unknown.
-        allowed: Likewise.
-        of_speed: It is the speed that is off, not the position.
+        allowed: Tolerance; likewise.
+        of_speed: The velocity is off, not the position.
     """
 
     joint: str
@@ -53,16 +53,16 @@ class Deviation:
     of_speed: bool = False
 
     def words(self, aim: str) -> str:
-        """A sentence for people; `aim` is what it is off, as in ``goal``."""
+        """A sentence; `aim` is the reference, for example ``goal``."""
         if self.by == math.inf:
-            return f"it is not known where {self.joint} is"
+            return f"the position of {self.joint} is unknown"
         unit = "/s" if self.of_speed else ""
-        who = f"the speed of {self.joint}" if self.of_speed else self.joint
-        return f"{who} is {_angle(self.by, unit)} off its {aim}, {_angle(self.allowed, unit)} are allowed"
+        who = f"the velocity of {self.joint}" if self.of_speed else self.joint
+        return f"{who} is {_angle(self.by, unit)} off its {aim}, tolerance {_angle(self.allowed, unit)}"
 
 
 class Verdict(Enum):
-    """What `Arrival` says of a state."""
+    """The result of `Arrival.judge`."""
 
     NOT_YET = "not yet"
     ARRIVED = "arrived"
@@ -73,14 +73,14 @@ class Arrival:
     """Judges, state by state, whether a motion has arrived.
 
     Args:
-        tolerances: By joint; every joint that is judged has a row.
-        ends: When the motion ends, seconds; may be moved while it is under way.
-        grace: Seconds in which the goal must be reached, from the first state after the end; 0 waits for ever.
-        early: A state within the tolerances counts before the end as well.
+        tolerances: By joint; every judged joint has a row.
+        ends: When the motion ends, seconds; may change during the motion.
+        grace: Seconds in which the goal must be reached, from the first state after the end; 0 waits forever.
+        early: A state within the tolerances counts before the end too.
 
     Attributes:
         ends: As above.
-        off: What is not within its tolerance, worst first, as of the last state.
+        off: Joints out of tolerance in the last state, worst first.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Arrival:
         self.ends = ends
         self.off: tuple[Deviation, ...] = ()
         self._tolerances, self._grace, self._early = tolerances, grace, early
-        # When a state after the end was first found wanting; time in which nobody looked does not count.
+        # Time of the first state after the end that was out of tolerance.
         self._missed = math.inf
         self._stale = False
 
@@ -106,11 +106,11 @@ class Arrival:
 
         Args:
             now: Seconds.
-            names: Joints, in the order of all that follows.
-            desired: Where they are to be.
-            position: Radians; NaN is in no tolerance.
-            velocity: Radians per second; NaN is not judged.
-            sampled: When the oldest of these values was measured, seconds; before the end it says nothing of it.
+            names: Joints, in the order of the other arguments.
+            desired: Desired state.
+            position: Radians; NaN is never within a tolerance.
+            velocity: Radians per second; NaN is not checked.
+            sampled: When the oldest of these values was measured, seconds; values from before the end do not count.
         """
         over = now >= self.ends
         if not over and not self._early:
@@ -126,9 +126,9 @@ class Arrival:
 
     @property
     def why(self) -> str:
-        """What was missing in the last state, for people; empty if nothing was."""
+        """Why the last state did not count as arrival; empty if it did."""
         if self._stale and not self.off:
-            return "not every joint has been heard of since the end"
+            return "some joints have not reported since the end"
         return in_words(self.off, "goal")
 
 
@@ -139,25 +139,25 @@ def deviations(
     position: Sequence[float],
     velocity: Sequence[float],
 ) -> list[Deviation]:
-    """What is not within its tolerance, worst first; arguments as in `Arrival.judge`."""
+    """Deviations beyond the tolerances, worst first; arguments as in `Arrival.judge`."""
     found: list[Deviation] = []
     columns = zip(names, desired.position, position, desired.velocity, velocity, strict=True)
     for name, want, have, speed, actual_speed in columns:
         allowed = tolerances[name]
         off = abs(have - want)
-        # Not "off > allowed": an unknown position is in no tolerance.
+        # Not "off > allowed", since an unknown position (NaN) is a deviation.
         if allowed.position > 0.0 and not off <= allowed.position:
             found.append(Deviation(name, math.inf if math.isnan(off) else off, allowed.position))
         off = abs(actual_speed - speed)
         if allowed.velocity > 0.0 and off > allowed.velocity:
             found.append(Deviation(name, off, allowed.velocity, of_speed=True))
-    # Stable, so that of two equally bad the first joint comes first.
+    # The sort is stable: equal deviations stay in joint order.
     found.sort(key=lambda row: -row.by / row.allowed)
     return found
 
 
 def in_words(found: Sequence[Deviation], aim: str) -> str:
-    """Deviations for people, the worst of them; empty if there is none."""
+    """The worst deviations in words; empty if there are none."""
     texts = [row.words(aim) for row in found[:_SHOWN]]
     if len(found) > _SHOWN:
         texts.append(f"{len(found) - _SHOWN} more")

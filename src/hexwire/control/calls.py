@@ -1,6 +1,6 @@
-"""What other threads want done by the one that owns something, and wait for.
+"""Calls queued for the thread that owns the robot.
 
-Owns the queue, and that nobody waits in it for ever. Must not know what is done.
+Owns the queue and its time limits, so that no caller waits forever. Must not know what the calls do.
 """
 
 from __future__ import annotations
@@ -15,82 +15,82 @@ from hexwire.errors import DeviceError, LinkError, PreemptedError
 if TYPE_CHECKING:
     from hexwire.epochs import Epochs
 
-__all__ = ["Jobs", "of_now"]
+__all__ = ["QueuedCalls", "voided_by_stop"]
 
 _T = TypeVar("_T")
 
 
-def of_now(job: Callable[[], _T], epochs: Epochs | None) -> Callable[[], _T]:
-    """A job that is of this moment however long it waits: a stop that comes before it is done voids it.
+def voided_by_stop(call: Callable[[], _T], epochs: Epochs | None) -> Callable[[], _T]:
+    """Wrap a call so that a stop between now and its execution voids it.
 
     Args:
-        job: What is to be done.
+        call: The call.
         epochs: The stops of the robot, if it has any.
     """
     if epochs is None:
-        return job
+        return call
     asked = epochs.mark()
 
     def dated() -> _T:
         with epochs.using(asked):
-            return job()
+            return call()
 
     return dated
 
 
-class Jobs:
-    """Calls that wait for their owner.
+class QueuedCalls:
+    """Calls from other threads that wait for the owner.
 
     Args:
-        timeout: Seconds that a caller waits for its turn, and then for the job itself.
+        timeout: Seconds that a caller waits until its call begins, and then until it ends.
     """
 
     def __init__(self, timeout: float = 10.0) -> None:
         self._timeout = timeout
         self._waiting: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
 
-    def call(self, job: Callable[[], _T]) -> _T:
-        """Wait until the owner has done a job.
+    def call(self, call: Callable[[], _T]) -> _T:
+        """Queue a call and wait for its result.
 
         Raises:
-            DeviceError: It was not begun in time, and never will be; or it was not done in time.
-            Exception: What the job raised, or what `fail` was given.
+            DeviceError: It did not begin in time and was dropped; or it did not end in time.
+            Exception: What the call raised, or the error passed to `fail`.
         """
         future: Future[_T] = Future()
-        self._waiting.append((job, future))
-        # Not `result(timeout)`, whose time-out cannot be told from one that the job raises.
+        self._waiting.append((call, future))
+        # Not `result(timeout)`, whose timeout looks like one raised by the call.
         wait((future,), self._timeout)
         if future.cancel():
             raise DeviceError(f"the robot was busy for {self._timeout:g} s; nothing was done")
-        # It is done, or being done this moment.
+        # It is running or done.
         wait((future,), self._timeout)
         if not future.done():
-            raise DeviceError(f"the robot has not done it within {self._timeout:g} s")
+            raise DeviceError(f"the robot has not finished within {self._timeout:g} s")
         return future.result()
 
     def run(self) -> None:
-        """Do all that waits; the owner calls this.
+        """Run all queued calls, in the owner's thread.
 
         Raises:
-            LinkError: A job found the line lost, or a stop took it: the caller hears of it, and so does the owner.
-            PreemptedError: Likewise.
+            LinkError: A call found the line lost; both its caller and the owner get the error.
+            PreemptedError: A stop interrupted a call; likewise.
         """
         while self._waiting:
-            job, future = self._waiting.popleft()
+            call, future = self._waiting.popleft()
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                result = job()
+                result = call()
             except BaseException as error:
                 future.set_exception(error)
-                # What no job is meant to raise ends the owner, too; a fault of one job alone is its caller's.
+                # A lost line concerns the owner too, and so does an error that is not an Exception.
                 if isinstance(error, LinkError | PreemptedError) or not isinstance(error, Exception):
                     raise
             else:
                 future.set_result(result)
 
     def fail(self, error: Exception) -> None:
-        """Nothing that waits will be done."""
+        """Raise an error in all queued callers; none of their calls runs."""
         while self._waiting:
             _, future = self._waiting.popleft()
             if future.set_running_or_notify_cancel():

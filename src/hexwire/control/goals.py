@@ -1,8 +1,7 @@
-"""What a joint trajectory must be, how it becomes a spline, and how far the arm may be off it.
+"""The rules for a joint trajectory as a goal, and its tolerances.
 
-Owns the rules, which are those of the usual joint trajectory controllers, as are the names of fields in texts.
-Values come in as plain numbers and time as seconds from now;
-must not know messages, clocks or robots.
+Owns the rules and the names of fields in error texts, which are those of the usual joint trajectory controllers.
+Values come in as plain numbers and times as seconds from now. Must not know messages, clocks or robots.
 """
 
 from __future__ import annotations
@@ -27,28 +26,28 @@ __all__ = [
 ]
 
 MAX_POINTS = 10_000
-"""Points that a trajectory may have. The owner of a robot makes its spline anew when it begins, and must not be
-late for that: so many take about 0.1 s."""
+"""Most points of a trajectory. The owner of the robot computes its spline again when it begins, which takes about
+0.1 s for this many points and must not delay a cycle longer."""
 _MOST = 1e6
-"""Positions, velocities and accelerations beyond it are garbage, and would overflow the polynomials."""
+"""Greatest position, velocity and acceleration; greater ones are garbage, and would overflow the polynomials."""
 _LONGEST = 2.0**31
-"""Seconds; the most that a duration with signed 32-bit seconds holds."""
+"""Seconds; the limit of a duration with signed 32-bit seconds."""
 _TICK = 1e-9
-"""Seconds; times are whole nanoseconds. Less than this from now is now."""
+"""Seconds; times are whole nanoseconds. Times closer to now count as now."""
 _SHOWN = 5
-"""Names or faults that a text lists at most."""
+"""Most names or faults listed in a text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One point, in the order of the names that come with it; whatever is empty is not given.
+    """One point, with values in the order of the goal's names; an empty tuple means not given.
 
     Attributes:
         time: Seconds from the goal's stamp (`time_from_start`).
         positions: Radians.
         velocities: Radians per second.
         accelerations: Radians per second squared; only with velocities.
-        effort: Feed-forward, newton metres; only zeros, since no arm here takes it.
+        effort: Feed-forward, newton metres; only zeros are allowed, since no supported arm accepts it.
     """
 
     time: float
@@ -60,7 +59,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryGoal:
-    """A trajectory to be followed, as it was sent.
+    """A trajectory to follow, as sent by a client.
 
     Attributes:
         names: Joint names, in any order.
@@ -80,7 +79,7 @@ class Tolerances:
     Attributes:
         path: By joint, while it moves; every joint of the controller has a row.
         goal: By joint, at the end; likewise. The velocity is that at which a joint counts as stopped.
-        goal_time: Seconds after the end in which the goal must be reached; 0 is to wait for ever.
+        goal_time: Seconds after the end in which the goal must be reached; 0 means to wait forever.
     """
 
     path: Mapping[str, Tolerance]
@@ -93,7 +92,7 @@ class Tolerances:
         goal: Sequence[tuple[str, float, float, float]],
         goal_time: float,
     ) -> Tolerances:
-        """With what a goal asks for: 0 keeps what is here, a negative number switches the check off.
+        """These tolerances, changed by those of a goal: 0 keeps the value, a negative number disables the check.
 
         Args:
             path: Joint, radians, radians per second, radians per second squared.
@@ -101,7 +100,7 @@ class Tolerances:
             goal_time: Seconds.
 
         Raises:
-            GoalError: WRONG_JOINTS for a joint that is unknown or there twice, MALFORMED for NaN and inf.
+            GoalError: WRONG_JOINTS for a joint that is unknown or given twice, MALFORMED for NaN and infinity.
         """
         if not math.isfinite(goal_time):
             raise GoalError(f"goal_time_tolerance is {goal_time}, not a number", reason=Reason.MALFORMED)
@@ -118,13 +117,13 @@ class Tolerances:
         actual_position: Sequence[float],
         actual_velocity: Sequence[float],
     ) -> str:
-        """What is off the path, worst first; empty if nothing is.
+        """Describe deviations from the path, worst first; empty if there are none.
 
         Args:
-            names: Joints, in the order of all that follows.
-            desired: Where they should be.
-            actual_position: Radians; NaN is a violation where a position is checked.
-            actual_velocity: Radians per second; NaN is not judged.
+            names: Joints, in the order of the other arguments.
+            desired: Desired state.
+            actual_position: Radians; NaN is a violation if the position is checked.
+            actual_velocity: Radians per second; NaN is not checked.
         """
         return in_words(deviations(self.path, names, desired, actual_position, actual_velocity), "path")
 
@@ -144,19 +143,19 @@ def _merged(
             text = f"{field} is for {_quoted(name)}; this controller has {_listed(defaults)}"
             raise GoalError(text, reason=Reason.WRONG_JOINTS)
         if name in merged:
-            raise GoalError(f"{field} is there twice for {name}; give it once", reason=Reason.WRONG_JOINTS)
+            raise GoalError(f"{field} is given twice for {name}; give it once", reason=Reason.WRONG_JOINTS)
         old = defaults[name]
         kept = (old.position, old.velocity, old.acceleration)
         for kind, value in zip(("position", "velocity", "acceleration"), values, strict=True):
             if not math.isfinite(value):
-                text = f"{field} for the {kind} of {name} is {value}, not a number; -1 switches the check off"
+                text = f"{field} for the {kind} of {name} is {value}, not a number; -1 disables the check"
                 raise GoalError(text, reason=Reason.MALFORMED)
         merged[name] = Tolerance(*map(_resolved, values, kept))
     return {**defaults, **merged}
 
 
 def _quoted(name: str) -> str:
-    """A name that somebody sent: whatever is in it, it stays short and on one line."""
+    """A client's name, shortened and escaped to stay on one line."""
     return ascii(name if len(name) <= 40 else name[:40] + "...")
 
 
@@ -167,14 +166,14 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def check_goal(goal: TrajectoryGoal, joints: tuple[str, ...], *, allow_partial: bool) -> None:
-    """Refuse a goal that the rules forbid. One without points passes; it is the caller's business.
+    """Refuse a goal that the rules forbid. One without points passes; the caller handles it.
 
-    Whether the arm can follow (limits, speeds, gates, table) is not judged here.
+    The path check (limits, speeds, joint coupling limits, table) is not done here.
 
     Args:
-        goal: What was sent.
+        goal: The goal.
         joints: Joints of the controller.
-        allow_partial: Whether the goal may leave joints out.
+        allow_partial: Whether the goal may omit joints.
 
     Raises:
         GoalError: WRONG_JOINTS if the names are wrong, MALFORMED for everything else. Points are counted from 0.
@@ -217,10 +216,10 @@ def _check_time(i: int, time: float, before: float) -> None:
         raise _invalid(f"{field} is {time}, not a time")
     if not 0.0 <= time <= _LONGEST:
         raise _invalid(f"{field} is {time:g} s; it must be 0 or more, and no more than {_LONGEST:g} s")
-    # Half a tick: two times one tick apart may be a hair nearer as floats.
+    # Half a tick, because of rounding: as floats, two times one tick apart may be slightly closer.
     if time - before < _TICK / 2:
         raise _invalid(
-            f"{field} is {time:.10g} s, not after the {before:.10g} s of points[{i - 1}]; times must rise"
+            f"{field} is {time:.10g} s, not after the {before:.10g} s of points[{i - 1}]; times must increase"
         )
 
 
@@ -247,4 +246,4 @@ def _check_values(i: int, point: Point, names: tuple[str, ...]) -> None:
                 raise _invalid(f"{where} is {value}, not a number")
             if most:
                 raise _invalid(f"{where} is {value:g}, which no joint can do; check the unit, it is radians")
-            raise _invalid(f"{where} is {value:g}; this arm takes no feed-forward, leave effort empty")
+            raise _invalid(f"{where} is {value:g}; this arm accepts no feed-forward, leave effort empty")

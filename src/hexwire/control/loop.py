@@ -42,7 +42,7 @@ class RateLoop:
     """Start cycles at multiples of a period after the first; errors do not add up.
 
     A cycle that overruns its period is not made up for in a burst, which would send set-points faster than the
-    arm was promised: the deadlines it ran over are skipped and counted, and the loop stays on its raster.
+    arm was promised: the deadlines it ran over are skipped and counted, and the loop keeps its grid of deadlines.
 
     Args:
         rate: Cycles a second.
@@ -78,7 +78,7 @@ class RateLoop:
     def ticks(self, duration: float = math.inf) -> Iterator[float]:
         """Yield at every deadline the seconds from the first cycle to that deadline.
 
-        What is yielded is the raster, not the clock: a trajectory sampled with it is as smooth as planned even if
+        The deadline is yielded, not the clock time: a trajectory sampled with it is as smooth as planned even if
         a cycle starts a little late.
 
         Args:

@@ -11,7 +11,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from .known_state import StateFilter
-from .rate import Raster, RateMeter
+from .rate import Periodic, RateMeter
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
@@ -40,7 +40,7 @@ class LatestState:
         self._when_known = -math.inf
         self._speeds: dict[str, float] = {}
         self._filter = StateFilter()
-        self._raster, self._meter = Raster(), RateMeter()
+        self._periodic, self._meter = Periodic(), RateMeter()
         self._lock = threading.Lock()
 
     def begin(self, between: float, max_age: float) -> None:
@@ -63,7 +63,7 @@ class LatestState:
             self._when_known = now
             self._speeds = dict(zip(known.names, known.velocity, strict=True))
             # Half a state early is nearer than half a state late.
-            if self._between < self._period and not self._raster.due(now, self._period, 0.5 * self._between):
+            if self._between < self._period and not self._periodic.due(now, self._period, 0.5 * self._between):
                 return None
             self._meter.count(now)
             return known

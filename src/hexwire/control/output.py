@@ -14,7 +14,7 @@ from hexwire.errors import CommandRefusedError, StoppedError, UsageError
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 
-from .rate import Raster
+from .rate import Periodic
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -49,14 +49,14 @@ class Output:
     ) -> None:
         self._robot, self._group, self._borrowed = robot, group, borrowed
         self._on_sent, self._look_again = on_sent, look_again
-        self._raster = Raster()
+        self._periodic = Periodic()
         self._clamped = frozenset[str]()
         # The last stop that the controllers know of. What they were told before a newer one must not be sent.
         self._known_stop = robot.epochs.mark()
 
     def hurry(self) -> None:
         """Let the next state lead to a target, if there was none for a period."""
-        self._raster.hurry()
+        self._periodic.hurry()
 
     def update(self, state: JointState, speeds: Sequence[float], now: float, period: float, lead: float) -> None:
         """Judge a state; decide and write at the period of targets.
@@ -75,12 +75,12 @@ class Output:
             if self._group.moving and self._group.reason is None:
                 self._group.stop(StopReason("board", "a stop came from elsewhere"))
         # A borrowed robot is asked for its states at that period.
-        due = self._raster.due(now, period) or self._borrowed
+        due = self._periodic.due(now, period) or self._borrowed
         order = self._group.cycle(state, speeds, now, lead, due=due)
         if isinstance(order, StopReason):
             self.stop(order)
         elif order is not None:
-            self._raster.done(now)
+            self._periodic.done(now)
             with self._robot.epochs.using(asked):
                 self._write(order)
 

@@ -26,12 +26,12 @@ from hexwire.errors import (
 )
 from hexwire.motion.safety import StopReason, board_stop
 
-from .calls import Jobs, of_now
+from .calls import QueuedCalls, voided_by_stop
 from .group import ControllerGroup
 from .newest import LatestState
 from .output import Output
 from .reader import StateReader
-from .waiting import join_or_hang_up
+from .waiting import join_or_abort
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -131,7 +131,7 @@ class RobotOwner:
         self._reader: StateReader | None = None
         self._restarts = 0
         self._latest = LatestState(publish_rate)
-        self._jobs = Jobs()
+        self._calls = QueuedCalls()
         self._thread: threading.Thread | None = None
         # Whose turn it is: what this thread wants done is done at once.
         self._turning = 0
@@ -186,7 +186,7 @@ class RobotOwner:
             if self.connected and moving and self._stop_on_failure:
                 self.robot.stop()
         self._end_thread()
-        self._jobs.fail(LinkLostError("the program ends"))
+        self._calls.fail(LinkLostError("the program ends"))
         with suppress(HexwireError):
             if not self.alive:
                 self._close_reader()
@@ -208,7 +208,7 @@ class RobotOwner:
 
     def _end_thread(self) -> None:
         patience = _PATIENCE if self.connected else _PATIENCE_LOST
-        if self._thread is not None and not join_or_hang_up(self._thread, patience, self.robot.abort, _PATIENCE):
+        if self._thread is not None and not join_or_abort(self._thread, patience, self.robot.abort, _PATIENCE):
             _log.error("the owner's thread does not end")
 
     @property
@@ -295,7 +295,7 @@ class RobotOwner:
         self._check_reachable()
         if threading.get_ident() == self._turning:
             return job()
-        return self._jobs.call(of_now(job, self.robot.epochs))
+        return self._calls.call(voided_by_stop(job, self.robot.epochs))
 
     def stop(self, why: str) -> tuple[str, ...]:
         """Latched stop, ahead of everything else; the joints hold.
@@ -357,7 +357,7 @@ class RobotOwner:
                 self._output.update(
                     state, self._latest.speeds(state.names), self._clock(), self.command_period, self.lead
                 )
-            self._jobs.run()
+            self._calls.run()
         except PreemptedError:
             # A stop took the line from what waited there: no failure, and whoever stopped sees to the rest.
             self._close_reader()
@@ -375,7 +375,7 @@ class RobotOwner:
             _log.exception("the owner's thread failed")
             self.crash = error
             self.group.stop(StopReason("lost", f"the program failed: {error}"))
-            self._jobs.fail(DeviceError(f"the program failed: {error}"))
+            self._calls.fail(DeviceError(f"the program failed: {error}"))
             with suppress(HexwireError):
                 self.robot.stop()
 
@@ -427,12 +427,12 @@ class RobotOwner:
             self._watched.enter_context(watched)
 
     def _find_again(self) -> None:
-        self._fail_jobs()
+        self._fail_calls()
         try:
             self._attach()
         except HexwireError as error:
             self.error = str(error)
-            self._fail_jobs()
+            self._fail_calls()
             self._sleep(_RETRY)
         else:
             self.reconnects += 1
@@ -443,7 +443,7 @@ class RobotOwner:
         self._output.tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
-        self._fail_jobs()
+        self._fail_calls()
         if self._stop_on_failure:
             with suppress(HexwireError):
                 self.robot.stop()
@@ -455,8 +455,8 @@ class RobotOwner:
             with suppress(HexwireError):
                 self._watched.close()
 
-    def _fail_jobs(self) -> None:
-        self._jobs.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
+    def _fail_calls(self) -> None:
+        self._calls.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))
 
     def _check_reachable(self) -> None:
         if self.crash is not None:

@@ -1,7 +1,7 @@
-"""When something is due that may happen once a period, and how often something happened.
+"""Limits an action to once per period, and measures the rate of events.
 
-Owns a raster that never bursts, and the count behind a rate. Time comes in as an argument. Must not know what is
-done, nor who waits for it.
+Owns the due times, which never lead to bursts, and the count behind a rate. Time comes in as an argument. Must not
+know what is done, nor who waits for it.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections import deque
 
-__all__ = ["Raster", "RateMeter"]
+__all__ = ["Periodic", "RateMeter"]
 
 
-class Raster:
-    """Says yes once a period. What comes too late is not made up for.
+class Periodic:
+    """Is due once per period. Missed periods are not made up for.
 
-    One thread asks; any thread may `hurry`.
+    One thread calls `due` and `done`; any thread may call `hurry`.
     """
 
     def __init__(self) -> None:
@@ -24,39 +24,39 @@ class Raster:
         self._hurried = False
 
     def hurry(self) -> None:
-        """Do not wait for the next point of the raster, if nothing was done for a period."""
+        """Be due at once, if nothing was done for a period."""
         self._hurried = True
 
     def due(self, now: float, period: float, early: float = 0.0) -> bool:
-        """Whether it is time; the next time is later then.
+        """Whether the action is due; if so, the next due time is set.
 
         Args:
             now: Seconds.
             period: Seconds.
-            early: So many seconds before its time it is time already; below half a period.
+            early: Seconds before the due time from which the action is due; less than half a period.
         """
         if now + early >= self._due:
-            # A late cycle keeps the raster; one that is later than a period begins a new one.
+            # After a late cycle, the due times stay; after a delay of more than a period, they start from now.
             following = self._due + period if now < self._due + period else now + period
         elif self._hurried and now >= self._done + period:
             following = now + period
         else:
             return False
-        # Before anything is looked at: who hurries from here on has something that was not seen.
+        # Before the caller reads its input: a `hurry` from here on may be for input that it does not see.
         self._hurried = False
         self._due = following
         return True
 
     def done(self, now: float) -> None:
-        """Something was really done at its time, not only looked at."""
+        """Note that the action was done, not only due."""
         self._done = now
 
 
 class RateMeter:
-    """Events a second over the last while.
+    """Measures events per second over a time window.
 
     Args:
-        window: How long that is, seconds.
+        window: Seconds.
     """
 
     def __init__(self, window: float = 2.0) -> None:
@@ -64,12 +64,12 @@ class RateMeter:
         self._times: deque[float] = deque()
 
     def count(self, now: float) -> None:
-        """One more."""
+        """Count an event."""
         self._times.append(now)
         self._forget(now)
 
     def rate(self, now: float) -> float:
-        """Events a second; 0 before there were two."""
+        """Events per second; 0 if there were fewer than two."""
         self._forget(now)
         times = self._times
         return (len(times) - 1) / max(times[-1] - times[0], 1e-9) if len(times) > 1 else 0.0

@@ -1,6 +1,6 @@
-"""How a thread waits: for goals, for another thread's end, and how only one at a time takes the arm for longer.
+"""Waiting: for the end of goals, for the end of a thread, and an exclusive lock that fails instead of waiting.
 
-Owns nothing but the waiting. Must not know what is waited for, nor who ends it.
+Owns only the waiting. Must not know what is waited for, nor who ends it.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from hexwire.errors import UsageError
 
 from .outcomes import Ended, Outcome
 
-__all__ = ["Alone", "Waiter", "join_or_hang_up"]
+__all__ = ["TryLock", "Waiter", "join_or_abort"]
 
-_HANG_UPS = 20
+_ABORTS = 20
 
 
 class Waiter:
-    """Goals that a thread waits for, instead of being told.
+    """A listener with which a thread waits for goals.
 
     Args:
-        count: Controllers that have it for a goal.
+        count: Number of goals.
 
     Attributes:
-        end: Of the first that failed, or of the last; None while they are under way.
+        end: End of the first goal that failed, or of the last goal; None while they are active.
     """
 
     def __init__(self, count: int = 1) -> None:
@@ -34,7 +34,7 @@ class Waiter:
         self._over = threading.Event()
 
     def ended(self, ended: Ended) -> None:
-        """One is over."""
+        """Take the end of a goal."""
         with self._lock:
             self._missing -= 1
             if self.end is None and (ended.outcome is not Outcome.SUCCEEDED or self._missing == 0):
@@ -42,54 +42,54 @@ class Waiter:
                 self._over.set()
 
     def is_over(self) -> bool:
-        """All are over, or one that failed."""
+        """Whether all goals have ended, or one has failed."""
         return self.end is not None
 
     def wait(self, timeout: float) -> Ended:
-        """The end of all, or of the first that fails.
+        """Wait for the end of all goals, or of the first that fails.
 
         Raises:
-            UsageError: One did not succeed, or not in time; the text says why.
+            UsageError: A goal did not succeed in time; the text says why.
         """
         self._over.wait(timeout)
         end = self.end
         if end is None:
-            raise UsageError(f"not there after {timeout:.0f} s; the arm holds")
+            raise UsageError(f"not arrived after {timeout:.0f} s; the arm holds")
         if end.outcome is not Outcome.SUCCEEDED:
             raise UsageError(end.text or end.outcome.value)
         return end
 
 
-class Alone:
-    """Nobody else takes the arm meanwhile; whoever tries is told."""
+class TryLock:
+    """Holds a lock; refuses if another thread holds it."""
 
     def __init__(self, lock: threading.Lock) -> None:
         self._lock = lock
 
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
-            raise UsageError("the arm is on its way for somebody else; wait, or stop it")
+            raise UsageError("the arm is busy with another request; wait, or stop it")
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
 
 
-def join_or_hang_up(thread: threading.Thread, patience: float, hang_up: Callable[[], object], more: float) -> bool:
-    """Wait for a thread to end; take from it what it waits for, if it does not.
+def join_or_abort(thread: threading.Thread, patience: float, abort: Callable[[], object], more: float) -> bool:
+    """Wait for a thread to end; if it does not, abort its blocking operation.
 
     Args:
-        thread: Which.
-        patience: Seconds to wait at first.
-        hang_up: Ends what it waits for. Called again and again, since it may be about to begin once more.
-        more: Seconds to go on for with that.
+        thread: The thread.
+        patience: Seconds to wait first.
+        abort: Aborts the operation. Called repeatedly, since the thread may be about to start another one.
+        more: Seconds to wait while aborting.
 
     Returns:
-        Whether it has ended.
+        Whether the thread has ended.
     """
     thread.join(patience)
-    for _ in range(_HANG_UPS):
+    for _ in range(_ABORTS):
         if not thread.is_alive():
             return True
-        hang_up()
-        thread.join(more / _HANG_UPS)
+        abort()
+        thread.join(more / _ABORTS)
     return not thread.is_alive()

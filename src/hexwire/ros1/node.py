@@ -38,7 +38,7 @@ from hexwire.control.arm import Arm
 from hexwire.control.client_goals import ClientGoal
 from hexwire.control.diagnostics import ChangeWatch, Level, Row, diagnose
 from hexwire.control.log_limiter import LogLimiter
-from hexwire.control.rate import Raster
+from hexwire.control.rate import Periodic
 from hexwire.control.shutdown import Shutdown
 from hexwire.control.teaching import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
@@ -126,7 +126,7 @@ class HardwareInterface:
         self._shutdown, self._ended = Shutdown(_LONGEST_SHUTDOWN), threading.Event()
         self._log_limiter = LogLimiter()
         self._watch = ChangeWatch(1.0 / self._parameters.diagnostics_rate)
-        self._state_raster, self._feedback_raster = Raster(), Raster()
+        self._state_due, self._feedback_due = Periodic(), Periodic()
         self._control = control_msgs()
         self._goals = ActionGoals(self._arm, self._control.FollowJointTrajectoryResult, rospy.Time.now)
 
@@ -303,9 +303,9 @@ class HardwareInterface:
         message.velocity = published.velocity
         self._joint_states.publish(message)
         now = time.monotonic()
-        if self._state_raster.due(now, 1.0 / self._parameters.state_publish_rate):
+        if self._state_due.due(now, 1.0 / self._parameters.state_publish_rate):
             self._publish_controllers()
-        if self._feedback_raster.due(now, 1.0 / self._parameters.action_monitor_rate):
+        if self._feedback_due.due(now, 1.0 / self._parameters.action_monitor_rate):
             self._publish_feedback()
 
     def _publish_controllers(self) -> None:
