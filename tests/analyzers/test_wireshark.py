@@ -8,16 +8,16 @@ import random
 import socket
 import struct
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 from tests.analyzers.lines import assembled, readings_table
 from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.trace.pcap import write_pcap, write_pcapng
+from hexwire.trace.pcap import USER0, write_pcapng
 from hexwire.wire.command_frame import Command, parse_frame
 from hexwire.wire.commands import FragmentHead, Stats
 from hexwire.wire.servo_packet import make_read, make_status, make_sync_write
@@ -62,6 +62,14 @@ def serial(path: Path, packets: Sequence[bytes], step: float = 0.001) -> Path:
 def readings(capture: Path, *arguments: str) -> list[str]:
     rows = tshark(capture, *arguments, fields=["hexwire.reading"])
     return [text for row in rows for text in row[0].split("|") if text]
+
+
+def write_pcap(file: BinaryIO, packets: Iterable[tuple[float, bytes]], *, link_type: int = USER0) -> None:
+    """A capture with nanosecond stamps, as other programs write it."""
+    file.write(struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0x40000, link_type))
+    for time, data in packets:
+        sec, nsec = divmod(round(time * 1e9), 10**9)
+        file.write(struct.pack("<IIII", sec, nsec, len(data), len(data)) + data)
 
 
 def frame(

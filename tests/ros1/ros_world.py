@@ -19,6 +19,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tests.link.far_ends import free_port
+
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import PtyServer
@@ -44,13 +46,6 @@ def until(condition: Callable[[], T | None], what: str, explain: Callable[[], st
             return value
         assert time.monotonic() < deadline, f"waited in vain until {what}\n{explain()}"
         time.sleep(0.05)
-
-
-def free_port() -> int:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        port: int = server.getsockname()[1]
-        return port
 
 
 class Program:

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.control.arm_bench import SPLIT, Bench
+from tests.control.arm_bench import Bench
 from tests.control.owner_bench import wait_for
-from tests.motion.arms import HOME, NAMES
+from tests.motion.arms import HOME
 
 from hexwire.control.client_goals import ClientGoal
 from hexwire.ros1.actions import ActionGoals
@@ -128,21 +128,6 @@ def test_a_goal_has_the_tolerances_that_its_message_asks_for(actions: Actions) -
     ((end, code, text),) = handle.said
     assert (end, code) == ("rejected", -2)
     assert text.startswith("goal_tolerance is for 'elbow'")
-
-
-def test_two_controllers_may_have_goals_of_one_id() -> None:
-    actions = Actions(controllers=SPLIT)
-    actions.goals.start()
-    first = actions.send(Handle("one", {name: HOME[name] + 0.2 * (name == "J1") for name in NAMES[:6]}, 3.0), "arm")
-    second = actions.send(Handle("one", {"J7": HOME["J7"] + 0.1}, 3.0), "hand")
-    wait_for(lambda: first.said and second.said)
-    actions.goals.on_cancel("arm", first)
-    wait_for(lambda: first.over)
-    assert first.said[-1] == ("canceled", 0, "cancelled")
-    assert actions.goals.open
-    actions.bench.until(lambda: second.over)
-    assert second.said[-1] == ("succeeded", 0, "")
-    actions.goals.close()
 
 
 def test_a_refusal_has_its_code(actions: Actions) -> None:

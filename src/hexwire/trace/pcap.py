@@ -11,37 +11,16 @@ from typing import BinaryIO
 
 from hexwire.link.tap import Direction, Passed
 
-__all__ = ["USER0", "write_pcap", "write_pcapng"]
+__all__ = ["USER0", "write_pcapng"]
 
 USER0 = 147
 """Link type (DLT_USER0) of captures of a serial line; analyzers/wireshark decodes it."""
 
-_MAGIC_NANOSECONDS = 0xA1B23C4D
 _SNAP = 0x40000
 _NSEC = 1_000_000_000
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
 _OPT_END, _OPT_COMMENT, _OPT_IF_NAME, _OPT_FLAGS, _OPT_IF_TSRESOL = 0, 1, 2, 2, 9
 _FLAGS = {Direction.RECEIVED: 1, Direction.SENT: 2}
-
-
-def write_pcap(file: BinaryIO, packets: Iterable[tuple[float, bytes]], *, link_type: int = USER0) -> int:
-    """Write a pcap file with nanosecond stamps.
-
-    Args:
-        file: Open for writing bytes.
-        packets: Seconds since 1970 (or any other zero) and the bytes, in order of time.
-        link_type: Link type of the bytes; default serial traffic.
-
-    Returns:
-        Number of packets written.
-    """
-    file.write(struct.pack("<IHHiIII", _MAGIC_NANOSECONDS, 2, 4, 0, 0, _SNAP, link_type))
-    count = 0
-    for time, data in packets:
-        sec, nsec = divmod(round(time * _NSEC), _NSEC)
-        file.write(struct.pack("<IIII", sec, nsec, len(data), len(data)) + data)
-        count += 1
-    return count
 
 
 def write_pcapng(file: BinaryIO, traffic: Iterable[Passed], *, name: str = "") -> int:
