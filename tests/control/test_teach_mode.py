@@ -15,8 +15,9 @@ from tests.motion.arms import HOME, NAMES
 
 from hexwire.control.arm import taught_part
 from hexwire.control.teach_mode import record_by_hand
+from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import HexwireError, ReplyTimeoutError, ServoError, UsageError
-from hexwire.model.state import JointState
+from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.waypoint_file import parse_waypoints
 
 J1 = HOME["J1"]
@@ -260,3 +261,25 @@ def test_a_rate_that_makes_no_sense_leaves_the_torque_on() -> None:
     with pytest.raises(UsageError, match="makes no sense"):
         record(arm, lambda state: None, rate=1e300)
     assert arm.torques() == [True] * 7
+
+
+@pytest.mark.parametrize("limp", [False, True])
+def test_joints_whose_torque_is_unknown_are_not_taken_for_limp(limp: bool) -> None:
+    arm = EmulatedArm(1)
+    arm.driver.torque(True)
+    arm.driver.detach()
+    stranger = Hex7BotDriver(arm.driver.session, boot_window=20.0)
+    stranger.attach()
+    assert all(flags & JointFlag.TORQUE_UNKNOWN for flags in stranger.read().flags)
+    started: list[list[bool]] = []
+    record_by_hand(
+        stranger,
+        lambda state: None,
+        duration=1.0,
+        limp=limp,
+        on_start=lambda: started.append(arm.torques()),
+        clock=lambda: arm.clock.time,
+        sleep=arm.wait,
+    )
+    assert started == [[False] * 7]
+    assert arm.torques() == [not limp] * 7

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from hexwire.errors import HexwireError, UsageError
+from hexwire.model.state import JointFlag
 
 from .owner import RobotOwner
 from .power import switch_torque
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HandGuiding", "Recorder", "TeachMode", "record_by_hand"]
 
+_MAY_HAVE_TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
 _TREMOR = 0.1
 """Seconds to either side over which taught positions are smoothed."""
 
@@ -81,7 +83,7 @@ class HandGuiding:
         owner = self._owner
         with self.power:
             self.refuse()
-            torque = owner.newest().torque_on
+            state = owner.newest()
             with owner.locked():
                 reason = owner.group.reason
                 if reason is not None:
@@ -90,7 +92,8 @@ class HandGuiding:
                     raise UsageError("the arm is moving; wait, or cancel the goal first")
                 # From here on nothing is accepted that would move it.
                 self.active = True
-            self._had_torque = tuple(name for name in names if name in torque)
+            # Where nobody has told it, a joint may have torque.
+            self._had_torque = tuple(name for name in names if state[name].flags & _MAY_HAVE_TORQUE)
             try:
                 if self._had_torque:
                     switch_torque(owner, False, names)
