@@ -86,3 +86,38 @@ def test_a_tolerance_of_zero_is_not_checked() -> None:
     none = {name: Tolerance() for name in JOINTS}
     assert deviations(none, JOINTS, GOAL, (math.nan, 9.0), (9.0, 9.0)) == []
     assert in_words([], "goal") == ""
+
+
+def test_tolerances_themselves_are_allowed() -> None:
+    none = Sample((0.0,), (0.0,), (0.0,))
+    row = {"J1": Tolerance(0.25, 0.5)}
+    for position, speed, off in (
+        (0.25, 0.5, []),
+        (-0.25, -0.5, []),
+        (0.26, 0.5, [Deviation("J1", 0.26, 0.25)]),
+        (0.25, -0.51, [Deviation("J1", 0.51, 0.5, of_speed=True)]),
+    ):
+        assert deviations(row, ("J1",), none, (position,), (speed,)) == off
+    moving = Sample((1.0,), (2.0,), (0.0,))
+    assert deviations(row, ("J1",), moving, (1.1,), (2.2,)) == []
+    # An unknown position is the worst; of two equally bad the first comes first.
+    both = {"J1": Tolerance(0.1), "J2": Tolerance(0.1), "J3": Tolerance(0.1)}
+    rest = Sample((0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
+    found = deviations(both, ("J1", "J2", "J3"), rest, (0.2, 0.2, math.nan), (9.0,) * 3)
+    assert [row.joint for row in found] == ["J3", "J1", "J2"]
+    assert in_words(found * 2, "path").endswith("; 1 more")
+    assert "more" not in in_words(found[:1] * 5, "path")
+
+
+def test_an_early_arrival_may_rest_on_a_sample_of_before() -> None:
+    assert judge(arrival(early=True), 10.1, THERE, sampled=9.0) is Verdict.ARRIVED
+    assert judge(arrival(), 10.1, THERE, sampled=10.0) is Verdict.ARRIVED
+
+
+def test_the_grace_time_is_over_after_it_and_not_at_it() -> None:
+    judged = arrival(0.5)
+    assert [judge(judged, now, SHORT) for now in (10.0, 10.25, 10.5)] == [Verdict.NOT_YET] * 3
+    assert judge(judged, 10.5625, SHORT) is Verdict.MISSED
+    early = arrival(0.5, early=True)
+    assert [judge(early, now, SHORT) for now in (8.0, 9.0, 10.0, 10.5)] == [Verdict.NOT_YET] * 4
+    assert judge(early, 10.5625, SHORT) is Verdict.MISSED

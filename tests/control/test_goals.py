@@ -293,3 +293,19 @@ def test_the_order_of_names_does_not_matter(sent: TrajectoryGoal, data: st.DataO
     again, begin_again = made(other, partial=True)
     assert begin == begin_again
     assert spline.waypoints == again.waypoints
+
+
+def test_values_and_times_at_their_bounds_pass() -> None:
+    most = (1e6, -1e6, 0.0)
+    check_goal(order(Point(0.0, most, most, most), Point(2.0**31, REST)), JOINTS, allow_partial=False)
+    check_goal(order(*[Point(1.0 + i, REST) for i in range(MAX_POINTS)]), JOINTS, allow_partial=False)
+    for point in (
+        Point(1.0, (1.001e6, 0.0, 0.0)),
+        Point(1.0, REST, (0.0, -1.001e6, 0.0)),
+        Point(1.0, REST, REST, (0.0, 0.0, 1.001e6)),
+        Point(1.0, REST, effort=(1e-9, 0.0, 0.0)),
+        Point(2.0**31 + 1, REST),
+    ):
+        refusal(order(point), Reason.MALFORMED)
+    near = 1.0 + 0.4e-9
+    refusal(order(Point(1.0, REST), Point(near, REST)), Reason.MALFORMED)

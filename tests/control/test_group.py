@@ -167,3 +167,39 @@ def test_joints_of_two_that_fold_the_arm_together_stop_it() -> None:
     assert [t.ends[0].outcome for t in told] == [Outcome.ABORTED] * 2
     assert group.reason == order
     assert group.cycle(state(where, stamp=now), STILL, now, 0.1, due=True) is None
+
+
+def test_every_stop_is_counted() -> None:
+    group = make_group()
+    for count in range(3):
+        assert group.stops == count
+        group.stop(StopReason("asked", "enough"))
+    assert str(group.reason) == "enough"
+
+
+def test_the_longest_duration_is_that_of_all() -> None:
+    class Fixed:
+        joints: tuple[str, ...]
+        busy = moving = False
+        reason = None
+
+        def __init__(self, name: str, duration: float) -> None:
+            self.joints, self.duration = (name,), duration
+            self.heard: list[object] = []
+
+        def judge(self, *values: object) -> None:
+            self.heard.append(values)
+
+        def cycle(self, *_: object) -> JointTarget:
+            return JointTarget.of({self.joints[0]: 0.1}, self.duration)
+
+        def take_ended(self) -> list[object]:
+            return []
+
+    first, second = Fixed("J1", 0.3), Fixed("J2", 0.1)
+    group = ControllerGroup((first, second))  # type: ignore[arg-type]  # as much of a controller as is asked
+    here = state()
+    order = group.cycle(here, STILL, 1.0, 0.1, due=True)
+    assert order == JointTarget((("J1", 0.1), ("J2", 0.1)), 0.3)
+    assert group.cycle(here, STILL, 1.1, 0.1, due=False) is None
+    assert first.heard == second.heard == [(here, STILL, 1.0), (here, STILL, 1.1)]

@@ -111,3 +111,30 @@ def test_before_two_cycles_there_is_no_rate() -> None:
 def test_a_rate_that_is_none_is_refused(rate: float) -> None:
     with pytest.raises(UsageError, match="makes no sense"):
         RateLoop(rate)
+
+
+def test_delays_of_the_late_alone_are_added() -> None:
+    time = FakeTime()
+    loop = make(10, time)
+    for i, _ in enumerate(loop.ticks(1.0)):
+        # Into the next cycle by 5, 15 and 95 ms; the tolerance is 10 ms.
+        time.now += {1: 0.105, 4: 0.115, 6: 0.195}.get(i, 0.0)
+    assert loop.counters.late == 0, "one that is later than the tolerance is skipped"
+    assert loop.counters.skipped == 2
+    assert loop.counters.worst == pytest.approx(0.005)
+    late = FakeTime(oversleep=0.02)
+    loop = make(10, late, tolerance=0.03)
+    list(loop.ticks(0.5))
+    assert (loop.counters.late, loop.counters.late_by) == (0, 0.0)
+    assert loop.counters.worst == pytest.approx(0.02)
+    assert loop.due == pytest.approx(0.4)
+
+
+def test_rates_have_bounds() -> None:
+    assert RateLoop(10_000.0).period == 1e-4
+    assert RateLoop(1 / 3600).period == pytest.approx(3600.0)
+    assert RateLoop(10.0).tolerance == pytest.approx(0.01)
+    assert RateLoop(10.0, tolerance=0.0).tolerance == 0.0
+    for rate in (10_001.0, 1 / 3601):
+        with pytest.raises(UsageError, match="makes no sense"):
+            RateLoop(rate)

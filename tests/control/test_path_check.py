@@ -4,13 +4,15 @@ import math
 from collections.abc import Mapping
 
 import pytest
-from tests.motion.arms import HOME
+from tests.motion.arms import HOME, state
 
 from hexwire.control.outcomes import Reason
 from hexwire.control.path_check import PathCheck
-from hexwire.errors import GoalError
+from hexwire.errors import GoalError, LimitError, UsageError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.state import JointFlag
+from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Spline, Waypoint
 
 WAYS = PathCheck(HEX7BOT, Hex7BotModel(), None)
@@ -66,3 +68,83 @@ def test_a_takeover_that_swings_through_a_gate() -> None:
     BLIND.takeover(bad, here)
     # Nobody knows where the other joints are: what moves has begun when they were known.
     WAYS.takeover(bad, {**here, "J1": math.nan})
+
+
+def test_joints_answer_and_have_torque() -> None:
+    limp, deaf = {"J2": JointFlag(0)}, {"J3": JointFlag.SILENT | JointFlag.TORQUE_ON}
+    WAYS.ready(("J1", "J3"), state(flags=limp), 0.5)
+    with pytest.raises(GoalError, match=r"^no torque on J2; enable it first$") as caught:
+        WAYS.ready(("J1", "J2"), state(flags=limp), 0.5)
+    assert caught.value.reason == Reason.NOT_READY
+    WAYS.ready(("J3",), state(flags=deaf, age={"J3": 0.5}), 0.5)
+    WAYS.ready(("J1",), state(flags=deaf, age={"J3": 9.0}), 0.5)
+    WAYS.ready(("J1",), state(age={"J1": 9.0}), 0.5)
+    with pytest.raises(GoalError, match=r"^J3 .* more than 0.5 s") as caught:
+        WAYS.ready(("J1", "J3"), state(flags=deaf, age={"J3": 0.51}), 0.5)
+    assert caught.value.reason == Reason.NOT_READY
+
+
+def test_a_latched_stop_forbids_everything() -> None:
+    WAYS.stop_latch(None)
+    with pytest.raises(GoalError, match=r"stopped \(enough\); reset first") as caught:
+        WAYS.stop_latch(StopReason("asked", "enough"))
+    assert caught.value.reason == Reason.STOPPED
+
+
+def test_targets_and_postures_are_checked_at_limits_and_coupling() -> None:
+    beyond = {"J1": HEX7BOT.joint("J1").maximum + 0.01}
+    folded = {**HOME, "J3": FOLD["J3"]}
+    for check in (WAYS.target, WAYS.posture, BLIND.target, BLIND.posture):
+        check(HOME, {"J1": HOME["J1"] + 0.1})
+        with pytest.raises(LimitError, match="J1="):
+            check(HOME, beyond)
+        with pytest.raises(UsageError, match="J9"):
+            check(HOME, {"J9": 0.0})
+    for check in (WAYS.target, WAYS.posture):
+        with pytest.raises(LimitError, match=r"elbow folded.*nothing was sent$"):
+            check(folded, {"J2": FOLD["J2"]})
+        check(HOME, {"J2": FOLD["J2"]})
+    for check in (BLIND.target, BLIND.posture):
+        check(folded, {"J2": FOLD["J2"]})
+    # A joint outside the kinematics needs no other joint's position.
+    unknown = {**HOME, "J2": math.nan}
+    WAYS.posture(unknown, {"J7": 0.1})
+    WAYS.target(unknown, {"J7": 0.1})
+    with pytest.raises(UsageError, match="the position of J2 is unknown"):
+        WAYS.posture(unknown, {"J1": 0.1})
+
+
+def test_the_table_counts_where_there_is_one() -> None:
+    high = PathCheck(HEX7BOT, Hex7BotModel(), 0.5)
+    reach = way({"J2": HOME["J2"] + 0.1, "J3": HOME["J3"]})
+    assert WAYS.trajectory(reach, HOME).lowest > 0.0
+    start = Hex7BotModel().to_joints([math.radians(d) for d in (90, 60, 155, 90, 90, 90)])
+    low = PathCheck(HEX7BOT, Hex7BotModel(), 0.05)
+    for check in (low.target, low.posture):
+        with pytest.raises(LimitError, match="below the table at 50 mm"):
+            check(HOME, start)
+    with pytest.raises(GoalError, match="below the table"):
+        low.trajectory(way(start), HOME)
+    with pytest.raises(GoalError, match="below the table"):
+        low.bridge(way(start), HOME, late=False)
+    assert high.trajectory(way({"J7": 0.1}), HOME).findings == ()
+
+
+def test_a_bridge_may_be_a_tenth_faster_and_its_first_segment_alone_is_looked_at() -> None:
+    turn = HEX7BOT.joint("J1").max_speed
+    for share, good in ((1.099, True), (1.102, False)):
+        bridge = way({"J1": HOME["J1"] + 0.4}, 0.4 / (turn * share))
+        if good:
+            BLIND.bridge(bridge, HOME, late=False)
+        else:
+            with pytest.raises(GoalError, match="its limit is"):
+                BLIND.bridge(bridge, HOME, late=False)
+    points = [Waypoint(0.0, (HOME["J1"],)), Waypoint(1.0, (HOME["J1"] + 0.1,)), Waypoint(1.01, (9.0,))]
+    BLIND.bridge(Spline(("J1",), points), HOME, late=False)
+
+
+def test_a_trajectory_may_last_an_hour() -> None:
+    BLIND.trajectory(Spline(("J1",), [Waypoint(0.0, (0.0,))]), HOME)
+    with pytest.raises(GoalError, match="at most 3600 s") as caught:
+        BLIND.trajectory(way({"J1": HOME["J1"]}, 3600.1), HOME)
+    assert caught.value.reason == Reason.MALFORMED

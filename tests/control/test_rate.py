@@ -94,3 +94,41 @@ def test_a_rate_forgets_what_is_over_without_being_asked() -> None:
     for i in range(10_000):
         meter.count(i * 0.1)
     assert len(meter._times) <= 12
+
+
+def test_what_may_come_early_keeps_the_schedule() -> None:
+    schedule = Periodic()
+    assert schedule.due(0.0, 1.0)
+    assert not schedule.due(0.74, 1.0, 0.25)
+    assert schedule.due(0.75, 1.0, 0.25)
+    assert not schedule.due(1.5, 1.0)
+    assert schedule.due(2.0, 1.0)
+    # A whole period late begins a new one, less keeps the old.
+    assert schedule.due(3.875, 1.0)
+    assert schedule.due(4.0, 1.0)
+    assert schedule.due(6.0, 1.0)
+    assert not schedule.due(6.5, 1.0)
+    assert schedule.due(7.0, 1.0)
+
+
+def test_a_hurry_counts_from_what_was_done() -> None:
+    schedule = Periodic()
+    assert schedule.due(0.0, 1.0)
+    schedule.done(0.0)
+    schedule.due(1.0, 1.0)
+    schedule.hurry()
+    assert schedule.due(1.0, 1.0), "nothing was done for exactly a period"
+    assert not schedule.due(1.5, 1.0), "and it is over"
+
+
+def test_a_rate_counts_what_is_within_its_window() -> None:
+    meter = RateMeter(window=2.0)
+    for now in (0.0, 1.0, 2.0):
+        meter.count(now)
+    assert meter.rate(2.0) == 1.0
+    assert meter.rate(3.0) == 1.0
+    assert meter.rate(3.01) == 0.0
+    both = RateMeter()
+    both.count(5.0)
+    both.count(5.0)
+    assert both.rate(5.0) == pytest.approx(1e9)

@@ -123,3 +123,53 @@ def test_a_stop_keeps_the_rest_from_being_sent() -> None:
     assert write(controller, 10.25) is None
     assert str(controller.reason) == "enough"
     assert (controller.busy, controller.moving, controller.take_ended()) == (False, False, [])
+
+
+def test_a_target_that_is_over_sends_and_judges_nothing() -> None:
+    controller = make()
+    write(controller, 10.0)
+    assert see(controller, 10.5, GOAL["J1"])
+    assert controller.arrived
+    controller.stop(StopReason("asked", "too late"))
+    assert controller.reason is None
+    assert write(controller, 10.6) is None
+    see(controller, 99.0, HOME["J1"])
+    assert controller.arrived
+    assert controller.off == ()
+    released = make()
+    write(released, 10.0)
+    released.release("a hand")
+    assert (released.over, released.arrived, released.reason) == (True, False, None)
+    assert write(released, 10.1) is None
+
+
+def test_its_time_is_what_the_board_makes_of_it() -> None:
+    controller = make(early=False)
+    assert controller.joints == ("J1",)
+    assert (controller.busy, controller.moving, controller.sent) == (True, False, None)
+    assert not see(controller, 10.0, GOAL["J1"]), "nothing was sent yet"
+    target = controller.cycle(state(stamp=10.0), 10.0, 0.075)
+    assert target is not None
+    controller.was_sent(SentTarget(target.positions, 3.0, clamped=("J1",)))
+    assert not see(controller, 12.9, GOAL["J1"])
+    assert see(controller, 13.0, GOAL["J1"])
+    assert controller.sent == SentTarget(target.positions, 3.0, ("J1",), ())
+
+
+def test_the_last_step_is_judged_from_when_it_is_sent() -> None:
+    controller = make(step=0.25, early=False)
+    for i in range(4):
+        write(controller, 10.0 + 0.25 * i)
+        assert not see(controller, 10.0 + 0.25 * i, GOAL["J1"])
+        assert controller.sent is None
+    write(controller, 11.0)
+    assert controller.sent is not None
+    assert see(controller, 11.0, GOAL["J1"])
+
+
+def test_an_old_sample_is_no_arrival() -> None:
+    controller = make(early=False)
+    write(controller, 10.0)
+    assert not see(controller, 11.1, GOAL["J1"], age={"J1": 0.2})
+    assert see(controller, 11.2, GOAL["J1"], age={"J1": 0.1, "J2": 9.0})
+    assert controller.arrived
