@@ -62,7 +62,7 @@ def test_a_sync_write_is_for_a_register_that_all_have_alike() -> None:
     assert cache.sync_write("torque_enable", (1, 2)) is None
     with pytest.raises(UsageError, match="at least one servo"):
         cache.sync_write("goal_position", ())
-    with pytest.raises(UsageError, match="can only be read"):
+    with pytest.raises(UsageError, match="is read-only"):
         cache.sync_write(POSITION, (1,))
 
 
@@ -84,12 +84,12 @@ def test_nothing_planned_outlives_another_rate() -> None:
 
 def test_what_can_only_be_read_is_not_written() -> None:
     assert writable(Series.STS_SMS, 4, "goal_position").name == "goal_position"
-    with pytest.raises(UsageError, match="register present_position of servo 4 can only be read"):
+    with pytest.raises(UsageError, match="register present_position of servo 4 is read-only"):
         writable(Series.STS_SMS, 4, POSITION)
 
 
 def test_errors_name_the_servo() -> None:
-    with pytest.raises(UsageError, match="register present_position of servo 7 can only be read"):
+    with pytest.raises(UsageError, match="register present_position of servo 7 is read-only"):
         make_cache().sync_write(POSITION, (7, 1))
     assert make_cache({3: "scs"}).sync_write("goal_position", (3,)) is not None
     assert make_cache({3: "scs"}).sync(POSITION, (3,)) is None, "an SCS servo knows no sync read"

@@ -106,7 +106,7 @@ def test_set_baud_comes_back_where_the_line_does_not_carry_it() -> None:
     bus._line.exchange = lambda data, window, rest=None: (
         b"" if bus.timing.baud == 500_000 else plain(data, window, rest)
     )
-    with pytest.raises(ServoError, match="does not work at 500000 baud; it is at 1000000 as before"):
+    with pytest.raises(ServoError, match="does not answer at 500000 baud; it still uses 1000000"):
         setup.set_baud(bus, 1, 500_000)
     assert bus.timing.baud == 1_000_000
     assert bus.ping(1).ok

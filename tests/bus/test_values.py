@@ -42,7 +42,7 @@ def test_readings_make_values_on_demand() -> None:
     assert readings[4].faults == ("voltage",)
     late = readings[5]
     assert (late.raw, late.last, late.age, late.error) == (None, 1000, 2.5, "no answer")
-    with pytest.raises(UsageError, match="servo 6 was not asked"):
+    with pytest.raises(UsageError, match="no reading of servo 6"):
         readings[6]
     with pytest.raises(ServoError, match="voltage"):
         readings.check()

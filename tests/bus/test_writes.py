@@ -163,7 +163,7 @@ def test_a_register_that_lies_elsewhere_is_written_in_a_packet_of_its_own() -> N
     ]
     with pytest.raises(UsageError, match="of servo 2 takes"):
         bus.sync_write_raw("lock", {1: 0, 2: 2})
-    with pytest.raises(UsageError, match="register present_position of servo 1 can only be read"):
+    with pytest.raises(UsageError, match="register present_position of servo 1 is read-only"):
         bus.sync_write_raw("present_position", {1: 0, 2: 0})
     assert len(bus.link.written) == before + 2
     assert [device.wire[i].registers.get("lock") for i in (1, 2, 3)] == [0, 0, 0]

@@ -1,1 +1,1 @@
-"""Bus servos without a board: the pure machine, and `ServoBus` that runs it over a link."""
+"""Bus servos without a board: the pure machine, and `ServoBus`, which runs it over a link."""

@@ -1,7 +1,7 @@
-"""Stored settings of a servo as a file: take them, compare them, put them back.
+"""Backup of a servo's stored settings: read, compare and restore them.
 
-Owns the form of such a file (JSON, with series, model, firmware and date) and the order of putting it back. Works
-on a `ServoBus`; moves nothing.
+Owns the format of the file (JSON, with series, model, firmware and date) and the order of a restore. Works on a
+`ServoBus`; moves nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .setup import identify, unlocked
 __all__ = ["ServoBackup", "compare", "load_backup", "restore_backup", "serialize_backups", "take_backup"]
 
 _FORMAT = "hexwire servo settings 1"
-# Putting these back would lose the servo: it would answer to another id, or at another rate.
+# Restoring these would lose the servo: it would answer to another id, or at another rate.
 _NEVER_RESTORED = ("id", "baud_code")
 _EEPROM_TIME = 0.02
 _MOST_SERVOS = 253
@@ -33,11 +33,11 @@ class ServoBackup:
     """Stored settings of one servo.
 
     Attributes:
-        servo_id: Its id then.
+        servo_id: Its id at the backup.
         series: Its series.
         firmware: As in ``3.10``.
         model: As in ``sts3215``.
-        taken: When, ISO 8601; empty if nobody said.
+        taken: Time of the backup, ISO 8601; empty if not given.
         registers: Raw values by register name.
     """
 
@@ -53,11 +53,11 @@ def take_backup(bus: ServoBus, servo_id: int, *, taken: str = "") -> ServoBackup
     """Read all stored settings of a servo.
 
     Raises:
-        ServoError: It does not answer.
+        ServoError: The servo does not answer.
     """
     info = identify(bus, servo_id)
     if info is None or info.series is None:
-        raise ServoError(f"servo {servo_id} does not say who it is: check cable, power and id", servo_id=servo_id)
+        raise ServoError(f"servo {servo_id} cannot be identified: check cable, power and id", servo_id=servo_id)
     rows = [row for row in info.series.registers.values() if row.area == "eeprom"]
     values: dict[str, int] = {}
     if info.series is Series.SEVEN_BOT:
@@ -78,14 +78,14 @@ def _value(raw: int | None, servo_id: int, name: str) -> int:
 
 
 def compare(one: ServoBackup, other: ServoBackup) -> list[tuple[str, int | None, int | None]]:
-    """Registers in which two backups differ: name, value here, value there."""
+    """Return the registers in which two backups differ: name, value in each."""
     names = list(dict.fromkeys([*one.registers, *other.registers]))
     rows = ((name, one.registers.get(name), other.registers.get(name)) for name in names)
     return [row for row in rows if row[1] != row[2]]
 
 
 def restore_backup(bus: ServoBus, servo_id: int, backup: ServoBackup) -> list[str]:
-    """Put settings back, all but id and rate, and verify them.
+    """Restore settings except id and rate, and verify them.
 
     Returns:
         Names of the registers that were changed.
@@ -105,7 +105,7 @@ def restore_backup(bus: ServoBus, servo_id: int, backup: ServoBackup) -> list[st
         register = series.register(name)
         low, high = register.minimum, register.maximum
         if (low is not None and there < low) or (high is not None and there > high):
-            raise UsageError(f"this backup has {name} = {there}, which a servo does not take; nothing was changed")
+            raise UsageError(f"this backup has {name} = {there}, which is out of range; nothing was changed")
         todo.append((name, there))
     if todo:
         with unlocked(bus, servo_id):
@@ -122,7 +122,7 @@ def restore_backup(bus: ServoBus, servo_id: int, backup: ServoBackup) -> list[st
 
 
 def serialize_backups(backups: list[ServoBackup]) -> str:
-    """What a file of backups holds."""
+    """Make the text of a file of backups."""
     rows = [
         {
             "id": backup.servo_id,
@@ -141,11 +141,11 @@ def load_backup(path: str | Path) -> list[ServoBackup]:
     """Read a file of backups.
 
     Raises:
-        ConfigError: It is no such file; the text says where.
+        ConfigError: The file is invalid; the text says where.
     """
     root = parse_json(read_bytes(path, largest=LARGEST_DATA), str(path))
     if not isinstance(root.value, dict) or root.value.get("format") != _FORMAT:
-        raise ConfigError(f"no file of servo settings (it has no format {_FORMAT!r})", file=str(path))
+        raise ConfigError(f"not a file of servo settings (its format is not {_FORMAT!r})", file=str(path))
     return [_parse(row) for row in root.table(needed=("servos",))["servos"].rows(_MOST_SERVOS)]
 
 
@@ -157,7 +157,7 @@ def _parse(item: Item) -> ServoBackup:
     series = Series(name)
     registers = {}
     for key, value in row["registers"].table(series.registers).items():
-        # Refused here: half of the settings would be written before the one that does not fit.
+        # Refuse it here, before a restore writes the settings ahead of it.
         fits = series.register(key).fits
         registers[key] = value.integer(fits[0], fits[-1])
     texts = {key: row[key].text(100) for key in ("firmware", "model", "taken")}

@@ -1,6 +1,6 @@
 """Reads of neighbouring registers, of one servo or of several at once.
 
-Owns how a block is asked for where servos differ. Must not know registers by name.
+Owns the requests for a block where servos differ. Must not know registers by name.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def sync_read_blocks(line: BusLine, address: int, count: int, ids: Sequence[int]
 
 
 def _read_together(line: BusLine, address: int, count: int, ids: tuple[int, ...]) -> dict[int, ServoBlock]:
-    """One of each servo, by id. All of them can sync read."""
+    """Read one block per servo, by id. All of the servos support sync read."""
     machine = line.machine
     plan = machine.plans.block(address, count, ids)
     with line.lock:

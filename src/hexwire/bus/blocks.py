@@ -1,7 +1,7 @@
-"""Registers read together with their neighbours, so that the length of the answer tells whose it is.
+"""Registers read together with their neighbours, so that the length of an answer identifies its request.
 
-Owns which blocks contain a register, and what the attempts at one of them have told. Sans I/O and sans time; which
-lengths are free, `doubts` says.
+Owns the blocks that contain a register, and the answers to attempts to read one of them. No I/O and no time;
+`doubts` knows which lengths are free.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ __all__ = ["BlockAnswers", "places"]
 
 
 def places(address: int, count: int, end: int, most: int) -> Iterator[tuple[int, int]]:
-    """Blocks of registers that contain `count` bytes from `address`, shortest first, one of each length.
+    """Yield blocks of registers that contain `count` bytes from `address`, shortest first, one of each length.
 
     Args:
         address: First register address.
         count: Bytes wanted.
         end: Address after the last register.
-        most: Bytes that one read is answered with at most.
+        most: Most bytes in the answer to one read.
 
     Yields:
-        First address and length of each. The first is what was wanted.
+        First address and length of each. The first block is the one wanted.
     """
     yield address, count
     end = max(end, address + count)
@@ -35,9 +35,9 @@ def places(address: int, count: int, end: int, most: int) -> Iterator[tuple[int,
 
 
 class BlockAnswers:
-    """What the attempts of one call tell about the registers it wants.
+    """Answers to the attempts of one call to read registers.
 
-    An answer to any of them will do: in that length, nothing else was on the way from that servo.
+    An answer to any attempt counts: no other answer of that length was outstanding from that servo.
 
     Args:
         address: First register address.
@@ -51,14 +51,14 @@ class BlockAnswers:
         self._heard: dict[int, bytes] = {}
 
     def take(self, collector: AnswerCollector, place: tuple[int, int]) -> dict[int, StatusPacket]:
-        """The answers that are believed after an attempt, cut to what is wanted."""
+        """Return the answers that are trusted after an attempt, cut to the bytes wanted."""
         found: dict[int, StatusPacket] = {}
         for (servo_id, length), status in collector.others.items():
             if (servo_id, length) in self._tried:
                 found[servo_id] = self._cut(status, self._tried[servo_id, length])
         for servo_id, status in collector.murky.items():
             cut = self._cut(status, place[0])
-            # Twice the same with something odd behind it: an adapter that adds a byte, say.
+            # The same answer twice, followed by invalid bytes: for example, an adapter that adds a byte.
             if self._heard.get(servo_id) == cut.params:
                 found[servo_id] = cut
             self._heard[servo_id] = cut.params

@@ -1,4 +1,4 @@
-"""What happened on a servo bus, in numbers. Knows nothing of how it is found out."""
+"""Counters of a servo bus. Knows nothing of how events are detected."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ __all__ = ["BusCounters"]
 
 @dataclass(slots=True)
 class BusCounters:
-    """What happened on a bus since it was opened.
+    """Counters of a bus since it was opened.
 
     Attributes:
-        requests: Packets sent that want an answer.
-        answers: Status packets taken.
-        repeats: Requests sent again, for those servos only that had not answered.
-        lost: Answers that did not come in time, or came damaged.
-        given_up: Questions without an answer after all repeats.
-        careful: Transactions that the fast path did not recognise at a glance.
-        echoes: Requests that came back.
-        settled: Answers got by asking in another way, since one to an earlier request might have come instead.
+        requests: Packets sent that expect an answer.
+        answers: Status packets accepted.
+        repeats: Requests repeated, to the servos without an answer only.
+        lost: Answers that were late or damaged.
+        given_up: Requests without an answer after all repeats.
+        careful: Transactions that took the careful path.
+        echoes: Echoes of requests.
+        settled: Answers to another form of a request, used where a late answer could be taken for the new one.
         stray_bytes: Bytes that belonged to no answer.
     """
 
@@ -34,5 +34,5 @@ class BusCounters:
     stray_bytes: int = 0
 
     def as_dict(self) -> dict[str, int]:
-        """By name."""
+        """Return the counters by name."""
         return asdict(self)

@@ -1,12 +1,12 @@
-"""Which answers may still come on a servo bus though nobody waits for them any more, and what was sent lately.
+"""Late answers that may still arrive on a servo bus, and recently sent packets.
 
-Owns the two memories that keep a wrong value out: `Doubts`, of requests that were given up, and `SentLately`, of
-packets that an adapter may echo late, twice or damaged. Sans I/O; time comes as `now`.
+Owns the two records that prevent wrong values: `Doubts`, of requests that were given up, and `SentLately`, of
+packets that an adapter may echo late, twice or damaged. No I/O; time comes in as `now`.
 
-**The rule.** An answer names its servo and its length, and nothing else. So as long as an answer of some length
-may still come from a servo, nothing that is answered in that length is believed of it: registers are read with
-their neighbours, in a length that is free. A request that was not answered is forgotten `LATEST` after it was given
-up, or `AFTERMATH` after the servo has answered a later one: a servo answers in the order in which it is asked.
+**The rule.** An answer identifies only its servo and its length. So while a late answer of some length may still
+arrive from a servo, no answer of that length from that servo is trusted: registers are read with their neighbours,
+in a length that is free. A request without an answer is forgotten `LATEST` after it was given up, or `AFTERMATH`
+after the servo has answered a later one, since a servo answers requests in order.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 __all__ = ["AFTERMATH", "LATEST", "Doubts", "SentLately"]
 
 LATEST = 1.0
-"""Seconds after which nothing is on the way any more: no adapter holds bytes back that long."""
+"""Seconds after which no late answer can arrive: no adapter delays bytes that long."""
 AFTERMATH = 0.25
-"""Seconds that remain once the servo has answered a later request. A line that keeps its order needs none."""
+"""Seconds left after the servo has answered a later request. A line that keeps the order of bytes needs none."""
 _MOST_SENT = 256
 _LAST_SENT = 64
 
@@ -31,12 +31,13 @@ class _Doubt:
 
 
 class Doubts:
-    """Answers that may still come, by servo and by parameter bytes.
+    """Late answers that may still arrive, by servo and by number of parameter bytes.
 
     Attributes:
-        servos: Whose; empty if nothing is on the way. The same object always, so that a look at it costs no call.
-        ended: A doubt has ended by itself since somebody last reset this. What it was about may have come while
-            nobody read: the line wants to be emptied.
+        servos: Servos with doubts; empty if there are none. Always the same object, so that checking it needs
+            no call.
+        ended: A doubt has expired since this was last reset. Its answer may have arrived unread: drain the
+            line.
     """
 
     def __init__(self) -> None:
@@ -44,14 +45,14 @@ class Doubts:
         self.servos: dict[int, dict[int, _Doubt]] = {}
 
     def add(self, servo_id: int, params: int, request: bytes, asked: float, now: float) -> None:
-        """A request was given up.
+        """Record a request that was given up.
 
         Args:
-            servo_id: Who was asked.
+            servo_id: The servo.
             params: Parameter bytes of the answer.
-            request: What was asked.
-            asked: When.
-            now: The time.
+            request: The request.
+            asked: Time of the request.
+            now: Present time.
         """
         lengths = self.servos.setdefault(servo_id, {})
         before = lengths.get(params)
@@ -60,32 +61,32 @@ class Doubts:
         lengths[params] = _Doubt(asked, now + LATEST, request)
 
     def holds(self, servo_id: int, params: int, now: float, request: bytes = b"") -> bool:
-        """Whether an answer of that length may be another request's than this one's, or any if none is given."""
+        """Whether an answer of that length may belong to an earlier request, and to another than `request`."""
         self._expire(servo_id, now)
         doubt = self.servos.get(servo_id, {}).get(params)
         return doubt is not None and (not request or doubt.request != request)
 
     def answered(self, servo_id: int, params: int, now: float) -> None:
-        """A servo has answered in this length a request that came after those in doubt."""
+        """Record an answer of this length to a request after those in doubt."""
         for length, doubt in self.servos.get(servo_id, {}).items():
-            # In the same length it may have been the earlier one's answer, and then the later one's is on the way.
+            # An answer of the same length may be that of the earlier request; the later one's may still arrive.
             if length != params:
                 doubt.until = min(doubt.until, now + AFTERMATH)
 
     def late(self, servo_id: int, params: int) -> float | None:
-        """When the request was sent whose answer has come after all; None if there was none."""
+        """Return the time of the request that a late answer belongs to; None without one."""
         doubt = self.servos.get(servo_id, {}).get(params)
         return None if doubt is None else doubt.asked
 
     def settled(self, servo_id: int, params: int) -> None:
-        """No answer of that length is on the way from this servo: it has answered something else since."""
+        """End the doubt about a length: the servo has answered another request since."""
         lengths = self.servos.get(servo_id, {})
         lengths.pop(params, None)
         if not lengths:
             self.servos.pop(servo_id, None)
 
     def clear(self) -> None:
-        """Nothing is on the way."""
+        """End all doubts."""
         self.servos.clear()
 
     def _expire(self, servo_id: int, now: float) -> None:
@@ -100,9 +101,9 @@ class Doubts:
 
 
 class SentLately:
-    """Packets whose echo may still come. Most reads are not kept: `servo_answers` knows their echo by its form.
+    """Packets whose echo may still arrive. Most reads are not kept: `servo_answers` recognises their echo.
 
-    The last few are kept however old they are: a host that stood still finds their echoes only now.
+    The last few are kept however old they are: a host that stalled receives their echoes late.
     """
 
     def __init__(self) -> None:
@@ -110,11 +111,11 @@ class SentLately:
         self._prepared: set[bytes] = set()
 
     def prepare(self, packet: bytes) -> None:
-        """A packet may go out at any time from now on without a word."""
+        """Register a packet that may be sent at any time from now on without a call of `add`."""
         self._prepared.add(packet)
 
     def add(self, packet: bytes, now: float) -> None:
-        """A packet goes out."""
+        """Record a packet that is sent now."""
         when = self._when
         when.pop(packet, None)
         when[packet] = now
@@ -122,7 +123,7 @@ class SentLately:
             self._when = self._recent(now)
 
     def packets(self, now: float) -> set[bytes]:
-        """What was sent within the last `LATEST` seconds, the last few besides, and what was prepared."""
+        """Return the packets of the last `LATEST` seconds, the last few, and the prepared ones."""
         lately = self._when if len(self._when) <= _LAST_SENT else self._recent(now)
         return self._prepared.union(lately)
 

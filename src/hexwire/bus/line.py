@@ -1,7 +1,7 @@
-"""A link to servos, and the machine that says what to do on it.
+"""A link to servos, and the machine that decides what to send on it.
 
-Owns the I/O of a servo bus: the link and its clock, the lock that keeps transactions apart, and the check that
-nothing leaves after a stop. What an answer is, `machine` decides. Must not know registers by name, nor arms.
+Owns the I/O of a servo bus: the link and its clock, the lock for transactions, and the check that nothing is sent
+after a stop. `machine` decides what counts as an answer. Must not know registers by name, nor arms.
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ if TYPE_CHECKING:
 __all__ = ["BusLine"]
 
 _WRITE_TIME = 1.0
-"""Seconds after which a line that takes no bytes is given up."""
+"""Seconds to wait for a line that accepts no bytes."""
 _WHAT = "a servo packet"
 _T = TypeVar("_T")
 
 
 class BusLine:
-    """Transactions on one link. Whoever uses it holds `lock`, but for `open` and `close`.
+    """Transactions on one link. Callers hold `lock`, except for `open` and `close`.
 
     Args:
-        link: The line; opened and closed with this object.
-        servos: What is known of the servos.
-        baud: Bits a second on the wire; None takes the link's own rate, 0 if it has none.
-        retries: How often a servo that did not answer is asked again.
+        link: The link; opened and closed with this object.
+        servos: Known facts of the servos.
+        baud: Bits per second on the wire; None takes the link's rate, 0 if it has none.
+        retries: Number of times to repeat a request to a servo that did not answer.
 
     Attributes:
-        link: The line.
-        machine: What may be outstanding, and what counts as an answer.
-        epochs: The stops of the arm behind it, and what they void; a driver has its own here.
+        link: The link.
+        machine: Outstanding requests, and the rules for answers.
+        epochs: The stops of the arm, and the calls that they cancel; a driver sets its own.
         lock: Held for one transaction or call.
         clock: The link's clock: monotonic seconds.
-        exchange: The link's own.
+        exchange: The method of the link.
     """
 
     def __init__(self, link: Link, servos: KnownServos, *, baud: int | None = None, retries: int = 2) -> None:
         if retries < 0:
-            raise UsageError(f"{retries} retries make no sense")
+            raise UsageError(f"{retries} retries are too few; give 0 or more")
         self.link = link
         self.machine = BusMachine(servos, getattr(link, "baud", 0) if baud is None else baud, retries)
         self.epochs = Epochs()
@@ -66,14 +66,14 @@ class BusLine:
     # --- opening ----------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the link and drop what had arrived before, or is in the adapter: another program's answers, say."""
+        """Open the link and discard old bytes in it and in the adapter, such as answers to another program."""
         self.link.open()
         self._restart()
         self.link.flush_input()
         self.run(self.machine.drain(ADAPTER_TIME))
 
     def set_baud(self, baud: int) -> None:
-        """Follow the servos to another rate. The servos are not told.
+        """Change the rate of the link. The servos' own rate does not change.
 
         Raises:
             NotSupportedError: This link has no rate.
@@ -88,20 +88,20 @@ class BusLine:
         self._restart()
 
     def _restart(self) -> None:
-        """The link may have been opened at another rate than before."""
+        """Restart the machine at the link's rate, which may have changed."""
         self.machine.restart(getattr(self.link, "baud", 0) if self._own_baud is None else self._own_baud)
 
     # --- calls and stops --------------------------------------------------------------------------------------
 
     def calling(self, request: bytes) -> AbstractContextManager[object]:
-        """The call that a packet belongs to: void if a stop comes before it has left."""
+        """Return the call that a packet belongs to, which a stop cancels until the packet is sent."""
         return nullcontext() if packet_only_reads(request) else self.epochs.calling(_WHAT)
 
     def check_call(self) -> None:
-        """Send nothing more of a call that was made before a stop.
+        """Refuse to send more of a call made before a stop.
 
         Raises:
-            StoppedError: A stop came since the call was made.
+            StoppedError: The arm was stopped after the call.
         """
         token = self.epochs.of_this_call
         if token is not None:
@@ -110,14 +110,14 @@ class BusLine:
     # --- transactions -----------------------------------------------------------------------------------------
 
     def run(self, conversation: Conversation[_T]) -> _T:
-        """Do on the link what a conversation asks for.
+        """Run a conversation on the link.
 
         Returns:
-            What it returns.
+            The result of the conversation.
 
         Raises:
-            LinkError: The line is at fault. What was asked may be answered all the same, which is remembered.
-            StoppedError: A stop came since the call was made; nothing more of it was sent.
+            LinkError: The line has a fault. An answer may still arrive, which is recorded as a doubt.
+            StoppedError: The arm was stopped after the call; nothing more of it was sent.
         """
         clock = self.clock
         self.machine.now = clock()
@@ -147,17 +147,18 @@ class BusLine:
         return self.run(self.machine.any_doubted(servo_ids, params))
 
     def transact(self, plan: ReadPlan | SyncReadPlan, *, timed: bool = False) -> bytes:
-        """Send a prepared read and take what comes: the fast path. The caller checks it.
+        """Send a prepared read and return the bytes received: the fast path. The caller checks them.
 
-        Where `machine.asked_at` is set afterwards and the answers are sound, the caller has `machine.learn_time`
-        learn from it. If an error or Ctrl-C comes before the caller has checked the answers, it calls `gave_up`.
+        If `machine.asked_at` is set afterwards and the answers are valid, the caller passes the time to
+        `machine.learn_time`. If an error or Ctrl-C comes before the caller has checked the answers, it calls
+        `gave_up`.
 
         Args:
-            plan: What is asked.
-            timed: Learn from this one how long answers take, in any case.
+            plan: The read.
+            timed: Measure the time of this transaction in any case.
 
         Raises:
-            LinkError: The line is at fault. The answers may come all the same.
+            LinkError: The line has a fault. The answers may still arrive.
         """
         machine = self.machine
         turn = machine.turns = machine.turns + 1
@@ -173,20 +174,20 @@ class BusLine:
         return self.exchange(plan.request, window, plan.rest)
 
     def gave_up(self, plan: ReadPlan | SyncReadPlan) -> None:
-        """An error or Ctrl-C came before the answers to `transact` were checked; they may come all the same."""
+        """Record an error or Ctrl-C before the answers to `transact` were checked; they may still arrive."""
         now = self.clock()
         self.machine.gave_up(plan.ids, plan.count, plan.request, now, now)
 
     def post(self, packet: bytes, token: Token | None) -> None:
-        """Send what nobody answers.
+        """Send a packet without an answer.
 
         Args:
             packet: The packet.
-            token: The call that it belongs to, if it belongs to one.
+            token: The call that it belongs to, if any.
 
         Raises:
-            StoppedError: A stop came since the call was made; nothing was sent.
-            PreemptedError: It came as the packet was sent.
+            StoppedError: The arm was stopped after the call; nothing was sent.
+            PreemptedError: The arm was stopped while the packet was sent.
         """
         epochs = self.epochs
         if token is not None:
@@ -195,10 +196,10 @@ class BusLine:
         self.machine.posted(packet, now)
         self.link.write(packet, now + _WRITE_TIME)
         if token is not None and not epochs.holds(token):
-            raise PreemptedError("a stop came as a servo packet was sent: it may have been done at that time")
+            raise PreemptedError("a stop came while a servo packet was sent; the servo may have executed it")
 
     def send(self, packet: bytes) -> None:
-        """Send any packet that nobody answers, as a call of its own. Takes `lock` itself.
+        """Send any packet without an answer, as a separate call. Takes `lock`.
 
         Raises:
             StoppedError: As `post`.

@@ -1,11 +1,11 @@
-"""The machine of a servo bus: what may be outstanding, what counts as an answer, and how long answers take.
+"""The machine of a servo bus: outstanding requests, rules for answers, and measured answer times.
 
-Owns one request and its answers, and everything that is remembered between requests: doubts, packets sent lately,
-silent servos, the learned answer time, counters. It does no I/O and reads no clock. A **conversation** is a
-generator: it yields `Send` or `Listen` and is resumed with `Heard`, the bytes that came and the time. `questions`
-builds longer conversations from the ones here; `line` runs them on a link. Must not know registers by name.
+Owns one request and its answers, and the state between requests: doubts, recently sent packets, silent servos, the
+measured answer time, counters. It does no I/O and reads no clock. A **conversation** is a generator: it yields
+`Send` or `Listen` and is resumed with `Heard`, the received bytes and the time. `questions` builds longer
+conversations from those here; `line` runs them on a link. Must not know registers by name.
 
-A **doubt** is an answer that may still come although nobody waits for it any longer; `doubts` has the rule.
+A **doubt** is a late answer that may still arrive; `doubts` has the rule.
 """
 
 from __future__ import annotations
@@ -28,47 +28,47 @@ from .timing import LineTiming
 __all__ = ["ADAPTER_TIME", "BusMachine", "Conversation", "Heard", "Interrupted", "Listen", "Send"]
 
 ADAPTER_TIME = 0.02
-"""Seconds after which an adapter has passed on what it had: FTDI's timer of 16 ms, and a little more."""
+"""Seconds after which an adapter has forwarded its bytes: FTDI's timer of 16 ms, and a margin."""
 MEASURED_EVERY = 16
 _LEARNING = 64
-"""So many transactions are timed at the beginning, and after that one in `MEASURED_EVERY`: it costs 1 us."""
+"""Transactions timed at the start; after that one in `MEASURED_EVERY` is timed, since timing costs 1 us."""
 _SILENT_REST = 0.5
-"""Seconds for which a servo that answered nothing is not asked again by itself; in a sync read it always is."""
+"""Seconds without single repeats to a servo that did not answer; sync reads always include it."""
 _MOST_HEARD = 4096
-"""Bytes after which a line that never stops talking is not listened to any longer: no sync read has as many."""
+"""Bytes after which reading from a line with endless data ends: no sync read has as many."""
 _LOOKS = 4
-"""So often such a line is looked at again once all answers are there."""
+"""Number of further reads from such a line after all answers have arrived."""
 _MOST_DRAINED = 1 << 16
 _IDLE = 0.1
-"""Seconds without a transaction after which the host may have stood still, and the adapter may have bytes left."""
+"""Seconds without a transaction after which the host may have stalled, and the adapter may hold bytes."""
 _TO_ALL = bytes((BROADCAST_ID,))
 
 
 class Send(NamedTuple):
-    """Send a packet and take the first bytes that come within `window` seconds."""
+    """Send a packet and receive the first bytes that arrive within `window` seconds."""
 
     packet: bytes
     window: float
 
 
 class Listen(NamedTuple):
-    """Take the next bytes that come before the clock reads `until`; a time in the past takes what is there."""
+    """Receive the next bytes that arrive before the time `until`; a past time takes the bytes already received."""
 
     until: float
 
 
 class Heard(NamedTuple):
-    """What came of a `Send` or `Listen`: the bytes, empty if none came, and the time, monotonic seconds."""
+    """The result of a `Send` or `Listen`: the bytes, empty if none arrived, and the time, monotonic seconds."""
 
     data: bytes
     now: float
 
 
 class Interrupted(Exception):  # noqa: N818 (an event, thrown into a conversation)
-    """The wait for an answer ended with an error or Ctrl-C; the answer may come all the same.
+    """The wait for an answer ended with an error or Ctrl-C; the answer may still arrive.
 
     Attributes:
-        now: When, monotonic seconds.
+        now: Present time, monotonic seconds.
     """
 
     def __init__(self, now: float) -> None:
@@ -78,34 +78,35 @@ class Interrupted(Exception):  # noqa: N818 (an event, thrown into a conversatio
 
 _T = TypeVar("_T")
 Conversation = Generator[Send | Listen, Heard, _T]
-"""Steps on the line that end with a result. Closing one where it would send means that nothing was sent."""
+"""Steps on the line that end with a result. To close one at a `Send` means that the packet was not sent."""
 
 
 class BusMachine:
     """State of one bus.
 
     Args:
-        servos: What is known of the servos.
-        baud: Bits a second on the wire; 0 for a line that costs no time.
-        retries: How often a servo that did not answer is asked again.
+        servos: Known facts of the servos.
+        baud: Bits per second on the wire; 0 for a line without transmission time.
+        retries: Number of times to repeat a request to a servo that did not answer.
 
     Attributes:
-        now: Time of the newest event, monotonic seconds. Whoever begins a conversation sets it; then `Heard` does.
+        now: Time of the newest event, monotonic seconds. Set by the caller of a conversation, then by `Heard`.
         servos: See above.
         retries: See above; may be changed at any time.
         timing: Windows and the adapter's measured overhead.
-        plans: Requests built once.
-        count: What happened on the careful path; `counters` adds the fast path.
-        echo: Whether the adapter hears itself; None until it is known.
-        doubts: Answers that may still come.
-        doubtful: Servos with doubts; empty if there is none. Always the same object.
-        sent: Packets whose echo may still come.
-        silent: Servos that answered nothing, and until when they are not asked again by themselves.
-        learning: Every transaction is to be timed.
-        busy_until: When the line has carried what was sent and is not answered; 0.0 if that is over.
+        plans: Prepared requests.
+        count: Counters of the careful path; `counters` adds the fast path.
+        echo: Whether the adapter echoes what is sent; None until it is known.
+        doubts: Late answers that may still arrive.
+        doubtful: Servos with doubts; empty if there are none. Always the same object.
+        sent: Packets whose echo may still arrive.
+        silent: Servos that did not answer, with the time until which single requests to them are not repeated.
+        learning: Whether to time every transaction.
+        busy_until: Time at which the line has transmitted packets without an answer; 0.0 if that has passed.
         turns: Transactions begun on the fast path.
-        extra_answers: Answers taken there beyond one for each of them.
-        asked_at: When the line was free for what the fast path sent last; None if that is not timed, or done.
+        extra_answers: Answers received there beyond one per transaction.
+        asked_at: Time at which the line was free for the last request of the fast path; None if it is not timed,
+            or was measured.
         asking: Servos, parameter bytes and packet of the careful request whose outcome is not recorded yet.
     """
 
@@ -130,11 +131,11 @@ class BusMachine:
         self._fallen = 0
         self._looked_at = 0.0
 
-    # --- what is known ----------------------------------------------------------------------------------------
+    # --- state ------------------------------------------------------------------------------------------------
 
     @property
     def counters(self) -> BusCounters:
-        """What happened so far."""
+        """The counters so far."""
         count = self.count
         return replace(
             count,
@@ -143,7 +144,7 @@ class BusMachine:
         )
 
     def restart(self, baud: int) -> None:
-        """Begin anew on a line that was opened, perhaps at another rate: nothing is on the way."""
+        """Reset for a newly opened line, perhaps at another rate: no answers are outstanding."""
         if baud != self.timing.baud:
             self.timing = LineTiming(baud)
             self.learning = True
@@ -163,16 +164,16 @@ class BusMachine:
         """
         entry = self.plans.read(servo_id, name)
         if entry[0].series is Series.SEVEN_BOT:
-            # Its echo, one byte of the header wrong, is a sound answer, and the fast path keeps no record.
+            # Its echo with one wrong header byte is a valid answer, and the fast path does not record requests.
             self.sent.prepare(entry[0].request)
         return entry
 
     def base(self, total: int, servo_ids: Collection[int]) -> float:
-        """Seconds that a transaction of `total` bytes takes on the wire, return delays included."""
+        """Return the seconds that a transaction of `total` bytes takes on the wire, with return delays."""
         return self.timing.line_time(total) + self.servos.return_delays(servo_ids)
 
     def backlog(self, now: float) -> float:
-        """Seconds until the line has carried what was sent before."""
+        """Return the seconds until the line has transmitted earlier packets."""
         if not self.busy_until:
             return 0.0
         left = self.busy_until - now
@@ -181,45 +182,45 @@ class BusMachine:
         return left
 
     def mark_silent(self, servo_id: int, now: float) -> None:
-        """A servo answered nothing: leave it alone for a while."""
+        """Record a servo that did not answer, so that single requests to it are not repeated for a while."""
         self.silent[servo_id] = now + _SILENT_REST
 
     # --- events of the fast path ------------------------------------------------------------------------------
 
     def posted(self, packet: bytes, now: float) -> None:
-        """A packet goes out that nobody answers. The line is busy with it, and what is asked next waits."""
+        """Record a packet without an answer; the line is busy with it, and the next request waits."""
         if packet[2:3] != _TO_ALL:
             self.sent.add(packet, now)
         busy = self.busy_until
         self.busy_until = (busy if busy > now else now) + len(packet) * self.timing.byte_time
 
     def learn_time(self, plan: ReadPlan | SyncReadPlan | WritePlan, now: float) -> None:
-        """Learn how long the transaction begun at `asked_at` took, if it is timed.
+        """Measure the transaction begun at `asked_at`, if it is timed.
 
-        Its answers were sound: an echo would teach a wrong time.
+        Call it only for valid answers: an echo would give a wrong time.
         """
         if self.asked_at is None:
             return
-        # The line may have carried what was sent before sooner than its rate says.
+        # The line may have transmitted earlier packets faster than its rate implies.
         elapsed, self.asked_at = max(0.0, now - self.asked_at), None
         self.timing.measured(elapsed, plan.total)
         self.learning = self.timing.answers < _LEARNING
 
     def gave_up(self, servo_ids: Sequence[int], params: int, request: bytes, asked: float, now: float) -> None:
-        """Nobody waits any longer for the answers to a request; they may come all the same.
+        """Record a request that was given up, whose answers may still arrive.
 
         Args:
-            servo_ids: Whose answers.
-            params: Parameter bytes of each.
-            request: What was asked.
-            asked: When, monotonic seconds.
-            now: The time.
+            servo_ids: Servos without an answer.
+            params: Parameter bytes of each answer.
+            request: The request.
+            asked: Time of the request, monotonic seconds.
+            now: Present time.
         """
         for servo_id in servo_ids:
             self.doubts.add(servo_id, params, request, asked, now)
 
     def interrupted(self, now: float) -> None:
-        """An error or Ctrl-C ended a conversation, perhaps at the moment at which it recorded an outcome."""
+        """Record that an error or Ctrl-C ended a conversation, perhaps while it recorded an outcome."""
         if self.asking is not None:
             self.gave_up(*self.asking, now, now)
             self.asking = None
@@ -227,9 +228,9 @@ class BusMachine:
     # --- conversations ----------------------------------------------------------------------------------------
 
     def doubted(self, servo_id: int, params: int, request: bytes = b"") -> Conversation[bool]:
-        """Whether an answer of that length may be a late one, to another request than this.
+        """Whether an answer of that length may be a late one, to another request.
 
-        Where a doubt has ended by itself, the line is emptied first.
+        If a doubt has expired, drains the line first.
         """
         if not self.doubtful:
             return False
@@ -242,7 +243,7 @@ class BusMachine:
         return held
 
     def any_doubted(self, servo_ids: Sequence[int], params: int) -> Conversation[bool]:
-        """Whether a late answer of that length may come from any of them."""
+        """Whether a late answer of that length may arrive from any of these servos."""
         for servo_id in servo_ids:
             if (yield from self.doubted(servo_id, params)):
                 return True
@@ -258,15 +259,15 @@ class BusMachine:
         *,
         header: bytes | None,
     ) -> Conversation[AnswerCollector]:
-        """Gather the answers to one request.
+        """Collect the answers to one request.
 
         Args:
-            request: What is asked.
-            servo_ids: Who answers, in order.
+            request: The request.
+            servo_ids: Ids of the servos that answer, in order.
             params: Parameter bytes of each answer.
-            base: Seconds the answers take without the adapter.
-            data: What has arrived already, if the request is sent; None sends it.
-            header: First two bytes of the answers; None takes either kind.
+            base: Seconds that the answers take without the adapter.
+            data: Bytes received so far, if the request was sent; None sends it.
+            header: First two bytes of the answers; None accepts either kind.
         """
         count = self.count
         window = base + self.timing.allowance + self.backlog(self.now)
@@ -288,7 +289,7 @@ class BusMachine:
             echo=self.echo is not False,
         )
         count.careful += 1
-        # Ctrl-C may come between any two steps: what may have been sent counts as sent.
+        # Ctrl-C may come between any two steps: a request that may have been sent counts as sent.
         sent, self.asking = True, (servo_ids, params, request)
         try:
             if data is None:
@@ -299,7 +300,7 @@ class BusMachine:
                     raise
             yield from self._gather(collector, data, base)
         finally:
-            # Whatever ended the wait, be it Ctrl-C, an answer that is not here may come later.
+            # Whatever ended the wait, even Ctrl-C, a missing answer may arrive later.
             now = self.now
             if sent:
                 count.lost += len(collector.missing)
@@ -311,7 +312,7 @@ class BusMachine:
         return collector
 
     def drain(self, pause: float = 0.0) -> Conversation[None]:
-        """Take what has come meanwhile, or comes during a pause, off the line: nobody waits for it any more."""
+        """Read and discard bytes that have arrived, or arrive during a pause."""
         data = b""
         end = self.now + pause
         while more := (yield from self._hear(Listen(end))):
@@ -337,12 +338,12 @@ class BusMachine:
         share = base / max(1, len(collector.servo_ids))
         lingered, looks = False, _LOOKS
         while data and collector.size < _MOST_HEARD:
-            # Counted from what came last: it shows that the line is alive, and a machine that stalled in between
-            # has not lost the rest by it.
+            # The wait starts at the last bytes: they show that the line is alive, and a stall of the computer does
+            # not lose the rest.
             if outlook is Outlook.DONE:
                 if not looks:
                     break
-                # What is there already may show that the last answer lacks bytes.
+                # Bytes already received may show that the last answer is incomplete.
                 wait, looks = 0.0, looks - 1
             elif outlook is Outlook.WAIT:
                 wait = share * collector.due + self.timing.allowance
@@ -354,7 +355,7 @@ class BusMachine:
             outlook = collector.receive(data)
 
     def _take(self, collector: AnswerCollector, now: float) -> None:
-        """Count what came, and learn from it about echo and doubts."""
+        """Count the received bytes, and update echo and doubts."""
         count, params = self.count, collector.params
         if collector.echoed:
             count.echoes += 1
@@ -371,7 +372,7 @@ class BusMachine:
             self._notice(collector, now)
 
     def _notice(self, collector: AnswerCollector, now: float) -> None:
-        """Learn from answers that came too late how long answers take."""
+        """Measure answer times from late answers."""
         for status in collector.strays:
             params = len(status.params)
             asked = self.doubts.late(status.servo_id, params)

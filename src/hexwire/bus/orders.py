@@ -1,7 +1,7 @@
-"""What a servo is told but its registers: ping, reboot, factory reset, calibration, and packets made by hand.
+"""Instructions to servos without registers: ping, reboot, factory reset, calibration, and raw packets.
 
-Owns the instructions that name no register. Each is a function of a `BusLine`; `ServoBus` has them as methods and
-documents them there. Must not know registers by name, but for the position that a calibration takes, nor arms.
+Owns the instructions that name no register, as functions of a `BusLine`; `ServoBus` has them as methods and
+documents them. Must not know registers by name, except for the position of a calibration, nor arms.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ __all__ = [
 _PING_BYTES = 6
 
 
-# --- who is there -------------------------------------------------------------------------------------------------
+# --- ping ---------------------------------------------------------------------------------------------------------
 
 
 def ping(line: BusLine, servo_id: int) -> Answer:
@@ -64,12 +64,12 @@ def _ping(machine: BusMachine, servo_id: int) -> Conversation[tuple[packets.Stat
         packets.make_ping(servo_id),
         0,
         base=machine.base(2 * _PING_BYTES, (servo_id,)),
-        # Who is not known yet may be of either kind.
+        # An unknown servo may be of either kind.
         header=LEGACY_HEADER if legacy else None,
         retries=machine.retries,
     )
     if status is None and not legacy and servo_id in collector.copies:
-        # The answer of a servo with a low supply equals its ping.
+        # The answer of a servo with low supply voltage equals its ping.
         return (yield from questions.is_there(machine, servo_id))
     return status, collector
 
@@ -88,7 +88,7 @@ def broadcast_ping(line: BusLine, most: int) -> tuple[tuple[int, ...], int]:
         heard = AnswerCollector(request, range(MAX_SERVO_ID + 1), 0, sent=machine.sent.packets(now))
         heard.receive(data)
         found = set(heard.answers) | set(heard.murky)
-        # What may be the echo of a ping of before is asked by itself.
+        # An answer that may be the echo of an earlier ping: ping the servo alone.
         found |= {servo_id for servo_id in heard.copies - found if not ping(line, servo_id).error}
     data = packets.strip_echo(data, request)
     return tuple(sorted(found)), max(0, len(data) - _PING_BYTES * len(found))
@@ -101,7 +101,7 @@ def restore(line: BusLine, servo_id: int) -> Answer:
     """See `ServoBus.restore`."""
     _must_know(line, servo_id, "RESTORE")
     if line.machine.servos.series_of(servo_id) is Series.SEVEN_BOT:
-        raise NotSupportedError(f"servo {servo_id} is a legacy one: a factory reset would make it servo 1")
+        raise NotSupportedError(f"servo {servo_id} is a legacy servo: a factory reset would change its id to 1")
     return order(line, servo_id, packets.make_restore(servo_id), "factory reset", repeat=False)
 
 
@@ -142,10 +142,10 @@ def action(line: BusLine, servo_id: int) -> Answer | None:
 def _must_know(line: BusLine, servo_id: int, instruction: str) -> None:
     series = line.machine.servos.series_of(servo_id)
     if instruction not in series.instructions:
-        raise NotSupportedError(f"servo {servo_id} is a {series.value} one and knows no {instruction.lower()}")
+        raise NotSupportedError(f"servo {servo_id} is a {series.value} servo, which has no {instruction.lower()}")
 
 
-# --- packets made by hand -----------------------------------------------------------------------------------------
+# --- raw packets --------------------------------------------------------------------------------------------------
 
 
 def ask(line: BusLine, request: bytes, servo_id: int, params: int) -> tuple[packets.StatusPacket | None, str]:
@@ -176,14 +176,14 @@ def raw(line: BusLine, request: bytes, servo_ids: Sequence[int], params: int) ->
 
 
 def _in_doubt(machine: BusMachine, request: bytes, servo_id: int, params: int) -> Conversation[bool]:
-    """Whether the answer to a request could be a late one, and the servo says nothing that rules that out."""
+    """Whether the answer to a request could be a late one, and no further request can exclude that."""
     if not (yield from machine.doubted(servo_id, params, request)):
         return False
     return not (yield from questions.settle(machine, servo_id, params))
 
 
 def _answers_of(request: bytes) -> list[tuple[int, int]]:
-    """Who answers a packet, and with how many parameter bytes; nobody, if it is none."""
+    """Return the servos that answer a packet, and their numbers of parameter bytes; empty for an invalid packet."""
     try:
         expected = expected_answer(packets.parse_packet(request))
     except RemoteProtocolError:

@@ -1,12 +1,12 @@
-"""Requests to servos prepared once and used often, and their answers checked at a glance.
+"""Prepared requests to servos, and a fast check of their answers.
 
 Owns the fast path of a servo bus: the bytes of a request are built once, and the answers of a healthy bus are
-verified by comparing and adding whole blocks. Anything out of the ordinary, be it a fault bit, an echo or noise,
-gives None, and the caller takes the careful path (`servo_answers`). Sans I/O.
+verified by comparing and adding whole blocks. Anything unusual, such as a fault bit, an echo or noise, gives None,
+and the caller takes the careful path (`servo_answers`). No I/O.
 
-Every byte of every answer is verified all the same: headers, ids and lengths by one masked comparison, each
-packet's own checksum by adding its bytes in 16-bit lanes of one big integer. For seven two-byte answers that is
-1 us instead of 3 us packet by packet.
+Every byte of every answer is still verified: headers, ids and lengths by one masked comparison, the checksum of
+each packet by adding its bytes in 16-bit lanes of one big integer. For seven two-byte answers that takes 1 us
+instead of 3 us packet by packet.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ __all__ = ["ReadPlan", "SyncReadPlan", "SyncWritePlan", "WritePlan"]
 
 
 _LANES_OF_A_PACKET = 0x0001_0001_0001_0001
-"""Times this, each 16-bit lane becomes the sum of itself and the three lanes below it."""
+"""Factor that makes each 16-bit lane the sum of itself and the three lanes below it."""
 
 
 def _sound_sum(header: bytes) -> int:
-    """Low byte of the sum of all bytes of a sound packet: the header, and FF for the rest."""
+    """Return the low byte of the sum of a valid packet: the header, and FF for the rest."""
     return (sum(header) + 0xFF) & 0xFF
 
 
@@ -35,22 +35,22 @@ class ReadPlan:
     """One READ to one servo.
 
     Args:
-        servo_id: Whom to ask.
+        servo_id: The servo.
         series: Its series.
         address: First register address.
         count: Bytes to read.
-        register: The register that starts there; its value is wanted.
+        register: The register at that address, whose value is wanted.
 
     Attributes:
         ids: The servo's id, alone.
         request: Bytes to send.
         length: Bytes of the answer.
         total: Bytes of both.
-        base: Seconds the answer takes without the adapter's allowance; its user sets it.
-        latest: Newest raw value, None if there is none; its user sets it.
-        stamp: When that was read.
-        allowance: Seconds granted to the adapter; its user sets it.
-        rest: None: an answer comes in one piece, or else it is looked at carefully.
+        base: Seconds that the answer takes without the adapter's allowance; set by the user of the plan.
+        latest: Newest raw value, None without one; set by the user of the plan.
+        stamp: Time of that value.
+        allowance: Seconds allowed for the adapter; set by the user of the plan.
+        rest: None: an answer in several pieces takes the careful path.
     """
 
     __slots__ = (
@@ -89,7 +89,7 @@ class ReadPlan:
         self.request = make_read(servo_id, address, count)
         self.length = 6 + count
         self.total = len(self.request) + self.length
-        # The error byte belongs to what is compared: a servo in trouble takes the careful path.
+        # The comparison includes the error byte: a servo with a fault takes the careful path.
         self._head = series.reply_header + bytes((servo_id, count + 2, 0))
         self._sum = _sound_sum(series.reply_header)
         self.base = self.allowance = 0.0
@@ -97,7 +97,7 @@ class ReadPlan:
         self.stamp = 0.0
 
     def value(self, data: bytes) -> int | None:
-        """The register's raw value if `data` is exactly one sound answer without an error, else None."""
+        """Return the register's raw value if `data` is exactly one valid answer without an error, else None."""
         if (
             len(data) == self.length
             and data[:5] == self._head
@@ -115,11 +115,11 @@ class WritePlan:
     """One acknowledged write to one servo.
 
     Args:
-        servo_id: Whom to ask.
+        servo_id: The servo.
         series: Its series.
         address: First register address.
         data: Register bytes.
-        request: The packet, where it is not a plain WRITE.
+        request: The packet, if it is not a plain WRITE.
     """
 
     __slots__ = (
@@ -140,7 +140,7 @@ class WritePlan:
         self.servo_id = servo_id
         self.series = series
         self.address = address
-        # What can be read back; nothing where it is not a plain write.
+        # Bytes that can be read back; none for other packets than a plain write.
         self.data = data if request is None else b""
         self.request = make_write(servo_id, address, data) if request is None else request
         self.acknowledgement = series.reply_header + bytes((servo_id, 2, 0, ~(servo_id + 2) & 0xFF))
@@ -153,18 +153,18 @@ class SyncReadPlan:
     """One SYNC_READ of the same registers of several servos.
 
     Args:
-        series: Series of all of them.
-        ids: Whom to ask, in this order.
+        series: Series of all the servos.
+        ids: Ids of the servos, in this order.
         address: First register address.
-        count: Bytes of each.
-        register: The register, where it is a single one whose values `glance` may take as they are.
+        count: Bytes from each servo.
+        register: The register, if it is a single one whose values `glance` can decode.
 
     Attributes:
         request: Bytes to send.
         length: Bytes of all answers.
         total: Bytes of both.
-        base: Seconds the answers take without the adapter's allowance; its user sets it.
-        allowance: Seconds granted to the adapter; its user sets it.
+        base: Seconds that the answers take without the adapter's allowance; set by the user of the plan.
+        allowance: Seconds allowed for the adapter; set by the user of the plan.
     """
 
     __slots__ = (
@@ -205,12 +205,12 @@ class SyncReadPlan:
         self._masks: tuple[int, int, int, int, int] | None = None
         self._values: Struct | None = None
         if register is not None and register.size == count == 2:
-            # One big integer, little-endian, one packet after the other in it.
+            # One big little-endian integer that holds the packets one after the other.
             def lanes(packet: bytes) -> int:
                 return int.from_bytes(packet * n, "little")
 
             sign = 0 if register.sign_bit is None else 1 << register.sign_bit
-            # Above the sign bit nothing may be set either: those bits have no meaning.
+            # No bit above the sign bit may be set: those bits have no meaning.
             above = 0 if register.sign_bit is None else 0xFFFF & ~(sign - 1)
             odd = above.to_bytes(2, "little" if register.byte_order == "little" else "big")
             self._masks = (
@@ -223,9 +223,9 @@ class SyncReadPlan:
             self._values = Struct((">" if register.byte_order == "big" else "<") + "5xHx" * n)
 
     def glance(self, data: bytes) -> tuple[int, ...] | None:
-        """Raw values in the order of `ids` if `data` is exactly their sound answers, else None.
+        """Return raw values in the order of `ids` if `data` is exactly their valid answers, else None.
 
-        None as well if a servo reports an error, or a value has its sign bit set.
+        Also returns None if a servo reports an error, or a value has its sign bit set.
         """
         masks = self._masks
         if masks is None or len(data) != self.length:
@@ -235,14 +235,14 @@ class SyncReadPlan:
         if number & mask != heads:
             return None
         # Pairs of bytes, then the sum of each lane and the three below it: the top lane of each packet ends with
-        # the sum of all eight bytes, at most 2040, so no lane runs over into the next.
+        # the sum of all eight bytes, at most 2040, so no lane overflows into the next.
         lanes = (number & bytes_mask) + (number >> 8 & bytes_mask)
         if lanes * _LANES_OF_A_PACKET & sum_mask != whole:
             return None
         return self._values.unpack(data)  # type: ignore[union-attr]  # made together with the masks
 
     def blocks(self, data: bytes) -> list[bytes] | None:
-        """Register bytes of each servo, in the order of `ids`, under the same conditions as `glance`."""
+        """Return the register bytes of each servo, in the order of `ids`; None under the conditions of `glance`."""
         if len(data) != self.length:
             return None
         size, rows, at = self.size, [], 0
@@ -255,13 +255,13 @@ class SyncReadPlan:
         return rows
 
     def rest(self, data: bytes) -> float:
-        """Seconds to wait for what is missing of the answers behind `data`; 0.0 if nothing more will come."""
+        """Return the seconds to wait for the answers missing after `data`; 0.0 if no more can arrive."""
         missing = self.length - len(data)
         if missing <= 0:
             return 0.0
         at = len(data) - self.size
         if at >= 0 and data.startswith(self._last, at) and sum(data[at + 2 :]) & 0xFF == 0xFF:
-            return 0.0  # servos answer in order, and this was the last
+            return 0.0  # servos answer in order, and this is the last
         return missing * self.base / self.length + self.allowance
 
 
@@ -270,11 +270,11 @@ class SyncWritePlan:
 
     Args:
         register: The register, two bytes wide.
-        ids: Whose.
+        ids: Ids of the servos.
 
     Attributes:
-        least: Least raw value taken.
-        most: Greatest raw value taken.
+        least: Lowest raw value accepted.
+        most: Highest raw value accepted.
     """
 
     __slots__ = ("_fixed_sum", "_pack", "_sum_at", "_template", "ids", "least", "most", "register")
@@ -285,21 +285,21 @@ class SyncWritePlan:
         self.register = register
         self.ids = tuple(ids)
         packet = make_sync_write(register.address, [(servo_id, b"\0\0") for servo_id in ids])
-        # One integer, its first byte the lowest; the checksum is the highest.
+        # One integer: the first byte is the lowest, the checksum the highest.
         self._template = int.from_bytes(packet[:-1], "little")
         self._sum_at = 8 * (len(packet) - 1)
         self._fixed_sum = sum(packet[2:-1])
-        # The values where they stand in the packet, and 0 everywhere else.
+        # The values at their offsets in the packet, and 0 elsewhere.
         order, before = (">" if register.byte_order == "big" else "<"), len(packet) - 1 - 3 * len(self.ids)
         self._pack = Struct(f"{order}{before}x" + "xH" * len(self.ids) + "x").pack
         self.least = register.fits[0] if register.minimum is None else register.minimum
         self.most = register.fits[-1] if register.maximum is None else register.maximum
 
     def serialize(self, values: Sequence[int]) -> bytes:
-        """The packet for one raw value a servo, in the order of `ids`.
+        """Make the packet for one raw value per servo, in the order of `ids`.
 
         Raises:
-            UsageError: A value is outside the register's range; nothing is built.
+            UsageError: A value is outside the register's range.
         """
         least = min(values)
         if least < self.least or max(values) > self.most:

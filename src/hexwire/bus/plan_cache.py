@@ -1,6 +1,6 @@
-"""The plans of a bus: each request is built once and found again by what it asks.
+"""Cache of the plans of a bus, so that each request is built once.
 
-Owns the caches, and how long a plan's answers take on the wire. No I/O, no time; what a plan is, `plan` says.
+Owns the caches, and the time that a plan's answers take on the wire. No I/O, no clock; `plan` defines the plans.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from .timing import LineTiming
 __all__ = ["LEGACY_READ", "PlanCache", "writable"]
 
 LEGACY_READ = 2
-"""Bytes that a legacy servo answers every read with."""
+"""Bytes in a legacy servo's answer to any read."""
 _MOST_PLANS = 512
 
 
 def writable(series: Series, servo_id: int, name: str) -> Register:
-    """A register that may be written.
+    """Return a register that may be written.
 
     Raises:
-        UsageError: The series has no such register, or it can only be read.
+        UsageError: The series has no such register, or it is read-only.
     """
     register = series.register(name)
     if register.access != "rw":
-        raise UsageError(f"register {name} of servo {servo_id} can only be read")
+        raise UsageError(f"register {name} of servo {servo_id} is read-only")
     return register
 
 
 class PlanCache:
-    """Plans of one bus, for the line rate and the return delays that are known now.
+    """Plans of one bus, for the present line rate and return delays.
 
     Args:
-        servos: What is known of the servos.
-        timing: How long bytes take on the wire; replaced by `clear` when the rate changes.
+        servos: Known facts of the servos.
+        timing: Transmission times; replaced by `clear` when the rate changes.
 
     Attributes:
         reads: Plan and register of a single read, by servo and register name.
-        syncs: Plan of a sync read, by register name and ids; None where single reads are needed.
-        sync_writes: Plan of a sync write, by register name and ids.
+        syncs: Plan of a sync read, by register name and ids; None if single reads are needed.
+    sync_writes: Plan of a sync write, by register name and ids.
     """
 
     def __init__(self, servos: KnownServos, timing: LineTiming) -> None:
@@ -75,7 +75,7 @@ class PlanCache:
         return entry
 
     def sync(self, name: str, ids: tuple[int, ...]) -> SyncReadPlan | None:
-        """Plan of a sync read that all of these servos understand alike; None if there is none.
+        """Return the plan of a sync read of servos of one series; None if they need single reads.
 
         Raises:
             UsageError: No servo is named, or a series has no such register.
@@ -95,7 +95,7 @@ class PlanCache:
         return plan
 
     def block(self, address: int, count: int, ids: tuple[int, ...]) -> SyncReadPlan:
-        """Plan of a sync read of neighbouring registers. All of the servos can sync read."""
+        """Return the plan of a sync read of neighbouring registers. All of the servos support sync read."""
         key = (address, count, ids)
         plan = self._blocks.get(key)
         if plan is None:
@@ -107,7 +107,7 @@ class PlanCache:
         return plan
 
     def part(self, plan: SyncReadPlan, ids: tuple[int, ...], address: int, count: int) -> SyncReadPlan:
-        """Plan that asks some of a plan's servos again, in a block of registers around the ones wanted."""
+        """Return a plan that repeats the read for some of a plan's servos, in a block around the registers."""
         if plan.register is not None and (address, count) == (plan.address, plan.count):
             again = self.sync(plan.register.name, ids)
             if again is not None:
@@ -115,10 +115,10 @@ class PlanCache:
         return self.block(address, count, ids)
 
     def sync_write(self, name: str, ids: tuple[int, ...]) -> SyncWritePlan | None:
-        """Make the plan of a sync write of a two-byte register that all have alike; None if there is none.
+        """Make the plan of a sync write of a two-byte register that is the same for all; None if it is not.
 
         Raises:
-            UsageError: No servo is named, or one cannot write such a register.
+            UsageError: No servo is named, or a servo has no such writable register.
         """
         if not ids:
             raise UsageError("a sync write needs at least one servo id")

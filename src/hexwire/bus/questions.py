@@ -1,11 +1,11 @@
-"""Questions to servos: asked again if need be, and in another way where an answer would be ambiguous.
+"""Requests to servos: repeats them, and uses another request where an answer would be ambiguous.
 
-Owns repeats, and which request is believed. A register is read with its neighbours, in a length that nothing on the
-way has. What has one length only (a ping, an acknowledgement, a legacy servo's two bytes) waits until another
-request to the same servo is answered: bytes keep their order on a link, so what was late is there by then.
+Owns repeats, and which answers are trusted. A register is read with its neighbours, in a length that no late answer
+has. A request with only one possible length (a ping, an acknowledgement, a legacy servo's two bytes) waits until
+another request to the same servo is answered: a link keeps the order of bytes, so late answers have arrived by
+then.
 
-Each function is a conversation over a `BusMachine`; see there. No I/O and no clock here. Must not know registers by
-name.
+Each function is a conversation of a `BusMachine`; see there. No I/O and no clock. Must not know registers by name.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .plan_cache import LEGACY_READ
 __all__ = ["ask_block", "ask_many", "ask_one", "ask_registers", "is_there", "settle"]
 
 _ANY_REGISTER = Series.STS_SMS.register("present_temperature").address
-"""What is read where only the answer matters: at the same place, one byte wide, in every series."""
+"""Register to read when only the answer matters: at the same address, one byte wide, in every series."""
 
 
 def ask_one(
@@ -38,20 +38,20 @@ def ask_one(
     header: bytes | None,
     retries: int,
 ) -> Conversation[tuple[StatusPacket | None, AnswerCollector]]:
-    """Ask one servo what is answered in one length only. Only for what may be done `1 + retries` times.
+    """Send a request whose answer has only one possible length. Only for requests that may run `1 + retries` times.
 
     Args:
         machine: The bus.
-        servo_id: Whom to ask.
-        request: What is asked.
+        servo_id: The servo.
+        request: The packet.
         params: Parameter bytes of the answer.
-        base: Seconds the answer takes without the adapter.
-        data: What has arrived, if the request is sent; None sends it.
-        header: First two bytes of the answer; None takes either kind.
-        retries: How often to ask again.
+        base: Seconds that the answer takes without the adapter.
+        data: Bytes received so far, if the request was sent; None sends it.
+        header: First two bytes of the answer; None accepts either kind.
+        retries: Number of repeats.
 
     Returns:
-        The answer or None, and what came last.
+        The answer or None, and the collector of the last attempt.
     """
     late = data is None and (yield from machine.doubted(servo_id, params))
     if late and not (yield from settle(machine, servo_id, params)):
@@ -67,7 +67,7 @@ def ask_one(
             machine.silent.pop(servo_id, None)
             return found, collector
         if servo_id in collector.copies:
-            # It may have answered; asking the same again is no help.
+            # It may have answered; a repeat of the same request does not help.
             break
     else:
         machine.mark_silent(servo_id, machine.now)
@@ -78,18 +78,18 @@ def ask_one(
 def ask_block(
     machine: BusMachine, servo_id: int, address: int, count: int, *, base: float = 0.0, data: bytes | None = None
 ) -> Conversation[tuple[StatusPacket | None, AnswerCollector]]:
-    """Read registers of one servo, with their neighbours where an answer of that length could be another's.
+    """Read registers of one servo, with their neighbours where an answer of that length could be a late one.
 
     Args:
         machine: The bus.
-        servo_id: Whom to ask.
+        servo_id: The servo.
         address: First register address.
         count: Bytes wanted.
-        base: Seconds that takes, if it is asked already.
-        data: What has arrived, if it is; None asks.
+        base: Seconds that the answer takes, if the request was sent.
+        data: Bytes received so far, if the request was sent; None sends it.
 
     Returns:
-        The answer with the bytes wanted, or None; and what came last.
+        The answer with the bytes wanted, or None; and the collector of the last attempt.
     """
     series = machine.servos.series_of(servo_id)
     collector = AnswerCollector(b"", (servo_id,), count)
@@ -118,7 +118,7 @@ def ask_block(
             machine.count.settled += place != (address, count)
             return found, collector
         if first and servo_id in collector.copies:
-            # Not silence: it may have answered in the very bytes of an echo, and is asked otherwise.
+            # It may have answered with the same bytes as an echo: send another request.
             left = max(left, 1)
         first = False
     else:
@@ -128,10 +128,10 @@ def ask_block(
 
 
 def ask_registers(machine: BusMachine, servo_id: int, address: int, count: int) -> Conversation[tuple[bytes, int]]:
-    """Read registers of one servo; of a legacy one, two bytes at a time.
+    """Read registers of one servo; of a legacy servo, two bytes at a time.
 
     Returns:
-        The bytes, empty if a question was not answered, and all error bits that came.
+        The bytes, empty if a request was not answered, and all error bits received.
 
     Raises:
         UsageError: There are no such registers.
@@ -139,7 +139,7 @@ def ask_registers(machine: BusMachine, servo_id: int, address: int, count: int) 
     legacy = machine.servos.series_of(servo_id) is Series.SEVEN_BOT
     step = LEGACY_READ if legacy else count
     if not legacy:
-        make_read(servo_id, address, count)  # a block that makes no sense has no neighbours either
+        make_read(servo_id, address, count)  # refuses an invalid block
     data, error = b"", 0
     for at in range(address, address + count, step):
         status, _ = yield from ask_block(machine, servo_id, at, step)
@@ -151,12 +151,12 @@ def ask_registers(machine: BusMachine, servo_id: int, address: int, count: int) 
 
 
 def ask_many(machine: BusMachine, plan: SyncReadPlan, data: bytes | None) -> Conversation[dict[int, StatusPacket]]:
-    """Answers to a sync read, asking again those only that did not answer.
+    """Collect the answers to a sync read; repeats go only to servos without an answer.
 
     Args:
         machine: The bus.
         plan: The sync read.
-        data: What has arrived, if it is sent; None sends it.
+        data: Bytes received so far, if it was sent; None sends it.
 
     Returns:
         Answers with the bytes wanted, by servo id.
@@ -167,7 +167,7 @@ def ask_many(machine: BusMachine, plan: SyncReadPlan, data: bytes | None) -> Con
     begin, silent = machine.now, machine.silent
     wanted: list[int] = list(plan.ids)
     if data is None and silent:
-        # Whoever was silent goes first: the others' answers then end the wait.
+        # Servos that were silent go first: the answers of the others then end the wait.
         wanted.sort(key=lambda servo_id: servo_id not in silent)
     attempt, attempts = 0, 1 + machine.retries
     while attempt < attempts:
@@ -205,16 +205,16 @@ def ask_many(machine: BusMachine, plan: SyncReadPlan, data: bytes | None) -> Con
 
 
 def is_there(machine: BusMachine, servo_id: int) -> Conversation[tuple[StatusPacket | None, AnswerCollector]]:
-    """Ask a servo of a kind that can be asked in any length whether it is there."""
+    """Check whether a servo answers, by a read of any length; not for legacy servos."""
     found, collector = yield from ask_block(machine, servo_id, _ANY_REGISTER, 1)
     machine.count.settled += found is not None
     return found, collector
 
 
 def settle(machine: BusMachine, servo_id: int, params: int) -> Conversation[bool]:
-    """Make sure that no answer of that length is on the way from a servo; False if it does not answer at all.
+    """Make sure that no late answer of that length can arrive from a servo; False if it does not answer.
 
-    A request that is answered in another length does that.
+    An answer of another length proves it.
     """
     if machine.servos.series_of(servo_id) is Series.SEVEN_BOT:
         settled = yield from _settle_legacy(machine, servo_id)
@@ -229,9 +229,9 @@ def settle(machine: BusMachine, servo_id: int, params: int) -> Conversation[bool
 
 
 def _settle_legacy(machine: BusMachine, servo_id: int) -> Conversation[bool]:
-    """Ask a servo that knows only two lengths in the other one, and once more after a pause.
+    """Send a request in the other of a legacy servo's two lengths, and repeat it after a pause.
 
-    Nothing but order keeps its answers apart. The pause is for a line that is not as strict about it.
+    Only their order distinguishes its answers. The pause is for a line that does not keep the order strictly.
     """
     header = Series.SEVEN_BOT.reply_header
     for _ in range(1 + machine.retries):
@@ -264,7 +264,7 @@ def _places(machine: BusMachine, servo_id: int, address: int, count: int) -> Ite
 def _free_place(
     machine: BusMachine, servo_ids: Sequence[int], address: int, count: int
 ) -> Conversation[tuple[int, int] | None]:
-    """The shortest block around some registers whose answers cannot be late ones; None if there is none."""
+    """Find the shortest block around registers whose answers cannot be late ones; None without one."""
     for place in _places(machine, servo_ids[0], address, count):
         if not (yield from machine.any_doubted(servo_ids, place[1])):
             return place
@@ -274,7 +274,7 @@ def _free_place(
 def _place_for_most(
     machine: BusMachine, servo_ids: list[int], address: int, count: int
 ) -> Conversation[tuple[tuple[int, int] | None, list[int]]]:
-    """A block for all of them, or one that suits the most, and those."""
+    """Find a block for all of these servos, or for as many as possible; returns it and those servos."""
     place = yield from _free_place(machine, servo_ids, address, count)
     if place is not None:
         return place, servo_ids

@@ -1,6 +1,6 @@
-"""The newest values that were read, for a servo that does not answer.
+"""Newest values read, for a servo that no longer answers.
 
-Owns raw values and their times by register and servo. No I/O; times are monotonic seconds that the caller gives.
+Owns raw values and their times by register and servo. No I/O; the caller gives times, in monotonic seconds.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ __all__ = ["RecentValues"]
 
 
 class RecentValues:
-    """What was read last. The fast path leaves its values where it has them; here they are found again.
+    """Newest values of registers. Values of the fast path stay in its plans and results, which are searched here.
 
     Attributes:
-        syncs: Newest result of a sync read, by register name; its user sets it.
+        syncs: Newest result of a sync read, by register name; set by the user of this object.
     """
 
     def __init__(self) -> None:
@@ -26,16 +26,16 @@ class RecentValues:
         self._single: dict[tuple[str, int], tuple[int, float]] = {}
 
     def keep(self, name: str, servo_id: int, raw: int, stamp: float) -> None:
-        """A value was read at that time."""
+        """Store a value and its time."""
         self._single[name, servo_id] = (raw, stamp)
 
     def last(self, name: str, servo_id: int, plan: ReadPlan | None) -> tuple[int, float] | None:
-        """Newest value of a register of a servo, and when it was read; None if it never was.
+        """Return the newest value of a register of a servo and its time; None if it was never read.
 
         Args:
             name: Register name.
-            servo_id: Whose.
-            plan: The plan of a single read of it, if there is one: it holds the value that was read last.
+            servo_id: The servo.
+            plan: The plan of a single read of it, if there is one; it holds the last value.
         """
         last = self._single.get((name, servo_id))
         if plan is not None and plan.latest is not None and (last is None or plan.stamp > last[1]):

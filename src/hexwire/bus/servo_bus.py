@@ -1,11 +1,11 @@
 """`ServoBus`: bus servos on any byte link, without a board in between.
 
 Owns registers by name in SI units or raw counts, and the fast path of reads and writes. It has a `BusLine`, which
-sends the plans and runs the conversations it is given; what is slow or strange is decided in `questions` and
-`writes`. Setting servos up is `setup`'s. Must not know arms or joints.
+sends plans and runs conversations; `questions` and `writes` handle slow and unusual cases, `setup` sets servos up.
+Must not know arms or joints.
 
-A missing or troubled servo is data, not an exception: results carry status, age and error, and their `check()`
-raises for those who want that. Only the link raises by itself.
+A missing or faulty servo is data, not an exception: results carry status, age and error, and their `check()`
+raises. Only faults of the link raise directly.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ _new = tuple.__new__
 
 
 class ServoBus(Openable):
-    """Servos on one half-duplex wire behind a link. Constructing one does no I/O; `open` or ``with`` does.
+    """Servos on one half-duplex wire behind a link. The constructor does no I/O; `open` or ``with`` does.
 
     One bus object owns its link; several threads may use the object, one transaction at a time.
 
     Args:
-        link: The line to the adapter.
-        series: What a servo is unless `servos` says otherwise.
+        link: The link to the adapter.
+        series: Series of servos that `servos` does not name.
         servos: Series of single servos by id, on a wire with mixed series.
-        baud: Bits a second on the wire; None takes the link's own rate, 0 if it has none.
-        retries: How often a servo that did not answer is asked again within one call.
+        baud: Bits per second on the wire; None takes the link's rate, 0 if it has none.
+        retries: Number of repeats within one call to a servo that did not answer.
 
     Raises:
         UsageError: There is no such series, or fewer than 0 retries.
@@ -73,12 +73,12 @@ class ServoBus(Openable):
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
-        """A bus on the link that `url` names, not opened; options as in the constructor.
+        """Make a bus on the link that `url` names, without opening it; options as in the constructor.
 
-        A serial port without a rate in its URL gets that of the series' factory setting.
+        A serial port without a rate in its URL gets the factory setting of the series.
 
         Raises:
-            UsageError: The URL or an option makes no sense.
+            UsageError: The URL or an option is invalid.
         """
         from hexwire.link.open import make_link
         from hexwire.link.url import parse_url
@@ -92,7 +92,7 @@ class ServoBus(Openable):
     # --- opening -----------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the link and drop what had arrived before, or is in the adapter: another program's answers, say.
+        """Open the link and discard old bytes in it and in the adapter, such as answers to another program.
 
         Raises:
             LinkError: The link cannot be opened; see `Link.open`.
@@ -106,16 +106,16 @@ class ServoBus(Openable):
     def __repr__(self) -> str:
         return f"<ServoBus {self.link.url} {self.series.value}>"
 
-    # --- what is known -----------------------------------------------------------------------------------------
+    # --- properties and settings -------------------------------------------------------------------------------
 
     @property
     def link(self) -> Link:
-        """The line to the adapter."""
+        """The link to the adapter."""
         return self._line.link
 
     @property
     def epochs(self) -> Epochs:
-        """The stops of the arm behind it, and what they void. A driver sets its own."""
+        """The stops of the arm, and the calls that they cancel. A driver sets its own."""
         return self._line.epochs
 
     @epochs.setter
@@ -124,7 +124,7 @@ class ServoBus(Openable):
 
     @property
     def retries(self) -> int:
-        """How often a servo that did not answer is asked again within one call; may be set at any time."""
+        """Number of repeats within one call to a servo that did not answer; may be set at any time."""
         return self._machine.retries
 
     @retries.setter
@@ -138,21 +138,21 @@ class ServoBus(Openable):
 
     @property
     def counters(self) -> BusCounters:
-        """What happened so far."""
+        """The counters so far."""
         return self._machine.counters
 
     @property
     def echo(self) -> bool | None:
-        """Whether the adapter hears itself; None until it is known. Learned by itself."""
+        """Whether the adapter echoes what is sent; None until it is known. Detected automatically."""
         return self._machine.echo
 
     @property
     def series(self) -> Series:
-        """What a servo is unless something else is known of it."""
+        """Series of servos without a known one."""
         return self._servos.default
 
     def now(self) -> float:
-        """The link's clock: monotonic seconds."""
+        """Return the time of the link's clock, monotonic seconds."""
         return self._line.clock()
 
     def series_of(self, servo_id: int) -> Series:
@@ -160,7 +160,7 @@ class ServoBus(Openable):
         return self._servos.series_of(servo_id)
 
     def set_series(self, servo_id: int, series: Series | str) -> None:
-        """Say what a servo is.
+        """Set the series of a servo.
 
         Raises:
             UsageError: There is no such series.
@@ -170,22 +170,22 @@ class ServoBus(Openable):
             self._machine.forget_plans()
 
     def set_return_delay(self, servo_id: int, seconds: float) -> None:
-        """Say how long a servo takes to begin its answer, seconds; `setup.identify` reads it."""
+        """Set the seconds until a servo begins its answer; `setup.identify` reads them."""
         with self._lock:
             self._servos.set_return_delay(servo_id, seconds)
             self._machine.forget_plans()
 
     def set_acknowledges(self, servo_id: int, acknowledges: bool) -> None:
-        """Say whether a servo answers writes (status_return_level 1). Learned by itself from a silent one."""
+        """Set whether a servo acknowledges writes (status_return_level 1); silence is detected automatically."""
         with self._lock:
             self._servos.set_acknowledges(servo_id, acknowledges)
 
     def acknowledges(self, servo_id: int) -> bool:
-        """Whether a servo answers writes, as far as is known."""
+        """Whether a servo acknowledges writes, as far as known."""
         return self._servos.acknowledges(servo_id)
 
     def set_baud(self, baud: int) -> None:
-        """Follow the servos to another rate, bits a second. The servos are not told.
+        """Change the rate of the link, bits per second. The servos' own rate does not change.
 
         Raises:
             NotSupportedError: This link has no rate.
@@ -203,11 +203,11 @@ class ServoBus(Openable):
             name: Register name, as in ``present_position``.
 
         Returns:
-            Raw value, SI value, status, age and error of it.
+            Raw value, SI value, status, age and error of the register.
 
         Raises:
             UsageError: The servo's series has no such register.
-            LinkError: The line is at fault.
+            LinkError: The line has a fault.
         """
         entry = self._plans.reads.get((servo_id, name))
         if entry is None:
@@ -232,27 +232,27 @@ class ServoBus(Openable):
             return _new(Reading, (servo_id, register, raw, 0, 0.0, "", raw))
 
     def read_block(self, servo_id: int, address: int, count: int) -> ServoBlock:
-        """Read neighbouring registers. A legacy servo is asked for them two bytes at a time.
+        """Read neighbouring registers; of a legacy servo, two bytes at a time.
 
         Raises:
-            UsageError: There is no such block.
-            LinkError: The line is at fault.
+            UsageError: The block is invalid.
+            LinkError: The line has a fault.
         """
         return block_reads.read_block(self._line, servo_id, address, count)
 
     def sync_read(self, name: str, servo_ids: Iterable[int]) -> Readings:
-        """Read the same register of several servos: one request where they can, single reads where not.
+        """Read the same register of several servos: by one request where they support it, else by single reads.
 
         Args:
-            name: Register name; on a wire with mixed series each servo's own.
-            servo_ids: Whom to ask, in this order. A tuple is quickest.
+            name: Register name; on a wire with mixed series that of each servo.
+            servo_ids: Ids of the servos, in this order. A tuple is fastest.
 
         Returns:
-            One reading each. Servos that did not answer, and only those, were asked again.
+            One reading per servo. Repeats went only to servos that did not answer.
 
         Raises:
             UsageError: A servo's series has no such register, or no servo is named.
-            LinkError: The line is at fault.
+            LinkError: The line has a fault.
         """
         ids = servo_ids if type(servo_ids) is tuple else tuple(servo_ids)
         plan = self._plans.syncs.get((name, ids))
@@ -282,11 +282,11 @@ class ServoBus(Openable):
             return readings
 
     def sync_read_blocks(self, address: int, count: int, servo_ids: Iterable[int]) -> list[ServoBlock]:
-        """Read neighbouring registers of several servos at once; single reads where they cannot sync read.
+        """Read neighbouring registers of several servos at once; single reads where they have no sync read.
 
         Raises:
-            UsageError: There is no such block.
-            LinkError: The line is at fault.
+            UsageError: The block is invalid.
+            LinkError: The line has a fault.
         """
         return block_reads.sync_read_blocks(self._line, address, count, tuple(servo_ids))
 
@@ -296,40 +296,40 @@ class ServoBus(Openable):
         """Write a register in its SI unit. A goal position switches the torque on and moves the servo.
 
         Raises:
-            UsageError: No such register, a read-only one, or a value that it cannot hold; nothing was sent.
-            LinkError: The line is at fault.
+            UsageError: There is no such register, it is read-only, or cannot hold the value; nothing was sent.
+            LinkError: The line has a fault.
         """
         register = writable(self.series_of(servo_id), servo_id, name)
         return writes.write_register(self._line, servo_id, register, register.from_si(value))
 
     def write_raw(self, servo_id: int, name: str, raw: int) -> Answer:
-        """Write a register as the servo counts it. See `write`."""
+        """Write the raw value of a register. See `write`."""
         return writes.write_register(self._line, servo_id, writable(self.series_of(servo_id), servo_id, name), raw)
 
     def write_bytes(self, servo_id: int, address: int, data: bytes) -> Answer:
-        """Write neighbouring registers. Nothing is checked but that it fits a packet."""
+        """Write neighbouring registers. Only the size of the packet is checked."""
         plan = WritePlan(servo_id, self.series_of(servo_id), address, data)
         return writes.acknowledged(self._line, plan, f"a write at {address}")
 
     def reg_write(self, servo_id: int, name: str, value: float) -> Answer:
-        """Write a register in its SI unit, to take effect at `action`. Raises as `write`."""
+        """Write a register in its SI unit; the value takes effect at `action`. Raises as `write`."""
         register = writable(self.series_of(servo_id), servo_id, name)
         raw = writes.in_range(servo_id, register, register.from_si(value))
         request = packets.make_reg_write(servo_id, register.address, register.encode(raw))
         return writes.order(self._line, servo_id, request, f"a delayed write of {name}")
 
     def sync_write(self, name: str, values: Mapping[int, float]) -> None:
-        """Write a register of several servos in its SI unit: one packet a series, which nobody answers.
+        """Write a register of several servos in its SI unit, by one unacknowledged packet per series.
 
         Raises:
-            UsageError: A value outside a register's range; nothing was sent.
-            LinkError: The line is at fault.
+            UsageError: A value is outside a register's range; nothing was sent.
+            LinkError: The line has a fault.
         """
         raws = {i: writable(self.series_of(i), i, name).from_si(value) for i, value in values.items()}
         self.sync_write_raw(name, raws)
 
     def sync_write_raw(self, name: str, values: Mapping[int, int]) -> None:
-        """Write a register of several servos as they count it. See `sync_write`."""
+        """Write raw values of a register of several servos. See `sync_write`."""
         key = (name, tuple(values))
         plan = self._plans.sync_writes.get(key)
         if plan is None:
@@ -344,28 +344,28 @@ class ServoBus(Openable):
         return None
 
     def sync_write_bytes(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write neighbouring registers of several servos in one packet. Nothing is checked but that it fits."""
+        """Write neighbouring registers of several servos in one packet. Only the size of the packet is checked."""
         self._line.send(packets.make_sync_write(address, data))
 
-    # --- the other instructions --------------------------------------------------------------------------------
+    # --- other instructions ------------------------------------------------------------------------------------
 
     def ping(self, servo_id: int) -> Answer:
-        """Ask a servo whether it is there."""
+        """Ping a servo."""
         return orders.ping(self._line, servo_id)
 
     def broadcast_ping(self, most: int = 254) -> tuple[tuple[int, ...], int]:
-        """Ping all servos at once. Only a lone servo is sure to be understood: several answer together.
+        """Ping all servos at once. Only the answer of a single servo is reliable: several answer at the same time.
 
         Args:
-            most: How many answers to wait for.
+            most: Number of answers to wait for.
 
         Returns:
-            Ids heard, and the number of bytes that made no sense (a collision, for one).
+            Ids received, and the number of invalid bytes (such as from a collision).
         """
         return orders.broadcast_ping(self._line, most)
 
     def restore(self, servo_id: int) -> Answer:
-        """Factory settings, id kept on Feetech servos.
+        """Restore factory settings; Feetech servos keep their id.
 
         Raises:
             NotSupportedError: A legacy servo would lose its id; see `setup.factory_reset`.
@@ -373,15 +373,15 @@ class ServoBus(Openable):
         return orders.restore(self._line, servo_id)
 
     def reboot(self, servo_id: int) -> None:
-        """Restart a servo; unanswered. It is silent for 0.8 s, and its torque is off.
+        """Restart a servo, without an acknowledgement. It is silent for 0.8 s, and its torque is off.
 
         Raises:
-            NotSupportedError: Its series knows no such instruction.
+            NotSupportedError: Its series has no such instruction.
         """
         orders.reboot(self._line, servo_id)
 
     def backup(self, servo_id: int) -> Answer:
-        """Have a servo store its present settings as those of `restore`. Raises as `reboot`."""
+        """Make a servo store its present settings as those of `restore`. Raises as `reboot`."""
         return orders.backup(self._line, servo_id)
 
     def reset_turns(self, servo_id: int) -> Answer:
@@ -389,27 +389,27 @@ class ServoBus(Openable):
         return orders.reset_turns(self._line, servo_id)
 
     def calibrate(self, servo_id: int, position: int | None = None) -> Answer:
-        """Make the present position 2048, or the given count where the firmware takes one. Nothing moves.
+        """Make the present position 2048, or the given count if the firmware accepts one. Nothing moves.
 
         Raises:
-            NotSupportedError: The series knows no such instruction.
+            NotSupportedError: The series has no such instruction.
         """
         return orders.calibrate(self._line, servo_id, position)
 
     def action(self, servo_id: int = BROADCAST_ID) -> Answer | None:
-        """Let `reg_write` take effect, in one servo or, unanswered, in all."""
+        """Apply values of `reg_write`, in one servo or, without an acknowledgement, in all."""
         return orders.action(self._line, servo_id)
 
     def ask(self, request: bytes, servo_id: int, params: int) -> tuple[packets.StatusPacket | None, str]:
-        """Send any packet once and take the answer of one servo.
+        """Send any packet once and receive the answer of one servo.
 
         Args:
             request: The packet.
-            servo_id: Who answers.
+            servo_id: Id of the answering servo.
             params: Parameter bytes of the answer.
 
         Returns:
-            The status packet or None, and in words what came instead; empty if nothing did.
+            The status packet or None, and in words what arrived instead; empty if nothing arrived.
         """
         return orders.ask(self._line, request, servo_id, params)
 
@@ -418,16 +418,16 @@ class ServoBus(Openable):
 
         Args:
             request: The packet.
-            servo_ids: Who answers, in order; nobody is waited for if it is empty.
+            servo_ids: Ids of the answering servos, in order; if empty, the call does not wait.
             params: Parameter bytes of each answer.
         """
         return orders.raw(self._line, request, servo_ids, params)
 
     def pause(self, seconds: float) -> None:
-        """Let time pass on this bus; what comes meanwhile is dropped."""
+        """Wait, and discard bytes that arrive meanwhile."""
         orders.pause(self._line, seconds)
 
-    # --- inside ------------------------------------------------------------------------------------------------
+    # --- careful path ------------------------------------------------------------------------------------------
 
     def _read_carefully(self, plan: ReadPlan, register: Register, data: bytes | None) -> Reading:
         servo_id, name, machine = plan.servo_id, register.name, self._machine
@@ -445,7 +445,7 @@ class ServoBus(Openable):
         return Reading(servo_id, register, raw, status.error, 0.0, "", raw)
 
     def _last(self, name: str, servo_id: int) -> tuple[int, float] | None:
-        """Newest value of a register that was read, and when."""
+        """Return the newest value read from a register, and its time."""
         entry = self._plans.reads.get((servo_id, name))
         return self._recent.last(name, servo_id, None if entry is None else entry[0])
 
@@ -465,14 +465,14 @@ class ServoBus(Openable):
             statuses = {i: status.error for i, status in found.items() if status.error}
             last = {i: value for i in ids if i not in found and (value := self._last(name, i)) is not None}
             readings = Readings(register, ids, raws, now, statuses, last)
-            # A silent servo's newest value must outlive the readings that lack it.
+            # Keep a silent servo's newest value longer than the readings without it.
             for servo_id, (raw, stamp) in last.items():
                 self._recent.keep(name, servo_id, raw, stamp)
         self._newest[name] = readings
         return readings
 
     def _read_mixed(self, name: str, ids: tuple[int, ...]) -> Readings:
-        """Sync reads for those that can, by series; single reads for the others."""
+        """Use one sync read per series that supports it, and single reads for the other servos."""
         groups: dict[Series, list[int]] = {}
         for servo_id in ids:
             groups.setdefault(self.series_of(servo_id), []).append(servo_id)

@@ -1,6 +1,6 @@
-"""What is known of the servos on a bus: series, return delay, and whether they acknowledge writes.
+"""Known facts of the servos on a bus: series, return delay, acknowledgement of writes.
 
-Owns these facts and nothing else. No I/O, no time; must not know how they are found out.
+Owns these facts and nothing else. No I/O, no time; must not know how they are detected.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ _ENDS = {series: max(r.address + r.size for r in series.registers.values()) for 
 
 
 def as_series(series: Series | str) -> Series:
-    """Series of a name.
+    """Return the series with a name.
 
     Raises:
-        UsageError: There is none; the text lists them.
+        UsageError: There is no such series; the text lists them.
     """
     try:
         return Series(series)
@@ -70,11 +70,11 @@ class KnownServos:
         return sum(self._return_delays.get(servo_id, RETURN_DELAY) for servo_id in servo_ids)
 
     def set_acknowledges(self, servo_id: int, acknowledges: bool) -> None:
-        """Set whether a servo answers writes (status_return_level 1)."""
+        """Set whether a servo acknowledges writes (status_return_level 1)."""
         (self._silent_writes.discard if acknowledges else self._silent_writes.add)(servo_id)
 
     def acknowledges(self, servo_id: int) -> bool:
-        """Whether a servo answers writes, as far as is known."""
+        """Whether a servo acknowledges writes, as far as known."""
         return servo_id not in self._silent_writes and self.series_of(servo_id) is not Series.SEVEN_BOT
 
     def end_of(self, servo_id: int) -> int:

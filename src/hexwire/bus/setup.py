@@ -1,7 +1,7 @@
-"""Setting servos up: who is there, ids, rates, stored settings, the middle, and recovery after an overload.
+"""Setup of servos: identification, ids, rates, stored settings, centring, and recovery after an overload.
 
-Owns the safe order of such steps: each is verified, and undone where it fails. Moves nothing. Works on a `ServoBus`
-and talks to nobody; who asks confirms beforehand.
+Owns the safe order of such steps: each is verified, and undone if it fails. Moves nothing. Works on a `ServoBus`
+and asks for no confirmation; that is the caller's task.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ __all__ = [
 ]
 
 _EEPROM_TIME = 0.02
-"""Seconds until a stored setting is in force, generously; a servo is deaf while it writes."""
+"""Seconds until a stored setting takes effect, with a margin; a servo receives nothing while it writes."""
 _LATE = 0.1
-"""Seconds after which a late answer has come, on a machine that stalls too."""
+"""Seconds after which a late answer has arrived, even on a computer that stalls."""
 _COLLISION_READS = 6
 _CALIBRATE_MID = 128
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
@@ -46,15 +46,15 @@ _MODEL_NAMES = {777: "sts3215", 2825: "sts3250", 2570: "hls3606", 1284: "scs009"
 
 
 class ServoInfo(NamedTuple):
-    """Who a servo is.
+    """Identity and settings of a servo.
 
     Attributes:
         servo_id: Its id.
         series: Its series; None if its firmware has no table here.
-        firmware: As in ``3.10``; empty for a legacy servo, which does not tell.
-        model: Registers 3 and 4 as a little-endian word; None if it does not tell.
-        baud: Line rate it is set to; 0 if it does not tell.
-        acknowledges: Whether it answers writes.
+        firmware: As in ``3.10``; empty for a legacy servo, which does not report it.
+        model: Registers 3 and 4 as a little-endian word; None if not reported.
+        baud: Its line rate; 0 if not reported.
+        acknowledges: Whether it acknowledges writes.
         return_delay: Seconds it waits before an answer.
         status: Its error byte.
     """
@@ -78,7 +78,7 @@ class Found(NamedTuple):
     """A servo that a scan found.
 
     Attributes:
-        info: Who it is; None where it answers pings but nothing that can be read.
+        info: Its identity; None if it answers pings but no reads.
         servo_id: Its id.
         baud: Rate at which it answered.
         shared: Several servos seem to have this id.
@@ -91,10 +91,10 @@ class Found(NamedTuple):
 
 
 def identify(bus: ServoBus, servo_id: int) -> ServoInfo | None:
-    """Ask a servo who it is, and let the bus use what it says: series, return delay, acknowledging.
+    """Identify a servo, and apply its series, return delay and acknowledgement of writes to the bus.
 
     Returns:
-        None if it does not answer.
+        The identity; None if the servo does not answer.
     """
     head = None
     for _ in range(1 + bus.retries):
@@ -140,17 +140,17 @@ def scan(
     progress: Callable[[int, int, int], None] | None = None,
     allowance: float = _SCAN_ALLOWANCE,
 ) -> list[Found]:
-    """Ping every id at every rate. The bus is left at the rate it had.
+    """Ping every id at every rate. The bus returns to its previous rate.
 
     Args:
         bus: The bus.
         bauds: Rates to try; only the present one if empty.
         ids: Ids to try.
-        progress: Told the rate, the id and how many servos were found, before each ping.
-        allowance: Seconds for the adapter; its measured value replaces this once a servo has answered.
+        progress: Called before each ping with the rate, the id and the number of servos found.
+        allowance: Seconds for the adapter; the measured value replaces it after the first answer.
 
     Returns:
-        One row a servo, in the order found. Several servos with one id give one row, marked.
+        One row per servo, in the order found. Several servos with one id give one row, marked as shared.
     """
     found: list[Found] = []
     wanted, first_baud, retries = list(ids), bus.timing.baud, bus.retries
@@ -177,22 +177,22 @@ def scan(
 
 
 def _hears(bus: ServoBus, servo_id: int) -> bool:
-    """Whether anything comes back for an id, sound or not: two servos with one id spoil each other's answers."""
+    """Whether any bytes answer a ping, valid or not: two servos with one id corrupt each other's answers."""
     answer = bus.ping(servo_id)
     if answer.ok or not answer.error:
         return True
     if "only the echo" in answer.error or "but" not in answer.error:
         return False
-    # It may be a late answer to what was asked before: only what comes for this id, and comes again, counts.
+    # The bytes may be a late answer to an earlier request: only an answer to this id that is repeatable counts.
     bus.pause(_LATE)
     status, again = bus.ask(make_ping(servo_id), servo_id, 0)
     return status is not None or (bool(again) and "answer of servo" not in again and "echo" not in again)
 
 
 def shares_id(bus: ServoBus, servo_id: int) -> bool:
-    """Whether several servos seem to have this id: their answers collide as soon as their values differ.
+    """Whether several servos seem to have this id: their answers collide if their values differ.
 
-    Two that agree in every register that is read (position, voltage, temperature, ...) cannot be told from one.
+    Two servos with equal values in all registers read (position, voltage, temperature, ...) look like one.
     """
     legacy = bus.series_of(servo_id) is Series.SEVEN_BOT
     count = 2 if legacy else _LIVE_COUNT
@@ -206,7 +206,7 @@ def shares_id(bus: ServoBus, servo_id: int) -> bool:
 
 @contextmanager
 def unlocked(bus: ServoBus, servo_id: int) -> Iterator[None]:
-    """Let stored settings be written; locked again afterwards, whatever happens. Legacy servos have no lock."""
+    """Unlock stored settings for a `with` block, and lock them again in any case. Legacy servos have no lock."""
     if "lock" not in bus.series_of(servo_id).registers:
         yield
         return
@@ -218,11 +218,11 @@ def unlocked(bus: ServoBus, servo_id: int) -> Iterator[None]:
 
 
 def write_setting(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
-    """Store a setting for good and verify it.
+    """Store a setting permanently and verify it.
 
     Raises:
         ServoError: The servo does not answer, or has another value afterwards.
-        UsageError: No such register, or a value it does not take; ids and rates have calls of their own.
+        UsageError: There is no such register, or it refuses the value; ids and rates have separate calls.
     """
     if name in ("id", "baud_code"):
         raise UsageError(f"{name} is not written like this: use set-{'id' if name == 'id' else 'baud'}")
@@ -236,7 +236,7 @@ def write_setting(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
 
 
 def _faultless(answer: Answer) -> None:
-    """A servo that reports an overload has still taken what was written."""
+    """Check a write, but accept a reported fault: a servo with an overload still stores the value."""
     if answer.error:
         answer.check()
 
@@ -253,11 +253,11 @@ def _must_be_there(bus: ServoBus, servo_id: int) -> ServoInfo:
 def set_id(bus: ServoBus, old: int, new: int) -> ServoInfo:
     """Give a servo another id.
 
-    Nothing is written unless the servo is there, is alone with its id, and the new id is free. Afterwards it must
-    answer to the new id and not to the old one.
+    Nothing is written unless the servo answers, is the only one with its id, and the new id is free. Afterwards it
+    must answer to the new id and not to the old one.
 
     Raises:
-        UsageError: The ids make no sense.
+        UsageError: An id is invalid, or both are equal.
         ServoError: One of the conditions does not hold; the text says whether anything changed.
     """
     series = bus.series_of(old)
@@ -273,7 +273,7 @@ def set_id(bus: ServoBus, old: int, new: int) -> ServoInfo:
     has_lock = "lock" in bus.series_of(old).registers
     if has_lock:
         bus.write_raw(old, "lock", 0).check()
-    # Which id acknowledges differs between firmwares, so this write is verified by its effect.
+    # The id of the acknowledgement differs between firmwares, so this write is verified by its effect.
     bus.raw(make_write(old, register.address, bytes((new,))))
     bus.pause(_EEPROM_TIME)
     bus.set_series(new, info.series or series)
@@ -287,41 +287,41 @@ def set_id(bus: ServoBus, old: int, new: int) -> ServoInfo:
     if not bus.ping(old).error:
         if has_lock:
             bus.write_raw(old, "lock", 1)
-        raise ServoError(f"servo {old} did not take id {new}; it still has {old}", servo_id=old)
+        raise ServoError(f"servo {old} did not accept id {new}; it still has {old}", servo_id=old)
     raise ServoError(f"servo {old} answers neither to {old} nor to {new}: scan for it", servo_id=old)
 
 
 def set_baud(bus: ServoBus, servo_id: int, baud: int) -> None:
-    """Set a servo to another line rate and follow it there.
+    """Set a servo and the bus to another line rate.
 
-    The servo must answer at the new rate; otherwise the old rate is tried and the servo set back.
+    The servo must answer at the new rate; otherwise servo and bus return to the old rate.
 
     Raises:
         UsageError: The series has no such rate.
-        NotSupportedError: This link has no rate that could follow, or the series cannot be set.
-        ServoError: It did not work; the text says at which rate the servo is now.
+        NotSupportedError: The link or the series has no adjustable rate.
+        ServoError: The change failed; the text says the servo's present rate.
     """
     info = _must_be_there(bus, servo_id)
     series = bus.series_of(servo_id)
     codes = {rate: code for code, rate in series.baud_codes.items()}
     if not codes:
-        raise NotSupportedError(f"servo {servo_id} is a {series.value} one, whose rate is fixed")
+        raise NotSupportedError(f"servo {servo_id} is a {series.value} servo, whose rate is fixed")
     if baud not in codes:
         rates = ", ".join(map(str, sorted(codes)))
-        raise UsageError(f"{series.value} servos do {rates} baud, not {baud}")
+        raise UsageError(f"{series.value} servos support {rates} baud, not {baud}")
     before = bus.timing.baud
     if getattr(bus.link, "set_baud", None) is None:
-        raise NotSupportedError(f"{bus.link.url} has no line rate, so a servo cannot be followed to another")
+        raise NotSupportedError(f"{bus.link.url} has no line rate that could be changed with the servo's")
     register = series.register("baud_code")
     bus.write_raw(servo_id, "lock", 0).check()
-    # The acknowledgement may come at either rate: what counts is where the servo answers afterwards.
+    # The acknowledgement may arrive at either rate, so verify the rate at which the servo answers afterwards.
     bus.raw(make_write(servo_id, register.address, bytes((codes[baud],))))
     bus.pause(_EEPROM_TIME)
     bus.set_baud(baud)
     if not bus.ping(servo_id).error and bus.read(servo_id, "baud_code").raw == codes[baud]:
         bus.write_raw(servo_id, "lock", 1)
         return
-    # Perhaps it understood, but we do not hear it: send it back blindly, then look where it is.
+    # It may have changed its rate without a readable answer: restore the rate without an answer, then check it.
     old_code = codes.get(info.baud, register.default or 0)
     bus.raw(make_write(servo_id, register.address, bytes((old_code,))))
     bus.pause(_EEPROM_TIME)
@@ -329,7 +329,7 @@ def set_baud(bus: ServoBus, servo_id: int, baud: int) -> None:
     if not bus.ping(servo_id).error:
         bus.write_raw(servo_id, "baud_code", old_code)
         bus.write_raw(servo_id, "lock", 1)
-        raise ServoError(f"servo {servo_id} does not work at {baud} baud; it is at {before} as before")
+        raise ServoError(f"servo {servo_id} does not answer at {baud} baud; it still uses {before}")
     raise ServoError(
         f"servo {servo_id} answers neither at {before} nor at {baud} baud: scan for it", servo_id=servo_id
     )
@@ -338,19 +338,19 @@ def set_baud(bus: ServoBus, servo_id: int, baud: int) -> None:
 def center(bus: ServoBus, servo_id: int) -> int:
     """Make the present position of a servo the middle of its range. Nothing moves; the torque must be off.
 
-    With the torque on, the servo would at once drive to its old goal, which is elsewhere now.
+    With the torque on, the servo would immediately drive to its old goal, which is another position now.
 
     Returns:
-        The position it reports afterwards.
+        The position that it reports afterwards, encoder counts.
 
     Raises:
-        ServoError: It has torque, does not answer, or reports something else than the middle.
+        ServoError: It has torque, does not answer, or reports another position than the middle.
         NotSupportedError: This series has no such function.
     """
     info = _must_be_there(bus, servo_id)
     series = bus.series_of(servo_id)
     if series not in (Series.STS_SMS, Series.HLS):
-        raise NotSupportedError(f"a {series.value} servo has no middle to set; use the offset of the arm's file")
+        raise NotSupportedError(f"a {series.value} servo cannot set its middle; use the offset in the arm's file")
     if bus.read(servo_id, "torque_enable").raw != 0:
         raise ServoError(f"servo {servo_id} has torque: switch it off first, it would jump", servo_id=servo_id)
     version = tuple(int(part) for part in info.firmware.split("."))
@@ -368,10 +368,10 @@ def center(bus: ServoBus, servo_id: int) -> int:
 
 
 def torque_off(bus: ServoBus, servo_ids: Sequence[int]) -> tuple[int, ...]:
-    """Switch the torque of several servos off, each of them whatever becomes of the others.
+    """Switch the torque of several servos off, each independently of the others.
 
     Returns:
-        Ids that do not confirm it.
+        Ids of servos that do not confirm it.
     """
     bus.sync_write_raw("torque_enable", dict.fromkeys(servo_ids, 0))
     unsure = []
@@ -384,17 +384,17 @@ def torque_off(bus: ServoBus, servo_ids: Sequence[int]) -> tuple[int, ...]:
 
 
 def recover(bus: ServoBus, servo_id: int, *, patience: float = 3.0) -> tuple[str, ...]:
-    """Bring a servo out of its protection after an overload: torque off, then wait until the fault is gone.
+    """End a servo's overload protection: switch its torque off, then wait until the fault clears.
 
-    The joint goes limp: hold what it carries. The torque stays off; switching it on holds the shaft where it is.
+    The joint loses its torque: hold its load. The torque stays off; switching it on holds the present position.
 
     Args:
         bus: The bus.
-        servo_id: Which.
-        patience: Seconds to wait for the fault to go.
+        servo_id: The servo.
+        patience: Seconds to wait for the fault to clear.
 
     Returns:
-        Names of the faults that remain, as a low supply or a hot motor would; empty if all is well.
+        Names of the remaining faults, such as a low supply or a hot motor; empty if there are none.
 
     Raises:
         ServoError: It does not answer, or keeps its torque.

@@ -1,9 +1,9 @@
-"""How long an answer takes on a servo bus: from length, line rate and return delay, plus what the adapter adds.
+"""Answer times on a servo bus: length, line rate and return delay, plus the delay of the adapter.
 
-Owns the window of a request and the measured allowance. Sans I/O: times are seconds that the caller measured.
+Owns the window of a request and the measured allowance. No I/O: the caller measures the times, in seconds.
 
-The line itself is exact arithmetic. What the adapter, its driver and the scheduler add is measured as a TCP sender
-measures its round trip (RFC 6298): a smoothed mean and deviation of what was left over after the arithmetic.
+The time on the line follows from arithmetic. The delay of the adapter, its driver and the scheduler is measured as
+a TCP sender measures its round trip (RFC 6298): a smoothed mean and deviation of the time beyond that on the line.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ __all__ = ["RETURN_DELAY", "LineTiming"]
 
 BITS_A_BYTE = 10
 RETURN_DELAY = 500e-6
-"""Seconds a servo may take to begin its answer where its own setting is not known: what an SCS leaves the factory
-with (250 steps of 2 us). On STS the register is without effect, HLS have none, and both are quicker."""
+"""Seconds until a servo with unknown setting begins its answer: the factory setting of an SCS (250 steps of 2 us).
+On STS the register has no effect, HLS has none, and both are faster."""
 
 _FIRST_ALLOWANCE = 0.060
-"""Before anything was measured: FTDI's 16 ms timer, twice, and a slow machine."""
+"""Allowance before the first measurement: twice FTDI's 16 ms timer, and a slow computer."""
 _LEAST_ALLOWANCE = 0.001
 _MOST_ALLOWANCE = 0.100
 _GAIN = 1 / 16
 _DEVIATIONS = 4.0
 _LATENCY_TIMER = 0.004
-"""Overhead of every answer that only an adapter's timer explains."""
+"""Overhead of every answer from which an adapter's timer is the cause."""
 _ENOUGH_ANSWERS = 16
 
 
@@ -30,10 +30,10 @@ class LineTiming:
     """Timing of one bus.
 
     Args:
-        baud: Bits a second; 0 for a line that costs no time.
+        baud: Bits per second; 0 for a line without transmission time.
 
     Attributes:
-        allowance: Seconds granted to the adapter on top of the line's own time.
+        allowance: Seconds allowed for the adapter in addition to the time on the line.
         answers: Answers measured so far.
     """
 
@@ -47,15 +47,15 @@ class LineTiming:
         self._least = float("inf")
 
     def line_time(self, size: int) -> float:
-        """Seconds that many bytes take on the wire."""
+        """Return the seconds that `size` bytes take on the wire."""
         return size * self.byte_time
 
     def linger(self, size: int) -> float:
-        """Seconds to wait for an answer that noise pushed back, once as many bytes are here as it has."""
+        """Return the seconds to wait for an answer delayed by noise, after as many bytes as it has arrived."""
         return (size + 8) * self.byte_time + min(self.allowance, 4 * _LEAST_ALLOWANCE)
 
     def measured(self, elapsed: float, size: int) -> None:
-        """Take in an answered request: how long it took, and the bytes of request and answers."""
+        """Add a measurement: the duration of an answered request, and the bytes of request and answers."""
         over = elapsed - size * self.byte_time
         if over < 0.0:
             over = 0.0
@@ -72,10 +72,10 @@ class LineTiming:
             self.allowance = min(max(allowance, _LEAST_ALLOWANCE), _MOST_ALLOWANCE)
 
     def late(self, elapsed: float, size: int) -> None:
-        """Take in an answer that came after its request was given up: from now on it would be waited for.
+        """Add a late answer, and extend the allowance so that such an answer arrives in time.
 
         Args:
-            elapsed: Seconds from the request to the moment at which the answer was found, at most.
+            elapsed: Seconds from the request until the answer was found, an upper bound.
             size: Bytes of request and answer.
         """
         over = min(max(0.0, elapsed - size * self.byte_time), _FIRST_ALLOWANCE)
@@ -84,10 +84,10 @@ class LineTiming:
 
     @property
     def overhead(self) -> float:
-        """Mean seconds an answer takes beyond the line's own time; NaN before any came."""
+        """Mean time of an answer beyond the time on the line, seconds; NaN before the first answer."""
         return self._mean if self.answers else float("nan")
 
     @property
     def holds_back(self) -> bool:
-        """Whether something on the way holds every answer back, as an adapter's latency timer does."""
+        """Whether every answer is delayed, as by an adapter's latency timer."""
         return self.answers >= _ENOUGH_ANSWERS and self._least >= _LATENCY_TIMER

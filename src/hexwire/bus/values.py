@@ -1,7 +1,6 @@
-"""What a servo bus gives back: values that carry their own status, age and error.
+"""Results of a servo bus: values with status, age and error.
 
-Owns the result types. A silent or troubled servo is data here, not an exception; `check` turns it into one for
-those who want that. Sans I/O.
+Owns the result types. A silent or faulty servo is data, not an exception; `check` raises instead. No I/O.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ SILENT = "no answer"
 
 
 def why(instead: str) -> str:
-    """Why there is no answer, for an error text.
+    """Say why there is no answer, for an error text.
 
     Args:
-        instead: In words what came instead; empty if nothing did.
+        instead: In words what arrived instead; empty if nothing arrived.
     """
     return f"{SILENT}, but {instead}" if instead else SILENT
 
@@ -45,7 +44,7 @@ _ADVICE = {
 
 
 def fault_text(servo_id: int, status: int, what: str) -> str:
-    """One line for a person: which servo, at what, which fault, what to do."""
+    """Make one line for display: servo, operation, fault, advice."""
     words = fault_words(status)
     advice = next((_ADVICE[word] for word in reversed(words) if word in _ADVICE), "read its register status")
     return f"servo {servo_id} reports {', '.join(words)} at {what} ({advice})"
@@ -56,13 +55,13 @@ def _silent_text(servo_id: int, what: str, error: str) -> str:
 
 
 class Answer(NamedTuple):
-    """How a servo took a request.
+    """Outcome of a request to a servo.
 
     Attributes:
-        servo_id: Whom it was for.
-        what: What was asked, for a person.
-        status: Its error byte, 0 if all is well.
-        error: Why there is no answer; empty if there is one, or none was due.
+        servo_id: Id of the servo.
+        what: The request, for display.
+        status: Its error byte; 0 without faults.
+        error: Why there is no answer; empty if there is one, or none is expected.
         confirmed: The servo acknowledged. A legacy servo, or one with status_return_level 0, never does.
     """
 
@@ -74,7 +73,7 @@ class Answer(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Nothing is wrong."""
+        """Whether there is neither a fault nor an error."""
         return not self.status and not self.error
 
     @property
@@ -83,7 +82,7 @@ class Answer(NamedTuple):
         return fault_words(self.status)
 
     def check(self) -> Answer:
-        """This answer, if all is well.
+        """Return this answer if it is ok.
 
         Raises:
             ServoError: The servo is silent or reports a fault.
@@ -96,13 +95,13 @@ class Reading(NamedTuple):
     """One register of one servo.
 
     Attributes:
-        servo_id: Whose.
-        register: Which.
+        servo_id: Id of the servo.
+        register: The register.
         raw: Signed raw value; None if the servo did not answer.
-        status: Its error byte, 0 if all is well.
-        age: Seconds since `last` was sampled; 0.0 for a fresh value, infinite if there never was one.
+        status: Its error byte; 0 without faults.
+        age: Seconds since `last` was sampled; 0.0 for a new value, infinite if there never was one.
         error: Why there is no value; empty if there is one.
-        last: The newest raw value ever read, or None.
+        last: The newest raw value read, or None.
     """
 
     servo_id: int
@@ -115,12 +114,12 @@ class Reading(NamedTuple):
 
     @property
     def value(self) -> float:
-        """In the register's SI unit; NaN if the servo did not answer."""
+        """Value in the register's SI unit; NaN if the servo did not answer."""
         return math.nan if self.raw is None else self.register.to_si(self.raw)
 
     @property
     def ok(self) -> bool:
-        """There is a value, and the servo reports no fault."""
+        """Whether there is a value, and the servo reports no fault."""
         return not self.status and not self.error
 
     @property
@@ -129,7 +128,7 @@ class Reading(NamedTuple):
         return fault_words(self.status)
 
     def check(self) -> Reading:
-        """This reading, if all is well.
+        """Return this reading if it is ok.
 
         Raises:
             ServoError: The servo is silent or reports a fault.
@@ -146,14 +145,14 @@ def _check(servo_id: int, status: int, error: str, what: str) -> None:
 
 
 class Readings:
-    """The same register of several servos, read at once. Iterating gives a `Reading` each.
+    """The same register of several servos, read at once. Iteration gives one `Reading` per servo.
 
-    No object is made for a servo until it is asked for: a control loop takes `raw` or `values`.
+    A `Reading` is made only on access: a control loop uses `raw` or `values`.
 
     Attributes:
-        ids: Servo ids, in the order asked.
-        raw: Raw value of each, None where a servo did not answer.
-        stamp: Clock (monotonic, seconds) when the answers were in.
+        ids: Servo ids, in the order of the request.
+        raw: Raw value of each servo; None if it did not answer.
+        stamp: Time (monotonic, seconds) at which the answers were complete.
     """
 
     __slots__ = ("_errors", "_last", "_registers", "_statuses", "ids", "raw", "stamp")
@@ -178,11 +177,11 @@ class Readings:
 
     @classmethod
     def joined(cls, rows: Sequence[Reading], now: float) -> Self:
-        """Single readings as one result.
+        """Join single readings to one result.
 
         Args:
-            rows: One of each servo.
-            now: Clock (monotonic, seconds) when the last of them was in.
+            rows: One reading per servo.
+            now: Time (monotonic, seconds) of the last of them.
         """
         return cls(
             [row.register for row in rows],
@@ -201,13 +200,15 @@ class Readings:
         return (self._reading(i) for i in range(len(self.ids)))
 
     def __getitem__(self, servo_id: int) -> Reading:
-        """The reading of one servo.
+        """Return the reading of one servo.
 
         Raises:
-            UsageError: That servo was not asked.
+            UsageError: The request did not include that servo.
         """
         if servo_id not in self.ids:
-            raise UsageError(f"servo {servo_id} was not asked; asked were {', '.join(map(str, self.ids))}")
+            raise UsageError(
+                f"no reading of servo {servo_id}; there are readings of {', '.join(map(str, self.ids))}"
+            )
         return self._reading(self.ids.index(servo_id))
 
     def __repr__(self) -> str:
@@ -215,7 +216,7 @@ class Readings:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """SI value of each, NaN where a servo did not answer."""
+        """SI value of each servo; NaN if it did not answer."""
         return tuple(reading.value for reading in self)
 
     @property
@@ -225,14 +226,14 @@ class Readings:
 
     @property
     def ok(self) -> bool:
-        """All answered, and none reports a fault."""
+        """Whether all servos answered, and none reports a fault."""
         return not self._statuses and None not in self.raw
 
     def check(self) -> Readings:
-        """These readings, if all is well.
+        """Return these readings if they are ok.
 
         Raises:
-            ServoError: A servo is silent or reports a fault; the first is named.
+            ServoError: A servo is silent or reports a fault; the text names the first.
         """
         for reading in self:
             reading.check()
@@ -255,8 +256,8 @@ class ServoBlock(NamedTuple):
     """Neighbouring registers of one servo, read at once.
 
     Attributes:
-        servo_id: Whose.
-        address: Of the first byte.
+        servo_id: Id of the servo.
+        address: Address of the first byte.
         data: The bytes; empty if the servo did not answer.
         status: Its error byte.
         error: Why there is no data; empty if there is some.
@@ -269,18 +270,18 @@ class ServoBlock(NamedTuple):
     error: str = ""
 
     def raw(self, register: Register) -> int | None:
-        """Raw value of a register; None if the servo did not answer, or the register is not in the block."""
+        """Return the raw value of a register; None without an answer, or if the block does not contain it."""
         at = register.address - self.address
         data = self.data[at : at + register.size] if at >= 0 else b""
         return register.decode(data) if len(data) == register.size else None
 
     def value(self, register: Register) -> float:
-        """SI value of a register; NaN where there is none."""
+        """Return the SI value of a register; NaN without one."""
         raw = self.raw(register)
         return math.nan if raw is None else register.to_si(raw)
 
     def check(self) -> ServoBlock:
-        """This block, if all is well.
+        """Return this block if it is ok.
 
         Raises:
             ServoError: The servo is silent or reports a fault.

@@ -1,7 +1,7 @@
-"""Writes to registers, and what their acknowledgement is worth.
+"""Writes to registers, and the reliability of their acknowledgements.
 
-Owns when an acknowledgement may be an earlier write's, when the register is read back instead, and whether a servo
-acknowledges at all. Must not know what a register means, but for the one that says how a servo answers.
+Owns when an acknowledgement may belong to an earlier write, when the register is read back instead, and whether a
+servo acknowledges at all. Must not know the meaning of registers, except for the one that selects acknowledgements.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ _new = tuple.__new__
 
 
 def order(line: BusLine, servo_id: int, request: bytes, what: str, *, repeat: bool = True) -> Answer:
-    """Send a packet that one servo acknowledges as it acknowledges a write; see `acknowledged`."""
+    """Send a packet that one servo acknowledges like a write; see `acknowledged`."""
     plan = WritePlan(servo_id, line.machine.servos.series_of(servo_id), 0, b"", request)
     return acknowledged(line, plan, what, repeat=repeat)
 
 
 def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = True) -> Answer:
-    """Send a write and take its acknowledgement, if the servo gives any.
+    """Send a write and receive its acknowledgement, if the servo gives any.
 
     Args:
         line: The bus.
-        plan: What is written.
-        what: The same for a person.
-        repeat: It may be done more than once.
+        plan: The write.
+        what: Name of the write, for display.
+        repeat: Whether it may be executed more than once.
 
     Raises:
-        LinkError: The line is at fault.
-        StoppedError: A stop came since the call was made; nothing more was sent.
-        PreemptedError: A stop came as it was sent.
+        LinkError: The line has a fault.
+        StoppedError: The arm was stopped after the call; nothing more was sent.
+        PreemptedError: The arm was stopped while the write was sent.
     """
     servo_id = plan.servo_id
     if servo_id == BROADCAST_ID:
@@ -60,7 +60,7 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
         plan.base = machine.base(plan.total, (servo_id,))
         if not servos.acknowledges(servo_id):
             line.post(plan.request, line.epochs.of_this_call)
-            # If it does answer after all, that must not pass for the answer to the next ping or write.
+            # An unexpected acknowledgement must not count as the answer to the next ping or write.
             now = line.clock()
             machine.gave_up((servo_id,), 0, plan.request, now, now)
             return Answer(servo_id, what, confirmed=False)
@@ -79,7 +79,7 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
                 return _new(Answer, (servo_id, what, 0, "", True))
             status, instead = line.run(_finish(machine, plan, data, machine.retries if repeat else 0))
         except BaseException:
-            # An error, or Ctrl-C: the acknowledgement may come all the same.
+            # An error or Ctrl-C: the acknowledgement may still arrive.
             machine.gave_up((servo_id,), 0, plan.request, start, line.clock())
             raise
         if status is not None:
@@ -94,7 +94,7 @@ def acknowledged(line: BusLine, plan: WritePlan, what: str, *, repeat: bool = Tr
 
 
 def _exchange(line: BusLine, plan: WritePlan, start: float) -> bytes | None:
-    """Send a write at `start`; None if what comes at once is its acknowledgement, else what comes."""
+    """Send a write at `start`; returns None if the bytes received are its acknowledgement, else those bytes."""
     machine = line.machine
     machine.sent.add(plan.request, start)
     data = line.exchange(plan.request, plan.base + machine.timing.allowance)
@@ -109,7 +109,7 @@ def _exchange(line: BusLine, plan: WritePlan, start: float) -> bytes | None:
 def _finish(
     machine: BusMachine, plan: WritePlan, data: bytes, retries: int
 ) -> Conversation[tuple[StatusPacket | None, str]]:
-    """The acknowledgement of a write that is sent, or None; and in words what came instead."""
+    """Receive the acknowledgement of a sent write, or None; and in words what arrived instead."""
     servo_id, header = plan.servo_id, plan.series.reply_header
     status, collector = yield from questions.ask_one(
         machine,
@@ -122,13 +122,13 @@ def _finish(
         retries=retries,
     )
     if status is None and plan.data and servo_id in collector.copies:
-        # Its answer looks like the echo of something sent lately. What it did tells.
+        # Its answer looks like the echo of a recent packet: read the register back.
         status = yield from _look(machine, plan)
     return status, collector.in_words()
 
 
 def _write_and_look(machine: BusMachine, plan: WritePlan) -> Conversation[StatusPacket | None]:
-    """Write where an acknowledgement could be an earlier write's; None if it cannot be seen to be done."""
+    """Write while an acknowledgement could be an earlier one, and read back; None if that does not confirm it."""
     header = plan.series.reply_header
     for _ in range(1 + machine.retries if plan.data else 0):
         yield from machine.collect(plan.request, (plan.servo_id,), 0, plan.base, header=header)
@@ -140,7 +140,7 @@ def _write_and_look(machine: BusMachine, plan: WritePlan) -> Conversation[Status
 
 
 def _look(machine: BusMachine, plan: WritePlan) -> Conversation[StatusPacket | None]:
-    """Read a write back; None if something else is there, or no answer comes."""
+    """Read a write back; None if the value differs, or the servo does not answer."""
     block, _ = yield from questions.ask_block(machine, plan.servo_id, plan.address, len(plan.data))
     return block if block is not None and block.params == plan.data else None
 
@@ -158,7 +158,7 @@ def _level(machine: BusMachine, servo_id: int) -> Conversation[StatusPacket | No
 
 
 def write_register(line: BusLine, servo_id: int, register: Register, raw: int) -> Answer:
-    """Write a register as the servo counts it.
+    """Write the raw value of a register.
 
     Raises:
         UsageError: The register cannot hold it; nothing was sent.
@@ -170,14 +170,14 @@ def write_register(line: BusLine, servo_id: int, register: Register, raw: int) -
 
 
 def sync_write_each(line: BusLine, name: str, values: Mapping[int, int]) -> None:
-    """Write a register that the servos do not have alike: one packet for each place and width.
+    """Write a register that differs between the servos: one packet for each address and width.
 
     Raises:
         UsageError: A servo has no such register or it cannot hold its value; nothing was sent.
-        StoppedError: A stop came since the call was made; nothing more was sent.
-        PreemptedError: A stop came as it was sent.
+        StoppedError: The arm was stopped after the call; nothing more was sent.
+        PreemptedError: The arm was stopped while a packet was sent.
     """
-    # By place and width: the byte order within is each servo's own.
+    # By address and width: the byte order of the data is that of each servo.
     rows: dict[tuple[int, int], dict[int, bytes]] = {}
     for servo_id, value in values.items():
         register = writable(line.machine.servos.series_of(servo_id), servo_id, name)
@@ -189,10 +189,10 @@ def sync_write_each(line: BusLine, name: str, values: Mapping[int, int]) -> None
 
 
 def in_range(servo_id: int, register: Register, raw: int) -> int:
-    """A raw value that a register may be given.
+    """Check a raw value against the register's range, and return it.
 
     Raises:
-        UsageError: It is outside the register's range.
+        UsageError: It is outside the range.
     """
     low, high = register.minimum, register.maximum
     if (low is not None and raw < low) or (high is not None and raw > high):
