@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -283,3 +284,25 @@ def test_any_noise_before_an_echo_gives_the_value_or_none(
     assert found is None or sp.parse_status(found).params == value.to_bytes(2, "little")
     if b"\xff" not in noise:
         assert found is not None
+
+
+@pytest.mark.parametrize(
+    ("body", "check"),
+    [(b"x\r", lambda check: check & 0xFF == 0x0A), (b"x", lambda check: check == MARK)],
+    ids=["with the last byte of the body", "by itself"],
+)
+def test_a_check_that_makes_the_marker_is_made_another_by_the_clock(
+    body: bytes, check: Callable[[int], bool]
+) -> None:
+    def stamped(nsec: int) -> Frame:
+        return Frame(0, nsec, 1, 7, 8, 3, 2, 1, 0x10, body)
+
+    end = 40 + len(body)
+    nsec = next(
+        n for n in range(10**6) if check(int.from_bytes(serialize_frame(stamped(n))[end : end + 2], "little"))
+    )
+    assert b"\r\n" in serialize_frame(stamped(nsec))[4:-2]
+    frame, data = clean_frame(stamped(nsec), 253)
+    assert b"\r\n" not in data[4:-2]
+    assert frame == stamped(frame.time_nsec)
+    assert 0 < frame.time_nsec - nsec <= 70_000
