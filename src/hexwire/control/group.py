@@ -6,7 +6,7 @@ Owns the lock around them, and that goals hear of their end outside of it. Must 
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 from hexwire.model.state import JointTarget
@@ -120,17 +120,19 @@ class ControllerGroup:
             positions = tuple(pair for target in targets for pair in target.positions)
             reason = next((order for order in orders if isinstance(order, StopReason)), None)
             if reason is None and due:
-                reason = self._outside(state, dict(positions))
+                reason = self._outside(state, positions)
             if reason is not None:
                 self._stop(reason)
         self.deliver()
         if reason is not None:
             return reason
+        if len(targets) == 1:
+            return targets[0]
         return JointTarget(positions, max(target.duration for target in targets)) if positions else None
 
-    def _outside(self, state: JointState, target: Mapping[str, float]) -> StopReason | None:
+    def _outside(self, state: JointState, target: Iterable[tuple[str, float]]) -> StopReason | None:
         """Each controller checks its own way, with the joints of the others where they were then."""
-        found = self.fence.follow(state.positions, target) if self.fence is not None else ""
+        found = self.fence.follow(state.positions, dict(target)) if self.fence is not None else ""
         return StopReason("fence", found) if found else None
 
     def stop(self, reason: StopReason) -> None:

@@ -25,6 +25,8 @@ _STEP = 1e-4
 _AGREE = 0.5
 """Steps of the host's and the board's clock that differ by more mean that the board's was set anew."""
 
+_SILENT = int(JointFlag.SILENT)
+
 
 @dataclass(frozen=True, slots=True)
 class KnownState:
@@ -109,9 +111,11 @@ class StateFilter:
         for name, position, velocity, flags, age in columns:
             if not math.isfinite(position) or not math.isfinite(age):
                 continue
-            if flags & JointFlag.SILENT and age > self._max_age:
+            if flags & _SILENT and age > self._max_age:
                 continue
-            slope = self._slopes.setdefault(name, _Slope())
+            slope = self._slopes.get(name)
+            if slope is None:
+                slope = self._slopes[name] = _Slope()
             slope.add(when - age, position)
             names.append(name)
             positions.append(position)

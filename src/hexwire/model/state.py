@@ -210,7 +210,11 @@ class JointTarget:
             raise UsageError(f"a target names joints by text, not {names!r}")
         if len(set(names)) != len(names):
             raise UsageError(f"a target names a joint twice: {', '.join(names)}")
-        positions = tuple((name, finite(value, f"target of {name}")) for name, value in self.positions)
+        # Targets are made in every cycle: the text is formatted only for what is not plainly right.
+        plain = all(type(value) is float and math.isfinite(value) for _, value in self.positions)
+        positions = tuple(
+            [(name, value if plain else finite(value, f"target of {name}")) for name, value in self.positions]
+        )
         if not all(abs(value) <= _MOST for _, value in positions):
             name, value = next((name, value) for name, value in positions if not abs(value) <= _MOST)
             raise UsageError(f"target of {name} is {value:g} rad, which no joint reaches; give radians")

@@ -18,6 +18,9 @@ from hexwire.model.state import JointFlag, JointState
 __all__ = ["Guard", "SafetyLimits", "StopReason", "board_stop"]
 
 
+_SILENT = int(JointFlag.SILENT)
+
+
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
     """Thresholds. A condition must last for its time to count. Times are in seconds.
@@ -109,6 +112,8 @@ class Guard:
 
     def __init__(self, limits: SafetyLimits) -> None:
         self.limits = limits
+        # As a plain number: enums take long in every cycle.
+        self._faults = int(limits.faults)
         self._commands: dict[str, deque[tuple[float, float]]] = {}
         self._since: dict[tuple[str, str], float] = {}
         self._seen: dict[str, float] = {}
@@ -123,11 +128,12 @@ class Guard:
 
     def commanded(self, positions: Mapping[str, float], due: float) -> None:
         """Record the commanded positions of joints at a time."""
+        begin = due - self.limits.lag - 2 * self.limits.max_age
         for name, angle in positions.items():
             history = self._commands.setdefault(name, deque())
             history.append((due, angle))
             # The command in force at the start of the window counts too.
-            while len(history) > 1 and history[1][0] < due - self.limits.lag - 2 * self.limits.max_age:
+            while len(history) > 1 and history[1][0] < begin:
                 history.popleft()
 
     def judge(self, state: JointState, now: float) -> StopReason | None:
@@ -137,28 +143,22 @@ class Guard:
         stopped = board_stop(state)
         if stopped is not None:
             return stopped
-        for joint in state:
-            name = joint.name
-            flags = JointFlag(joint.flags)
+        columns = zip(state.names, state.position, state.load, state.flags, state.age, strict=True)
+        for name, position, effort, flags, age in columns:
             # A joint that does not report its position counts as silent, whatever else it reports.
-            if JointFlag.SILENT not in flags and joint.age <= limits.max_age and math.isfinite(joint.position):
-                self._seen[name] = now - joint.age
+            if not flags & _SILENT and age <= limits.max_age and math.isfinite(position):
+                self._seen[name] = now - age
             if name not in self._commands:
                 continue
             heard = self._seen.setdefault(name, now)
             if now - heard > limits.max_age:
                 return StopReason("lost", f"{name} has not answered for {now - heard:.2f} s", name)
-            if flags & limits.faults:
-                return StopReason("fault", f"{name} reports {flags & limits.faults}", name)
-            error = self._error(name, joint.position, now - joint.age)
-            load = abs(joint.load) if math.isfinite(joint.load) else 0.0
-            if self._lasts(
-                "collision",
-                name,
-                now,
-                limits.collision_time,
-                (load > limits.collision_load and error > limits.collision_error),
-            ):
+            if flags & self._faults:
+                return StopReason("fault", f"{name} reports {JointFlag(flags) & limits.faults}", name)
+            error = self._error(name, position, now - age)
+            load = abs(effort) if math.isfinite(effort) else 0.0
+            hits = load > limits.collision_load and error > limits.collision_error
+            if self._lasts("collision", name, now, limits.collision_time, hits):
                 text = f"{name} hit something: load {load:.0%}, {math.degrees(error):.1f} deg off its path"
                 return StopReason("collision", text, name)
             if self._lasts("following", name, now, limits.following_time, error > limits.following_error):
@@ -173,7 +173,11 @@ class Guard:
         low, high = math.inf, -math.inf
         for due, angle in reversed(self._commands[name]):
             if due <= when:
-                low, high = min(low, angle), max(high, angle)
+                # Not by min and max, whose calls take most of a cycle.
+                if angle < low:
+                    low = angle
+                if angle > high:
+                    high = angle
                 # This command was in force at the start of the window; older ones do not count.
                 if due <= begin:
                     break
@@ -192,6 +196,7 @@ class Guard:
 
     def _lasts(self, kind: str, name: str, now: float, seconds: float, is_so: bool) -> bool:
         if not is_so:
-            self._since.pop((kind, name), None)
+            if self._since:
+                self._since.pop((kind, name), None)
             return False
         return now - self._since.setdefault((kind, name), now) >= seconds
