@@ -147,4 +147,3 @@ def test_how_far_a_board_is_off_a_rate(baud: int, divisor: int, level: Level) ->
     assert (finding.level, finding.about) == (level, "baud rate")
     assert f"{error:+.1%}" in finding.text
     assert bool(finding.advice) is (level is not Level.OK)
-    assert avr_baud_error(baud, 8_000_000) == pytest.approx(1e6 / max(1, round(1e6 / baud)) / baud - 1)
