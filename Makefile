@@ -72,7 +72,7 @@ analyzers: ## make the plug-in folders for Wireshark, sigrok and Logic 2: build/
 	@$(PYTHON) '$(ROOT)/schema/assemble.py'
 
 bench: setup ## measure the speed, as ratios against a bare reference
-	@$(BIN)/python tests/bench
+	@$(BIN)/python -m tests.bench
 
 mutants: setup ## count the random faults in the code that the tests detect (a quarter of an hour)
 	$(UV) sync --quiet --frozen --python '$(PYTHON)' $(addprefix --extra ,$(EXTRAS)) --group mutants </dev/null
