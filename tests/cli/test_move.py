@@ -133,7 +133,7 @@ def test_a_board_reset_on_the_way_is_told(make_bench: Any) -> None:
     bench = make_bench("brownout:3:0.1")
     result = bench.run("move", "J4=80", "--duration", "5", "--wait")
     assert result.exit_code == 1
-    assert "lost the torque before it arrived" in result.stderr
+    assert "lost torque before the arrival" in result.stderr
 
 
 def test_a_stop_on_the_way_is_told(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -281,7 +281,7 @@ def test_while_another_joint_turns_nobody_can_say_where_the_arm_will_be(make_ben
     bench.ok("move", "J2=110", "--duration", "6")
     result = bench.run("move", "J3=37")
     assert result.exit_code == 2
-    words = "still turning: J2; wait until the arm stands, or name all in one move; nothing was sent"
+    words = "still moving: J2; wait until the arm has stopped, or move all joints together; nothing was sent"
     assert result.stderr == f"error: {words}\n"
     bench.ok("move", "J7=20")
     bench.clock.advance(6.0)

@@ -29,7 +29,7 @@ def test_an_empty_trajectory_holds() -> None:
     bench.turn(1.0)
     bench.arm.command("", order())
     assert told.outcome == PREEMPTED
-    assert told.text == "an empty trajectory came"
+    assert told.text == "replaced by an empty trajectory"
     bench.turn(0.2)
     stood = bench.where("J1")
     bench.turn(1.0)
@@ -87,7 +87,7 @@ def test_cancel_by_name() -> None:
         ({"J9": 0.0}, "no joint 'J9'; there are J1, "),
         ({"j1": 0.0}, "no joint 'j1'"),
         ({"J1": math.nan}, "J1=nan deg is outside its limits"),
-        ({}, "it holds no position"),
+        ({}, "it has no positions"),
         ({"J1": 0.0, "J2": 9.0}, "J2=515.7 deg is outside its limits"),
     ],
 )
@@ -257,7 +257,7 @@ def test_a_goal_that_would_swing_through_the_gate_as_it_takes_over_is_refused() 
     near = HOME["J2"] + math.radians(39)
     first = bench.command(TrajectoryGoal(("J2",), (Point(0.5, (near,)),)))
     bench.until(lambda: bench.controller.follower.desired(NAMES, bench.clock.time).position[1] > near - 0.09)
-    with pytest.raises(GoalError, match=r"s after it takes over from the motion under way, elbow folded .*; let "):
+    with pytest.raises(GoalError, match=r"s after it replaces the running motion, elbow folded .*; wait "):
         bench.command(TrajectoryGoal(("J2",), (Point(1.0, (HOME["J2"],)),)))
     bench.until(lambda: first.ends)
     assert first.outcome == SUCCEEDED
@@ -284,7 +284,7 @@ def test_stop_latches_and_reset_moves_nothing() -> None:
     with pytest.raises(UsageError, match="reset it first"):
         bench.arm.teach_start()
     assert free(bench)
-    assert bench.ask(bench.arm.reset) == "reset; nothing moves until it is told to"
+    assert bench.ask(bench.arm.reset) == "reset; nothing moves until the next command"
     bench.turn(1.0)
     assert bench.where("J1") == pytest.approx(stood, abs=0.005)
     assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
@@ -362,7 +362,7 @@ def test_a_pose_replaces_a_goal_at_speed() -> None:
     bench.turn(0.6)
     assert bench.ask(lambda: bench.arm.go_to("home")) == "at home"
     assert told.outcome == PREEMPTED
-    assert told.text == "the arm goes to home"
+    assert told.text == "replaced by a motion to home"
 
 
 def test_one_at_a_time_has_the_arm() -> None:
@@ -403,7 +403,12 @@ def test_whoever_waits_for_a_pose_hears_of_its_end(how: str) -> None:
         bench.ask(lambda: bench.arm.enable(False))
     else:
         bench.arm.shutdown()
-    words = {"stop": "stopped: test", "lost": "was lost", "shutdown": "program ends", "off": "torque was taken"}
+    words = {
+        "stop": "stopped: test",
+        "lost": "was lost",
+        "shutdown": "program ends",
+        "off": "torque was switched off",
+    }
     with pytest.raises(UsageError, match=words[how]):
         service.answer()
     assert free(bench)

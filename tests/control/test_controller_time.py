@@ -29,7 +29,7 @@ def test_a_goal_of_the_future_begins_on_time_while_the_old_motion_goes_on() -> N
     loop.run(0.5)
     second = loop.send(order((1.0, {"J1": J1}), (2.0, {"J2": J2 - 0.2}), delay=1.0))
     assert first.outcome == PREEMPTED, "its handle is free at once"
-    assert loop.controller.words == "waiting for its time"
+    assert loop.controller.words == "waiting for the start time"
     loop.run(0.9)
     assert loop.where("J1") == pytest.approx(J1 + 0.35, abs=0.03), "the old motion goes on"
     loop.run(1.1 + 0.05)
@@ -130,7 +130,7 @@ def test_checking_took_so_long_that_it_would_be_too_fast() -> None:
     sent = order((0.31, {"J1": J1 + 0.5}), delay=-1e-3)
     plan = loop.controller.plan(sent, loop.now)
     loop.run(0.3)
-    with pytest.raises(GoalError, match=r"too late: on the way to the next point, .* J1 would turn at") as caught:
+    with pytest.raises(GoalError, match=r"too late: before the next point, .* J1 would turn at") as caught:
         loop.controller.accept(plan, loop.state, loop.now, listener=Told())
     assert caught.value.reason == Reason.TOO_LATE
     assert not loop.controller.busy

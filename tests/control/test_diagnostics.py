@@ -96,8 +96,8 @@ def test_the_link() -> None:
     assert verdict("link", connected=False) == (Level.ERROR, "not connected")
     gone = verdict("link", connected=False, error="/dev/ttyUSB0 is gone\nplug it in")
     assert gone == (Level.ERROR, "not connected: /dev/ttyUSB0 is gone plug it in")
-    assert verdict("link", state=None, state_age=NAN) == (Level.STALE, "no state has come yet")
-    assert verdict("link", state_age=1.01) == (Level.STALE, "no states come any more")
+    assert verdict("link", state=None, state_age=NAN) == (Level.STALE, "no state received yet")
+    assert verdict("link", state_age=1.01) == (Level.STALE, "no new states")
     assert verdict("link", rate=79.9) == (Level.WARNING, "states come too slowly")
     assert verdict("link", rate=80.1) == (Level.OK, "ok")
     assert verdict("link", error="long ago") == (Level.OK, "ok")
@@ -252,7 +252,7 @@ def test_servos_that_nobody_has_seen() -> None:
 
 
 def test_servos_of_old_states() -> None:
-    assert verdict("J2 (servo 7)", state_age=1.5) == (Level.STALE, "no states come any more")
+    assert verdict("J2 (servo 7)", state_age=1.5) == (Level.STALE, "no new states")
     assert verdict("J2 (servo 7)", state_age=NAN)[0] is Level.STALE
     assert verdict("J2 (servo 7)", connected=False) == (Level.STALE, "not connected")
 

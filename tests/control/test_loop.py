@@ -109,7 +109,7 @@ def test_before_two_cycles_there_is_no_rate() -> None:
 
 @pytest.mark.parametrize("rate", [0, -1, math.nan, math.inf])
 def test_a_rate_that_is_none_is_refused(rate: float) -> None:
-    with pytest.raises(UsageError, match="makes no sense"):
+    with pytest.raises(UsageError, match="is not possible"):
         RateLoop(rate)
 
 

@@ -63,7 +63,7 @@ def test_a_stop_since_the_last_state_voids_what_is_followed_though_it_is_resumed
     bench.robot.resume()
     bench.update(PERIOD)
     assert len(bench.sent) == 1
-    assert str(bench.group.reason) == "a stop came from elsewhere"
+    assert str(bench.group.reason) == "the arm was stopped by another caller"
 
 
 def test_a_refused_target_ends_the_motion_or_comes_out() -> None:
@@ -103,7 +103,7 @@ def test_a_stop_is_ended_unless_another_one_came(caplog: pytest.LogCaptureFixtur
     assert caplog.messages == ["stopped: the test"]
     stops = bench.group.stops
     bench.group.stop(StopReason("asked", "again"))
-    with pytest.raises(UsageError, match="stopped again meanwhile"):
+    with pytest.raises(UsageError, match="stopped again"):
         bench.output.reset(stops)
     assert bench.arm.board.state.stopped
     bench.output.reset(bench.group.stops)

@@ -269,7 +269,7 @@ def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
 def test_torque_off_ends_a_motion() -> None:
     bench, told = moving()
     bench.ask(lambda: bench.owner.torque(False, bench.robot.model.names))
-    assert told.words == "aborted: the torque was taken away"
+    assert told.words == "aborted: torque was switched off"
     assert bench.arm.torques() == [False] * 7
     assert bench.owner.newest().torque_on == ()
 
@@ -285,7 +285,7 @@ def test_torque_off_ends_what_was_accepted_that_moment() -> None:
 
     bench.robot.torque = torque_and_a_goal
     bench.ask(lambda: bench.owner.torque(False, bench.robot.model.names))
-    assert first.words == late[0].words == "aborted: the torque was taken away"
+    assert first.words == late[0].words == "aborted: torque was switched off"
     writes = len(bench.writes)
     bench.turn(1.0)
     assert len(bench.writes) == writes
@@ -299,7 +299,7 @@ def test_a_target_that_the_board_kept_within_its_limits_is_told_once(caplog: pyt
     bench.robot.write = write
     bench.until(lambda: told.ends)
     texts = [r.message for r in caplog.records if r.levelno == logging.WARNING]
-    assert texts == ["the board's own limits are tighter: it kept J1 within them"]
+    assert texts == ["the board's own limits are tighter: it clamped J1"]
 
 
 def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:

@@ -63,7 +63,7 @@ def test_a_board_of_another_dialect_is_not_taken_for_the_one_that_was_there() ->
     bench.link.lost = False
     bench.robot._only_dialect = 1
     bench.until(lambda: "of dialect 1" in owner.error)
-    assert "a board of dialect 1 is there, where one of dialect 2 was" in owner.error
+    assert "a board of dialect 1 replaced one of dialect 2" in owner.error
     assert not owner.connected
     assert not bench.link.is_open
     bench.robot._only_dialect = None
@@ -169,7 +169,7 @@ def test_a_state_that_is_old_is_nothing_to_begin_at() -> None:
     bench.turn(0.5)
     bench.owner.newest()
     bench.clock.advance(1.01)
-    with pytest.raises(DeviceError, match=r"told nothing for 1\.0 s"):
+    with pytest.raises(DeviceError, match=r"no state from the robot for 1\.0 s"):
         bench.owner.newest()
     bench.owner.turn()
     bench.owner.newest()
@@ -181,5 +181,5 @@ def test_on_a_slow_line_states_are_good_for_longer() -> None:
     bench.clock.advance(1.9)
     bench.owner.newest()
     bench.clock.advance(0.2)
-    with pytest.raises(DeviceError, match="told nothing"):
+    with pytest.raises(DeviceError, match="no state from the robot"):
         bench.owner.newest()

@@ -163,7 +163,7 @@ def test_a_stop_while_a_reset_is_under_way_stays(when: str) -> None:
             owner.stop("the second")
 
     robot.resume = resume_with_a_stop
-    with pytest.raises(UsageError, match="stopped again meanwhile"):
+    with pytest.raises(UsageError, match="stopped again"):
         bench.ask(owner.reset)
     assert bench.board.state.stopped
     assert owner.group.reason is not None

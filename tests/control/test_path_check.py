@@ -15,7 +15,7 @@ from hexwire.model.state import JointFlag
 from hexwire.motion.safety import StopReason
 from hexwire.motion.waypoints import Spline, Waypoint
 
-WAYS = PathCheck(HEX7BOT, Hex7BotModel(), None)
+CHECK = PathCheck(HEX7BOT, Hex7BotModel(), None)
 BLIND = PathCheck(HEX7BOT, None, None)
 FOLD = {"J2": HOME["J2"] + math.radians(60), "J3": HOME["J3"] + math.radians(40)}
 """Each may be there if the other is at home; together they fold the elbow."""
@@ -31,10 +31,10 @@ def way(to: Mapping[str, float], seconds: float = 3.0) -> Spline:
 def test_a_way_is_checked_with_where_the_others_are_and_go() -> None:
     for joint, other in (("J2", "J3"), ("J3", "J2")):
         mine, theirs = way({joint: FOLD[joint]}), way({other: FOLD[other]})
-        WAYS.trajectory(mine, HOME)
+        CHECK.trajectory(mine, HOME)
         for others, meanwhile in (({**HOME, other: FOLD[other]}, []), (HOME, [theirs])):
             with pytest.raises(GoalError, match=r"elbow folded.*nothing was sent") as caught:
-                WAYS.trajectory(mine, others, meanwhile)
+                CHECK.trajectory(mine, others, meanwhile)
             assert caught.value.reason == Reason.PATH_NOT_ALLOWED
     BLIND.trajectory(way(FOLD), HOME)
 
@@ -46,13 +46,13 @@ def test_a_way_without_end() -> None:
 
 @pytest.mark.parametrize(
     ("late", "reason", "why"),
-    [(False, Reason.PATH_NOT_ALLOWED, "not any more"), (True, Reason.TOO_LATE, "too late")],
+    [(False, Reason.PATH_NOT_ALLOWED, "the path is no longer allowed"), (True, Reason.TOO_LATE, "too late")],
 )
 def test_the_way_to_the_first_point_may_be_too_fast_by_now(late: bool, reason: Reason, why: str) -> None:
     turn = HEX7BOT.joint("J1").max_speed
-    WAYS.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.48), HOME, late=late)
-    with pytest.raises(GoalError, match=rf"^{why}: on the way to the next point, at .* its limit is") as caught:
-        WAYS.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.4), HOME, late=late)
+    CHECK.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.48), HOME, late=late)
+    with pytest.raises(GoalError, match=rf"^{why}: before the next point, at .* its limit is") as caught:
+        CHECK.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.4), HOME, late=late)
     assert caught.value.reason == reason
 
 
@@ -60,47 +60,47 @@ def test_a_takeover_that_swings_through_a_gate() -> None:
     here = {**HOME, "J3": FOLD["J3"]}
     good = [(0.1 * i, {"J2": HOME["J2"] + math.radians(5 * i)}) for i in range(4)]
     bad = [*good, (0.4, {"J2": FOLD["J2"]}), (0.5, {"J2": HOME["J2"]})]
-    WAYS.takeover(good, here)
-    WAYS.takeover([], here)
-    with pytest.raises(GoalError, match=r"^0\.40 s after it takes over .*, elbow .*; let that end") as caught:
-        WAYS.takeover(bad, here)
+    CHECK.takeover(good, here)
+    CHECK.takeover([], here)
+    with pytest.raises(GoalError, match=r"^0\.40 s after it replaces .*, elbow .*; wait for its end") as caught:
+        CHECK.takeover(bad, here)
     assert caught.value.reason == Reason.PATH_NOT_ALLOWED
     BLIND.takeover(bad, here)
     # Nobody knows where the other joints are: what moves has begun when they were known.
-    WAYS.takeover(bad, {**here, "J1": math.nan})
+    CHECK.takeover(bad, {**here, "J1": math.nan})
 
 
 def test_joints_answer_and_have_torque() -> None:
-    limp, deaf = {"J2": JointFlag(0)}, {"J3": JointFlag.SILENT | JointFlag.TORQUE_ON}
-    WAYS.ready(("J1", "J3"), state(flags=limp), 0.5)
+    without_torque, silent = {"J2": JointFlag(0)}, {"J3": JointFlag.SILENT | JointFlag.TORQUE_ON}
+    CHECK.ready(("J1", "J3"), state(flags=without_torque), 0.5)
     with pytest.raises(GoalError, match=r"^no torque on J2; enable it first$") as caught:
-        WAYS.ready(("J1", "J2"), state(flags=limp), 0.5)
+        CHECK.ready(("J1", "J2"), state(flags=without_torque), 0.5)
     assert caught.value.reason == Reason.NOT_READY
-    WAYS.ready(("J3",), state(flags=deaf, age={"J3": 0.5}), 0.5)
-    WAYS.ready(("J1",), state(flags=deaf, age={"J3": 9.0}), 0.5)
-    WAYS.ready(("J1",), state(age={"J1": 9.0}), 0.5)
-    with pytest.raises(GoalError, match=r"^J3 .* more than 0.5 s") as caught:
-        WAYS.ready(("J1", "J3"), state(flags=deaf, age={"J3": 0.51}), 0.5)
+    CHECK.ready(("J3",), state(flags=silent, age={"J3": 0.5}), 0.5)
+    CHECK.ready(("J1",), state(flags=silent, age={"J3": 9.0}), 0.5)
+    CHECK.ready(("J1",), state(age={"J1": 9.0}), 0.5)
+    with pytest.raises(GoalError, match=r"^no answer from J3 .* 0\.5 s") as caught:
+        CHECK.ready(("J1", "J3"), state(flags=silent, age={"J3": 0.51}), 0.5)
     assert caught.value.reason == Reason.NOT_READY
 
 
 def test_a_latched_stop_forbids_everything() -> None:
-    WAYS.stop_latch(None)
+    CHECK.stop_latch(None)
     with pytest.raises(GoalError, match=r"stopped \(enough\); reset first") as caught:
-        WAYS.stop_latch(StopReason("asked", "enough"))
+        CHECK.stop_latch(StopReason("asked", "enough"))
     assert caught.value.reason == Reason.STOPPED
 
 
 def test_targets_and_postures_are_checked_at_limits_and_coupling() -> None:
     beyond = {"J1": HEX7BOT.joint("J1").maximum + 0.01}
     folded = {**HOME, "J3": FOLD["J3"]}
-    for check in (WAYS.target, WAYS.posture, BLIND.target, BLIND.posture):
+    for check in (CHECK.target, CHECK.posture, BLIND.target, BLIND.posture):
         check(HOME, {"J1": HOME["J1"] + 0.1})
         with pytest.raises(LimitError, match="J1="):
             check(HOME, beyond)
         with pytest.raises(UsageError, match="J9"):
             check(HOME, {"J9": 0.0})
-    for check in (WAYS.target, WAYS.posture):
+    for check in (CHECK.target, CHECK.posture):
         with pytest.raises(LimitError, match=r"elbow folded.*nothing was sent$"):
             check(folded, {"J2": FOLD["J2"]})
         check(HOME, {"J2": FOLD["J2"]})
@@ -108,16 +108,16 @@ def test_targets_and_postures_are_checked_at_limits_and_coupling() -> None:
         check(folded, {"J2": FOLD["J2"]})
     # A joint outside the kinematics needs no other joint's position.
     unknown = {**HOME, "J2": math.nan}
-    WAYS.posture(unknown, {"J7": 0.1})
-    WAYS.target(unknown, {"J7": 0.1})
+    CHECK.posture(unknown, {"J7": 0.1})
+    CHECK.target(unknown, {"J7": 0.1})
     with pytest.raises(UsageError, match="the position of J2 is unknown"):
-        WAYS.posture(unknown, {"J1": 0.1})
+        CHECK.posture(unknown, {"J1": 0.1})
 
 
 def test_the_table_counts_where_there_is_one() -> None:
     high = PathCheck(HEX7BOT, Hex7BotModel(), 0.5)
     reach = way({"J2": HOME["J2"] + 0.1, "J3": HOME["J3"]})
-    assert WAYS.trajectory(reach, HOME).lowest > 0.0
+    assert CHECK.trajectory(reach, HOME).lowest > 0.0
     start = Hex7BotModel().to_joints([math.radians(d) for d in (90, 60, 155, 90, 90, 90)])
     low = PathCheck(HEX7BOT, Hex7BotModel(), 0.05)
     for check in (low.target, low.posture):

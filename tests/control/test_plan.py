@@ -92,7 +92,7 @@ def test_a_velocity_that_nobody_measured_is_taken_for_rest() -> None:
 def test_without_a_position_to_start_from_nothing_begins() -> None:
     start = Sample((0.1, math.nan, 0.3), REST, REST)
     text = refusal(order(Point(1.0, REST)), Reason.NOT_READY, start=start)
-    assert text == "it is not known yet where J2 is; wait for its state"
+    assert text == "the position of J2 is unknown; wait for its state"
 
 
 def test_joints_left_out_stand_still_where_they_are() -> None:

@@ -109,7 +109,7 @@ def test_lost_torque_and_a_stop_end_it(what: dict[str, Any], limp: tuple[str, ..
     controller = make()
     write(controller, 10.0)
     assert see(controller, 10.2, HOME["J1"], **what)
-    assert controller.limp == limp
+    assert controller.without_torque == limp
     assert (str(controller.reason) if controller.reason else None) == reason
     assert not controller.arrived
 

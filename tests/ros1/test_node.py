@@ -58,7 +58,7 @@ def test_query_state_says_where_the_arm_is_meant_to_be_then(arm: Arm) -> None:
     assert end["position"][0] == pytest.approx(target)
     assert min(here["J1"], target) < middle["position"][0] < max(here["J1"], target)
     assert middle["velocity"][0] * (target - here["J1"]) > 0.0
-    assert "something else was followed" in arm.client.query(service=service, delay=-30.0)["error"]
+    assert "is not available" in arm.client.query(service=service, delay=-30.0)["error"]
     arm.trigger("stop")
     assert "stopped" in arm.client.query(service=service, delay=0.0)["error"]
 
@@ -137,7 +137,7 @@ def test_stop_and_reset_can_be_repeated(arm: Arm) -> None:
     assert not success
     assert "reset" in text
     for _ in range(2):
-        assert arm.trigger("reset") == "reset; nothing moves until it is told to"
+        assert arm.trigger("reset") == "reset; nothing moves until the next command"
 
 
 def test_enable_gives_and_takes_torque(arm: Arm) -> None:

@@ -129,7 +129,7 @@ def move(
     if result.stopped is not None:
         why = f"the arm was stopped before it arrived: {result.stopped}"
         raise ServoError(f"{why}; 'hexwire resume' ends that")
-    if result.limp:
+    if result.without_torque:
         raise ServoError(result.why)
     if result.arrived is False:
         raise ServoError(_shortfall(result))

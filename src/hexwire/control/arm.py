@@ -1,7 +1,7 @@
-"""Everything a front can ask an arm for: motions, set-points, poses, teaching, power, stop; and what it reports.
+"""The requests of fronts to an arm: motions, set-points, poses, teach mode, power, stop; and its diagnostics.
 
-Owns what is allowed when, across all controllers of an arm. Must not know who asks: requests come as plain values,
-and answers are words.
+Owns which request is allowed when, across all controllers of an arm. Must not know the front: requests come in as
+plain values, and answers are texts.
 """
 
 from __future__ import annotations
@@ -43,24 +43,24 @@ _log = logging.getLogger(__name__)
 
 _NEVER = 1e9
 _GRACE = 10.0
-"""Seconds beyond a motion's own duration in which the arm must arrive, where its settings name no other time."""
+"""Default seconds after a motion's duration in which the arm must arrive."""
 
 
 class Arm:
-    """A robot as fronts use it. `connect`, then `start`; `shutdown` at the end.
+    """A robot as fronts use it. Call `connect`, then `start`; finally `shutdown`.
 
     Args:
         robot: Not attached.
-        settings: What the front has set.
+        settings: The arm's settings.
         on_state: As in `RobotOwner`.
-        on_taught: Called with what was taught, in the thread that ended it.
+        on_taught: Called with a taught motion, in the thread that ended teach mode.
         clock: As in `RobotOwner`.
         sleep: Likewise.
 
     Attributes:
-        owner: Of the robot.
-        controllers: By name; the only one has the empty name.
-        teach_mode: Teaching by hand, and what was taught.
+        owner: The owner of the robot.
+        controllers: By name; a single one has the empty name.
+        teach_mode: Teach mode, and the last taught motion.
     """
 
     def __init__(
@@ -85,13 +85,13 @@ class Arm:
         )
         self.controllers: dict[str, TrajectoryController] = {}
         self.teach_mode = TeachMode(self.owner, settings.teach_directory, on_taught)
-        # One request at a time that takes the arm for longer: a pose, teaching, playing back.
+        # Held by one long request at a time: moving to a pose, starting or ending teach mode, playing back.
         self._busy = threading.Lock()
 
-    # -- coming and going ---------------------------------------------------------------------------
+    # -- start and shutdown -------------------------------------------------------------------------
 
     def connect(self) -> None:
-        """Find the robot and make its controllers; as `RobotOwner.connect`."""
+        """Connect to the robot and create its controllers; raises as `RobotOwner.connect`."""
         settings, owner = self.settings, self.owner
         owner.connect(settings.connect_timeout)
         if settings.kinematics is not None:
@@ -110,17 +110,17 @@ class Arm:
         }
 
     def start(self) -> None:
-        """Read and move from now on."""
+        """Start to read states and to accept motions."""
         self.owner.start(tuple(self.controllers.values()))
         if self.settings.enable_on_start:
             try:
                 _log.info("%s", self.enable(True))
             except HexwireError as error:
-                # One servo that is silent must not keep the others from being seen.
+                # One silent servo must not prevent reading the others.
                 _log.error("not enabled: %s", error)
 
     def shutdown(self) -> None:
-        """Stop what moves, and let go of the robot."""
+        """Stop all motion, and detach from the robot."""
         self.owner.shutdown(torque_off=self.settings.torque_off_at_exit)
 
     # -- trajectories and set-points ------------------------------------------------------------------
@@ -134,17 +134,17 @@ class Arm:
         tolerances: Tolerances | None = None,
         wanted: Callable[[], bool] = lambda: True,
     ) -> None:
-        """Have a controller follow a trajectory; one without points means hold.
+        """Let a controller follow a trajectory; a trajectory without points means hold.
 
         Args:
-            name: Of the controller.
-            goal: What was sent.
+            name: Name of the controller.
+            goal: The trajectory.
             listener: As in `TrajectoryController.accept`.
             tolerances: Likewise.
-            wanted: Asked when it was checked, which takes time: whether it is still to be followed.
+            wanted: Called after the path check, which takes time: whether the goal is still wanted.
 
         Raises:
-            GoalError: It cannot be followed; what was followed before goes on.
+            GoalError: The goal is refused; the previous motion continues.
         """
         controller, owner = self.controllers[name], self.owner
         try:
@@ -152,13 +152,13 @@ class Arm:
             self.teach_mode.hand.refuse()
             state = owner.newest()
             if not goal.points and listener is None:
-                self.hold(name, "an empty trajectory came")
+                self.hold(name, "replaced by an empty trajectory")
                 return
             plan = controller.plan(goal, received)
             with owner.locked():
                 start = controller.start(goal.delay, state, received)
                 others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, goal.delay)))
-            # Takes long for a long one, so not under the lock.
+            # Not under the lock, since the check of a long trajectory takes long.
             controller.check_path(plan.trajectory(start, received), state, others)
             with owner.locked():
                 self.teach_mode.hand.refuse()
@@ -181,7 +181,7 @@ class Arm:
         owner.deliver()
 
     def query(self, name: str, delay: float) -> Sample:
-        """Where a controller's joints are meant to be in `delay` seconds; as `TrajectoryController.query`."""
+        """Desired state of a controller's joints in `delay` seconds; see `TrajectoryController.query`."""
         owner = self.owner
         state = owner.newest()
         with owner.locked():
@@ -189,25 +189,25 @@ class Arm:
             return self.controllers[name].query(now + delay, now, state)
 
     def hold(self, name: str, why: str) -> None:
-        """Have a controller's joints stay where they were told to be last."""
+        """Hold a controller's joints at their last set-point."""
         with self.owner.locked():
             self.controllers[name].hold(why)
         self.owner.deliver()
 
     def cancel(self, name: str, listener: GoalListener) -> None:
-        """Hold, if what is followed is this one's goal."""
+        """Hold, if the active goal is this listener's."""
         with self.owner.locked():
             self.controllers[name].cancel(listener)
         self.owner.deliver()
 
     def set_points(self, positions: Mapping[str, float]) -> None:
-        """Pursue set-points: all of them, or none.
+        """Follow set-points: all of them, or none.
 
         Args:
             positions: Radians by joint.
 
         Raises:
-            UsageError: There is none, a joint is unknown, or a position is no number or outside limits.
+            UsageError: There is none, a joint is unknown, or a position is not a number or outside its limits.
             HexwireError: The arm is stopped or cannot be reached.
         """
         owner = self.owner
@@ -220,7 +220,7 @@ class Arm:
             self.settings.model.joint(joint).check(angle)
             shares.setdefault(which, {})[joint] = angle
         if not shares:
-            raise UsageError("it holds no position, and these servos take nothing else")
+            raise UsageError("it has no positions, and these servos accept nothing else")
         with owner.locked():
             self.teach_mode.hand.refuse()
             state, now = owner.newest(), owner.now()
@@ -235,13 +235,13 @@ class Arm:
     # -- power and stop -------------------------------------------------------------------------------
 
     def stop(self, why: str) -> str:
-        """Latched stop; the joints hold where they are, and those without torque get none. Teaching ends.
+        """Stop the arm and latch the stop. Joints with torque hold; joints without stay without. Teach mode ends.
 
         Returns:
-            What was done, for people.
+            The result in words.
 
         Raises:
-            HexwireError: Not every joint confirmed it; the controllers are stopped all the same.
+            HexwireError: Not every joint confirmed it; the controllers are stopped nevertheless.
         """
         try:
             confirmed = self.owner.stop(why)
@@ -253,19 +253,19 @@ class Arm:
         return "stopped; all joints confirmed it"
 
     def reset(self) -> str:
-        """End a stop. Nothing moves by it.
+        """Clear a latched stop. Nothing moves.
 
         Raises:
-            HexwireError: Its cause is still there, or the robot refuses.
+            HexwireError: Its cause persists, or the robot refuses.
         """
         self.owner.reset()
-        return "reset; nothing moves until it is told to"
+        return "reset; nothing moves until the next command"
 
     def enable(self, on: bool) -> str:
-        """Torque of all controlled joints on, where they are, or off.
+        """Switch torque of all controlled joints on, at the present position, or off.
 
         Raises:
-            HexwireError: Stopped, being taught, or not every joint confirmed it.
+            HexwireError: The arm is stopped or in teach mode, or not every joint confirmed it.
         """
         with self.teach_mode.hand.power:
             self.teach_mode.hand.refuse()
@@ -275,23 +275,23 @@ class Arm:
     # -- poses and teaching -----------------------------------------------------------------------------
 
     def go_to(self, pose: str) -> str:
-        """Go to a named pose, and wait until the arm is there. What was followed before ends.
+        """Move to a named pose, and wait for the arrival. Replaces the running motion.
 
         Raises:
-            HexwireError: There is no such pose, it cannot be gone to, or the arm did not arrive.
+            HexwireError: There is no such pose, the path is not allowed, or the arm did not arrive.
         """
         goals = self.settings.poses.get(pose)
         if goals is None:
             raise UsageError(f"no pose {pose!r}; there are {', '.join(self.settings.poses) or 'none'}")
         with self._exclusive():
-            self._travel(goals, f"the arm goes to {pose}")
+            self._move_to(goals, f"replaced by a motion to {pose}")
         return f"at {pose}"
 
     def teach_start(self) -> str:
-        """Take the torque away and take down where a hand leads the arm. Somebody must hold it.
+        """Start teach mode: switch torque off and record the motion of the arm. Somebody must hold the arm.
 
         Raises:
-            HexwireError: As `TeachMode.start`, or somebody else has the arm.
+            HexwireError: As `TeachMode.start`, or the arm is busy.
         """
         names = self._all_joints()
         with self._exclusive():
@@ -299,32 +299,32 @@ class Arm:
         return f"teaching {', '.join(names)}; they have no torque"
 
     def teach_stop(self) -> str:
-        """End teaching; joints that had torque before hold where they are now.
+        """End teach mode; joints that had torque before hold their present position.
 
         Raises:
-            HexwireError: As `TeachMode.stop`, or somebody else has the arm.
+            HexwireError: As `TeachMode.stop`, or the arm is busy.
         """
         with self._exclusive():
             return self.teach_mode.stop()
 
     def teach_play(self) -> str:
-        """Go to where what was taught begins, follow it, and wait for its end.
+        """Move to the start of the taught motion, play it, and wait for its end.
 
         Raises:
-            HexwireError: Nothing was taught, or it cannot be followed.
+            HexwireError: Nothing was taught, the path is not allowed, or the arm did not arrive.
         """
         taught = self.teach_mode.taught
         if taught is None:
-            raise UsageError("nothing was taught since the node started")
+            raise UsageError("nothing was taught since the start")
         with self._exclusive():
-            self._travel(dict(zip(taught.names, taught.rows[0], strict=True)), "the arm plays what was taught")
+            self._move_to(dict(zip(taught.names, taught.rows[0], strict=True)), "replaced by the taught motion")
             self._run({key: taught_part(taught, c.joints) for key, c in self.controllers.items()})
         return f"played {taught.duration:.1f} s"
 
-    # -- what it reports ------------------------------------------------------------------------------
+    # -- diagnostics ----------------------------------------------------------------------------------
 
     def facts(self) -> Facts:
-        """What diagnostics are made of."""
+        """The input of `diagnose`."""
         owner = self.owner
         reason = owner.group.reason
         return Facts(
@@ -355,9 +355,9 @@ class Arm:
     # -- helpers --------------------------------------------------------------------------------------
 
     def _meanwhile(self, names: Collection[str], when: float) -> list[Trajectory]:
-        """What the other controllers have left to follow at a time."""
-        ways = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
-        return [way for way in ways if way is not None]
+        """What remains of the other controllers' trajectories at a time."""
+        paths = [c.follower.ahead(when) for name, c in self.controllers.items() if name not in names]
+        return [path for path in paths if path is not None]
 
     def _exclusive(self) -> TryLock:
         return TryLock(self._busy)
@@ -365,12 +365,12 @@ class Arm:
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
-    def _travel(self, goals: Mapping[str, float], why: str) -> None:
-        """Go somewhere the careful way, from rest, and wait."""
+    def _move_to(self, goals: Mapping[str, float], why: str) -> None:
+        """Hold, then move slowly to positions, and wait for the arrival."""
         lost = [name for name in goals if name not in self._all_joints()]
         if lost:
             raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
-        ways: dict[str, Trajectory] = {}
+        paths: dict[str, Trajectory] = {}
         with self.owner.locked():
             self.teach_mode.hand.refuse()
             state, now = self.owner.newest(), self.owner.now()
@@ -381,40 +381,40 @@ class Arm:
                 controller.hold(why)
                 here = controller.start(0.0, state, now).position
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
-                ways[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
+                paths[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
         self.owner.deliver()
-        self._run(ways)
+        self._run(paths)
 
-    def _run(self, ways: Mapping[str, Trajectory]) -> None:
-        """Check trajectories, one a controller, follow them together, and wait for the end of all."""
+    def _run(self, paths: Mapping[str, Trajectory]) -> None:
+        """Check trajectories, one per controller, follow them together, and wait until all have ended."""
         owner = self.owner
         state = owner.newest()
         with owner.locked():
-            others = self._meanwhile(ways, owner.now())
-        for key, way in ways.items():
-            meanwhile = [*others, *(other for other in ways.values() if other is not way)]
-            self.controllers[key].check_path(way, state, meanwhile)
-        waiter = Waiter(len(ways))
+            others = self._meanwhile(paths, owner.now())
+        for key, path in paths.items():
+            meanwhile = [*others, *(other for other in paths.values() if other is not path)]
+            self.controllers[key].check_path(path, state, meanwhile)
+        waiter = Waiter(len(paths))
         try:
             with owner.locked():
-                for key, way in ways.items():
+                for key, path in paths.items():
                     tolerances = self.controllers[key].settings.tolerances
                     tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
-                    self.controllers[key].follow(way, state, owner.now(), listener=waiter, tolerances=tolerances)
+                    self.controllers[key].follow(path, state, owner.now(), listener=waiter, tolerances=tolerances)
             owner.hurry()
             owner.deliver()
-            # The controllers judge the arrival; this is for an owner that judges nothing any more.
-            waiter.wait(max(way.duration for way in ways.values()) + 2.0 * _GRACE)
+            # The controllers check the arrival; this timeout is for an owner that has failed.
+            waiter.wait(max(path.duration for path in paths.values()) + 2.0 * _GRACE)
         finally:
-            # If one fails, or nobody waits any more, the others must not go on.
+            # If one fails, or the wait was interrupted, the others must not continue.
             with owner.locked():
-                for key in ways:
+                for key in paths:
                     self.controllers[key].cancel(waiter)
             owner.deliver()
 
 
 def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:
-    """The part of what was taught that is a controller's."""
+    """The part of a taught motion for the joints of one controller."""
     places = [taught.names.index(name) for name in joints]
     rows = tuple(tuple(row[i] for i in places) for row in taught.rows)
     return type(taught)(tuple(joints), taught.times, rows).trajectory()

@@ -1,7 +1,7 @@
-"""Goals of clients that do not wait for them: checked, followed and answered in the order in which they came.
+"""Goals of asynchronous clients: checked, started and answered in the order of their arrival.
 
-Owns the thread in which that is done, and goals that are cancelled before they begin. Must not know how a client
-sends a goal or is answered.
+Owns the worker thread, and goals that are cancelled before they begin. Must not know how a client sends a goal or
+gets its answer.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ __all__ = ["Client", "ClientGoal", "ClientGoals", "Request"]
 _log = logging.getLogger(__name__)
 
 _STEP = 0.002
-"""Seconds that are waited at once. What passes beyond does not count: the machine stood still, its clients too."""
+"""Longest single wait, seconds. Time beyond it does not count: the machine was stalled, and its clients too."""
 
 
 class Client(Protocol):
-    """Who has sent a goal. It is called in the thread of `ClientGoals`: `accepted`, then `ended`; or `refused`."""
+    """The sender of a goal. Called in the worker thread: `accepted`, then `ended`; or only `refused`."""
 
     def accepted(self) -> None:
-        """The goal is followed from now on, or from its time on."""
+        """The goal begins now, or at its time."""
 
     def refused(self, reason: Reason, text: str) -> None:
-        """The goal is not followed."""
+        """The goal is refused."""
 
     def ended(self, ended: Ended) -> None:
-        """The goal that was accepted is over."""
+        """The accepted goal has ended."""
 
 
 _C = TypeVar("_C", bound=Client)
@@ -51,10 +51,10 @@ _C = TypeVar("_C", bound=Client)
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a client asks for.
+    """The contents of a client's goal.
 
     Attributes:
-        trajectory: What is to be followed.
+        trajectory: The trajectory to follow.
         path: Tolerances on the path, as in `Tolerances.overridden`.
         goal: Tolerances at the goal; likewise.
         goal_time: Seconds; likewise.
@@ -70,15 +70,15 @@ class ClientGoal(Generic[_C]):
     """A goal of a client.
 
     Args:
-        controller: Name of the controller that is to follow it.
-        key: What its client knows it by; clients may use the same at two controllers.
-        client: Who has sent it.
-        on_end: Called with this and how it ended.
+        controller: Name of its controller.
+        key: The client's id of the goal; the same id may be in use at two controllers.
+        client: Its sender.
+        on_end: Called with this goal and how it ended.
 
     Attributes:
-        accepted: Its client knows that it is.
-        cancelled: Its client does not want it any more.
-        answerable: When its client may be answered, by the worker's clock; None until there is an answer.
+        accepted: The client was told that it is accepted.
+        cancelled: The client has cancelled it.
+        answerable: Earliest time of an answer, by the worker's clock; None until there is an answer.
     """
 
     def __init__(
@@ -90,38 +90,38 @@ class ClientGoal(Generic[_C]):
         self._on_end = on_end
 
     def ended(self, ended: Ended) -> None:
-        """It is over."""
+        """Take the end of the goal."""
         self._on_end(self, ended)
 
 
 class ClientGoals(Generic[_C]):
-    """Goals of all controllers of an arm. `start` it, `close` it; any thread may call the others.
+    """Goals for all controllers of an arm. Call `start`, finally `close`; any thread may call the other methods.
 
     Args:
-        arm: What follows them.
-        answer_after: Seconds after which a client is answered at the earliest.
+        arm: The arm that follows them.
+        answer_after: Least seconds until a client is answered.
     """
 
     def __init__(self, arm: Arm, *, answer_after: float = 0.0) -> None:
         self._arm, self._answer_after = arm, answer_after
         self._goals: dict[tuple[str, str], ClientGoal[_C]] = {}
-        # Goals and ends, in their order; checking a goal takes longer than its sender may be kept waiting.
+        # Goals and ends, in order; checking a goal takes longer than its sender may be blocked.
         self._work: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
-        # Answers to clients in their order, each with the time before which it must not be given.
+        # Answers to clients in order, each with its earliest time.
         self._answers: deque[tuple[float, Callable[[], object]]] = deque()
-        # The worker's clock: seconds that it has run or waited, a step at a time.
+        # The worker's clock: seconds that it has run or waited, in steps of `_STEP` at most.
         self._ran = self._seen = 0.0
         self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
 
     def start(self) -> None:
-        """Handle goals from now on."""
+        """Start to handle goals."""
         self._worker.start()
 
     def close(self, patience: float = 1.0) -> None:
-        """Handle what has come, and no more.
+        """Handle the goals received so far, and no more.
 
         Args:
-            patience: Seconds to wait for that.
+            patience: Seconds to wait for this.
         """
         self._work.put(None)
         if self._worker.is_alive():
@@ -136,20 +136,20 @@ class ClientGoals(Generic[_C]):
         """Take a goal.
 
         Args:
-            controller: Name of the controller that is to follow it.
-            key: What its client knows it by.
-            client: Who is told of it.
-            read: Says what is asked for; called in the worker's thread.
+            controller: Name of its controller.
+            key: The client's id of the goal.
+            client: Gets the answers.
+            read: Returns the contents; called in the worker thread.
         """
         goal = ClientGoal(controller, key, client, self._end)
         self._goals[controller, key] = goal
         self._work.put(partial(self._begin, goal, read))
 
     def cancel(self, controller: str, key: str) -> None:
-        """A client does not want its goal any more."""
+        """Cancel a client's goal."""
         goal = self._goals.get((controller, key))
         if goal is not None:
-            # At once, and before the arm is asked: it, or another, may be on the way through its check.
+            # Before the call of the arm, since the goal may still be in its path check.
             goal.cancelled = True
             self._arm.cancel(controller, goal)
 
@@ -171,7 +171,7 @@ class ClientGoals(Generic[_C]):
                 _log.warning("goal refused: %s", error)
             self._answer(goal, partial(self._refuse, goal, Reason(error.reason), str(error)))
         except Exception as error:
-            # Its client must not wait for an end that never comes.
+            # The client must get an answer.
             self._answer(goal, partial(self._refuse, goal, Reason.FAILED, f"the program failed: {error!r}"))
             raise
         else:
@@ -189,7 +189,7 @@ class ClientGoals(Generic[_C]):
         goal.client.refused(reason, text)
 
     def _end(self, goal: ClientGoal[_C], ended: Ended) -> None:
-        # After what accepted it, which may still be under way.
+        # Queued, to come after the acceptance, which may still be in progress.
         self._work.put(partial(self._answer, goal, partial(self._finish, goal, ended)))
 
     def _finish(self, goal: ClientGoal[_C], ended: Ended) -> None:
@@ -199,7 +199,7 @@ class ClientGoals(Generic[_C]):
         goal.client.ended(ended)
 
     def _forget(self, goal: ClientGoal[_C]) -> None:
-        # Its key may be another one's by now.
+        # The key may belong to a newer goal by now.
         if self._goals.get((goal.controller, goal.key)) is goal:
             del self._goals[goal.controller, goal.key]
 
@@ -226,7 +226,7 @@ class ClientGoals(Generic[_C]):
                 self._try(job)
 
     def _time_left(self) -> float:
-        """Seconds until the next answer may be given."""
+        """Seconds until the next answer may be sent."""
         now = time.monotonic()
         self._ran += min(now - self._seen, _STEP)
         self._seen = now
@@ -236,5 +236,5 @@ class ClientGoals(Generic[_C]):
     def _try(job: Callable[[], object]) -> None:
         try:
             job()
-        except Exception:  # noqa: BLE001  # a goal must not take the others with it
+        except Exception:  # noqa: BLE001  # a failure of one goal must not affect others
             _log.exception("a goal could not be handled")

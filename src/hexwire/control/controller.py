@@ -1,7 +1,7 @@
-"""One trajectory controller: what its joints follow, for whom, and how that ended.
+"""A trajectory controller: moves joints along trajectories and set-points, and decides how goals end.
 
-Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, over. Time comes in as an
-argument, and what was sent as plain values. Must not know messages, robots, threads or clocks.
+Owns the life of a goal: accepted, replaced, cancelled, within its tolerances or not, ended. Time comes in as an
+argument, and goals as plain values. Must not know messages, robots, threads or clocks.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _STOPS_BY_PATH = frozenset({"following", "collision", "overload"})
 """Kinds of a `StopReason` that mean the arm left its path."""
 
 _PAST = 1.0
-"""Seconds back to which a question for the desired state is answered while the joints hold: messages take time."""
+"""Seconds in the past for which a query is answered while the joints hold, since messages take time."""
 _TOGETHER = 0.03
-"""Seconds between samples of joints that count as taken at once."""
+"""Seconds between samples of joints that count as simultaneous."""
 
 
 @dataclass(slots=True)
 class _Active:
-    """What is being followed: with a listener somebody waits for its end, without one it is a mere command."""
+    """The active goal. Without a listener, nothing waits for its end."""
 
     listener: GoalListener | None
     tolerances: Tolerances
@@ -64,15 +64,15 @@ class TrajectoryController:
     Args:
         settings: Name, joints and tolerances.
         arm: Limits and speeds.
-        limits: When to stop by itself.
-        kinematics: For gates and table; None to check neither.
-        table: Height of the table above the base, metres; None for none.
+        limits: Thresholds that stop the arm automatically.
+        kinematics: For joint coupling limits and table; None to check neither.
+        table: Height of the table above the base, metres; None for no table.
         command_timeout: Seconds without a set-point after which the joints hold.
 
     Attributes:
         settings: As given.
-        follower: What the joints are told.
-        off: Joints that were not at the goal when that was judged last, worst first.
+        follower: Computes the set-points.
+        off: Joints that were not at the goal at the last check of the arrival, worst first.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class TrajectoryController:
         self.off: tuple[Deviation, ...] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
-        # A plan whose time has not come: what was under way goes on until then.
+        # A plan that begins later: the running motion continues until then.
         self._pending: Plan | None = None
         self._ended: list[tuple[GoalListener, Ended]] = []
         self._progress: Progress | None = None
@@ -103,17 +103,17 @@ class TrajectoryController:
 
     @property
     def listener(self) -> GoalListener | None:
-        """Who waits for the end of what is followed."""
+        """The listener of the active goal, or None."""
         return self._active.listener if self._active else None
 
     @property
     def busy(self) -> bool:
-        """Something is followed, or will be; or the end of a goal is still waited for."""
+        """A goal is active or planned, or the joints are moving."""
         return self._active is not None or self._pending is not None or not self.follower.done
 
     @property
     def moving(self) -> bool:
-        """It sends its joints somewhere."""
+        """The follower is moving the joints."""
         return not self.follower.done
 
     @property
@@ -123,28 +123,28 @@ class TrajectoryController:
 
     @property
     def words(self) -> str:
-        """What it does, for people."""
+        """The state of the controller in words."""
         if self.follower.mode is Mode.STOPPED:
             return f"stopped: {self.follower.reason}"
-        return "waiting for its time" if self._pending is not None else self.follower.mode.value
+        return "waiting for the start time" if self._pending is not None else self.follower.mode.value
 
     @property
     def progress(self) -> Progress | None:
-        """Of the last cycle; None before there was one with all joints."""
+        """Progress at the last state; None before the first state with all joints."""
         return self._progress
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Goals that have ended since the last call. They must be told outside any lock."""
+        """Goals that have ended since the last call. Call their listeners without holding a lock."""
         ended, self._ended = self._ended, []
         return ended
 
-    # -- what others ask ----------------------------------------------------------------------------
+    # -- requests -----------------------------------------------------------------------------------
 
     def start(self, delay: float, state: JointState, now: float) -> Sample:
-        """Where the joints are meant to be when what is for `delay` seconds from now begins; now at the earliest.
+        """Desired state at the start of a motion that begins in `delay` seconds; now at the earliest.
 
         Raises:
-            GoalError: Stopped, or not all of them have been heard of.
+            GoalError: The arm is stopped, or the position of a joint is unknown.
         """
         self._refuse_if_stopped()
         self.follower.observe(state)
@@ -154,21 +154,22 @@ class TrajectoryController:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
     def query(self, when: float, now: float, state: JointState) -> Sample:
-        """Where the joints are meant to be at a time, as far as what is followed now says.
+        """Desired state at a time, according to the running motion.
 
         Args:
             when: Seconds, host clock.
             now: Likewise.
-            state: The newest.
+            state: The newest state.
 
         Raises:
-            GoalError: Stopped, not all joints have been heard of, or the time is before what is followed began.
+            GoalError: The arm is stopped, the position of a joint is unknown, or the time is before the start of
+                the running motion.
         """
         self._refuse_if_stopped()
         follows = self._active is not None and self._pending is None and self.follower.mode is Mode.TRAJECTORY
         begins = self._active.begins if self._active is not None and follows else now - _PAST
         if when < begins:
-            text = f"{now - when:.3g} s ago something else was followed, or nothing"
+            text = f"the desired state of {now - when:.3g} s ago is not available"
             raise GoalError(text, reason=Reason.MALFORMED)
         self.follower.observe(state)
         try:
@@ -177,11 +178,11 @@ class TrajectoryController:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
     def plan(self, goal: TrajectoryGoal, received: float) -> Plan:
-        """What a goal makes the joints do; looks at nothing that changes, so needs no lock.
+        """Plan a goal; reads nothing that changes, so it needs no lock.
 
         Args:
-            goal: What was sent.
-            received: When `goal.delay` was true, seconds.
+            goal: The goal.
+            received: Time to which `goal.delay` refers, seconds.
 
         Raises:
             GoalError: It is malformed or not for these joints.
@@ -190,12 +191,12 @@ class TrajectoryController:
         return Plan(goal, self.joints, received)
 
     def check_path(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
-        """Limits, speeds, joint coupling limits and the table all along a trajectory, and that its joints can move.
+        """Check a trajectory's limits, speeds, joint coupling limits and table, and that its joints can move.
 
         Args:
-            trajectory: What is to be followed.
-            state: The newest.
-            meanwhile: What other controllers do from its beginning on.
+            trajectory: The trajectory.
+            state: The newest state.
+            meanwhile: Trajectories of other controllers, from its beginning on.
 
         Raises:
             GoalError: The path is not allowed.
@@ -213,23 +214,23 @@ class TrajectoryController:
         tolerances: Tolerances | None = None,
         meanwhile: Sequence[Trajectory] = (),
     ) -> None:
-        """Follow a goal that was planned and checked; what was followed before is preempted.
+        """Follow a planned and checked goal; the active goal is preempted.
 
         Args:
-            plan: Of the goal.
-            state: The newest.
+            plan: Plan of the goal.
+            state: The newest state.
             now: Seconds.
-            listener: Who wants to hear of its end.
-            tolerances: In place of the controller's own.
-            meanwhile: What other controllers do from now on.
+            listener: Notified of its end.
+            tolerances: Instead of the controller's own.
+            meanwhile: Trajectories of other controllers, from now on.
 
         Raises:
-            GoalError: Stopped, without torque, or too late by now; nothing was changed.
+            GoalError: Stopped, without torque, or too late; nothing was changed.
         """
         self._refuse_unready(self.joints, state)
         tolerances = tolerances or self.settings.tolerances
         if plan.goal.delay > 0.0 and plan.due > self.follower.next_start(now):
-            self._preempt("replaced by a new one")
+            self._preempt("replaced by a new goal")
             self._pending = plan
             self._active = _active(listener, tolerances, plan.due, math.inf)
             return
@@ -245,7 +246,7 @@ class TrajectoryController:
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
     ) -> None:
-        """Follow a trajectory that begins where the joints are; otherwise as `accept`."""
+        """Follow a trajectory that begins at the present position; otherwise as `accept`."""
         self._refuse_if_stopped()
         self.follower.observe(state)
         begins = self.follower.next_start(now)
@@ -255,23 +256,23 @@ class TrajectoryController:
             raise
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None
-        self._preempt("replaced by a new one")
+        self._preempt("replaced by a new goal")
         ends = now + self.follower.remaining(now)
         self._active = _active(listener, tolerances or self.settings.tolerances, begins, ends)
 
     def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
-        """Pursue set-points, radians by joint; a goal under way is preempted.
+        """Follow set-points, radians by joint; the active goal is preempted.
 
         Raises:
-            LimitError: Outside limits.
-            GoalError: Stopped, or a joint has no torque or was never heard of.
+            LimitError: A set-point is outside its limits.
+            GoalError: Stopped, or a joint has no torque or its position is unknown.
         """
         self.check_set_points(positions, state)
         self.follower.set_point(positions, now)
         self._preempt("replaced by set-points")
 
     def check_set_points(self, positions: Mapping[str, float], state: JointState) -> None:
-        """Refuse what `set_points` would; changes nothing."""
+        """Raise the errors of `set_points`; changes nothing."""
         self._refuse_unready(positions, state)
         self._check.limits(positions)
         self.follower.observe(state)
@@ -281,34 +282,34 @@ class TrajectoryController:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
     def hold(self, why: str) -> None:
-        """Stay where the last command was; a goal under way is preempted."""
+        """Hold the last set-point; the active goal is preempted."""
         self.follower.hold()
         self._preempt(why)
 
     def cancel(self, listener: GoalListener) -> None:
-        """Hold, if what is followed is this one's goal."""
+        """Hold, if the active goal is this listener's."""
         if self.listener is listener:
             self.hold("cancelled")
 
     def stop(self, reason: StopReason) -> None:
-        """Latch a stop; a goal under way is aborted."""
+        """Latch a stop; the active goal is aborted."""
         self.follower.stop(reason)
         why = Reason.PATH_TOLERANCE if reason.kind in _STOPS_BY_PATH else Reason.STOPPED
         self._end(Outcome.ABORTED, why, f"stopped: {reason}")
 
     def reset(self) -> None:
-        """End a stop. Nothing moves by it."""
+        """Clear a stop. Nothing moves."""
         self.follower.reset()
 
     def release(self, why: str) -> None:
-        """The joints are no longer held: what was commanded is forgotten, a goal under way aborted."""
+        """Forget the set-points, since the joints are no longer held; the active goal is aborted."""
         self.follower.forget()
         self._end(Outcome.ABORTED, Reason.NOT_READY, why)
 
     # -- the cycle ----------------------------------------------------------------------------------
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
-        """One cycle; as `Follower.cycle`."""
+        """Run one cycle; see `Follower.cycle`."""
         self._begin_pending(state, now)
         slips = self.follower.counters.slips
         order = self.follower.cycle(state, now, lead)
@@ -316,7 +317,7 @@ class TrajectoryController:
         if isinstance(order, StopReason):
             self.stop(order)
         elif active is not None and self._pending is None:
-            # The follower slips after a stall; so does the end.
+            # After a stall, the follower shifts the trajectory; the end shifts too.
             if self.follower.mode is Mode.TRAJECTORY:
                 active.arrival.ends = now + self.follower.remaining(now)
             elif self.follower.counters.slips > slips:
@@ -344,14 +345,14 @@ class TrajectoryController:
         self.follower.follow(trajectory, now)
 
     def _due(self, plan: Plan, state: JointState, now: float, meanwhile: Sequence[Trajectory] = ()) -> Trajectory:
-        """The trajectory of a plan whose time has come, from where the joints are; its points keep their times.
+        """The trajectory of a plan that begins now, from the present position; its points keep their times.
 
         Raises:
-            GoalError: So late by now that the way to the next point would be too fast.
+            GoalError: It is so late that the path to the next point would be too fast.
         """
         start, begins = self.start(0.0, state, now), self.follower.next_start(now)
         if plan.is_over(begins):
-            # Well, if the joints are where it ends.
+            # Allowed if the joints are at its end already.
             with suppress(GoalError):
                 return plan.end(start)
         trajectory = plan.trajectory(start, begins)
@@ -359,11 +360,11 @@ class TrajectoryController:
         return trajectory
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Compare measured with desired, at every state; ends a goal that is out of tolerance, or done.
+        """Compare a state with the desired state; end the active goal if it is reached or out of tolerance.
 
         Args:
-            state: Just read; its joints are the arm's.
-            velocity: Of all the arm's joints, radians per second; NaN where it is not known.
+            state: Just read, with all joints of the arm.
+            velocity: Velocities of all joints of the arm, radians per second; NaN if unknown.
             now: Seconds.
         """
         ages = [state.age[i] for i in self._places]
@@ -371,7 +372,7 @@ class TrajectoryController:
         try:
             desired = self._desired(ages, state.stamp, now)
         except HexwireError:
-            return  # not all joints have been heard of
+            return  # the position of a joint is unknown
         position = tuple(state.position[i] for i in self._places)
         speed = tuple(velocity[i] for i in self._places)
         self._progress = Progress(self.joints, desired, position, speed, sampled)
@@ -379,7 +380,7 @@ class TrajectoryController:
         if active is None or self._pending is not None:
             return
         if self.follower.mode is Mode.TRAJECTORY:
-            # What was sampled before the trajectory began says nothing about it.
+            # Samples from before the trajectory do not count.
             if sampled > active.begins:
                 wrong = active.tolerances.path_violation(self.joints, desired, position, speed)
                 if wrong:
@@ -396,7 +397,7 @@ class TrajectoryController:
                 self._end(Outcome.ABORTED, Reason.GOAL_TOLERANCE, active.arrival.why)
 
     def _desired(self, ages: Sequence[float], stamp: float, now: float) -> Sample:
-        """Where each joint was meant to be when it was sampled; never further than it was told."""
+        """Desired state of each joint at the time of its sample; not beyond the last set-point."""
         told = min(now, self.follower.next_start(-math.inf))
         youngest = min(ages)
         if not max(ages) - youngest > _TOGETHER:

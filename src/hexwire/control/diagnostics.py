@@ -1,6 +1,6 @@
-"""What is right and what is wrong with the robot, as plain rows: the link, the board, every servo.
+"""Diagnostics of a robot as plain rows: the link, the board, every servo.
 
-Owns the judgement and its words. A text stays the same as long as nothing changes; figures are values. Pure:
+Owns the levels and their texts. A text stays the same as long as nothing changes; numbers are in the values. Pure:
 facts and time are arguments. Must not know who shows the rows, nor drivers or clocks.
 """
 
@@ -18,19 +18,19 @@ from hexwire.wire.registers import Series
 __all__ = ["ChangeWatch", "Facts", "Level", "Row", "diagnose"]
 
 _ENOUGH = 0.8
-"""Share of the wanted rate below which states are too slow."""
+"""Fraction of the wanted rate below which states are too slow."""
 _STALE = 1.0
 """Seconds after which a state is old; three periods on lines that are slower than that."""
 _SAFETY_MARGIN = 10.0
-"""Degrees Celsius below its factory cut-off at which a servo is called hot."""
+"""Degrees Celsius below its factory cut-off temperature at which a servo is called hot."""
 _CUT_OFF = 70.0
-"""Degrees Celsius: the lowest factory cut-off of the series, for servos that have none of their own."""
+"""Degrees Celsius: the lowest factory cut-off of all series, for series without a known one."""
 _SHORTEST = 0.1
-"""Seconds between two times, however often something changes: a loose plug must not flood the log."""
+"""Least seconds between two reports of changes: a loose plug must not flood the log."""
 
 
 class Level(IntEnum):
-    """How bad something is; the worst is the greatest."""
+    """Severity; a greater value is worse."""
 
     OK = 0
     WARNING = 1
@@ -40,12 +40,12 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One part of the robot, judged.
+    """The diagnosis of one part of the robot.
 
     Attributes:
-        level: How bad it is.
-        name: ``link``, ``board``, or a servo as in ``J1 (servo 0)``.
-        text: In short; the same as long as nothing changes.
+        level: Severity.
+        name: ``link``, ``board``, or a servo, for example ``J1 (servo 0)``.
+        text: Summary; the same as long as nothing changes.
         values: Pairs of key, with the unit, and value.
     """
 
@@ -57,24 +57,24 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known of the robot.
+    """The facts from which a robot is diagnosed.
 
     Attributes:
         robot: Name of the robot.
-        url: Of the link.
+        url: URL of the link.
         connected: The link is open and the driver attached.
-        error: What went wrong with the link last, in words; empty if nothing did.
+        error: The last error of the link; empty if there was none.
         reconnects: Number of reconnections.
-        probe: What was found when it was probed last; None before that.
+        probe: The last probe; None before the first.
         state: The last state; None before the first.
         state_age: Seconds since that state.
-        rate: States passed on a second; NaN while that is not known.
-        wanted_rate: As many are wanted; 0 if none are.
-        stopped: Why the arm is stopped, in words; empty if it is not.
-        counters: The newest counters by name, in place of the probe's of the same name.
-        controllers: What each controller does, in words, by its name; the usual single one has none.
-        watchdog: Seconds without a word from the host after which the board stops; 0 if it never does.
-        stop_kind: As `hexwire.motion.safety.StopReason.kind`; a stop other than ``asked`` is taken for a fault.
+        rate: States published per second; NaN if unknown.
+        wanted_rate: Wanted states per second; 0 if none are wanted.
+        stopped: Why the arm is stopped; empty if it is not.
+        counters: The newest counters by name; they replace the probe's of the same name.
+        controllers: Name -> state of each controller in words; a single one has the empty name.
+        watchdog: Seconds of silence of the host after which the board stops the arm; 0 for never.
+        stop_kind: See `hexwire.motion.safety.StopReason.kind`; a kind other than ``asked`` is an error.
     """
 
     robot: str
@@ -100,8 +100,8 @@ def diagnose(facts: Facts, *, states: str = "states") -> tuple[Row, ...]:
     The servos are those of the probe; before the first probe, the joints of the state.
 
     Args:
-        facts: What is known.
-        states: What the states that are passed on are called where the rows are read.
+        facts: The facts.
+        states: The front's name of the published states.
     """
     rows = [_row("link", _judge_link(facts, states)), _row("board", _judge_board(facts))]
     if facts.probe is not None:
@@ -114,7 +114,7 @@ def diagnose(facts: Facts, *, states: str = "states") -> tuple[Row, ...]:
 
 
 class ChangeWatch:
-    """When rows are to be told: about once a `period`, and at once when a level or text changed.
+    """Decides when to report rows: about once per `period`, and immediately when a level or text has changed.
 
     Args:
         period: Seconds.
@@ -127,15 +127,15 @@ class ChangeWatch:
         self._next = -math.inf
 
     def due(self, rows: Iterable[Row], now: float) -> bool:
-        """Whether to tell these rows now; the answer True counts as told.
+        """Whether to report these rows now; if true, they count as reported.
 
         Args:
-            rows: All rows as they are now; their order does not matter.
+            rows: All present rows, in any order.
             now: Monotonic clock, seconds.
         """
         saying = frozenset((row.name, row.level, row.text) for row in rows)
         changed = saying != self._said and now - self._when >= min(_SHORTEST, self._period)
-        # Whoever asks once a period is a little early now and then, and must not wait for another one.
+        # A caller that asks once per period is sometimes slightly early, and must not wait for another period.
         in_turn = now >= self._next - 0.1 * self._period
         if not changed and not in_turn:
             return False
@@ -168,9 +168,9 @@ def _judge_link(facts: Facts, states: str) -> Verdict:
     if not facts.connected:
         return Level.ERROR, f"not connected: {error}" if error else "not connected", values
     if facts.state is None:
-        return Level.STALE, "no state has come yet", values
+        return Level.STALE, "no state received yet", values
     if _is_old(facts):
-        return Level.STALE, "no states come any more", values
+        return Level.STALE, "no new states", values
     if facts.rate < _ENOUGH * facts.wanted_rate:
         return Level.WARNING, f"{states} come too slowly", values
     return Level.OK, "ok", values
@@ -237,7 +237,7 @@ def _judge_servo(facts: Facts, name: str, probe: JointProbe | None) -> Verdict:
     if joint is None or not math.isfinite(joint.age):
         return Level.STALE, "never seen", values
     if _is_old(facts):
-        return Level.STALE, "no states come any more", values
+        return Level.STALE, "no new states", values
     flags = JointFlag(joint.flags)
     if flags.faults:
         return Level.ERROR, str(flags.faults), values
@@ -271,7 +271,7 @@ def _torque(flags: JointFlag) -> str:
 
 
 def _hot(series: str) -> float:
-    """Temperature at which a servo of this series is near the one at which it switches itself off."""
+    """Temperature near the cut-off temperature of a servo of this series."""
     try:
         register = Series(series).registers.get("max_temperature")
     except ValueError:
@@ -286,8 +286,8 @@ def _is_old(facts: Facts) -> bool:
 
 
 def _number(key: str, value: float, digits: int) -> list[tuple[str, str]]:
-    """A value with its key; nothing for one that is not known."""
-    # Adding 0.0 takes the sign off a zero that was rounded from below.
+    """A value with its key; nothing if it is unknown."""
+    # Adding 0.0 turns -0.0 into 0.0.
     return [(key, f"{round(value, digits) + 0.0:.{digits}f}")] if math.isfinite(value) else []
 
 

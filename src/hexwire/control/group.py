@@ -1,6 +1,6 @@
-"""The controllers of one arm, as several threads use them.
+"""The controllers of one arm, protected for use by several threads.
 
-Owns the lock around them, and that goals hear of their end outside of it. Must not know robots, clocks or threads.
+Owns their lock, and notifying listeners outside of it. Must not know robots, clocks or threads.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["Controller", "ControllerGroup"]
 
 
 class Controller(Protocol):
-    """What decides where some joints of an arm go. Time comes in as an argument, seconds; angles are radians."""
+    """Decides the motion of some joints of an arm. Times are arguments in seconds; angles are in radians."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -30,43 +30,43 @@ class Controller(Protocol):
 
     @property
     def busy(self) -> bool:
-        """It sends its joints somewhere, or will, or somebody still waits for the end of that."""
+        """A motion is active or planned, or its end is still to be confirmed."""
 
     @property
     def moving(self) -> bool:
-        """It sends its joints somewhere."""
+        """A motion is active."""
 
     @property
     def reason(self) -> StopReason | None:
         """Why it is stopped, or None."""
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Compare a state that was just read with what was meant; velocities are those of all the arm's joints."""
+        """Compare a new state with the desired one; velocities are those of all joints of the arm."""
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
-        """What to send now, for so many seconds ahead; or why to stop the arm; or None to leave it alone."""
+        """The target to send now, with a duration of `lead`; or a reason to stop the arm; or None."""
 
     def stop(self, reason: StopReason) -> None:
         """Latch a stop."""
 
     def reset(self) -> None:
-        """End a stop. Nothing moves by it."""
+        """Clear a stop. Nothing moves."""
 
     def release(self, why: str) -> None:
-        """The joints are no longer held: what was commanded is forgotten."""
+        """Forget the set-points, since the joints are no longer held."""
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Goals that have ended since the last call."""
 
 
 class ControllerGroup:
-    """Does to all controllers, or some, what one of them can do.
+    """Applies operations to all controllers, or to some.
 
     Attributes:
-        members: The controllers; no joint is in two of them.
-        lock: Guards them. Nobody waits or calls out while holding it.
-        fence: Where the arm as a whole must not be sent, whoever's joints take it there; None for nowhere.
-        stops: How often a stop was asked for or found necessary, whether one was latched already or not.
+        members: The controllers; no joint belongs to two of them.
+        lock: Guards them. Do not block or call listeners while holding it.
+        fence: Limits for the combined motion of all controllers; None for no check.
+        stops: Number of stops, including those while one was latched.
     """
 
     def __init__(self, members: Sequence[Controller] = ()) -> None:
@@ -77,12 +77,12 @@ class ControllerGroup:
 
     @property
     def busy(self) -> bool:
-        """One of them is."""
+        """A controller is busy."""
         return any(controller.busy for controller in self.members)
 
     @property
     def moving(self) -> bool:
-        """One of them sends its joints somewhere."""
+        """A controller is moving its joints."""
         return any(controller.moving for controller in self.members)
 
     @property
@@ -92,23 +92,23 @@ class ControllerGroup:
 
     @property
     def blamed(self) -> frozenset[str]:
-        """Joints that stops are blamed on."""
+        """Joints that caused the stops."""
         return frozenset(c.reason.joint for c in self.members if c.reason)
 
     def cycle(
         self, state: JointState, speeds: Sequence[float], now: float, lead: float, *, due: bool
     ) -> JointTarget | StopReason | None:
-        """Judge all; if one is due, a cycle of all.
+        """Pass a state to all controllers; if a target is due, run one cycle of each.
 
         Args:
             state: Just read.
-            speeds: Of the arm's joints, radians per second; NaN where it is not known.
+            speeds: Velocities of the arm's joints, radians per second; NaN if unknown.
             now: Seconds.
-            lead: Seconds ahead for which a target is sent.
-            due: It is time for a target.
+            lead: Duration of a target, seconds.
+            due: A target is due.
 
         Returns:
-            What to write; or the first reason to stop the arm, and then all are stopped; None to leave it alone.
+            The target to write; or the first reason to stop the arm, after stopping all controllers; or None.
         """
         orders: list[JointTarget | StopReason | None] = []
         with self.lock:
@@ -131,24 +131,24 @@ class ControllerGroup:
         return JointTarget(positions, max(target.duration for target in targets)) if positions else None
 
     def _outside(self, state: JointState, target: Iterable[tuple[str, float]]) -> StopReason | None:
-        """Each controller checks its own way, with the joints of the others where they were then."""
+        """Check the combined target, since each controller checks only its own path."""
         found = self.fence.follow(state.positions, dict(target)) if self.fence is not None else ""
         return StopReason("fence", found) if found else None
 
     def stop(self, reason: StopReason) -> None:
-        """Latch a stop of all."""
+        """Latch a stop of all controllers."""
         with self.lock:
             self._stop(reason)
         self.deliver()
 
     def reset(self, stops: int) -> bool:
-        """End a stop of all, unless there was another one.
+        """Clear the stop of all controllers, unless there was another one.
 
         Args:
-            stops: What `stops` was when the reset was asked for.
+            stops: `stops` at the time of the request.
 
         Returns:
-            False if there was another stop since: it stays.
+            False if there was another stop since; it stays latched.
         """
         with self.lock:
             if self.stops != stops:
@@ -158,11 +158,11 @@ class ControllerGroup:
             return True
 
     def release(self, why: str, joints: Collection[str] | None = None) -> None:
-        """What was commanded means nothing now; goals under way are aborted.
+        """Forget set-points; active goals are aborted.
 
         Args:
-            why: For those who wait for the goals.
-            joints: Only controllers of one of these; all if None.
+            why: Reason for the listeners of the goals.
+            joints: Only controllers with one of these joints; all if None.
         """
         with self.lock:
             for controller in self.members:
@@ -172,7 +172,7 @@ class ControllerGroup:
         self.deliver()
 
     def deliver(self) -> None:
-        """Tell goals how they ended; never under the lock, since who is told may take locks of its own."""
+        """Notify the listeners of ended goals; without the lock, since a listener may take other locks."""
         with self.lock:
             ended = [row for controller in self.members for row in controller.take_ended()]
         for listener, end in ended:

@@ -1,7 +1,7 @@
-"""What is known of a robot's state, good enough to be passed on: fresh positions, velocities for all of them.
+"""The part of a robot's state that is fit to publish: fresh positions, with velocities for all of them.
 
 Owns the choice of joints, the estimate of velocities that a driver does not give, and the rule that time stamps
-rise. Pure: time comes with the states. Must not know who gets it, nor drivers or clocks.
+increase. Pure: time comes with the states. Must not know who gets it, nor drivers or clocks.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from hexwire.model.state import JointFlag, JointState
 __all__ = ["KnownState", "SampleClock", "StateFilter"]
 
 _WINDOW = 0.1
-"""Seconds over which a velocity is estimated: short for a control loop, long against a count's worth of noise."""
+"""Seconds over which a velocity is estimated: short for a control loop, long enough to average noise."""
 _GAP = 1.0
-"""Seconds without a sample after which an old one says nothing about the speed of now."""
+"""Seconds after which a sample is too old for an estimate of the present velocity."""
 _SAME = 0.0011
-"""Two looks at one sample may seem so far apart: boards tell ages in whole milliseconds."""
+"""Seconds by which two readings of one sample may differ: boards report ages in whole milliseconds."""
 _STEP = 1e-4
-"""Seconds by which a stamp is later than the one before, so that no conversion between clocks makes them equal."""
+"""Least seconds between two stamps, so that conversion between clocks cannot make them equal."""
 _AGREE = 0.5
-"""Steps of the host's and the board's clock that differ by more mean that the board's was set anew."""
+"""Seconds; if steps of the host's and the board's clock differ by more, the board's clock was reset."""
 
 _SILENT = int(JointFlag.SILENT)
 
 
 @dataclass(frozen=True, slots=True)
 class KnownState:
-    """The joints that are known, at one time.
+    """The joints with known positions, at one time.
 
     Attributes:
         names: Joint names, in the order of the state; at least one.
         position: Radians.
         velocity: Radians per second.
-        age: Seconds, not below 0: how long before the state's `stamp` the newest of these samples was taken.
+        age: Seconds, 0 or more: the state's `stamp` minus the time of the newest of these samples.
     """
 
     names: tuple[str, ...]
@@ -46,10 +46,10 @@ class KnownState:
 
 
 class SampleClock:
-    """When states were true, without the jitter of the line: told by the board's clock where it has one.
+    """The time of states without the jitter of the line, from the board's clock if it has one.
 
-    The time starts at the first state's `stamp` and goes on by the board's steps; by the host's where the board has
-    no clock, or where that was reset or wrapped around.
+    The time starts at the first state's `stamp` and advances by steps of the board's clock; by steps of the host's
+    clock if the board has no clock, or if its clock was reset or wrapped around.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class SampleClock:
         self._time = 0.0
 
     def time(self, state: JointState) -> float:
-        """Seconds; comparable only among states that this clock was shown, each once and in their order."""
+        """Time of a state, seconds; comparable only for states passed to this clock, each once and in order."""
         if self._last is None:
             self._time = state.stamp
         else:
@@ -69,13 +69,13 @@ class SampleClock:
 
 
 class StateFilter:
-    """Turns the states of one robot into what is known of it.
+    """Filters the states of one robot.
 
-    A joint is left out while its position is not known, and when its servo has been silent for too long: an old
-    position under a new stamp would be a lie, and a NaN spoils every transform behind the joint.
+    A joint is omitted while its position is unknown, and when its servo has been silent for too long: an old
+    position with a new stamp would be wrong, and a NaN invalidates every transform after the joint.
 
     Args:
-        max_age: A silent joint counts as known for so long after its last sample, seconds.
+        max_age: Seconds after its last sample for which a silent joint counts as known.
     """
 
     def __init__(self, max_age: float = 0.5) -> None:
@@ -86,10 +86,10 @@ class StateFilter:
         self._stamp = -math.inf
 
     def begin(self, max_age: float) -> None:
-        """What comes now has nothing to do with what came before, but for time, which goes on.
+        """Start again after a new connection; time continues.
 
         Args:
-            max_age: As of the filter.
+            max_age: As for the filter.
         """
         self._max_age = max_age
         self._clock = SampleClock()
@@ -97,13 +97,13 @@ class StateFilter:
         self._newest = -math.inf
 
     def take(self, state: JointState) -> KnownState | None:
-        """What is known now.
+        """Filter a state.
 
         Args:
-            state: Its stamp is not before that of the state before.
+            state: Its stamp is not before that of the previous state.
 
         Returns:
-            None if no joint is known, or if no sample is newer than what was returned before.
+            None if no joint is known, or if no sample is newer than the last result.
         """
         when = self._clock.time(state)
         names, positions, velocities, ages = [], [], [], []
@@ -125,7 +125,7 @@ class StateFilter:
             return None
         age = max(0.0, min(ages))
         newest, stamp = when - age, state.stamp - age
-        # Two states that waited in a buffer together have nearly one stamp, though their samples differ.
+        # Two states from one buffer have almost the same stamp, although their samples differ.
         if newest - self._newest < _SAME or stamp - self._stamp < _STEP:
             return None
         self._newest, self._stamp = newest, stamp
@@ -133,7 +133,7 @@ class StateFilter:
 
 
 class _Slope:
-    """Speed of one joint from its positions."""
+    """Velocity of one joint from its positions."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
@@ -143,14 +143,14 @@ class _Slope:
         samples = self._samples
         if samples:
             since = time - samples[-1][0]
-            # Also one from before: a clock that was set back a little.
+            # Also ignore a slightly older one, after a clock was set back.
             if since < _SAME and since > -_GAP:
                 return
             if not 0 < since <= _GAP:
                 samples.clear()
                 self.value = 0.0
         samples.append((time, position))
-        # The one before always counts, however slow the line is.
+        # The previous sample always stays, even on a slow line.
         while len(samples) > 2 and samples[0][0] < time - _WINDOW - _SAME:
             samples.popleft()
         if len(samples) > 1:

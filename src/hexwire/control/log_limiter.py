@@ -1,6 +1,6 @@
-"""Which warnings are logged again, and which would only fill the log.
+"""Limits how often a warning is repeated in the log.
 
-Owns the memory of what was logged. Time comes in as an argument. Must not know who logs, nor why.
+Owns the record of logged texts. Time comes in as an argument. Must not know who logs, nor why.
 """
 
 from __future__ import annotations
@@ -12,31 +12,31 @@ __all__ = ["LogLimiter"]
 
 _NUMBER = re.compile(r"[+-]?\d[\d.e+-]*")
 _KINDS = 100
-"""Texts that are remembered."""
+"""Most texts remembered."""
 
 
 class LogLimiter:
-    """Decides whether to log a text again: a fault that comes fifty times a second must not fill the log.
+    """Decides whether to log a text again: a fault that occurs fifty times per second must not fill the log.
 
-    Texts that differ only in their numbers count as one: a client that streams what is refused sends other numbers
-    each time.
+    Texts that differ only in their numbers count as one: a client that streams refused values sends different
+    numbers each time.
     """
 
     def __init__(self) -> None:
         self._logged: dict[str, float] = {}
 
     def due(self, text: str, now: float, period: float = 1.0) -> bool:
-        """Whether to log `text` now; the answer True counts as logged.
+        """Whether to log `text` now; if true, it counts as logged.
 
         Args:
-            text: What is to be logged.
+            text: The text.
             now: Seconds.
-            period: Between two times, seconds.
+            period: Least seconds between two log entries.
         """
         kind = _NUMBER.sub("#", text)
         if now - self._logged.get(kind, -math.inf) < period:
             return False
-        # The newest last, and the oldest forgotten: names in a text may be made up, too.
+        # Forget the oldest, since a client can also invent any number of names.
         self._logged.pop(kind, None)
         self._logged[kind] = now
         while len(self._logged) > _KINDS:

@@ -1,6 +1,6 @@
-"""A loop at a fixed rate, on absolute deadlines.
+"""A loop at a fixed rate, with absolute deadlines.
 
-Owns when the next cycle is due, and how well that was kept. Must not know what is done in a cycle.
+Owns the deadlines and the timing counters. Must not know what is done in a cycle.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from hexwire.errors import UsageError
 from hexwire.model.state import LONGEST
 
 _FASTEST = 10_000.0
-"""Cycles a second that no machine does."""
+"""Greatest rate, hertz."""
 
 __all__ = ["LoopCounters", "RateLoop"]
 
 
 @dataclass(slots=True)
 class LoopCounters:
-    """How a loop kept its time.
+    """Timing of a loop.
 
     Attributes:
-        cycles: Cycles that were started.
+        cycles: Cycles started.
         late: Cycles that started after their deadline by more than `RateLoop.tolerance`.
-        skipped: Deadlines that were passed over because a cycle took longer than a period.
-        worst: Longest delay behind a deadline, seconds.
-        late_by: Delays of the late cycles together, seconds.
+        skipped: Deadlines skipped because a cycle took longer than a period.
+        worst: Longest delay after a deadline, seconds.
+        late_by: Total delay of the late cycles, seconds.
     """
 
     cycles: int = 0
@@ -47,12 +47,12 @@ class RateLoop:
     Args:
         rate: Cycles a second.
         clock: Monotonic seconds.
-        sleep: Waits for so many seconds.
-        tolerance: Seconds behind its deadline from which a cycle counts as late; a tenth of the period if None.
+        sleep: Waits for a number of seconds.
+        tolerance: Seconds after its deadline from which a cycle counts as late; a tenth of the period if None.
 
     Attributes:
         period: Seconds.
-        counters: Kept up to date while it runs.
+        counters: Updated while it runs.
         due: Seconds from the first cycle to the deadline of the last one that was started.
     """
 
@@ -65,7 +65,7 @@ class RateLoop:
         tolerance: float | None = None,
     ) -> None:
         if not 1 / LONGEST <= rate <= _FASTEST:
-            raise UsageError(f"a rate of {rate:g} Hz makes no sense; it is at most {_FASTEST:g} Hz")
+            raise UsageError(f"a rate of {rate:g} Hz is not possible; give {1 / LONGEST:g} to {_FASTEST:g} Hz")
         self.period = 1.0 / rate
         self.tolerance = 0.1 * self.period if tolerance is None else tolerance
         self.counters = LoopCounters()
@@ -82,10 +82,10 @@ class RateLoop:
         a cycle starts a little late.
 
         Args:
-            duration: No cycle is started from this time on; the last one still has its period to end.
+            duration: No cycle starts from this time on; the last one still has its full period.
         """
         counters = self.counters
-        # A hair less, so that 0.3 s of 0.1 s periods are three cycles and not four.
+        # Slightly less, so that 0.3 s with periods of 0.1 s are three cycles despite rounding, not four.
         cycles = duration / self.period - 1e-6
         self._started = start = self._clock()
         tick = 0
@@ -99,7 +99,7 @@ class RateLoop:
                 counters.late += 1
                 counters.late_by += delay
             yield due
-            # The next deadline that is not over; a cycle that ends within the tolerance is only late.
+            # The next deadline in the future; one missed by less than the tolerance is kept, and is late.
             behind = self._clock() - start - self.tolerance
             following = max(tick + 1, math.ceil(behind / self.period))
             counters.skipped += following - tick - 1
@@ -109,12 +109,12 @@ class RateLoop:
 
     @property
     def achieved(self) -> float:
-        """Cycles a second from the start of the first to the start of the last; 0 before there were two."""
+        """Cycles per second between the starts of the first and the last; 0 if there were fewer than two."""
         elapsed = self._last - self._started
         return (self.counters.cycles - 1) / elapsed if elapsed > 0 else 0.0
 
     def _wait_until(self, deadline: float) -> float:
-        """Sleep until a deadline; returns how late it is then, seconds."""
+        """Sleep until a deadline; returns the delay after it, seconds."""
         while (left := deadline - self._clock()) > 0:
             self._sleep(left)
         return -left

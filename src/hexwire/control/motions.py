@@ -1,7 +1,7 @@
-"""One motion from beginning to end, for a program that wants one done.
+"""Runs one complete motion for a program.
 
-Owns the order (path check, torque, watchdog, motion, arrival) and the answer as a value. A trajectory is guarded on
-its way: following error, load, faults, old states. Must not know terminals, nor where a motion comes from.
+Owns the order (path check, torque, watchdog, motion, arrival) and the result as a value. A trajectory is monitored
+for following error, load, faults and old states. Must not know terminals, nor where a motion comes from.
 """
 
 from __future__ import annotations
@@ -42,28 +42,28 @@ if TYPE_CHECKING:
 __all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "check_path", "run_motion"]
 
 _LOOK = 0.1
-"""Seconds between two looks that tell whether a joint stands."""
+"""Seconds between two states that show whether a joint is moving."""
 _FLICKER = math.radians(0.2)
-"""Two counts: less is no motion."""
+"""Two counts: a smaller difference is noise, not motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionOptions:
-    """How a motion is run and judged. Angles are radians, times seconds, lengths metres.
+    """How a motion is run and checked. Angles are in radians, times in seconds, lengths in metres.
 
     Attributes:
         kinematics: For the joint coupling limits and the table; neither is checked without it.
-        table: Height of the table above the base; None for none.
-        tolerance: How near a joint must come to its goal.
-        standing: Speed below which a joint stands, which it must in the end; 0 is not checked.
-        grace: Seconds beyond the motion's duration in which the joints must arrive.
-        early: Joints that are sent to a target may arrive before its time is over.
-        rate: Cycles a second; what the robot takes if 0.
-        limits: When to stop a trajectory on its way; the usual ones for the rate if None.
-        watchdog: Seconds of silence after which the board stops the arm; more at a slow rate.
+        table: Height of the table above the base; None for no table.
+        tolerance: Position tolerance of each joint at the goal.
+        standing: Velocity below which a joint counts as stopped, required at the goal; 0 is not checked.
+        grace: Seconds after the motion's duration in which the joints must arrive.
+        early: A single target may count as reached before its duration is over.
+        rate: Cycles per second; 0 for the rate that the robot allows.
+        limits: Thresholds that stop a trajectory; None for the defaults at this rate.
+        watchdog: Seconds of silence after which the board stops the arm; longer at a slow rate.
         watchdog_mode: What the board does then.
         clock: Monotonic seconds; the robot's clock if None.
-        sleep: Waits for so many seconds.
+        sleep: Waits for a number of seconds.
     """
 
     kinematics: KinematicModel | None = None
@@ -80,39 +80,39 @@ class MotionOptions:
     sleep: Callable[[float], object] = time.sleep
 
     def goal(self, names: Sequence[str]) -> dict[str, Tolerance]:
-        """Tolerances of joints in the end."""
+        """Tolerances of joints at the goal."""
         return dict.fromkeys(names, Tolerance(self.tolerance, self.standing))
 
 
 class MotionObserver:
-    """Told what happens in a motion, in the caller's thread. Every method may be left as it is."""
+    """Is called at the events of a motion, in the caller's thread. Override the methods you need."""
 
     def unchecked(self, joints: Sequence[str]) -> None:
         """The position of these joints is unknown, so joint coupling limits and table are not checked."""
 
     def powered(self, joints: Sequence[str]) -> None:
-        """These joints had no torque, and have it now."""
+        """Torque was switched on for these joints."""
 
     def unwatched(self, seconds: float) -> None:
-        """Nothing stops the arm if this program dies: it goes on for up to so many seconds."""
+        """There is no watchdog: if this program dies, the arm moves on for up to this many seconds."""
 
     def sent(self, sent: SentTarget) -> None:
         """A target was sent, or its first step."""
 
     def started(self, timing: RateLoop) -> None:
-        """The arm sets out; `timing` tells how the cycles keep their time."""
+        """The motion starts; `timing` has the timing of its cycles."""
 
     def seen(self, state: JointState) -> None:
-        """A state was read on the way."""
+        """A state was read during the motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedPath:
-    """Trajectories that may be run one after the other, each from where the one before ends.
+    """Trajectories that passed the path check, to run one after the other.
 
     Attributes:
-        legs: The trajectories.
-        reports: What the check found of each.
+        legs: The trajectories; each begins where the previous one ends.
+        reports: The result of the path check for each.
     """
 
     legs: tuple[Trajectory, ...]
@@ -124,22 +124,22 @@ class MotionResult:
     """How a motion ended.
 
     Attributes:
-        arrived: Whether the joints stand at the goal; None if nobody waited for that.
+        arrived: Whether the joints are at the goal; None if the call did not wait for it.
         stopped: Why the arm was stopped, or None.
         off: Joints that are not at their goal, worst first.
-        limp: Joints that lost their torque on the way.
-        cut: It was ended by `until`.
-        powered: Joints that got torque for it.
-        sent: What was really sent of a single target, or None.
-        seconds: From the beginning until the joints had to stand at the goal at the latest.
-        state: Read last, or None.
-        timing: How the cycles kept their time.
+        without_torque: Joints that lost torque during the motion.
+        cut: `until` ended the motion.
+        powered: Joints whose torque was switched on for it.
+        sent: A single target as sent, or None.
+        seconds: Time limit for the arrival, from the beginning.
+        state: The last state, or None.
+        timing: Timing of the cycles.
     """
 
     arrived: bool | None
     stopped: StopReason | None = None
     off: tuple[Deviation, ...] = ()
-    limp: tuple[str, ...] = ()
+    without_torque: tuple[str, ...] = ()
     cut: bool = False
     powered: tuple[str, ...] = ()
     sent: SentTarget | None = None
@@ -149,23 +149,23 @@ class MotionResult:
 
     @property
     def why(self) -> str:
-        """Why it has not arrived, for people; empty if it has."""
+        """Why the arm has not arrived; empty if it has."""
         if self.stopped is not None:
             return f"stopped: {self.stopped}"
-        if self.limp:
-            return f"{', '.join(self.limp)} lost the torque before it arrived"
+        if self.without_torque:
+            return f"{', '.join(self.without_torque)} lost torque before the arrival"
         if self.arrived is not False or self.cut:
             return ""
         parts = [
             f"{row.joint} is {math.degrees(row.by):.1f} deg{'/s' if row.of_speed else ''} off"
             if row.by < math.inf
-            else f"it is not known where {row.joint} is"
+            else f"the position of {row.joint} is unknown"
             for row in self.off
         ]
-        return f"did not arrive: {', '.join(parts) or 'not every joint has been heard of since the end'}"
+        return f"did not arrive: {', '.join(parts) or 'some joints have not reported since the end'}"
 
     def require(self) -> MotionResult:
-        """Itself, if the joints stand at the goal or nobody waited for that.
+        """Return itself, if the joints are at the goal or the call did not wait for it.
 
         Raises:
             ServoError: The arm was stopped, or did not arrive.
@@ -185,9 +185,9 @@ def check_path(
     """Check trajectories before anything moves; nothing is sent.
 
     Args:
-        robot: Attached; it is asked where its joints are, unless `start` says so.
-        motion: One trajectory, or several, each from where the one before ends.
-        options: What it is checked against.
+        robot: Attached; its joint positions are read unless `start` gives them.
+        motion: One trajectory, or several, each from where the previous one ends.
+        options: Kinematics and table for the check.
         start: Positions of all joints, radians.
 
     Raises:
@@ -218,29 +218,29 @@ def run_motion(
     observer: MotionObserver | None = None,
     safe: AbstractContextManager[object] | None = None,
 ) -> MotionResult:
-    """Do one motion: check its path, give torque, arm the watchdog, run it under guard, and judge the arrival.
+    """Run one motion: check its path, switch torque on, arm the watchdog, monitor it, and check the arrival.
 
-    A trajectory is sent cycle by cycle. A single target is left to the board, which takes the arm there in one
-    motion; where no watchdog could stop that, it is sent in short steps. An exception on the way, Ctrl-C included,
-    stops the arm.
+    A trajectory is sent cycle by cycle. A single target is sent once, and the board interpolates the motion; on a
+    robot without a watchdog, it is sent in short steps. An exception during the motion, including Ctrl-C, stops the
+    arm.
 
     Args:
         robot: Attached.
         motion: Trajectories of the robot's joints, or a target.
-        options: How it is run and judged.
-        wait: False returns as soon as a single target is sent: nothing watches over it then.
-        until: Asked with every state once the arm has set out; True ends the motion where it is.
-        observer: Told what happens.
+        options: How it is run and checked.
+        wait: False returns as soon as a single target is sent; the motion is then not monitored.
+        until: Called with every state once the motion has started; True ends the motion at once.
+        observer: Is called at the events of the motion.
         safe: Entered before anything moves, and left while the watchdog is still armed, whatever ends the motion.
-            It makes the arm safe in place of the stop on an exception; not used without `wait`.
+            It makes the arm safe instead of the stop on an exception; not used without `wait`.
 
     Returns:
-        How it ended.
+        How the motion ended.
 
     Raises:
         UsageError: The path is not allowed; nothing was sent.
-        ServoError: A joint got no torque.
-        HexwireError: The robot failed or refused; it was told to stop.
+        ServoError: A joint did not confirm torque.
+        HexwireError: The robot failed or refused; the arm was stopped if it could be reached.
     """
     options, observer = options or MotionOptions(), observer or MotionObserver()
     if isinstance(motion, JointTarget):
@@ -277,7 +277,7 @@ def _owner(
 
 
 def _turn_until(owner: RobotOwner, over: Callable[[], bool], until: Callable[[JointState], bool] | None) -> bool:
-    """Turn until it is over; whether `until` has ended it."""
+    """Call `turn` until `over` returns true; returns whether `until` ended the motion."""
     while not over():
         owner.turn()
         if until is not None and owner.state is not None and until(owner.state):
@@ -288,11 +288,11 @@ def _turn_until(owner: RobotOwner, over: Callable[[], bool], until: Callable[[Jo
 def _check_target(
     robot: RobotDriver, goal: Mapping[str, float], options: MotionOptions, observer: MotionObserver
 ) -> JointState:
-    """Refuse a straight path that is not allowed; returns where the joints are.
+    """Check the straight path to a target; returns the present state.
 
     Raises:
-        LimitError: Nothing was sent.
-        UsageError: Other joints still turn, so that it is unknown where the arm will be.
+        LimitError: The path is not allowed; nothing was sent.
+        UsageError: Other joints are still moving, so that the path cannot be checked.
     """
     check = PathCheck(robot.model, options.kinematics, options.table)
     check.limits(goal)
@@ -302,12 +302,12 @@ def _check_target(
     looks = RateLoop(1.0 / _LOOK, clock=options.clock or robot.now, sleep=options.sleep)
     states = [robot.read() for _ in looks.ticks(1.5 * _LOOK)]
     if len(states) < 2:
-        # One has taken so long, as with a board of dialect 1.
+        # Reading one took this long, as with a board of dialect 1.
         states.append(robot.read())
     state = states[-1]
     unknown = [name for name in known if not math.isfinite(state[name].position)]
     if unknown:
-        # One that is to be moved is an error of its own.
+        # If the target names such a joint, a later check reports it.
         if others := [name for name in unknown if name not in goal]:
             observer.unchecked(others)
         return state
@@ -317,7 +317,7 @@ def _check_target(
         if name not in goal and not abs(state[name].position - states[0][name].position) <= _FLICKER
     ]
     if turned:
-        words = f"still turning: {', '.join(turned)}; wait until the arm stands, or name all in one move"
+        words = f"still moving: {', '.join(turned)}; wait until the arm has stopped, or move all joints together"
         raise UsageError(f"{words}; nothing was sent")
     check.target(state.positions, goal)
     return state
@@ -349,7 +349,7 @@ def _run_path(
         owner.turn()
         observer.started(owner.timing)
         for leg in path.legs:
-            # Stopped before it began: `stopped` says why.
+            # Stopped before it began: `stopped` has the reason.
             if owner.group.reason is not None:
                 break
             waiter = Waiter()
@@ -419,7 +419,7 @@ def _run_target(
             controller.arrived,
             controller.reason,
             controller.off,
-            controller.limp,
+            controller.without_torque,
             cut,
             powered,
             controller.sent,

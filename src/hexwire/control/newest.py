@@ -1,7 +1,7 @@
-"""The newest state of a robot, how fast its joints are, and which of its states are passed on.
+"""The newest state of a robot, the velocities of its joints, and which of its states are published.
 
-Owns these while one thread brings states and others look. Time comes in as an argument. Must not know where states
-come from, nor who is told.
+Owns these for one thread that writes states and others that read. Time comes in as an argument. Must not know where
+states come from, nor who gets them.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["LatestState"]
 
 
 class LatestState:
-    """What was heard of a robot last.
+    """The newest state of a robot.
 
     Args:
-        rate: States a second that are passed on; all that come if they are fewer.
+        rate: Most states published per second.
 
     Attributes:
         state: The newest state, or None.
-        heard: When it came, seconds; minus infinity before that.
+        heard: When it arrived, seconds; minus infinity before the first.
     """
 
     def __init__(self, rate: float) -> None:
@@ -44,7 +44,7 @@ class LatestState:
         self._lock = threading.Lock()
 
     def begin(self, between: float, max_age: float) -> None:
-        """What comes now has nothing to do with what came before.
+        """Start again after a new connection.
 
         Args:
             between: Seconds between two states.
@@ -54,7 +54,7 @@ class LatestState:
         self._filter.begin(max_age)
 
     def take(self, state: JointState, now: float) -> KnownState | None:
-        """The next state; what of it is to be passed on, if anything."""
+        """Take the next state; returns the part of it to publish, or None."""
         with self._lock:
             self.state, self.heard = state, now
             known = self._filter.take(state)
@@ -62,22 +62,22 @@ class LatestState:
                 return None
             self._when_known = now
             self._speeds = dict(zip(known.names, known.velocity, strict=True))
-            # Half a state early is nearer than half a state late.
+            # States up to half a period early are due, to keep the average rate.
             if self._between < self._period and not self._periodic.due(now, self._period, 0.5 * self._between):
                 return None
             self._meter.count(now)
             return known
 
     def speeds(self, names: tuple[str, ...]) -> list[float]:
-        """Of these joints, radians per second; NaN where it is not known."""
+        """Velocities of these joints, radians per second; NaN if unknown."""
         speeds = self._speeds
         return [speeds.get(name, math.nan) for name in names]
 
     def rate(self, now: float) -> float:
-        """States a second that were passed on over the last while."""
+        """States published per second, over the last seconds."""
         with self._lock:
             return self._meter.rate(now)
 
     def age(self, now: float) -> float:
-        """Seconds since a state came that had something new; infinite before the first."""
+        """Seconds since the last state with a new sample; infinite before the first."""
         return now - self._when_known

@@ -1,6 +1,6 @@
-"""How a goal ends and why, who is told, and how far its joints are.
+"""Outcomes of goals, their reasons, their listeners, and progress.
 
-Owns the values that controllers hand out. Must not know controllers, messages, threads or clocks.
+Owns the values that controllers return. Must not know controllers, messages, threads or clocks.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ class Reason(StrEnum):
 
     REACHED = "reached"
     REPLACED = "replaced"
-    """Something else is followed, or the joints were told to hold."""
+    """Another goal is active, or the joints hold."""
     CANCELLED = "cancelled"
-    """Before it began."""
+    """Cancelled before it began."""
     MALFORMED = "malformed"
-    """Values are missing, doubled, out of order or no numbers."""
+    """Values are missing, duplicated, out of order or not numbers."""
     WRONG_JOINTS = "wrong joints"
     """A joint is unknown, missing or named twice."""
     TOO_LATE = "too late"
     NOT_READY = "not ready"
     """The joints cannot move now: no torque, position unknown, no connection, or teach mode."""
     PATH_NOT_ALLOWED = "path not allowed"
-    """It leads outside limits, is too fast, or begins elsewhere."""
+    """The path violates limits, is too fast, or begins elsewhere."""
     PATH_TOLERANCE = "path tolerance"
     """The joints were too far off the path."""
     GOAL_TOLERANCE = "goal tolerance"
-    """The joints did not get near enough to the goal in time."""
+    """The joints did not reach the goal in time."""
     STOPPED = "stopped"
     FAILED = "failed"
-    """A fault of the program."""
+    """A programming error."""
 
 
 class Outcome(Enum):
@@ -54,9 +54,9 @@ class Ended:
     """The end of a goal.
 
     Attributes:
-        outcome: Which.
+        outcome: How it ended.
         reason: Why.
-        text: In words; empty after a success.
+        text: The reason in words; empty after a success.
     """
 
     outcome: Outcome
@@ -65,22 +65,22 @@ class Ended:
 
 
 class GoalListener(Protocol):
-    """Who wants to hear how a goal ends. The controller never calls it; whoever owns the controller does."""
+    """Is notified of the end of a goal, by the owner of the controller, not by the controller."""
 
     def ended(self, ended: Ended) -> None:
-        """It is over."""
+        """The goal has ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where the joints are meant to be and where they are, in radians and seconds.
+    """Desired and measured state of joints, in radians and seconds.
 
     Attributes:
         names: Joints, in the order of all values.
-        desired: What was planned for `stamp`.
+        desired: Desired state at `stamp`.
         position: Measured.
-        velocity: Measured; NaN where it is not known.
-        stamp: When it was measured, host clock.
+        velocity: Measured; NaN if unknown.
+        stamp: Time of the measurement, host clock.
     """
 
     names: tuple[str, ...]
@@ -91,5 +91,5 @@ class Progress:
 
     @property
     def error(self) -> tuple[float, ...]:
-        """Desired less measured position, radians."""
+        """Desired minus measured position, radians."""
         return tuple(d - p for d, p in zip(self.desired.position, self.position, strict=True))

@@ -1,8 +1,8 @@
-"""The one owner of a moving robot: it reads, lets the controllers decide, and writes.
+"""The one owner of a moving robot: it reads states, lets the controllers decide, and writes targets.
 
-Owns the order read-update-write, the watchdog while that goes on, and what happens when the robot fails: everything
-stops and goals end. It runs in a thread of its own and reconnects, or in the caller's thread with a robot that is
-the caller's. Must not know who asks, nor what is done with what it reports.
+Owns the read-update-write cycle, the watchdog during it, and the reaction to a failure of the robot: everything
+stops and goals end. It runs in its own thread and reconnects, or in the caller's thread with a robot borrowed from
+the caller. Must not know who sends requests, nor how its reports are used.
 """
 
 from __future__ import annotations
@@ -50,50 +50,50 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 _RETRY = 0.5
-"""Seconds between two tries to get a lost robot back."""
+"""Seconds between two attempts to reconnect."""
 _PERIODS = 4.0
-"""Periods in the time of the watchdog of a borrowed robot."""
+"""Least watchdog timeout of a borrowed robot, in periods."""
 _FEEDS = 4.0
-"""States in the time of the watchdog: between them a driver tells the board that somebody is there."""
+"""States read per watchdog timeout: a driver feeds the watchdog between them."""
 _FRESH = 1.0
-"""Seconds that a state is good for as the start of a motion; on a slow line three targets' time."""
+"""Greatest age in seconds of a state from which a motion may begin; on a slow line, three command periods."""
 _SILENT = 0.5
-"""Seconds that a silent joint is published for; on a slow line likewise."""
+"""Seconds for which a silent joint is still published; on a slow line, three command periods."""
 _PATIENCE, _PATIENCE_LOST = 5.0, 2.0
-"""Seconds until the owner is hung up on at the end: with a robot, and while it looks for one."""
+"""Seconds at the shutdown until the owner's link is aborted: if connected, and while reconnecting."""
 
 
 class RobotOwner:
-    """A robot, and the one that alone reads and moves it.
+    """The only object that reads and moves a robot.
 
-    `connect` once, then `start` a thread or call `turn` oneself; `shutdown` at the end. Any thread may call the
-    others.
+    Call `connect` once, then `start` its thread or call `turn` in a loop; finally `shutdown`. Any thread may call
+    the other methods.
 
     Args:
         robot: Not attached, unless it is borrowed.
-        borrowed: The robot is attached, and stays so at the end. It is asked for a state before every target, and a
-            failure stops the arm and comes out of `turn`. Else `connect` attaches it, it reports states by itself
-            where it can, and it is looked for when it was lost.
-        publish_rate: States a second; less where the line gives less.
-        command_rate: Targets a second; what the robot's line takes if 0.
-        watchdog: Seconds of silence after which the board stops by itself; 0 for never. More with a borrowed robot
-            whose cycles are slow.
+        borrowed: The robot is attached, and stays attached at the end. A state is read before every target, and a
+            failure stops the arm and is raised by `turn`. Otherwise `connect` attaches the robot, the robot reports
+            its states if it can, and the owner reconnects after a failure.
+        publish_rate: States per second; fewer on a slow line.
+        command_rate: Targets per second; 0 for the rate that the robot's line allows.
+        watchdog: Seconds of silence after which the board stops the arm; 0 for never. Longer for a borrowed robot
+            with slow cycles.
         watchdog_mode: What the board does then.
-        stop_on_failure: Stop the arm when the robot fails or `shutdown` ends a motion; False for a caller who makes
-            it safe by other means.
-        on_state: Called with every new state and what is to be published of it, in the owner's thread.
-        on_sent: Called with what was really sent, in the owner's thread.
+        stop_on_failure: Stop the arm when the robot fails or `shutdown` ends a motion; False for a caller that
+            makes it safe by other means.
+        on_state: Called with every new state and the part of it to publish, in the owner's thread.
+        on_sent: Called with every target as sent, in the owner's thread.
         clock: Monotonic seconds; the robot's clock if None.
-        sleep: Waits for so many seconds; until `shutdown` at the latest if None.
+        sleep: Waits for a number of seconds; if None, a wait that `shutdown` ends.
 
     Attributes:
         robot: As given.
-        group: The controllers, which decide; `start` fills it.
+        group: The controllers; `start` fills it.
         connected: The robot answers.
-        error: Why not; empty if it does.
+        error: Why it is not connected; empty if it is.
         reconnects: Number of reconnections.
-        probe: What the robot said of itself when it was found last.
-        crash: What ended the thread, if that was a fault of the program.
+        probe: The report of the last probe.
+        crash: The programming error that ended the thread, if any.
         observers: Called with every state, in the owner's thread.
     """
 
@@ -133,23 +133,23 @@ class RobotOwner:
         self._latest = LatestState(publish_rate)
         self._calls = QueuedCalls()
         self._thread: threading.Thread | None = None
-        # Whose turn it is: what this thread wants done is done at once.
+        # Id of the thread that turns: its calls run at once.
         self._turning = 0
         if not borrowed:
-            # Whoever owns a robot decides what a lost link means; one that reconnects by itself would hide it.
+            # The owner must notice a lost link and stop the arm; automatic reconnection would hide it.
             robot.auto_reconnect(on=False)
 
-    # -- coming and going ---------------------------------------------------------------------------
+    # -- start and shutdown -------------------------------------------------------------------------
 
     def connect(self, timeout: float = 0.0) -> None:
-        """Find the robot. Nothing moves.
+        """Connect to the robot. Nothing moves.
 
         Args:
-            timeout: Seconds to go on trying for, while there is no port or nobody answers.
+            timeout: Seconds to keep trying while there is no port or no answer.
 
         Raises:
             LinkError: The port cannot be opened.
-            DeviceError: Nobody answers, or not what was expected.
+            DeviceError: The robot does not answer, or a different robot does.
         """
         self._turning = threading.get_ident()
         if self._borrowed and not self.connected:
@@ -168,16 +168,16 @@ class RobotOwner:
                 self._sleep(_RETRY)
 
     def start(self, controllers: Sequence[Controller]) -> None:
-        """Run `turn` in a thread of its own until `shutdown`."""
+        """Run `turn` in the owner's thread until `shutdown`."""
         self.group.members = controllers
         self._thread = threading.Thread(target=self._run, name="owner", daemon=True)
         self._thread.start()
 
     def shutdown(self, *, torque_off: bool = False) -> None:
-        """End the thread and let go of the robot: a motion under way is stopped, and stays stopped.
+        """End the thread and detach from the robot; a motion in progress is stopped, and stays stopped.
 
         Args:
-            torque_off: Take the torque away; the arm may fall.
+            torque_off: Switch torque off; the arm may fall.
         """
         self._ending.set()
         moving = self.group.moving
@@ -209,7 +209,7 @@ class RobotOwner:
     def _end_thread(self) -> None:
         patience = _PATIENCE if self.connected else _PATIENCE_LOST
         if self._thread is not None and not join_or_abort(self._thread, patience, self.robot.abort, _PATIENCE):
-            _log.error("the owner's thread does not end")
+            _log.error("the robot's thread does not end")
 
     @property
     def alive(self) -> bool:
@@ -218,22 +218,22 @@ class RobotOwner:
 
     @property
     def command_period(self) -> float:
-        """Seconds between two targets; known once the robot is connected."""
+        """Seconds between two targets; available once the robot is connected."""
         return 1.0 / (self._command_rate or self.robot.command_rate)
 
     @property
     def lead(self) -> float:
-        """Seconds ahead for which a target is sent: a period and a half, so that a late cycle is no pause."""
+        """Duration of a target: a period and a half, so that a late cycle does not pause the motion."""
         return 1.5 * self.command_period
 
     @property
     def watchdog(self) -> float:
-        """Seconds of silence after which the board stops the arm by itself; 0 where nothing is armed."""
+        """Seconds of silence after which the board stops the arm; 0 if no watchdog is armed."""
         return self._wanted_watchdog if self.robot.watchdog_armed else 0.0
 
     @property
     def timing(self) -> RateLoop:
-        """The loop behind the turns of a robot that is asked for its states.
+        """The loop that paces the turns when states are read on request.
 
         Raises:
             UsageError: There was no turn yet.
@@ -244,7 +244,7 @@ class RobotOwner:
 
     @property
     def rate(self) -> float:
-        """States a second that were published over the last while."""
+        """States published per second, over the last seconds."""
         return self._latest.rate(self._clock())
 
     @property
@@ -254,48 +254,48 @@ class RobotOwner:
 
     @property
     def state_age(self) -> float:
-        """Seconds since a state came that could be published; infinite before the first."""
+        """Seconds since the last state that could be published; infinite before the first."""
         return self._latest.age(self._clock())
 
-    # -- what any thread may ask ----------------------------------------------------------------------
+    # -- requests from any thread ---------------------------------------------------------------------
 
     def locked(self) -> threading.RLock:
-        """The lock that guards the controllers. Never wait for anything under it."""
+        """The lock that guards the controllers. Do not block while holding it."""
         return self.group.lock
 
     def now(self) -> float:
-        """This clock, seconds."""
+        """Time of the owner's clock, seconds."""
         return self._clock()
 
     def newest(self) -> JointState:
-        """The newest state; what is to move may begin there.
+        """The newest state, fresh enough for a motion to begin there.
 
         Raises:
-            LinkLostError: The robot is not there.
-            DeviceError: None came for too long.
+            LinkLostError: The robot is not connected.
+            DeviceError: The last state is too old.
         """
         self._check_reachable()
         state, age = self._latest.state, self._clock() - self._latest.heard
         if state is None or age > max(_FRESH, 3.0 * self.command_period):
-            raise DeviceError(f"the robot has told nothing for {age:.1f} s; wait until it does")
+            raise DeviceError(f"no state from the robot for {age:.1f} s; wait for one")
         return state
 
     def hurry(self) -> None:
-        """Let the next state lead to a target, if there was none for a period: something has begun."""
+        """Send a target after the next state, if none was sent for a period: a motion has begun."""
         self._output.hurry()
 
-    def call(self, job: Callable[[], _T]) -> _T:
-        """Have something done by the owner between two states, and wait for it.
+    def call(self, call: Callable[[], _T]) -> _T:
+        """Run a call in the owner's thread between two states, and wait for its result.
 
         Raises:
-            LinkLostError: The robot is not there.
-            DeviceError: It was not done in time, or the owner is gone.
-            HexwireError: What the job raised.
+            LinkLostError: The robot is not connected.
+            DeviceError: The call did not finish in time, or the owner has failed.
+            HexwireError: What the call raised.
         """
         self._check_reachable()
         if threading.get_ident() == self._turning:
-            return job()
-        return self._calls.call(voided_by_stop(job, self.robot.epochs))
+            return call()
+        return self._calls.call(voided_by_stop(call, self.robot.epochs))
 
     def stop(self, why: str) -> tuple[str, ...]:
         """Latched stop, ahead of everything else; the joints hold.
@@ -304,47 +304,47 @@ class RobotOwner:
             Names of the joints that confirmed it.
 
         Raises:
-            HexwireError: The robot could not be told; the controllers are stopped all the same.
+            HexwireError: The robot could not be reached; the controllers are stopped nevertheless.
         """
         self.group.stop(StopReason("asked", why))
         if not self.connected:
-            raise LinkLostError(f"the robot cannot be told: {self.error}")
+            raise LinkLostError(f"the stop cannot be sent to the robot: {self.error}")
         return self.robot.stop()
 
     def reset(self) -> None:
-        """End a stop. Nothing moves by it.
+        """Clear a latched stop. Nothing moves.
 
         Raises:
-            UsageError: What caused it is still there, or somebody stopped the arm meanwhile.
+            UsageError: Its cause persists, or the arm was stopped again.
             HexwireError: The robot refuses.
         """
         stops = self.group.stops
         self.call(lambda: self._output.reset(stops))
 
     def torque(self, on: bool, names: Sequence[str]) -> tuple[str, ...]:
-        """Torque on, where the joints are, or off; a motion of joints that had none ends, or that lose it.
+        """Switch torque on, at the present position, or off; a motion of the switched joints ends.
 
         Returns:
             Names of the joints that confirmed it.
 
         Raises:
-            HexwireError: Stopped, or the robot refuses.
+            HexwireError: The arm is stopped, or the robot refuses.
         """
         return self.call(lambda: self._output.torque(on, names))
 
-    # -- the owner's turn -------------------------------------------------------------------------------
+    # -- the cycle --------------------------------------------------------------------------------------
 
     def turn(self) -> None:
-        """One state and what follows from it, or one try to find a lost robot.
+        """Run one cycle, or one attempt to reconnect.
 
         Raises:
-            HexwireError: A borrowed robot failed; it was told to stop, if it could be.
+            HexwireError: A borrowed robot failed; the owner tried to stop it.
         """
         self._turning = threading.get_ident()
         if not self.connected:
             if self._borrowed:
                 raise LinkLostError(self.error)
-            self._find_again()
+            self._reconnect()
             return
         try:
             if self._reader is None:
@@ -359,7 +359,7 @@ class RobotOwner:
                 )
             self._calls.run()
         except PreemptedError:
-            # A stop took the line from what waited there: no failure, and whoever stopped sees to the rest.
+            # A stop interrupted the exchange on the line: not a failure, and the stop handles the rest.
             self._close_reader()
         except HexwireError as error:
             self._lose(error)
@@ -370,9 +370,9 @@ class RobotOwner:
         try:
             while not self._ending.is_set():
                 self.turn()
-        except BaseException as error:  # noqa: BLE001  # handed on in `crash`
-            # A fault of the program: whoever watches this thread must hear of it, and the arm must not go on.
-            _log.exception("the owner's thread failed")
+        except BaseException as error:  # noqa: BLE001  # passed on in `crash`
+            # A programming error: stop the arm, and let the program see the error.
+            _log.exception("the robot's thread failed")
             self.crash = error
             self.group.stop(StopReason("lost", f"the program failed: {error}"))
             self._calls.fail(DeviceError(f"the program failed: {error}"))
@@ -384,10 +384,10 @@ class RobotOwner:
         try:
             probe = self.robot.probe()
             if self.probe is not None and not probe.same_kind(self.probe):
-                # What the arm may be told how often, and when it counts as lost, is of the one that was there.
+                # Rates and timeouts were chosen for the previous board.
                 raise DeviceError(
-                    f"a board of dialect {probe.dialect} is there, where one of dialect {self.probe.dialect} was; "
-                    "plug that in again, or start the node anew"
+                    f"a board of dialect {probe.dialect} replaced one of dialect {self.probe.dialect}; "
+                    "plug the old one in again, or restart the program"
                 )
             state = self.robot.read()
             self.probe = probe
@@ -403,15 +403,15 @@ class RobotOwner:
         self._reader, self.connected, self.error = None, True, ""
 
     def _begin_reading(self) -> StateReader:
-        # First, since arming a watchdog makes the board forget that it tripped.
+        # First, since arming the watchdog clears the board's flag that it tripped.
         if self.state is not None and (found := board_stop(self.state)) is not None:
             self.group.stop(found)
-            self._output.tell(logging.WARNING, "%s; reset it before it is to move", found)
-        # Only now: between `connect` and the first turn nobody feeds a watchdog.
+            self._output.tell(logging.WARNING, "%s; reset it before the next motion", found)
+        # Not earlier, since nothing feeds the watchdog between `connect` and the first turn.
         self._arm_watchdog()
         rate = 1.0 / self.command_period
         if not self._borrowed:
-            # Every target needs a state, however seldom states are published.
+            # Every target needs a state, even if states are published rarely.
             rate = max(self._publish_rate, rate, _FEEDS / self.watchdog if self.watchdog else 0.0)
         reader = StateReader(self.robot, rate, ask=self._borrowed, clock=self._clock, sleep=self._sleep)
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
@@ -422,11 +422,11 @@ class RobotOwner:
         if self._borrowed and self._wanted_watchdog:
             self._wanted_watchdog = max(self._wanted_watchdog, _PERIODS * self.command_period)
         if self._wanted_watchdog:
-            # Whoever borrows a robot may leave a stop to be looked into; an owner for good has just noted it.
+            # With a borrowed robot, a latched stop may stay as it is; otherwise it was reported above.
             watched = self.robot.watched(self._wanted_watchdog, self._watchdog_mode, always=not self._borrowed)
             self._watched.enter_context(watched)
 
-    def _find_again(self) -> None:
+    def _reconnect(self) -> None:
         self._fail_calls()
         try:
             self._attach()
@@ -436,10 +436,10 @@ class RobotOwner:
             self._sleep(_RETRY)
         else:
             self.reconnects += 1
-            _log.warning("the robot is back")
+            _log.warning("reconnected to the robot")
 
     def _lose(self, error: HexwireError) -> None:
-        # At the end of everything an emulated board ends as well.
+        # During a shutdown this is normal: an emulated board ends too.
         self._output.tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
@@ -451,7 +451,7 @@ class RobotOwner:
         if not self._borrowed:
             with suppress(HexwireError):
                 self.robot.detach()
-            # Only now, when nothing can be sent any more: a board that did not hear the stop must stop by itself.
+            # Last, when nothing can be sent: if the board did not receive the stop, its watchdog must stop the arm.
             with suppress(HexwireError):
                 self._watched.close()
 
@@ -469,7 +469,7 @@ class RobotOwner:
             self._reader.close()
 
     def _see_restarts(self) -> None:
-        """A board that was reset has forgotten its stop, and its servos may have been without power."""
+        """Stop after a reset of the board, which loses its stop latch; its servos may have been without power."""
         restarts = self.robot.restarts
         if restarts == self._restarts:
             return
@@ -477,7 +477,7 @@ class RobotOwner:
         if self.group.busy or self.group.reason is not None:
             self._output.stop(StopReason("board", "the board was reset"))
         self.group.release("the board was reset")
-        # A probe ends reports.
+        # A probe ends the reports.
         self._close_reader()
         self.probe = self.robot.probe()
 
@@ -489,12 +489,12 @@ class RobotOwner:
             self._on_state(state, published)
 
     def _look_again(self) -> None:
-        """Something was done: what waits to be read tells of a time before it, and must not be believed."""
+        """Read a new state after a change; reports that are waiting are from before it, and are dropped."""
         state = self.robot.read()
         if self._reader is not None:
             self._reader.drop_waiting()
         self._take(state)
 
     def deliver(self) -> None:
-        """Tell goals that have ended so; after every change from outside."""
+        """Notify the listeners of goals that have ended; call it after every change from outside."""
         self.group.deliver()

@@ -1,8 +1,8 @@
-"""What is checked before an arm moves: the one list of checks, for every goal, target, set-point and command.
+"""The one list of checks before an arm moves, for every goal, target, set-point and command.
 
 Owns the checks, in this order: stop latch; known positions and torque; limits; speeds, joint coupling limits and
-table along the path; and, when the motion begins, the bridge from where the arm is then and the blend from a motion
-under way. Must not know goals, time or what is followed.
+table along the path; and, when the motion begins, the bridge from the present position and the blend from the
+running motion. Must not know goals or time.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ __all__ = ["PathCheck"]
 
 _BRIDGE_SAMPLES = 20
 _BRIDGE_STEP = 0.01
-"""The way to the first point is looked at so often, but not at shorter steps of seconds."""
+"""Number of samples of the path to the first point, and their least distance in seconds."""
 _LONGEST = 3600.0
-"""Seconds; a longer trajectory would take too long to check, and is most often a unit that was mistaken."""
+"""Seconds; a longer trajectory takes too long to check, and is usually given in the wrong unit."""
 _BRIDGE_GRACE = 1.1
-"""What the way to the first point may be faster than a joint's limit, since a motion at the limit begins late."""
+"""Factor on a joint's speed limit on the path to the first point, since a motion at the limit begins late."""
 
 
 class PathCheck:
@@ -43,8 +43,8 @@ class PathCheck:
 
     Args:
         arm: Limits and speeds.
-        kinematics: For gates and table; None to check neither.
-        table: Height of the table above the base, metres; None for none.
+        kinematics: For joint coupling limits and table; None to check neither.
+        table: Height of the table above the base, metres; None for no table.
     """
 
     def __init__(self, arm: ArmModel, kinematics: KinematicModel | None, table: float | None) -> None:
@@ -54,67 +54,67 @@ class PathCheck:
         )
 
     def stop_latch(self, reason: StopReason | None) -> None:
-        """No stop is latched.
+        """Check that no stop is latched.
 
         Raises:
-            GoalError: One is, for this reason.
+            GoalError: A stop is latched; the text has its reason.
         """
         if reason is not None:
             raise GoalError(f"the arm is stopped ({reason}); reset first", reason=Reason.STOPPED)
 
     def ready(self, names: Collection[str], state: JointState, max_age: float) -> None:
-        """Joints answer and have torque; else the guard would stop the whole arm a moment later.
+        """Check that joints answer and have torque; otherwise the guard would soon stop the whole arm.
 
         Args:
-            names: Those that are to move.
-            state: The newest.
+            names: Joints that will move.
+            state: The newest state.
             max_age: Seconds after which a silent joint is lost.
 
         Raises:
-            GoalError: One does not.
+            GoalError: A joint does not answer, or has no torque.
         """
-        deaf = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > max_age]
-        if deaf:
-            text = f"{', '.join(deaf)} has not been heard of for more than {max_age:g} s; see to the servo"
+        silent = [name for name in names if state[name].flags & JointFlag.SILENT and state[name].age > max_age]
+        if silent:
+            text = f"no answer from {', '.join(silent)} for more than {max_age:g} s; check the servo"
             raise GoalError(text, reason=Reason.NOT_READY)
-        limp = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
-        if limp:
-            raise GoalError(f"no torque on {', '.join(limp)}; enable it first", reason=Reason.NOT_READY)
+        without_torque = [name for name in names if not state[name].flags & JointFlag.TORQUE_ON]
+        if without_torque:
+            raise GoalError(f"no torque on {', '.join(without_torque)}; enable it first", reason=Reason.NOT_READY)
 
     def limits(self, goal: Mapping[str, float]) -> None:
-        """Every joint exists, and its angle in radians is within its limits.
+        """Check that every joint exists, and that its angle in radians is within its limits.
 
         Raises:
-            LimitError: One is not.
+            LimitError: An angle is outside its limits.
             UsageError: There is no such joint.
         """
         for name, angle in goal.items():
             self._arm.joint(name).check(angle)
 
     def target(self, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
-        """Limits; joint coupling limits and the table on the straight path of joints to a goal.
+        """Check limits, and joint coupling limits and the table on the straight path of joints to a goal.
 
         Args:
-            here: Where all joints are, radians.
-            goal: Where some of them are to go, radians.
+            here: Positions of all joints, radians.
+            goal: Target positions of some joints, radians.
 
         Raises:
             LimitError: The path is not allowed.
-            UsageError: It is unknown where a joint is.
+            UsageError: The position of a joint is unknown.
         """
         self.limits(goal)
         if self._kinematics is not None:
             check_move(here, goal, self._kinematics, self._table)
 
     def posture(self, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
-        """Limits; joint coupling limits and the table where the arm is to stay.
+        """Check limits, and joint coupling limits and the table at the goal only.
 
         Args:
-            here: Where all joints are, radians.
-            goal: Where some of them are to go, radians.
+            here: Positions of all joints, radians.
+            goal: Target positions of some joints, radians.
 
         Raises:
-            LimitError: It is not allowed there.
+            LimitError: The goal is not allowed.
         """
         self.limits(goal)
         if self._kinematics is None or goal.keys().isdisjoint(self._kinematics.joint_names):
@@ -126,15 +126,15 @@ class PathCheck:
     def trajectory(
         self, trajectory: Trajectory, others: Mapping[str, float], meanwhile: Sequence[Trajectory] = ()
     ) -> MotionReport:
-        """Limits, speeds, joint coupling limits and the table all along a trajectory.
+        """Check limits, speeds, joint coupling limits and the table along a trajectory.
 
         Args:
-            trajectory: What is to be followed.
-            others: Where the arm's joints are, radians.
-            meanwhile: What other joints do from its beginning on.
+            trajectory: The trajectory.
+            others: Positions of the arm's joints, radians.
+            meanwhile: Trajectories of other joints, from its beginning on.
 
         Returns:
-            What was found.
+            The result of the check.
 
         Raises:
             GoalError: The path is not allowed.
@@ -157,16 +157,16 @@ class PathCheck:
         *,
         late: bool,
     ) -> None:
-        """The way to the first point is not the one that was checked: time has passed, and points with it.
+        """Check the path to the first point again, since time has passed and points may have been dropped.
 
         Args:
-            trajectory: What shall be followed.
-            others: Where the arm's joints are, radians.
-            meanwhile: What other joints do from its beginning on.
-            late: It comes after its time.
+            trajectory: The trajectory.
+            others: Positions of the arm's joints, radians.
+            meanwhile: Trajectories of other joints, from its beginning on.
+            late: The trajectory begins after its time.
 
         Raises:
-            GoalError: It must not be run.
+            GoalError: The path is not allowed.
         """
         bridge = Spline(trajectory.names, trajectory.waypoints[:2])
         step = max(_BRIDGE_STEP, bridge.duration / _BRIDGE_SAMPLES)
@@ -175,29 +175,29 @@ class PathCheck:
             self._bridge_arm,
             self._kinematics,
             others=others,
-            meanwhile=[Tail(way, 0.0, bridge.duration) for way in meanwhile],
+            meanwhile=[Tail(path, 0.0, bridge.duration) for path in meanwhile],
             table=self._table,
             step=step,
         ).findings
         if findings:
-            why = "too late" if late else "not any more"
+            why = "too late" if late else "the path is no longer allowed"
             reason = Reason.TOO_LATE if late else Reason.PATH_NOT_ALLOWED
-            raise GoalError(f"{why}: on the way to the next point, {'; '.join(map(str, findings))}", reason=reason)
+            raise GoalError(f"{why}: before the next point, {'; '.join(map(str, findings))}", reason=reason)
 
     def takeover(self, samples: Iterable[tuple[float, Mapping[str, float]]], others: Mapping[str, float]) -> None:
-        """Between a motion under way and a new one the arm is on neither of the ways that were checked.
+        """Check the blend from the running motion to a new one, which is on neither of the checked paths.
 
         Args:
-            samples: As `Follower.takeover` gives them.
-            others: Where the arm's joints are, radians.
+            samples: From `Follower.takeover`.
+            others: Positions of the arm's joints, radians.
 
         Raises:
-            GoalError: It must not be run.
+            GoalError: The blend is not allowed.
         """
         if self._kinematics is None:
             return
         fence = Fence(self._kinematics, self._table, moving=True)
         for t, positions in samples:
             if found := fence.follow({**others, **positions}, positions):
-                text = f"{t:.2f} s after it takes over from the motion under way, {found}; let that end first"
+                text = f"{t:.2f} s after it replaces the running motion, {found}; wait for its end first"
                 raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)

@@ -1,7 +1,7 @@
-"""A goal in the joints of its controller: planned once when it comes, and begun from where the arm is then.
+"""The plan of a goal: made once when the goal arrives, and started later from the arm's position at that time.
 
-Owns how points become a spline, which of them are past, and the bridge to the first one that is left. Must not know
-clocks, robots, nor whether the path is allowed.
+Owns how points become a spline, dropping points in the past, and the bridge to the first remaining one. Must not
+know clocks, robots, nor whether the path is allowed.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
 __all__ = ["Plan"]
 
 _TICK = 1e-9
-"""Seconds; times are whole nanoseconds. Less than this from now is now."""
+"""Seconds; times are whole nanoseconds. Times closer to now count as now."""
 _HAIR = 1e-6
-"""Seconds: as good as now."""
+"""Seconds; a last point closer to now counts as reached."""
 _THERE = 1e-3
-"""Radians; a first point that is due at once may be so far from where the arm is."""
+"""Radians; greatest distance of the arm from a first point with time 0."""
 
 
 class Plan:
-    """What a goal makes its joints do, but for where they begin.
+    """The motion of a goal without its start position.
 
     Args:
         goal: Has passed `check_goal`.
         joints: Joints of the controller, in the order of the trajectory.
-        received: When `goal.delay` was true, seconds.
+        received: Time to which `goal.delay` refers, seconds.
 
     Attributes:
         goal: As given.
-        due: When it is to begin, seconds; a goal without a delay begins whenever it begins.
+        due: When it should begin, seconds; ignored for a goal without a delay.
 
     Raises:
         GoalError: MALFORMED if it has no points.
@@ -50,7 +50,7 @@ class Plan:
         self.goal, self.due = goal, received + goal.delay
         self._joints = joints
         places = {name: i for i, name in enumerate(goal.names)}
-        # Place of each joint in the goal, None if it is left out.
+        # Index of each joint in the goal, None if the goal omits it.
         self._picks = [places.get(name) for name in joints]
         self._partial = None in self._picks
         self._points = tuple(
@@ -64,15 +64,15 @@ class Plan:
         )
 
     def late(self, now: float) -> float:
-        """Seconds by which it is late at a time; 0 for a goal without a delay."""
+        """Delay of the start at a time, seconds; 0 for a goal without a delay."""
         return max(0.0, now - self.due) if self.goal.delay else 0.0
 
     def is_over(self, now: float) -> bool:
-        """Its last point is past at a time, or due."""
+        """Whether its last point is due or past at a time."""
         return bool(self.goal.delay) and self._points[-1].time - self.late(now) <= _HAIR
 
     def end(self, start: Sample) -> Spline:
-        """The trajectory of joints that are at the last point already.
+        """A trajectory for joints that are at the last point already.
 
         Raises:
             GoalError: PATH_NOT_ALLOWED if they are not.
@@ -82,15 +82,15 @@ class Plan:
         return Spline(self._joints, [Waypoint(0.0, last)], checked=True)
 
     def trajectory(self, start: Sample, now: float) -> Spline:
-        """What is left of it at a time.
+        """The remaining trajectory at a time.
 
-        Points whose time has come are dropped. A bridge leads from `start` to the first one that is left, in the
-        time that is left, and takes up the velocity and acceleration of `start` as far as that point has its own.
-        Joints that the goal leaves out stand still where they are.
+        Points that are due or past are dropped. A bridge leads from `start` to the first remaining point in the
+        remaining time; it begins with the velocity and acceleration of `start` if that point has its own. Joints
+        that the goal omits stay where they are.
 
         Args:
-            start: Where the joints are then, in the order of the trajectory; unknown velocities and accelerations
-                are taken for 0.
+            start: State of the joints at that time, in the order of the trajectory; unknown velocities and
+                accelerations count as 0.
             now: When it begins, seconds.
 
         Raises:
@@ -99,7 +99,7 @@ class Plan:
         """
         for name, value in zip(self._joints, start.position, strict=True):
             if not math.isfinite(value):
-                raise GoalError(f"it is not known yet where {name} is; wait for its state", reason=Reason.NOT_READY)
+                raise GoalError(f"the position of {name} is unknown; wait for its state", reason=Reason.NOT_READY)
         since = now - self.due if self.goal.delay else 0.0
         left = tuple(point for point in self._points if point.time - since > _TICK)
         if not left:
@@ -118,17 +118,17 @@ class Plan:
         return Spline(self._joints, (Waypoint(0.0, start.position, velocity, acceleration), *left), checked=True)
 
     def _row(self, values: Sequence[float]) -> tuple[float, ...]:
-        """In the order of the joints; 0 for those that the goal leaves out."""
+        """Values in the order of the joints; 0 for those that the goal omits."""
         return tuple(0.0 if pick is None else values[pick] for pick in self._picks)
 
     def _filled(self, point: Waypoint, start: Sample) -> Waypoint:
-        """Joints that the goal leaves out stand where they are."""
+        """Fill in the start positions of joints that the goal omits."""
         rows = zip(self._picks, point.position, start.position, strict=True)
         position = tuple(here if pick is None else value for pick, value, here in rows)
         return Waypoint(point.time, position, point.velocity, point.acceleration)
 
     def _moving(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Velocities or accelerations to start with: none for joints left out, nor where it is not known."""
+        """Velocities or accelerations at the start: 0 for omitted joints, and if unknown."""
         return tuple(
             0.0 if pick is None or not math.isfinite(value) else value
             for pick, value in zip(self._picks, values, strict=True)
@@ -146,7 +146,7 @@ class Plan:
     def _too_late(self, since: float) -> GoalError:
         last = self.goal.points[-1].time
         if last <= _TICK:
-            text = "the time_from_start of the last point must be above 0: it is the time the arm has to get there"
+            text = "the time_from_start of the last point must be above 0: it is the time to get there"
         else:
             ago = max(0.0, since - last)
             text = f"the trajectory ended {ago:.3g} s ago; stamp it later, or with 0 to begin on arrival"

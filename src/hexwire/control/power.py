@@ -1,6 +1,6 @@
-"""Torque for joints, confirmed by every one of them.
+"""Switches torque on and off, and requires that every joint confirms it.
 
-Owns what is said where one does not. Must not know motions.
+Owns the error if a joint does not. Must not know motions.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ __all__ = ["give_torque", "switch_torque"]
 
 
 def give_torque(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:
-    """Give torque to those joints that have none; nothing moves by it.
+    """Switch torque on for those joints that have none. Nothing moves.
 
     Args:
         robot: Attached.
         names: Joints.
-        state: As just read.
+        state: Just read.
 
     Returns:
-        Names of the joints that got it.
+        Names of the joints whose torque was switched on.
 
     Raises:
         ServoError: A joint did not confirm it.
@@ -50,7 +50,7 @@ def give_torque(robot: RobotDriver, names: Sequence[str], state: JointState) -> 
 
 
 def switch_torque(owner: RobotOwner, on: bool, names: Sequence[str]) -> None:
-    """Torque on or off, confirmed by every joint.
+    """Switch torque on or off, and require that every joint confirms it.
 
     Raises:
         HexwireError: As `RobotOwner.torque`; or a joint did not confirm it, and the text names it.

@@ -1,7 +1,7 @@
-"""The states of a robot one after the other, by its own reports where it sends them, by asking where not.
+"""Reads the states of a robot one after the other, from its reports if it sends them, else on request.
 
-Owns the choice between the two, the rate, and that a robot which was left stops reporting. Must not know what is
-made of the states, nor what is done when none come.
+Owns the choice between the two, the rate, and ending the reports. Must not know how the states are used, nor what
+happens when none arrive.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 __all__ = ["StateReader"]
 
 _SILENCE = 0.5
-"""Seconds without a report after which the robot is asked whether it is there."""
+"""Seconds without a report after which the robot is pinged."""
 _SLOW = 2.0
-"""Seconds between two looks at what changes slowly and makes reports long."""
+"""Seconds between two reports that include slowly changing values, which make reports long."""
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 0.25
-"""Seconds between two reports: boards refuse shorter ones, and with longer ones silence would not be noticed."""
+"""Seconds between two reports: boards refuse shorter periods, and longer ones would delay noticing silence."""
 
 
 class StateReader:
@@ -34,14 +34,14 @@ class StateReader:
 
     Args:
         robot: The robot.
-        rate: States a second, as far as the line gives them.
-        ask: Ask for every state, though the robot could report it.
+        rate: States per second, as far as the line allows.
+        ask: Request every state, even if the robot could report it.
         clock: Monotonic seconds.
-        sleep: Waits for so many seconds.
+        sleep: Waits for a number of seconds.
 
     Attributes:
         period: Seconds between two states.
-        timing: The loop that asks for states, where the robot does not report them.
+        timing: The loop that requests states, if the robot does not report them.
     """
 
     def __init__(
@@ -61,10 +61,10 @@ class StateReader:
         self._reports = False
 
     def next(self) -> JointState | None:
-        """The next state; None if the robot is there, but its reports stayed away.
+        """The next state; None if the robot answers, but its reports have ended.
 
         Raises:
-            HexwireError: As `RobotDriver.read`. Go on with `next`, or `close`.
+            HexwireError: As `RobotDriver.read`. Continue with `next`, or `close`.
         """
         if self._states is None:
             self._states = self._read()
@@ -78,7 +78,7 @@ class StateReader:
         return state
 
     def drop_waiting(self) -> None:
-        """Forget reports that wait to be read: they tell of a time before what was answered last.
+        """Drop waiting reports: they are older than the last answer.
 
         Raises:
             LinkError: The line is lost.
@@ -87,7 +87,7 @@ class StateReader:
             self._robot.discard_reports()
 
     def close(self) -> None:
-        """Have the robot end its reports, if it can still be told."""
+        """End the robot's reports, if it can still be reached."""
         states, self._states = self._states, None
         if states is not None:
             with suppress(HexwireError):

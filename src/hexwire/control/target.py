@@ -1,6 +1,6 @@
-"""A single target that the board interpolates itself, or that is sent in short steps where nothing would stop it.
+"""A single target: the board interpolates the motion, or it is sent in short steps if there is no watchdog.
 
-Owns what of it is sent when, and what became of it. Time comes in as an argument. Must not know robots or threads.
+Owns what is sent when, and the result. Time comes in as an argument. Must not know robots or threads.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
 __all__ = ["TargetController"]
 
 _AHEAD = 1.5
-"""Steps that a target is sent ahead, so that a late one is no pause."""
+"""Duration of a step's target in steps, so that a late step does not pause the motion."""
 
 
 class TargetController:
-    """Leads joints to one target, once.
+    """Moves joints to one target, once.
 
     Args:
-        target: Where to, and in which time; no speed limit forbids it.
-        here: Where the joints are, radians by name; NaN if unknown.
+        target: Positions and duration, within the speed limits.
+        here: Present positions, radians by name; NaN if unknown.
         tolerances: By joint of the target.
-        grace: Seconds beyond its duration in which the joints must arrive.
+        grace: Seconds after its duration in which the joints must arrive.
         step: Seconds between two steps on the straight line; None to send the whole target at once.
-        early: They may arrive before the time is over.
+        early: The target may count as reached before its duration is over.
 
     Attributes:
-        sent: What was really sent, once all of it was; or None.
-        over: Nothing more will be done, for whatever reason.
-        arrived: The joints are there.
-        off: Which of them are not, as of the last state.
-        limp: Which of them have lost their torque.
+        sent: The target as sent, once all of it was sent; or None.
+        over: The motion has ended.
+        arrived: The joints are at the target.
+        off: Joints that are not, as of the last state.
+        without_torque: Joints that have lost torque.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class TargetController:
         self.sent: SentTarget | None = None
         self.over = self.arrived = False
         self.off: tuple[Deviation, ...] = ()
-        self.limp: tuple[str, ...] = ()
+        self.without_torque: tuple[str, ...] = ()
         self._target, self._tolerances, self._grace, self._early = target, tolerances, grace, early
         self._step = step
         goal = dict(target.positions)
-        # No joint can be led from an unknown position: it is sent to its end.
+        # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
         self._start = {name: here[name] if math.isfinite(here[name]) else goal[name] for name in goal}
         self._begun = self._now = -math.inf
         self._last = False
@@ -77,12 +77,12 @@ class TargetController:
 
     @property
     def busy(self) -> bool:
-        """It is not over."""
+        """The motion has not ended."""
         return not self.over
 
     @property
     def moving(self) -> bool:
-        """Something was sent, and it is not over."""
+        """The motion has begun and not ended."""
         return self._begun > -math.inf and not self.over
 
     @property
@@ -91,7 +91,7 @@ class TargetController:
         return self._reason
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Whether the joints are there."""
+        """Check the arrival."""
         if self.over or self._arrival is None or self.sent is None:
             return
         names = tuple(name for name, _ in self.sent.positions)
@@ -110,11 +110,13 @@ class TargetController:
         self.arrived = verdict is Verdict.ARRIVED
         if not self.arrived:
             self._reason = board_stop(state)
-            self.limp = tuple(name for name in names if name not in state.torque_on)
-        self.over = self.arrived or verdict is Verdict.MISSED or self._reason is not None or bool(self.limp)
+            self.without_torque = tuple(name for name in names if name not in state.torque_on)
+        self.over = (
+            self.arrived or verdict is Verdict.MISSED or self._reason is not None or bool(self.without_torque)
+        )
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
-        """What to send now."""
+        """The target to send now."""
         if self.over or self._last:
             return None
         self._now, self._begun = now, now if self._begun == -math.inf else self._begun
@@ -130,7 +132,7 @@ class TargetController:
         return JointTarget.of(place, _AHEAD * self._step)
 
     def was_sent(self, sent: SentTarget) -> None:
-        """Take note of what became of the last thing to send."""
+        """Note how the last target was sent."""
         self._silent |= dict.fromkeys(sent.silent)
         if self._last:
             duration = sent.duration if self._step is None else self._target.duration
@@ -139,17 +141,17 @@ class TargetController:
             self._arrival = Arrival(self._tolerances, ends, self._grace, early=self._early)
 
     def stop(self, reason: StopReason) -> None:
-        """It is over."""
+        """End the motion."""
         if not self.over:
             self._reason, self.over = reason, True
 
     def reset(self) -> None:
-        """Nothing goes on by it."""
+        """Do nothing: an ended motion does not continue."""
 
     def release(self, why: str) -> None:
-        """It is over."""
+        """End the motion."""
         self.over = True
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Nobody is told: whoever runs it looks."""
+        """Return nothing: the caller reads the attributes."""
         return []

@@ -1,7 +1,7 @@
-"""Set-points from a stick, one a cycle: what the rules of teleoperation say becomes what the owner sends.
+"""The teleoperation controller: turns the axes of a joystick into one target per cycle.
 
-Owns the controller, and that the arm holds when it is let go. Must not know devices, robots or threads, nor what
-makes a motion safe.
+Owns the controller, and that the arm holds when the button is released. Must not know devices, robots or threads,
+nor the rules that make a motion safe.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 __all__ = ["OVERLAP", "Stick", "TeleopController", "holding"]
 
 Stick = Callable[[], tuple[Sequence[float], int, float]]
-"""Gives the newest axes (-1..1), buttons (bit i is button i) and their age in seconds; infinite if never heard."""
+"""Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
 
 OVERLAP = 2.5
-"""Set-points last this many cycles, so that one that is late makes no stop."""
+"""Duration of a target in cycles, so that a late one does not pause the motion."""
 _SETTLE = 0.05
 
 
 class TeleopController:
-    """Moves all joints of an arm as a stick says.
+    """Moves all joints of an arm with a joystick.
 
-    A stop ends nothing: the arm sets out again when it was resumed, and the button released and pressed.
+    After a stop, the arm moves again when it was resumed and the button was released and pressed again.
 
     Args:
-        rules: What the stick means.
-        stick: Asked once a cycle.
-        period: Seconds between two cycles, at least.
-        on_note: Told what there is to say to the person at the stick, or why the arm is stopped, when that changes.
+        rules: The meaning of the joystick's axes and buttons.
+        stick: Called once per cycle.
+        period: Least seconds between two cycles.
+        on_note: Called with a new note for the operator, or with the reason for a stop.
     """
 
     def __init__(
@@ -63,26 +63,26 @@ class TeleopController:
 
     @property
     def busy(self) -> bool:
-        """It sends its joints somewhere."""
+        """It is moving its joints."""
         return self.moving
 
     @property
     def reason(self) -> StopReason | None:
-        """None: it waits for the button after a stop, and latches nothing."""
+        """Always None: it latches no stop, but waits for the button."""
         return None
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """A person judges."""
+        """Do nothing: the operator watches the arm."""
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
-        """What the stick asks for now."""
-        # Toward a board of the chapter a cycle takes longer than asked for.
+        """The target for the joystick's present position."""
+        # With the chapter's board, a cycle takes longer than requested.
         period = self._period if math.isnan(self._last) else max(self._period, now - self._last)
         self._last = now
         axes, buttons, age = self._stick()
         stopped, self._stopped = self._stopped or state.stopped, False
         if stopped:
-            # Whoever stopped the arm, it is not for a stick to end that; nor to move on when it is ended.
+            # The joystick does not clear a stop, nor continue at once when it is cleared.
             age = math.inf
         jog = self._rules.update(axes, buttons, age, state.positions, now)
         found = board_stop(state)
@@ -92,19 +92,19 @@ class TeleopController:
             return holding(self._rules.arm, state)
         if jog.action is not Action.MOVE:
             return None
-        # A joint that stands outside its limits stays where it is.
+        # A joint outside its limits stays where it is.
         inside = within_limits(self._rules.arm, jog.positions)
         return JointTarget.of(inside, OVERLAP * period) if inside else None
 
     def stop(self, reason: StopReason) -> None:
-        """The button must be released before anything moves again."""
+        """Require that the button is released before the arm moves again."""
         self._stopped, self.moving = True, False
 
     def reset(self) -> None:
-        """Nothing moves by it."""
+        """Do nothing: nothing moves."""
 
     def release(self, why: str) -> None:
-        """As `stop`."""
+        """Same as `stop`."""
         self._stopped, self.moving = True, False
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
@@ -118,7 +118,7 @@ class TeleopController:
 
 
 def holding(arm: ArmModel, state: JointState) -> JointTarget | None:
-    """The target that makes joints stay where they are, within limits; None if no position is known."""
+    """A target at the present positions, within limits; None if no position is known."""
     inside = {}
     for joint in state:
         limits = arm.joint(joint.name)
