@@ -85,8 +85,7 @@ def test_the_patterns_themselves() -> None:
         assert [len(chunk) for chunk in chunks[:-1]] == [64] * (len(chunks) - 1)
         assert 1 <= len(chunks[-1]) <= 64
     assert list(loopback_patterns(0)) == []
-    assert b"".join(loopback_patterns(1000, 1))[384:] != b"".join(loopback_patterns(1000, 2))[384:]
-    assert b"".join(loopback_patterns(1000)) == b"".join(loopback_patterns(1000, 0))
+    assert list(loopback_patterns(1000)) == list(loopback_patterns(1000)), "the same every time"
 
 
 @pytest.mark.parametrize(
@@ -106,10 +105,9 @@ def test_the_verdict(returned: int, wrong: int, bits: int, good: bool, words: st
     assert result.verdict.startswith(words)
 
 
-def test_bytes_and_bits_that_differ_are_counted_and_progress_is_told() -> None:
-    clock, told = FakeClock(), list[int]()
+def test_bytes_and_bits_that_differ_are_counted() -> None:
+    clock = FakeClock()
     with BoardLink(Plug(lambda data: data[:-1] + bytes([data[-1] ^ 0b101])), clock, baud=115200) as link:
-        result = try_loopback(link, 115200, 150, clock, told.append)
-    assert told == [64, 128, 150]
+        result = try_loopback(link, 115200, 150, clock)
     assert (result.baud, result.sent, result.returned) == (115200, 150, 150)
     assert (result.wrong_bits / result.wrong, result.lost) == (2, 0)
