@@ -6,6 +6,7 @@ from tests.bus.bus_bench import BusLink, make_bus
 from hexwire.bus.counters import BusCounters
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.errors import StoppedError, UsageError
+from hexwire.link.memory import memory_pair
 from hexwire.wire.servo_packet import make_read, make_status, make_write
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
@@ -218,3 +219,9 @@ def test_an_interrupted_fast_read_is_in_doubt_from_that_moment() -> None:
     for servo_id in (1, 2):
         assert bus._machine.doubts.late(servo_id, 2) == bus.now()
         assert bus._machine.doubts.holds(servo_id, 2, bus.now())
+
+
+def test_a_link_without_a_rate_costs_no_time() -> None:
+    link, _ = memory_pair()
+    assert ServoBus(link).timing.baud == 0
+    assert ServoBus(link, baud=9600).timing.baud == 9600

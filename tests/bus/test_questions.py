@@ -314,3 +314,19 @@ def test_a_sync_read_is_asked_where_most_servos_have_no_doubt() -> None:
     assert servos.asked[0] == (2, 3, 56, 3)
     assert machine.counters.settled == 2
     assert machine.counters.given_up == 1
+
+
+def test_a_sync_read_with_an_answer_that_may_be_an_echo_is_asked_otherwise_even_without_repeats() -> None:
+    machine, servos = make_machine(), Servos(1, 2)
+    plan = machine.plans.block(56, 2, (1, 2))
+    copy = make_read(2, 56, 2)
+
+    def answering(packet: bytes) -> list[tuple[float, bytes]]:
+        answers = servos(packet)
+        return [answers[0], (0.0006, copy)] if packet == plan.request else answers
+
+    play = Play(machine, answering)
+    found = play(questions.ask_many(machine, plan, None))
+    assert {i: status.params for i, status in found.items()} == dict.fromkeys((1, 2), MEMORY[56:58])
+    assert play.sent == [plan.request, make_read(2, 56, 3)]
+    assert machine.counters.repeats == 1

@@ -514,3 +514,68 @@ def test_an_answer_with_a_negative_value_is_counted_once() -> None:
         2,
         before.careful,
     )
+
+
+@pytest.mark.parametrize("series", ALL)
+def test_the_careful_path_gives_what_the_fast_one_gives(series: Series) -> None:
+    bus, _ = make_bus((1, 2), (series,))
+    for name in ("present_position", "present_temperature", "torque_enable"):
+        quick, both = bus.read(1, name), bus.sync_read(name, (1, 2))
+        bus._machine.gave_up((1, 2), quick.register.size, b"something else", bus.now(), bus.now())
+        careful, slow = bus.read(1, name), bus.sync_read(name, (1, 2))
+        assert careful == quick
+        assert careful.register is series.register(name)
+        assert careful.value == quick.value
+        assert list(slow) == list(both)
+        assert slow.values == both.values
+        bus._machine.doubts.clear()
+    assert bus.counters.settled
+
+
+def test_ids_come_in_any_collection() -> None:
+    bus, _ = make_bus((1, 2, 3))
+    raws = bus.sync_read("present_position", (2, 1)).raw
+    for ids in ([2, 1], iter((2, 1)), {2: 0, 1: 0}):
+        readings = bus.sync_read("present_position", ids)
+        assert (readings.ids, readings.raw) == ((2, 1), raws)
+    assert [block.servo_id for block in bus.sync_read_blocks(56, 2, iter((3, 1)))] == [3, 1]
+
+
+def test_what_cannot_be_written_is_named_with_its_servo() -> None:
+    bus, _ = make_bus((1, 7))
+    for call in (
+        lambda: bus.write(7, "present_position", 1.0),
+        lambda: bus.write_raw(7, "present_position", 1),
+        lambda: bus.reg_write(7, "present_position", 1.0),
+        lambda: bus.sync_write("present_position", {7: 1.0}),
+        lambda: bus.sync_write_raw("present_position", {7: 1}),
+    ):
+        with pytest.raises(UsageError, match=r"^register present_position of servo 7 "):
+            call()
+    for call in (
+        lambda: bus.write_raw(7, "max_temperature", 101),
+        lambda: bus.reg_write(7, "max_temperature", 101.0),
+        lambda: bus.sync_write_raw("max_temperature", {1: 50, 7: 101}),
+    ):
+        with pytest.raises(UsageError, match=r"^max_temperature of servo 7 takes"):
+            call()
+
+
+def test_each_servo_is_written_in_its_own_series() -> None:
+    bus, device = make_bus((1, 2), (Series.STS_SMS, Series.SCS), paced=False)
+    for servo_id in (1, 2):
+        series = bus.series_of(servo_id)
+        goal = series.register("goal_position")
+        assert bus.write(servo_id, "goal_position", 1.0).ok
+        assert device.wire[servo_id].registers.get("goal_position") == goal.from_si(1.0)
+        assert bus.write_raw(servo_id, "goal_position", 300).ok
+        assert bus.read(servo_id, "goal_position").raw == 300
+        assert bus.write_bytes(servo_id, goal.address, goal.encode(301)).ok
+        assert bus.read(servo_id, "goal_position").raw == 301
+    bus.sync_write("goal_position", {1: 1.0, 2: 1.0})
+    bus.pause(0.01)
+    raws = [bus.series_of(i).register("goal_position").from_si(1.0) for i in (1, 2)]
+    assert [device.wire[i].registers.get("goal_position") for i in (1, 2)] == raws
+    bus.sync_write_bytes(42, {1: b"\x05\x00"})
+    bus.pause(0.01)
+    assert device.wire[1].registers.get("goal_position") == 5
