@@ -59,7 +59,7 @@ def test_line_keeps_to_the_line_and_the_tools_direction(bench: Any) -> None:
         (("goto", "0", "600", "100"), "out of reach: the wrist would be"),
         (("line", "0", "0", "-300", "--relative"), "of the line: "),
         (("goto", "0", "200", "40", "--down", "--table", "50"), "below the table at 50 mm; nothing was sent"),
-        (("goto", "0", "200", "100", "--down", "--rpy", "0", "0", "0"), "say the tool's direction once"),
+        (("goto", "0", "200", "100", "--down", "--rpy", "0", "0", "0"), "--down and --rpy contradict each other"),
         (("goto", "0", "200"), "takes 3 values"),
         (("goto", "0", "220", "200", "--plot", "a.txt"), "must end in .png, .svg, .pdf"),
         (("goto", "0", "220", "200", "--links", "Z"), "no link set 'Z'"),
@@ -86,7 +86,7 @@ def test_a_silent_servo_is_said_and_nothing_moves(make_bench: Any) -> None:
     bench = make_bench("silent:2")
     result = bench.run("goto", "0", "220", "200")
     assert result.exit_code == 1
-    assert "it is not known where J3 is" in result.stderr
+    assert "the position of J3 is unknown" in result.stderr
 
 
 def recording(path: Path, goal: float) -> None:
@@ -114,7 +114,7 @@ def test_a_recording_that_is_cut_off_is_not_played(bench: Any, tmp_path: Path) -
     result = bench.run("play", str(cut))
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
-    assert "cut.mcap: the recording is cut off" in result.stderr
+    assert "cut.mcap: the recording is truncated" in result.stderr
     assert "hexwire record recover" in result.stderr
     assert bench.positions() == before
 
@@ -231,7 +231,7 @@ def test_teach_leaves_the_arm_limp_if_asked(bench: Any, tmp_path: Path) -> None:
 def test_teach_wants_somebody_to_hold_the_arm(bench: Any, tmp_path: Path) -> None:
     result = bench.run("teach", str(tmp_path / "t.mcap"))
     assert result.exit_code == 2
-    assert "hold it, and say so with --yes" in result.stderr
+    assert "hold it, and confirm with --yes" in result.stderr
     assert not (tmp_path / "t.mcap").exists()
     assert bench.run("teach", str(tmp_path / "t.txt"), "--yes").exit_code == 2
 

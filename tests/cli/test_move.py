@@ -13,8 +13,8 @@ from hexwire.model.hex7bot import HEX7BOT
 
 
 NOTE = {
-    1: "note: hex7bot has no watchdog behind this port: "
-    "if this program dies, the arm goes on with what it was sent, for up to 1 s\n",
+    1: "note: hex7bot has no watchdog on this port: "
+    "if this program dies, the arm moves on to its last target, for up to 1 s\n",
     2: "",
 }
 
@@ -233,7 +233,7 @@ def test_ctrl_c_while_waiting_stops_the_arm_where_it_is(
     assert result.exit_code == 130
     note = result.stderr.strip()
     # The emulated link of dialect 1 is no device: nobody keeps a stop of it.
-    words = "stopped: the arm holds" + ("; 'hexwire resume' ends that" if dialect == 2 else "")
+    words = "stopped: the arm holds" + ("; clear it with 'hexwire resume'" if dialect == 2 else "")
     assert note.removeprefix(NOTE[dialect]) == words
     there = bench.positions()["J4"]
     assert 5 < there < 60
@@ -292,7 +292,9 @@ def test_with_a_silent_joint_the_others_move_unchecked_and_it_is_said(make_bench
     bench = make_bench("silent:2")
     result = bench.run("move", "J2=60", "--wait")
     assert result.exit_code == 0
-    assert result.stderr == "warning: it is not known where J3 is: gates and table are not checked\n"
+    assert (
+        result.stderr == "warning: the position of J3 is unknown: joint coupling limits and table are not checked\n"
+    )
 
 
 def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:

@@ -110,7 +110,7 @@ def test_a_demo_moves_the_real_arm_only_if_that_is_said(monkeypatch: pytest.Monk
     assert (result.exit_code, "--yes-move-the-arm" in result.stderr) == (2, True)
     monkeypatch.delenv("HEXWIRE_PORT", raising=False)
     result = CliRunner().invoke(cli, ["demo", "--yes"])
-    assert (result.exit_code, "which arm?" in result.stderr) == (2, True)
+    assert (result.exit_code, "needs the port of the arm" in result.stderr) == (2, True)
     monkeypatch.setenv("HEXWIRE_PORT", "/nowhere/at/all")
     result = CliRunner().invoke(cli, ["demo", "--yes"])
     assert (result.exit_code, "/nowhere/at/all" in result.stderr) == (1, True)

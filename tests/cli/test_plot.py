@@ -15,7 +15,7 @@ def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
     plot.planned = [(0.1 * i, (0.01 * i, -0.02 * i)) for i in range(10)]
     plot.measured = plot.planned[1:]
     plot.path = [(0.0, 0.2, 0.2 - 0.01 * i) for i in range(10)]
-    plot.way = plot.path[::2]
+    plot.measured_path = plot.path[::2]
     # Text as text, so that it can be looked for.
     import matplotlib
 

@@ -35,7 +35,7 @@ def test_a_stopped_arm_that_has_torque_is_told_with_the_way_out(bench: Any) -> N
     result = bench.run("goto", "0", "220", "200")
     assert result.exit_code == 1
     assert "the board has stopped the arm" in result.stderr
-    assert "'hexwire resume' ends that" in result.stderr
+    assert "clear it with 'hexwire resume'" in result.stderr
 
 
 def test_an_obstacle_in_the_way_of_a_servo_without_load_reading_stops_the_arm(bench: Any) -> None:
@@ -75,7 +75,7 @@ def test_ctrl_c_on_the_way_stops_the_arm_where_it_is_and_the_watchdog_goes_off(
     monkeypatch.setattr(bench.board, "receive", interrupted)
     result = bench.run("goto", "120", "180", "150", "--speed", "10")
     assert result.exit_code == 130
-    assert result.stderr.strip() == "stopped: the arm holds; 'hexwire resume' ends that"
+    assert result.stderr.strip() == "stopped: the arm holds; clear it with 'hexwire resume'"
     there = bench.positions()["J1"]
     bench.clock.advance(5.0)
     assert bench.positions()["J1"] == pytest.approx(there, abs=0.5)

@@ -27,12 +27,12 @@ def run(*words: str) -> Result:
 @pytest.mark.parametrize(
     ("words", "status", "text"),
     [
-        (("joystick", "send"), 2, "say where to: --to URL or --conf FILE"),
-        (("joystick", "send", "--to", "udp://127.0.0.1:1", "--conf", "x"), 2, "say where to"),
+        (("joystick", "send"), 2, "name the destination with --to URL or --conf FILE"),
+        (("joystick", "send", "--to", "udp://127.0.0.1:1", "--conf", "x"), 2, "name the destination"),
         (("joystick", "send", "/none/js0", "--to", "udp://127.0.0.1:1"), 1, "there is no such device"),
         (("joystick", "show", "/none/event3"), 1, "there is no such device"),
-        (("teleop", "--device", "a", "--from", "b"), 2, "one of --device, --from and --conf is enough"),
-        (("teleop", "--speed", "2", "--port", "/dev/x"), 2, "--speed 2 is over the joints' own limits"),
+        (("teleop", "--device", "a", "--from", "b"), 2, "give only one of --device, --from and --conf"),
+        (("teleop", "--speed", "2", "--port", "/dev/x"), 2, "--speed 2 exceeds the joints' speed limits"),
         (("teleop", "--device", "/none/js0", "--port", "/dev/x"), 1, "there is no such device"),
         (("teleop", "--conf", "/none/x.conf", "--port", "/dev/x"), 2, "cannot be read"),
     ],

@@ -25,7 +25,7 @@ def test_grip_ends_where_something_is_between_the_jaws(bench: Any) -> None:
     shaft = bench.board.wire.servos[6].motion
     shaft.obstacle = (None, shaft.position + 500)
     out = bench.ok("grip", "close")
-    assert out == "holds something at 51 % open\n"
+    assert out == "holds an object at 51 % open\n"
     # Three degrees further than it got, and not the whole way: little pressure.
     assert shaft.target - shaft.position == pytest.approx(34, abs=3)
 
@@ -47,7 +47,9 @@ def test_grip_says_why_the_arm_was_stopped_on_the_way(
     result = bench.run("grip", "close")
     assert result.exit_code == 1
     why = "its watchdog tripped, because the host fell silent" if tripped else "it was told to"
-    assert result.stderr == f"error: stopped: the board has stopped the arm: {why}; 'hexwire resume' ends that\n"
+    assert (
+        result.stderr == f"error: stopped: the board has stopped the arm: {why}; clear it with 'hexwire resume'\n"
+    )
 
 
 def test_grip_wants_a_share(bench: Any) -> None:

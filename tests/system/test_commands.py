@@ -43,7 +43,7 @@ def test_a_day_with_the_arm(dialect: str) -> None:
         assert moved.returncode == 0, moved.stderr
         assert "torque on: J1 J5" in moved.stdout
         # Only a board of dialect 2 stops by itself when the program dies.
-        assert ("has no watchdog behind this port" in moved.stderr) == (dialect == "1")
+        assert ("has no watchdog on this port" in moved.stderr) == (dialect == "1")
         joints = {j["name"]: j for j in json.loads(succeeds("state", "--json", *port))["joints"]}
         assert joints["J1"]["position_deg"] == pytest.approx(10.0, abs=1.0)
         assert joints["J5"]["position_deg"] == pytest.approx(-5.0, abs=1.0)

@@ -1,7 +1,6 @@
-"""`demo`: the whole path once, from a joint command to a moving servo and back, on an emulated arm.
+"""`demo`: the whole chain, from a joint command to a moving servo and back, on an emulated arm.
 
-Owns the order of the phases and that the arm is safe at the end, however that comes. Must not know how it is
-drawn.
+Owns the order of the phases, and that the arm is always safe at the end. Must not know how it is drawn.
 """
 
 from __future__ import annotations
@@ -32,30 +31,28 @@ __all__ = ["demo", "turning_pose"]
 
 _SWING = math.radians(30.0)
 _WATCHDOG = 1.0
-"""Seconds of silence after which the board takes the torque away by itself."""
+"""Seconds of silence after which the board switches torque off."""
 _SETTLE = 1.0
 _BACK_WITHIN = math.radians(3.0)
 
 
 @click.command()
 @click.option("--port", metavar="URL", help="Move the real arm behind this port instead of an emulated one.")
-@click.option(
-    "--yes-move-the-arm", "--yes", is_flag=True, help="Yes, the real arm, and there is room for it to move."
-)
+@click.option("--yes-move-the-arm", "--yes", is_flag=True, help="Confirm that the real arm has room to move.")
 @click.option(
     "--baud",
     type=click.IntRange(min=0),
     default=115200,
     show_default=True,
     metavar="N|0",
-    help="Line rate; 0 runs the emulated board as fast as it goes.",
+    help="Line rate; 0 runs the emulated board at full speed.",
 )
 @click.option("--dialect", type=click.IntRange(1, 2), metavar="1|2", help="Dialect of the board (2).")
 @click.option("--fault", "faults", multiple=True, metavar="SPEC", help="A fault, as for 'sim board'.")
 @number_option(
-    "--duration", "SECONDS", "Time there and back; more if a speed limit asks for it.", above=0, default=6.0
+    "--duration", "SECONDS", "Time there and back; longer if a speed limit requires it.", above=0, default=6.0
 )
-@number_option("--rate", "HZ", "Cycles a second (20, in dialect 1 1.5).", above=0)
+@number_option("--rate", "HZ", "Cycles per second (20; 1.5 with dialect 1).", above=0)
 def demo(
     port: str | None,
     yes_move_the_arm: bool,
@@ -67,13 +64,13 @@ def demo(
 ) -> None:
     """Move an emulated Hex7Bot there and back, with a live table.
 
-    Nothing else is needed: the board and its seven servos are emulated behind a pseudo-terminal, which is opened
-    like any serial port. With --yes-move-the-arm it moves the real arm behind --port or HEXWIRE_PORT: 30 degrees a
-    joint.
+    No hardware is needed: the board and its seven servos are emulated on a pseudo-terminal, which is opened like
+    any serial port. With --yes-move-the-arm, the demo moves each joint of the real arm on --port or HEXWIRE_PORT by
+    30 degrees.
     """
     port = early_port(port)
     if port is None and yes_move_the_arm:
-        # A variable that is always set must not turn every demo into one with the real arm.
+        # A variable that is always set must not make every demo move the real arm.
         port = os.environ.get("HEXWIRE_PORT") or None
     view: View = PlainView()
     if on_terminal():
@@ -82,7 +79,7 @@ def demo(
         view = LiveView()
     if port is None:
         if yes_move_the_arm:
-            raise UsageError("--yes-move-the-arm needs --port: which arm?")
+            raise UsageError("--yes-move-the-arm needs the port of the arm: give --port")
         with board_process(baud=baud, dialect=dialect or 2, faults=faults) as path:
             pace = f"at {baud} baud" if baud else "unpaced"
             view.say("started", f"an emulated Hex7Bot on {path}, {pace}")
@@ -96,10 +93,10 @@ def demo(
 
 
 def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]:
-    """Where to turn back: 30 degrees from `start` to the side with more room, at most half the way to the limit.
+    """The turning point: 30 degrees from `start` in the direction with more room, at most halfway to the limit.
 
     Raises:
-        LimitError: A joint stands outside its limits.
+        LimitError: A joint is outside its limits.
     """
     goal = []
     for joint, angle in zip(model.joints, start, strict=True):
@@ -124,7 +121,7 @@ def _run(url: str, dialect: int | None, duration: float, rate: float | None, vie
         state = robot.read()
         view.say("read", f"{in_degrees(state)} deg")
         goal = turning_pose(robot.model, state.position)
-        # The arm is made safe before the drawing ends: a terminal that takes nothing must not delay it.
+        # The arm is made safe before the drawing ends, since a blocked terminal must not delay that.
         with view.moving():
             summary = _move(robot, state.position, goal, duration, rate or robot.command_rate, view)
         view.say("torque off", "all joints")
@@ -215,7 +212,7 @@ def _summary(robot: Hex7BotDriver, cycles: LoopCounters, rate: float, before: di
 
 
 def _counters(robot: Hex7BotDriver) -> dict[str, int]:
-    """Questions and retries of this side, and frames that either side dropped; an old board does not tell."""
+    """Requests and retries of this side, and frames dropped by either side; an old board does not count them."""
     host, board = robot.host_counters(), robot.board_counters()
     dropped = host["bad_frames"] + host["stale_frames"] + board.get("bad_checks", 0) + board.get("bad_frames", 0)
     return {"requests": host["requests"], "retries": host["retries"], "dropped": dropped}
@@ -223,14 +220,14 @@ def _counters(robot: Hex7BotDriver) -> dict[str, int]:
 
 @contextmanager
 def _torque(robot: Hex7BotDriver, view: View) -> Iterator[None]:
-    """Give torque, and take it away at the end, whatever ends it.
+    """Switch torque on, and off at the end, even after an error.
 
     Raises:
-        ServoError: It is not confirmed that all is off.
+        ServoError: A joint did not confirm that torque is off.
     """
-    safety = ", and off by itself if we fall silent"
+    safety = "; the board switches it off if this program dies"
     if not robot.has_watchdog:
-        safety = ", and nothing takes it off if this program is killed: dialect 1 has no watchdog"
+        safety = "; it stays on if this program is killed: dialect 1 has no watchdog"
     try:
         view.say("torque on", " ".join(robot.torque(True)) + safety)
         yield
@@ -251,4 +248,4 @@ def _torque_off(robot: Hex7BotDriver) -> None:
     off = robot.torque(False)
     left = [name for name in robot.model.names if name not in off]
     if left:
-        raise ServoError(f"{', '.join(left)} did not confirm that the torque is off")
+        raise ServoError(f"{', '.join(left)} did not confirm that torque is off")

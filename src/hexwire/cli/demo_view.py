@@ -1,6 +1,6 @@
-"""What a view of the demo is given, and the view that prints plain lines.
+"""The interface of a view of the demo, and the view that prints plain lines.
 
-Owns the values and the contract. Must not know robots, nor how a terminal is drawn.
+Owns the interface and its values. Must not know robots, nor how a terminal is drawn.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ class Sample(NamedTuple):
     """One cycle, for the view. Angles in radians, loads as fractions, times in seconds.
 
     Attributes:
-        time: Since the start of the motion.
-        duration: Of the whole motion.
-        state: The joints as they are.
-        target: Where each of them should be at that time.
-        rate: Achieved cycles a second.
-        round_trip: Of the last request.
-        retries: Since the start of the motion.
+        time: Time since the start of the motion.
+        duration: Duration of the whole motion.
+        state: State of the joints.
+        target: Desired positions at that time.
+        rate: Achieved cycles per second.
+        round_trip: Round trip of the last request.
+        retries: Retries since the start of the motion.
     """
 
     time: float
@@ -42,20 +42,20 @@ class Sample(NamedTuple):
 
 
 class View(Protocol):
-    """Somebody who watches the demo."""
+    """Shows the progress of the demo."""
 
     def say(self, phase: str, text: str) -> None:
-        """A phase is done."""
+        """Show the result of a phase."""
 
     def moving(self) -> AbstractContextManager[object]:
-        """While the arm moves."""
+        """A context for the time in which the arm moves."""
 
     def show(self, sample: Sample) -> None:
-        """A cycle is done."""
+        """Show a cycle."""
 
 
 class PlainView:
-    """Plain lines for a log: one a phase, and one a second while the arm moves."""
+    """Prints plain lines for a log: one per phase, and one per second while the arm moves."""
 
     def __init__(self) -> None:
         self._next = 0.0

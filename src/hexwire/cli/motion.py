@@ -1,6 +1,6 @@
-"""`goto`, `line`, `play` and `teach`: poses and recordings instead of joints.
+"""`goto`, `line`, `play` and `teach`: motions to poses, and recordings.
 
-Owns what a person types as a motion. Must not know how a motion is planned, checked or run.
+Owns how a user types a motion. Must not know how a motion is planned, checked or run.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ _ACCELERATION = 6.0
 """Radians per second squared: a 7Bot joint is at full speed after 0.4 s."""
 _PLACE = FiniteFloat("coordinate")
 _MOST_STATES = 500_000
-"""Joint states that are read to be played: hours of them."""
+"""Most joint states of a recording to play: several hours."""
 _MOST_ANGLES = 16 * _MOST_STATES
-"""Angles of all of them together: those of 16 joints."""
+"""Most angles in all of them: enough for 16 joints."""
 _MOST_SETS = 1000
-"""Sets of joints that answered together; of seven joints there are 127."""
+"""Most different sets of joints in the states; seven joints have 127."""
 
 
 def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -74,7 +74,7 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
         as_json: bool,
         **rest: Any,
     ) -> Any:
-        # Before the robot is looked for: a picture that cannot be drawn must not cost a motion.
+        # Before the robot is opened, so that the arm does not move if the picture cannot be written.
         with _picture(plot, rest["force"], rest.get("save")) as picture:
             if "save" not in rest:
                 del rest["force"]
@@ -82,8 +82,8 @@ def _motion_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     packed = json_option(force_option(given))
     for option in (
-        number_option("--rate", "HZ", "Cycles a second (20; 1.5 with a board of dialect 1).", above=0),
-        click.option("--dry-run", is_flag=True, help="Check, and draw if asked to; move nothing."),
+        number_option("--rate", "HZ", "Cycles per second (20; 1.5 with a board of dialect 1).", above=0),
+        click.option("--dry-run", is_flag=True, help="Check the path (and draw it with --plot), but move nothing."),
         click.option("--plot", metavar="FILE", help="Draw joints and path as .png, .svg or .pdf."),
     ):
         packed = option(packed)
@@ -103,13 +103,13 @@ def _picture(plot: str | None, force: bool, save: str | None) -> Iterator[Output
 
 def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
-        click.option("--relative", is_flag=True, help="X Y Z counts from where the tip is."),
+        click.option("--relative", is_flag=True, help="X Y Z is relative to the present tip position."),
         click.option(
             "--rpy",
             nargs=3,
             type=FiniteFloat("degrees"),
             metavar="R P Y",
-            help="Tool's roll, pitch, yaw in degrees.",
+            help="Roll, pitch and yaw of the tool in degrees.",
         ),
         click.option("--down", is_flag=True, help="The tool points straight down."),
     ):
@@ -120,7 +120,7 @@ def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.command(context_settings=NEGATIVE_NUMBERS)
 @numbers_argument("place", "X Y Z", _PLACE)
 @_pose_options
-@number_option("--speed", "PERCENT", "Of the joints' speed limits.", above=0, default=50.0)
+@number_option("--speed", "PERCENT", "Percentage of the joints' speed limits.", above=0, default=50.0)
 @links_option
 @_motion_options
 @robot_options
@@ -134,9 +134,9 @@ def goto(
     run: RunOptions,
     options: RobotOptions,
 ) -> None:
-    """Move the tool tip to X Y Z the quickest way: millimetres for the 7Bot, metres for the PUMA 260.
+    """Move the tool tip to X Y Z on the fastest path: millimetres for the 7Bot, metres for the PUMA 260.
 
-    Without --down or --rpy the tool keeps its direction against the arm.
+    Without --down or --rpy, the tool keeps its direction relative to the arm.
     """
     from hexwire.motion.checks import InJoints
     from hexwire.motion.optimal import time_optimal
@@ -150,15 +150,15 @@ def goto(
         names = [r.name for r in model.ranges]
         joints = list(model.to_joints(angles))
         limits = [min(1.0, speed / 100) * robot.model.joint(n).max_speed for n in joints]
-        way = time_optimal(names, angles, solution.angles, limits, [_ACCELERATION] * len(names))
+        path = time_optimal(names, angles, solution.angles, limits, [_ACCELERATION] * len(names))
         title = f"goto {_place_words(model, goal)}"
-        run_legs(robot, [(title, InJoints(way, model))], model, start, run, title)
+        run_legs(robot, [(title, InJoints(path, model))], model, start, run, title)
 
 
 @click.command(context_settings=NEGATIVE_NUMBERS)
 @numbers_argument("place", "X Y Z", _PLACE)
 @_pose_options
-@number_option("--speed", "MM/S", "Of the tip.", above=0, default=50.0)
+@number_option("--speed", "MM/S", "Speed of the tip.", above=0, default=50.0)
 @links_option
 @_motion_options
 @robot_options
@@ -174,7 +174,7 @@ def line(
 ) -> None:
     """Move the tool tip to X Y Z on a straight line: millimetres for the 7Bot, metres for the PUMA 260.
 
-    Without --down or --rpy the tool keeps its direction in space.
+    Without --down or --rpy, the tool keeps its direction in space.
     """
     from hexwire.model.pose import Pose
     from hexwire.motion.checks import InJoints
@@ -187,24 +187,24 @@ def line(
         goal = _goal(model, angles, place, down, rpy, relative)
         if not down and rpy is None:
             goal = Pose(goal.position, model.forward(angles).rotation)
-        way = Line(model, angles, goal, speed=speed / 1000, acceleration=max(0.1, 4 * speed / 1000))
+        path = Line(model, angles, goal, speed=speed / 1000, acceleration=max(0.1, 4 * speed / 1000))
         title = f"line to {_place_words(model, goal)}"
-        run_legs(robot, [(title, InJoints(way, model))], model, start, run, title)
+        run_legs(robot, [(title, InJoints(path, model))], model, start, run, title)
 
 
 @click.command()
 @click.argument("file", metavar="FILE")
 @number_option("--speed", "FACTOR", "2 plays twice as fast.", above=0, default=1.0)
 @click.option(
-    "--from", "begin", type=FiniteFloat("seconds", minimum=0), default=0.0, metavar="SECONDS", help="Begin here."
+    "--from", "begin", type=FiniteFloat("seconds", minimum=0), default=0.0, metavar="SECONDS", help="Start time."
 )
-@click.option("--to", "end", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End here.")
-@number_option("--smooth", "SECONDS", "Take tremor away that is shorter than this.", minimum=0, default=0.0)
-@click.option("--trim", is_flag=True, help="Leave out stillness at both ends.")
+@click.option("--to", "end", type=FiniteFloat("seconds", above=0), metavar="SECONDS", help="End time.")
+@number_option("--smooth", "SECONDS", "Remove tremor shorter than this.", minimum=0, default=0.0)
+@click.option("--trim", is_flag=True, help="Remove pauses at both ends.")
 @click.option(
-    "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="So many times."
+    "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="Number of times."
 )
-@click.option("--save", metavar="FILE.mcap", help="Write the recording as edited, and move nothing.")
+@click.option("--save", metavar="FILE.mcap", help="Write the edited recording, and move nothing.")
 @links_option
 @_motion_options
 @robot_options
@@ -222,20 +222,20 @@ def play(
     run: RunOptions,
     options: RobotOptions,
 ) -> None:
-    """Play a recording (.mcap), or waypoints (.json in the form of ROS's JointTrajectory).
+    """Play a recording (.mcap), or waypoints (.json in the format of ROS's JointTrajectory).
 
-    The arm first goes carefully to where it begins.
+    The arm first moves slowly to the start of the motion.
     """
     from hexwire.motion.teach import approach
     from hexwire.motion.waypoints import Scaled
 
-    way: Trajectory
+    path: Trajectory
     if file.lower().endswith(".json"):
         if begin or end is not None or smooth or trim:
             raise UsageError("--from, --to, --smooth and --trim are for recordings; edit the waypoints instead")
         if save is not None:
-            raise UsageError("--save is for recordings; waypoints are a file that people write")
-        way = Scaled(_read_waypoints(file), speed)
+            raise UsageError("--save is for recordings; edit the file of waypoints instead")
+        path = Scaled(_read_waypoints(file), speed)
     else:
         taught = _read_taught(file)
         if begin or end is not None:
@@ -246,10 +246,10 @@ def play(
         if save is not None:
             _save(taught, file, save, force, run.as_json)
             return
-        way = taught.trajectory()
+        path = taught.trajectory()
     model = kinematics_or_none(options.robot, links, for_motion=True)
     robot = make_robot(options)
-    unknown = [name for name in way.names if name not in robot.model.names]
+    unknown = [name for name in path.names if name not in robot.model.names]
     if unknown:
         raise UsageError(
             f"{file} moves {', '.join(unknown)}; {robot.model.name} has {', '.join(robot.model.names)}"
@@ -257,21 +257,21 @@ def play(
     with attached(robot):
         start = _where(robot)
         legs: list[tuple[str, Trajectory]] = []
-        here: Sequence[float] = [start[name] for name in way.names]
+        here: Sequence[float] = [start[name] for name in path.names]
         for _ in range(repeat):
-            first = approach(robot.model, way.names, here, way.start)
+            first = approach(robot.model, path.names, here, path.start)
             if first.duration:
                 legs.append(("approach", first))
-            legs.append((f"play {Path(file).name}", way))
-            here = way.goal
+            legs.append((f"play {Path(file).name}", path))
+            here = path.goal
         run_legs(robot, legs, model, start, run, f"play {Path(file).name}")
 
 
 @click.command()
 @click.argument("file", metavar="FILE.mcap")
-@number_option("--rate", "HZ", "States a second (20; 1.5 with dialect 1).", above=0)
-@number_option("--duration", "SECONDS", "End by itself; else Ctrl-C.", above=0)
-@click.option("--limp", is_flag=True, help="Leave the torque off at the end; else the arm holds where it is then.")
+@number_option("--rate", "HZ", "States per second (20; 1.5 with dialect 1).", above=0)
+@number_option("--duration", "SECONDS", "End after this time; otherwise Ctrl-C ends it.", above=0)
+@click.option("--limp", is_flag=True, help="Leave torque off at the end; otherwise the arm holds its position.")
 @click.option("--yes", is_flag=True, help="Do not ask whether somebody holds the arm.")
 @force_option
 @robot_options
@@ -286,9 +286,9 @@ def teach(
     options: RobotOptions,
     as_json: bool,
 ) -> None:
-    """Record what a hand does with the arm, for `hexwire play`.
+    """Record the motion of an arm that is guided by hand, for `hexwire play`.
 
-    The torque goes off, so the arm sinks unless it is held.
+    Torque is switched off, so the arm sinks unless somebody holds it.
     """
     from hexwire.control.teach_mode import record_by_hand
     from hexwire.trace.recording import RecordingWriter
@@ -298,9 +298,9 @@ def teach(
         try:
             with open_robot(options) as robot:
                 confirm(
-                    "The torque goes off and the arm sinks. Do you hold it?",
+                    "Torque is switched off and the arm sinks. Do you hold it?",
                     yes,
-                    alone="the arm sinks when the torque goes off: hold it, and say so with --yes",
+                    alone="the arm sinks when torque is switched off: hold it, and confirm with --yes",
                 )
                 record_by_hand(
                     robot,
@@ -321,17 +321,17 @@ def teach(
 
 
 def _where(robot: RobotDriver) -> dict[str, float]:
-    """Where the joints are, radians.
+    """Positions of the joints, radians.
 
     Raises:
-        ServoError: One does not say.
+        ServoError: A joint does not answer.
     """
     from hexwire.errors import ServoError
 
     state = robot.read()
     if state.silent:
         raise ServoError(
-            f"it is not known where {', '.join(state.silent)} is: no answer; check cable, power and id"
+            f"the position of {', '.join(state.silent)} is unknown: no answer; check cable, power and id"
         )
     return state.positions
 
@@ -342,7 +342,7 @@ def _goal(
     from hexwire.model.pose import Pose, rotation_from_rpy
 
     if down and rpy is not None:
-        raise UsageError("--down and --rpy: say the tool's direction once")
+        raise UsageError("--down and --rpy contradict each other")
     unit = _unit(model)
     where: Vector = (place[0] * unit, place[1] * unit, place[2] * unit)
     if relative:
@@ -368,8 +368,8 @@ def _read_taught(file: str) -> Taught:
     from hexwire.motion.teach import Taught
     from hexwire.trace.recording import read_joint_states
 
-    # A joint that is missing once, as from a silent servo, is missing in that row only. Of each set of names its
-    # rows are kept, and nothing else: a state has many times as much.
+    # A row may lack joints, for example of a silent servo. Rows are kept by their set of joints, with times and
+    # positions only: whole states take many times the memory.
     by_names: dict[tuple[str, ...], list[tuple[float, tuple[float, ...]]]] = {}
     angles = 0
     for count, row in enumerate(read_joint_states(file, whole=True)):
@@ -395,7 +395,7 @@ def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> N
 
     _want_mcap(save)
     if Path(save).exists() and Path(save).samefile(file):
-        raise UsageError(f"--save {save} would overwrite what it is made from")
+        raise UsageError(f"--save {save} would overwrite its source")
     begin = time.time()
     with RecordingWriter(save, force=force) as recording:
         for t, row in zip(taught.times, taught.rows, strict=True):
@@ -406,7 +406,7 @@ def _save(taught: Taught, file: str, save: str, force: bool, as_json: bool) -> N
 
 def _want_mcap(file: str) -> None:
     if Path(file).suffix.lower() != ".mcap":
-        raise UsageError(f"{file}: a recording's name ends in .mcap")
+        raise UsageError(f"{file}: the name of a recording must end in .mcap")
 
 
 def _read_waypoints(file: str) -> Trajectory:

@@ -1,6 +1,6 @@
-"""`move`: joints to angles in degrees, and perhaps until they are there.
+"""`move`: moves joints to angles in degrees, with or without waiting for the arrival.
 
-Owns what a person types as a target, and what is said of it. Must not know how it is checked, sent or reached.
+Owns how a user types a target, and the messages. Must not know how a motion is checked or run.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["check_targets", "hold_on_ctrl_c", "move", "parse_targets", "unwatched_note"]
 
 _GRACE = 2.0
-"""Seconds that the joints get beyond the duration of the move: servos settle, and lag under load."""
+"""Seconds after the duration of the move in which the joints must arrive: servos settle, and lag under load."""
 
 
 @click.command()
@@ -46,12 +46,12 @@ _GRACE = 2.0
 @number_option(
     "--duration",
     "SECONDS",
-    "Time the motion shall take; more if a speed limit asks for it.",
+    "Duration of the motion; longer if a speed limit requires it.",
     minimum=0,
     default=1.0,
 )
 @click.option("--wait", is_flag=True, help="Wait until the joints have arrived; Ctrl-C stops the arm.")
-@number_option("--tolerance", "DEGREES", "With --wait, how near is there.", above=0, default=1.0)
+@number_option("--tolerance", "DEGREES", "With --wait, how near counts as arrived.", above=0, default=1.0)
 @table_options
 @links_option
 @robot_options
@@ -66,15 +66,15 @@ def move(
     options: RobotOptions,
     as_json: bool,
 ) -> None:
-    """Move joints to angles in degrees, as J1=10 J3=-5.5.
+    """Move joints to angles in degrees, for example J1=10 J3=-5.5.
 
-    Joints without torque get it first, which moves nothing by itself. A way through the arm's gates or the table is
-    refused, where the arm's geometry is known.
+    Torque is first switched on for joints without it, which moves nothing. If the arm's geometry is known, a path
+    that violates the joint coupling limits or the table is refused.
 
-    With --wait the board stops the arm if this program dies or hangs for a second. Without it this program ends at
-    once: the board takes the arm to the target on its own, and only 'hexwire stop' ends that earlier. A board of
-    dialect 1 and a servo bus have no watchdog: there --wait sends the way in short steps, so that little of it is
-    left to do if this program dies.
+    With --wait, the board stops the arm if this program dies or hangs for a second. Without --wait, this program
+    ends at once, and the board completes the motion; only 'hexwire stop' ends it earlier. A board of dialect 1 and
+    a servo bus have no watchdog: for these, --wait sends the motion in short steps, so that the arm soon stops if
+    this program dies.
     """
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.errors import ServoError
@@ -97,7 +97,10 @@ def move(
             farthest = 0.0
 
             def unchecked(self, joints: Sequence[str]) -> None:
-                note(f"warning: it is not known where {', '.join(joints)} is: gates and table are not checked")
+                names = ", ".join(joints)
+                note(
+                    f"warning: the position of {names} is unknown: joint coupling limits and table are not checked"
+                )
 
             def powered(self, joints: Sequence[str]) -> None:
                 tell(f"torque on: {' '.join(joints)}")
@@ -110,7 +113,7 @@ def move(
                 words = "  ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in sent.positions)
                 tell(f"moving to: {words} deg in {sent.duration:.2f} s")
                 if sent.clamped:
-                    note(f"warning: the board's own limits moved the target of {', '.join(sent.clamped)}")
+                    note(f"warning: the board's own limits clamped the target of {', '.join(sent.clamped)}")
 
             def seen(self, state: JointState) -> None:
                 left = state.distances(self.goal)
@@ -128,7 +131,7 @@ def move(
         raise_if_silent([(robot.model.joint(name).servo_id, name) for name in result.sent.silent])
     if result.stopped is not None:
         why = f"the arm was stopped before it arrived: {result.stopped}"
-        raise ServoError(f"{why}; 'hexwire resume' ends that")
+        raise ServoError(f"{why}; clear it with 'hexwire resume'")
     if result.without_torque:
         raise ServoError(result.why)
     if result.arrived is False:
@@ -138,10 +141,10 @@ def move(
 
 
 def parse_targets(words: Sequence[str]) -> list[tuple[str, float]]:
-    """Take ``J1=10`` apart: pairs of name and degrees.
+    """Parse targets such as ``J1=10``; returns pairs of name and degrees.
 
     Raises:
-        UsageError: With everything that is wrong, on one line.
+        UsageError: A target is wrong; the text lists all of them on one line.
     """
     from hexwire.errors import UsageError
 
@@ -156,18 +159,18 @@ def parse_targets(words: Sequence[str]) -> list[tuple[str, float]]:
             wrong.append(repr(word))
         targets.append((name, angle))
     if wrong:
-        raise UsageError(f"{', '.join(wrong)}: write a target as JOINT=DEGREES, as in J1=10 J3=-5.5")
+        raise UsageError(f"{', '.join(wrong)}: write a target as JOINT=DEGREES, for example J1=10 J3=-5.5")
     return targets
 
 
 def check_targets(model: ArmModel, targets: Sequence[tuple[str, float]]) -> dict[str, float]:
-    """Find the joints of targets in degrees.
+    """Check targets in degrees.
 
     Returns:
-        Radians by the arm's own joint names.
+        Radians by joint name as in the model.
 
     Raises:
-        UsageError: A joint does not exist, is named twice or would leave its limits; the text has all of it.
+        UsageError: A joint does not exist, is named twice or would leave its limits; the text lists all faults.
     """
     from hexwire.errors import LimitError, UsageError
 
@@ -192,7 +195,7 @@ def check_targets(model: ArmModel, targets: Sequence[tuple[str, float]]) -> dict
 
 @contextmanager
 def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
-    """Stop the arm, holding, when the program is interrupted."""
+    """Stop the arm when the program is interrupted; the arm holds."""
     from hexwire.errors import HexwireError
 
     try:
@@ -205,15 +208,15 @@ def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
                 note(f"warning: the arm could not be stopped: {error}")
             else:
                 kept = robot.stop_kept_by
-                note("stopped: the arm holds" + ("; 'hexwire resume' ends that" if kept else ""))
+                note("stopped: the arm holds" + ("; clear it with 'hexwire resume'" if kept else ""))
         raise
 
 
 def unwatched_note(robot: RobotDriver, seconds: float) -> None:
-    """Say that nothing stops the arm if this program dies."""
+    """Warn that nothing stops the arm if this program dies."""
     note(
-        f"note: {robot.model.name} has no watchdog behind this port: "
-        f"if this program dies, the arm goes on with what it was sent, for up to {seconds:.2g} s"
+        f"note: {robot.model.name} has no watchdog on this port: "
+        f"if this program dies, the arm moves on to its last target, for up to {seconds:.2g} s"
     )
 
 
@@ -224,7 +227,8 @@ def _shortfall(result: MotionResult) -> str:
     for row in result.off:
         why = "ok" if result.state is None else condition(result.state[row.joint])
         far = math.degrees(row.by)
-        where = f"{row.joint} is {far:.1f} deg away" if row.by < math.inf else f"{row.joint} is nobody knows where"
+        known = row.by < math.inf
+        where = f"{row.joint} is {far:.1f} deg away" if known else f"the position of {row.joint} is unknown"
         parts.append(where + ("" if why == "ok" else f" ({why})"))
     return f"not arrived after {result.seconds:.1f} s: {', '.join(parts)}"
 

@@ -54,7 +54,7 @@ class MotionPlot:
         planned: Pairs of seconds and planned joint angles in radians.
         measured: The same, as measured; may be empty.
         path: Planned positions of the tip, metres.
-        way: Measured positions of the tip, metres.
+        measured_path: Measured positions of the tip, metres.
         title: Title of the plot.
     """
 
@@ -63,7 +63,7 @@ class MotionPlot:
     planned: list[tuple[float, Sequence[float]]] = field(default_factory=list)
     measured: list[tuple[float, Sequence[float]]] = field(default_factory=list)
     path: list[Sequence[float]] = field(default_factory=list)
-    way: list[Sequence[float]] = field(default_factory=list)
+    measured_path: list[Sequence[float]] = field(default_factory=list)
 
     def draw(self, picture: OutputFile) -> None:
         """Draw the plot into a file of `open_picture`, and keep the file."""
@@ -102,9 +102,9 @@ class MotionPlot:
                 view.plot(
                     [1e3 * p[a] for p in self.path], [1e3 * p[b] for p in self.path], lw=1.5, color=_COLOURS[0]
                 )
-            if self.way:
-                way = [1e3 * p[a] for p in self.way], [1e3 * p[b] for p in self.way]
-                view.plot(*way, lw=0, marker=".", ms=4, color=_COLOURS[1])
+            if self.measured_path:
+                points = [1e3 * p[a] for p in self.measured_path], [1e3 * p[b] for p in self.measured_path]
+                view.plot(*points, lw=0, marker=".", ms=4, color=_COLOURS[1])
             if self.path:
                 view.plot([1e3 * self.path[0][a]], [1e3 * self.path[0][b]], marker="o", color="black", ms=6)
             view.set_title(f"tip {name} (o: start)", fontsize="medium")

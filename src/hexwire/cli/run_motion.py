@@ -1,6 +1,6 @@
-"""How the motion commands show a motion: told before, drawn, and how it ended.
+"""Shared by the motion commands: prints the plan and the result of a motion, and draws it.
 
-Owns the words and the picture. Must not know how a motion is checked or run.
+Owns the texts and the picture. Must not know how a motion is checked or run.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ __all__ = ["RunOptions", "run_legs"]
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What all motion commands share.
+    """Options of all motion commands.
 
     Attributes:
-        table: Height of the table above the base, metres; None for none.
-        plot: File for a picture, made already; or None.
+        table: Height of the table above the base, metres; None for no table.
+        plot: File for a picture, already created; or None.
         dry_run: Check and draw only.
-        rate: Cycles a second; by dialect if None.
-        as_json: Print one JSON document at the end, and no lines.
+        rate: Cycles per second; by dialect if None.
+        as_json: Print one JSON document at the end instead of lines.
     """
 
     table: float | None
@@ -61,14 +61,14 @@ def run_legs(
 
     Args:
         robot: Attached.
-        legs: Pairs of what it is and the trajectory, in driver joints; each begins where the one before ends.
-        model: Kinematics for coupling limits, table and path; None without.
-        start: Where all joints are, radians.
+        legs: Pairs of name and trajectory, in driver joints; each begins where the previous one ends.
+        model: Kinematics for joint coupling limits, table and path; None if the arm has none.
+        start: Positions of all joints, radians.
         options: As typed.
-        title: For the picture.
+        title: Title of the picture.
 
     Raises:
-        UsageError: A leg must not be run; nothing was sent.
+        UsageError: The path of a leg is not allowed; nothing was sent.
         ServoError: The arm was stopped, or did not arrive.
     """
     from hexwire.control.motions import MotionOptions, check_path
@@ -91,14 +91,14 @@ def run_legs(
             outcome["arrived"] = True
     finally:
         if options.plot is not None:
-            # The arm has moved as it has: a picture that fails changes nothing of that.
+            # After a motion, a failure to draw must not hide how the motion ended.
             draw = plot.draw if options.dry_run else missed.guard(plot.draw)
             draw(options.plot)
             if missed.first is None:
                 outcome["plot"] = str(options.plot.path)
                 if not options.as_json:
                     say(f"drawn: {options.plot.path}")
-            # Harmless for one that was drawn.
+            # Does nothing if the picture was drawn.
             options.plot.discard()
         tell_missed(f"the picture {options.plot.path if options.plot else ''}", missed)
         if options.as_json:
@@ -150,7 +150,7 @@ def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: Moti
         began.append(state.stamp)
         plot.measured.append((state.stamp - began[0], [positions[name] for name in names]))
         if model is not None:
-            plot.way.append(model.forward(model.from_joints(positions)).position)
+            plot.measured_path.append(model.forward(model.from_joints(positions)).position)
 
     class Watcher(MotionObserver):
         def unwatched(self, seconds: float) -> None:
@@ -163,8 +163,8 @@ def _drive(robot: RobotDriver, path: CheckedPath, how: MotionOptions, plot: Moti
     with hold_on_ctrl_c(robot):
         result = run_motion(robot, path, how, observer=Watcher())
     if result.stopped is not None:
-        raise ServoError(f"{result.why}; 'hexwire resume' ends that")
+        raise ServoError(f"{result.why}; clear it with 'hexwire resume'")
     if skipped := result.timing.skipped:
         rate = how.rate or robot.command_rate
-        note(f"warning: line or machine are too slow for {rate:g} Hz; {skipped} cycles were left out")
+        note(f"warning: the line or the machine is too slow for {rate:g} Hz; {skipped} cycles were skipped")
     result.require()

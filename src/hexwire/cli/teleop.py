@@ -1,6 +1,6 @@
-"""`joystick` and `teleop`: a stick on this machine or on another moves an arm.
+"""`joystick` and `teleop`: move an arm with a joystick on this machine or on another.
 
-Owns which stick that is, and that the arm holds however it ends. Must not know what a stick makes an arm do.
+Owns the choice of the joystick, and that the arm holds at the end. Must not know how a joystick moves an arm.
 """
 
 from __future__ import annotations
@@ -76,17 +76,17 @@ def show(device: str | None) -> None:
 
 @joystick.command()
 @click.argument("device", required=False)
-@click.option("--to", "url", metavar="URL", help="Where it goes, as udp://192.168.1.20:15040.")
-@click.option("--conf", metavar="FILE", help="The file that names the channel of JOY_STICK, in place of --to.")
-@number_option("--rate", "HZ", "How often.", above=0, default=50.0)
+@click.option("--to", "url", metavar="URL", help="Destination, such as udp://192.168.1.20:15040.")
+@click.option("--conf", metavar="FILE", help="The file with the channel of JOY_STICK, instead of --to.")
+@number_option("--rate", "HZ", "Messages per second.", above=0, default=50.0)
 def send(device: str | None, url: str | None, conf: str | None, rate: float) -> None:
-    """Send a joystick over a channel, again and again, until interrupted."""
+    """Send the state of a joystick over a channel repeatedly, until interrupted."""
     from hexwire.control.loop import RateLoop
     from hexwire.joystick.channel import JoystickSender
     from hexwire.joystick.device import open_joystick
 
     if (url is None) == (conf is None):
-        raise UsageError("say where to: --to URL or --conf FILE")
+        raise UsageError("name the destination with --to URL or --conf FILE")
     sender = JoystickSender.from_url(url) if url is not None else JoystickSender.from_conf(str(conf))
     with contextlib.closing(open_joystick(device)) as stick, sender:
         note(f"sending {stick.path} to {sender.session.ipc.link.url}; Ctrl-C ends it")
@@ -96,15 +96,20 @@ def send(device: str | None, url: str | None, conf: str | None, rate: float) -> 
 
 @click.command()
 @click.option("--device", metavar="PATH", help="A joystick of this machine.")
-@click.option("--from", "url", metavar="URL", help="A channel it comes over, as udp-listen://127.0.0.1:15040.")
-@click.option("--conf", metavar="FILE", help="The file that names that channel, in place of --from.")
+@click.option("--from", "url", metavar="URL", help="Receive from a channel, such as udp-listen://127.0.0.1:15040.")
+@click.option("--conf", metavar="FILE", help="The file with that channel, instead of --from.")
 @click.option(
-    "--mode", type=click.Choice(["joint", "cartesian"]), default="joint", show_default=True, help="How it begins."
+    "--mode", type=click.Choice(["joint", "cartesian"]), default="joint", show_default=True, help="Initial mode."
 )
-@number_option("--speed", "SHARE", "Share of the joints' speed limits at full deflection.", above=0, default=0.3)
-@number_option("--rate", "HZ", "Cycles a second.", above=0, default=20.0)
+@number_option("--speed", "SHARE", "Fraction of the joints' speed limits at full deflection.", above=0, default=0.3)
+@number_option("--rate", "HZ", "Cycles per second.", above=0, default=20.0)
 @click.option(
-    "--dead-man", type=click.IntRange(0, 31), default=4, show_default=True, metavar="N", help="Its button."
+    "--dead-man",
+    type=click.IntRange(0, 31),
+    default=4,
+    show_default=True,
+    metavar="N",
+    help="Number of the dead-man button.",
 )
 @table_options
 @links_option
@@ -121,12 +126,12 @@ def teleop(
     links: str,
     options: RobotOptions,
 ) -> None:
-    """Move an arm by joystick, as long as the dead-man button is held.
+    """Move an arm by joystick while the dead-man button is held.
 
-    Letting go of it, or losing the joystick's channel, makes the arm hold at once; and it stays where the next step
-    would lead through a gate of the arm or into the table. Button 7 changes between joints and the tool's
-    directions; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf it is the only
-    joystick of this machine. The board stops the arm if this program dies, where it has a watchdog.
+    The arm holds at once when the button is released or the joystick's channel is lost, and does not make a step
+    that would violate a joint coupling limit or touch the table. Button 7 switches between joint and cartesian
+    mode; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf, the only joystick of this
+    machine is used. If the board has a watchdog, it stops the arm when this program dies.
     """
     from hexwire.control.owner import RobotOwner
     from hexwire.control.path_check import PathCheck
@@ -135,9 +140,9 @@ def teleop(
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
     if sum(option is not None for option in (device, url, conf)) > 1:
-        raise UsageError("one of --device, --from and --conf is enough")
+        raise UsageError("give only one of --device, --from and --conf")
     if speed > 1.0:
-        raise UsageError(f"--speed {speed:g} is over the joints' own limits; 1 is the most")
+        raise UsageError(f"--speed {speed:g} exceeds the joints' speed limits; give at most 1")
     model = make_robot(options).model
     kinematics = kinematics_or_none(model.name, links)
     if kinematics is None:
@@ -157,12 +162,12 @@ def teleop(
 
 
 def _tell(said: object) -> None:
-    note(said if isinstance(said, str) else f"stopped: {said}; 'hexwire resume' ends that")
+    note(said if isinstance(said, str) else f"stopped: {said}; clear it with 'hexwire resume'")
 
 
 @contextmanager
 def _hold_at_the_end(robot: RobotDriver, controller: TeleopController) -> Iterator[None]:
-    """Hold, whatever ends it; stop where that does not work."""
+    """Hold at the end, even after an error; if that fails, stop."""
     from hexwire.control.teleop import holding
 
     try:
@@ -181,7 +186,7 @@ def _hold_at_the_end(robot: RobotDriver, controller: TeleopController) -> Iterat
 
 @contextmanager
 def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[Stick]:
-    """Open the stick that the options name."""
+    """Open the joystick that the options name."""
     if url is not None or conf is not None:
         from hexwire.joystick.channel import JoystickReceiver
 
@@ -197,7 +202,7 @@ def _stick(device: str | None, url: str | None, conf: str | None) -> Iterator[St
     from hexwire.joystick.device import open_joystick
 
     def now() -> tuple[Sequence[float], int, float]:
-        # What is plugged in here is either heard, or gone with an error.
+        # A local joystick that is unplugged raises an error, so its state is never old.
         state = near.read()
         return state.axes, state.buttons, 0.0
 

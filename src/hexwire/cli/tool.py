@@ -1,6 +1,6 @@
-"""`grip` and `pump`: what the arm has at its end.
+"""`grip` and `pump`: the tools of an arm.
 
-Owns what a person types for a tool. Must not know how a tool is driven.
+Owns how a user types a tool command. Must not know how a tool is driven.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ __all__ = ["grip", "pump"]
 
 _NAMED = {"open": 1.0, "close": 0.0}
 _GRACE = 0.5
-"""Seconds beyond its time in which the gripper must arrive."""
+"""Seconds after the duration in which the gripper must arrive."""
 _NEAR = 0.1
-"""Share of its way that it may be off."""
+"""Position tolerance as a fraction of its range."""
 _STANDS = math.radians(3.0)
-"""Radians per second below which it stands."""
+"""Radians per second below which it counts as stopped."""
 _PRESSED = 3
-"""Reads in a row that show pressure without motion."""
+"""Consecutive states with pressure but no motion that mean an object is held."""
 
 
 @click.command()
 @click.argument("how", metavar="open|close|PERCENT")
-@number_option("--duration", "SECONDS", "Time from shut to open.", above=0, default=0.8)
+@number_option("--duration", "SECONDS", "Time from closed to open.", above=0, default=0.8)
 @robot_options
 @json_option
 def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> None:
-    """Open or close the gripper, or open it by so many percent.
+    """Open or close the gripper, or open it to a percentage.
 
-    Closing ends where something is between the jaws, and keeps a little pressure on it. The board stops the gripper
-    if this program dies, where it has a watchdog.
+    Closing ends when the jaws hold an object, and keeps a little pressure on it. If the board has a watchdog, it
+    stops the gripper when this program dies.
     """
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.drivers.tools import Gripper
@@ -65,7 +65,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
 
         def holds(state: JointState) -> bool:
             nonlocal pressed
-            # Once may be the start of the motion, which takes effort as well.
+            # A single state may be the start of the motion, which takes effort too.
             pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
             if pressed >= _PRESSED:
                 gripper.keep(state)
@@ -76,17 +76,17 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
             how_to = MotionOptions(tolerance=near, standing=_STANDS, grace=_GRACE, early=False)
             result = run_motion(robot, target, how_to, until=holds, observer=Teller())
         if result.stopped is not None:
-            raise DeviceError(f"{result.why}; 'hexwire resume' ends that")
+            raise DeviceError(f"{result.why}; clear it with 'hexwire resume'")
         opened = math.nan if result.state is None else gripper.share(result.state)
         if not math.isfinite(opened):
             raise ServoError(
-                f"it is not known where {joint.name} is: no answer; check cable, power and id",
+                f"the position of {joint.name} is unknown: no answer; check cable, power and id",
                 servo_id=joint.servo_id,
             )
-        words = f"{'holds something at ' if result.cut else ''}{plain(100 * opened, 0)} % open"
+        words = f"{'holds an object at ' if result.cut else ''}{plain(100 * opened, 0)} % open"
         answer(as_json, {"open_fraction": opened, "holds": result.cut}, words)
         if not result.cut and not result.arrived:
-            raise ServoError(f"{joint.name} did not get there", servo_id=joint.servo_id)
+            raise ServoError(f"{joint.name} did not arrive", servo_id=joint.servo_id)
 
 
 @click.command()
@@ -103,7 +103,7 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
 @robot_options
 @json_option
 def pump(how: str, seconds: float, options: RobotOptions, as_json: bool) -> None:
-    """Suction cup: hold (suck), let go (release), all off, or say what is on."""
+    """Suction cup: hold (suck), release, switch all off, or show the state."""
     from hexwire.drivers.tools import Suction
 
     with open_robot(options) as robot:
