@@ -1,4 +1,4 @@
-"""Teaching by hand: an arm without torque, what is recorded meanwhile, and the torque given back.
+"""Teach mode: switches torque off, records the motion of the arm by hand, and switches torque on again.
 
 Owns when an arm is in somebody's hands, the recording meanwhile, and what was taught last. Must not know who wants
 the arm otherwise: that is the owner's business, who asks here first.
@@ -31,7 +31,7 @@ __all__ = ["HandGuiding", "Recorder", "TeachMode", "record_by_hand"]
 
 _MAY_HAVE_TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
 _TREMOR = 0.1
-"""Seconds to either side over which taught positions are smoothed."""
+"""Seconds on either side over which taught positions are smoothed."""
 
 
 class Recorder(Protocol):
@@ -66,7 +66,7 @@ class HandGuiding:
         owner.observers.append(recorder.take)
 
     def refuse(self) -> None:
-        """Nothing may move, nor get torque, while somebody holds the arm.
+        """Refuse motion and torque while the arm is in teach mode.
 
         Raises:
             UsageError: Somebody does.
@@ -90,7 +90,7 @@ class HandGuiding:
                     raise UsageError(f"the arm is stopped ({reason}); reset it first")
                 if owner.group.busy:
                     raise UsageError("the arm is moving; wait, or cancel the goal first")
-                # From here on nothing is accepted that would move it.
+                # From here on, motions are refused.
                 self.active = True
             # Where nobody has told it, a joint may have torque.
             self._had_torque = tuple(name for name in names if state[name].flags & _MAY_HAVE_TORQUE)

@@ -1,6 +1,6 @@
-"""What a hand does with the arm, taken from its states, and kept as a trajectory that is small enough to send.
+"""Records the motion of an arm guided by hand, and simplifies it to a trajectory small enough to send.
 
-Owns the recording, its simplification and its file. Pure but for writing that file; time comes with the states.
+Owns the recording, its simplification and its file. Pure except for writing that file; time comes with the states.
 Must not know messages, drivers or clocks.
 """
 
@@ -30,18 +30,18 @@ TOLERANCE = math.radians(0.2)
 """Radians by which a simplified trajectory may miss a sample: two counts of a servo with 4096 a turn."""
 
 _RATE = 50
-"""Samples a second: a hand's motion has nothing above 10 Hz."""
+"""Samples per second: the motion of a hand has no components above 10 Hz."""
 _DIGITS = 6
-"""Decimals of seconds and radians that are sent and written: a hundredth of the finest servo's count."""
+"""Decimals of seconds and radians that are sent and written: finer than a hundredth of a servo's count."""
 
 
 class Teacher:
     """Records the states of an arm that a hand guides, at most 50 a second.
 
-    One thread may take states while others begin and end.
+    One thread may pass states while others start and finish the recording.
 
     Args:
-        limit: Seconds after which nothing more is taken.
+        limit: Longest recording, seconds.
 
     Attributes:
         limit: As above.
@@ -61,7 +61,7 @@ class Teacher:
         self._lock = threading.Lock()
 
     def start(self, names: Sequence[str], now: float) -> None:
-        """Begin; what was recorded before is gone.
+        """Start a recording; the previous one is dropped.
 
         Args:
             names: Joints to record.
@@ -83,7 +83,7 @@ class Teacher:
 
         Its time is that of its newest sample. Of several states within a fiftieth of a second the first is kept.
         """
-        # A recording that is begun or ended meanwhile must not get half of a sample.
+        # Another thread may start or finish the recording meanwhile.
         with self._lock:
             if self.active and not self.full:
                 self._take(state)
@@ -113,7 +113,7 @@ class Teacher:
         """End the recording.
 
         Returns:
-            What was recorded, as it was: smooth it, play it, or make it small by `to_points`.
+            The unchanged recording: smooth it, play it, or simplify it with `to_points`.
 
         Raises:
             UsageError: Fewer than two samples.
@@ -129,7 +129,7 @@ class Teacher:
 
 
 def tolerance_of(model: ArmModel) -> float:
-    """Tolerance for an arm, radians: more where a servo's count is coarse, or its flicker would all be kept."""
+    """Tolerance for an arm, radians: more for servos with coarse counts, whose noise would otherwise be kept."""
     return max(TOLERANCE, 1.2 * max((joint.scale for joint in model.joints), default=0.0))
 
 
@@ -186,7 +186,7 @@ def save(taught: Taught, folder: Path, when: datetime, *, tolerance: float = TOL
 
     Args:
         taught: What was recorded.
-        folder: Where; made if it is not there.
+        folder: Where to write it; created if missing.
         when: Gives the file its name, ``taught-20240131-235959.json``.
         tolerance: Of `to_points`.
 
@@ -198,7 +198,7 @@ def save(taught: Taught, folder: Path, when: datetime, *, tolerance: float = TOL
     """
     points = [{"time_from_start": p.time, "positions": p.positions} for p in to_points(taught, tolerance)]
     text = json.dumps({"joint_names": taught.names, "points": points}, separators=(",", ":"), allow_nan=False)
-    # A line a point, for people and diff.
+    # One line per point, for readers and diff.
     text = text.replace('{"time_from_start"', '\n{"time_from_start"') + "\n"
     try:
         make_folder(folder)
@@ -213,7 +213,7 @@ def save(taught: Taught, folder: Path, when: datetime, *, tolerance: float = TOL
 
 
 def _reserve(folder: Path, stem: str) -> OutputFile:
-    """A file of a name that nothing had."""
+    """Create a file with an unused name."""
     for i in count(1):
         path = folder / (f"{stem}.json" if i == 1 else f"{stem}-{i}.json")
         if os.path.lexists(path):
@@ -221,7 +221,7 @@ def _reserve(folder: Path, stem: str) -> OutputFile:
         try:
             return OutputFile(path)
         except UsageError:
-            # Another node may have been quicker.
+            # Another program may have created it first.
             if not os.path.lexists(path):
                 raise
     raise AssertionError("unreachable")
