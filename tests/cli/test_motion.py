@@ -243,6 +243,14 @@ def test_dialect_1_moves_slowly_but_arrives(make_bench: Any) -> None:
     assert tip(bench) == pytest.approx([0, 220, 200], abs=1.5)
 
 
+def test_a_rate_that_no_loop_keeps_is_refused_and_does_not_stop_the_arm(bench: Any) -> None:
+    result = bench.run("goto", "0", "220", "200", "--rate", "1e9")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "a rate of 1e+09 Hz is not possible" in result.stderr
+    state = bench.board.state
+    assert (state.stopped, state.watchdog_timeout) == (False, 0.0)
+
+
 def test_a_rate_that_makes_no_sense_leaves_the_torque_on(bench: Any, tmp_path: Path) -> None:
     bench.ok("torque", "on")
     result = bench.run("teach", str(tmp_path / "a.mcap"), "--rate", "1e300", "--yes", "--duration", "1")

@@ -107,7 +107,7 @@ class Bench:
             chosen.check_path(plan.trajectory(chosen.start(0.0, state, owner.now()), owner.now()), state)
             chosen.accept(plan, state, owner.now(), listener=told)
         owner.hurry()
-        owner.deliver()
+        owner.group.deliver()
         return told
 
 

@@ -15,6 +15,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.control import run_motion
 from hexwire.control.motions import MotionObserver, MotionOptions, check_path
+from hexwire.control.path_check import PathCheck
 from hexwire.errors import CommandRefusedError, LinkLostError, ServoError, StoppedError, UsageError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -302,16 +303,125 @@ def test_ctrl_c_stops_the_arm_first_and_then_the_watchdog(what: str) -> None:
     assert (state.stopped, state.watchdog_timeout, state.watchdog_trips) == (True, 0.0, 0)
 
 
-def test_it_ends_where_the_caller_wants_it_to() -> None:
-    bench = Bench()
-    target = bench.target(seconds=2.0)
+@pytest.mark.parametrize("dialect", [1, 2])
+@pytest.mark.parametrize("what", ["way", "target"])
+def test_it_ends_where_the_caller_wants_it_to(what: str, dialect: int) -> None:
+    bench = Bench(dialect)
+    bench.robot.torque(True)
+    motion = bench.way(seconds=4.0) if what == "way" else bench.target(seconds=4.0)
     begin = bench.arm.clock.time
     result = run_motion(
-        bench.robot, target, bench.options(), until=lambda state: bench.arm.clock.time > begin + 1.0
+        bench.robot, motion, bench.options(), until=lambda state: bench.arm.clock.time > begin + 2.0
     )
     assert result.cut
     assert result.why == ""
     assert not bench.arm.board.state.stopped
+    here = bench.robot.read()["J4"].position
+    bench.arm.wait(5.0)
+    assert bench.robot.read()["J4"].position == pytest.approx(here, abs=0.03)
+
+
+@pytest.mark.parametrize("what", ["way", "target"])
+def test_a_target_takes_the_place_of_what_was_ended(what: str) -> None:
+    bench = Bench()
+    motion = bench.way(seconds=2.0) if what == "way" else bench.target(seconds=2.0)
+    rest = bench.target(by=0.1)
+    begin = bench.arm.clock.time
+    result = run_motion(
+        bench.robot, motion, bench.options(), until=lambda _: rest if bench.arm.clock.time > begin + 1.0 else None
+    )
+    assert result.cut
+    bench.arm.wait(3.0)
+    assert bench.robot.read()["J4"].position == pytest.approx(rest.positions[0][1], abs=0.01)
+
+
+@pytest.mark.parametrize("what", ["way", "target"])
+def test_what_takes_its_place_is_void_after_a_stop(what: str) -> None:
+    bench = Bench()
+
+    def until(state: JointState) -> JointTarget | None:
+        if bench.arm.clock.time < begin + 0.5:
+            return None
+        bench.robot.stop()
+        bench.robot.resume()
+        return rest
+
+    motion = bench.way(seconds=2.0) if what == "way" else bench.target(seconds=2.0)
+    rest = bench.target(by=0.1)
+    begin = bench.arm.clock.time
+    result = run_motion(bench.robot, motion, bench.options(), until=until)
+    assert rest not in [target for _, target in bench.targets]
+    assert result.stopped is not None
+
+
+@pytest.mark.parametrize("wait", [True, False])
+@pytest.mark.parametrize("when", ["check", "torque", "first read"])
+@pytest.mark.parametrize("what", ["way", "target"])
+def test_a_stop_before_it_sets_out_voids_it_though_it_is_resumed_at_once(
+    what: str, when: str, wait: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench()
+    motion = bench.way() if what == "way" else bench.target()
+    robot = bench.robot
+    stops: list[None] = []
+
+    def stop_after(call: Any) -> Any:
+        def stopped(*given: Any, **named: Any) -> Any:
+            result = call(*given, **named)
+            if not stops:
+                stops.append(None)
+                thread = threading.Thread(target=lambda: (robot.stop(), robot.resume()))
+                thread.start()
+                thread.join()
+            return result
+
+        return stopped
+
+    if when == "check":
+        check = PathCheck.trajectory if what == "way" else PathCheck.limits
+        monkeypatch.setattr(PathCheck, check.__name__, stop_after(check))
+    elif when == "torque":
+        monkeypatch.setattr(robot, "torque", stop_after(robot.torque))
+    else:
+        robot.torque(True)
+        monkeypatch.setattr(robot, "read", stop_after(robot.read))
+    try:
+        result = run_motion(robot, motion, bench.options(), wait=wait)
+    except StoppedError:
+        pass
+    else:
+        assert result.stopped is not None
+        assert not result.arrived
+    assert stops
+    assert bench.targets == []
+    assert bench.arm.board.state.watchdog_timeout == 0.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"tolerance": 0.0},
+        {"tolerance": math.nan},
+        {"grace": 0.0},
+        {"grace": math.inf},
+        {"standing": -1.0},
+        {"watchdog": math.nan},
+        {"rate": 1e9},
+        {"rate": math.nan},
+        {"rate": -20.0},
+        {"table": math.nan},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
+    """A tolerance of 0 would be there at once, a grace of 0 never end."""
+    with pytest.raises(UsageError, match=next(iter(wrong))):
+        MotionOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_torque_for_a_path_is_told() -> None:
+    bench, watched = Bench(), Watched()
+    assert run_motion(bench.robot, bench.way(), bench.options(), observer=watched).powered == ("J4",)
+    assert watched.said[0] == ("powered", ("J4",))
 
 
 def test_a_joint_of_unknown_position_is_said_and_coupling_limits_are_not_checked() -> None:

@@ -17,7 +17,7 @@ from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.errors import LimitError
+from hexwire.errors import LimitError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.hex7bot import HEX7BOT
@@ -180,3 +180,9 @@ def test_a_set_point_goes_no_further_than_one_of_a_program() -> None:
     path.posture(held, {"J2": held["J2"]})
     with pytest.raises(LimitError, match="elbow folded"):
         path.posture(held, {"J2": held["J2"] + math.radians(3)})
+
+
+def test_a_rate_that_no_loop_keeps_is_refused_before_an_arm_gets_torque() -> None:
+    rules = Teleop(HEX7BOT, None, StickMap())
+    with pytest.raises(UsageError, match="a rate of 1e\\+09 Hz is not possible"):
+        TeleopController(rules, lambda: ((), 0, math.inf), 1e-9)

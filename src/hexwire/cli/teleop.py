@@ -150,12 +150,13 @@ def teleop(
     check = PathCheck(model, kinematics, table).posture
     rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, check=check)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
+        controller = TeleopController(rules, stick, 1.0 / rate, _tell)
+        owner = RobotOwner(robot, borrowed=True, command_rate=rate)
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
         if not robot.has_watchdog:
             unwatched_note(robot, OVERLAP / rate)
-        controller = TeleopController(rules, stick, 1.0 / rate, _tell)
-        with RobotOwner(robot, borrowed=True, command_rate=rate) as owner, _hold_at_the_end(robot, controller):
+        with owner, _hold_at_the_end(robot, controller):
             owner.group.members = (controller,)
             while True:
                 owner.turn()
@@ -168,7 +169,7 @@ def _tell(said: object) -> None:
 @contextmanager
 def _hold_at_the_end(robot: RobotDriver, controller: TeleopController) -> Iterator[None]:
     """Hold at the end, even after an error; if that fails, stop."""
-    from hexwire.control.teleop import holding
+    from hexwire.control.target import holding
 
     try:
         yield

@@ -63,13 +63,11 @@ def grip(how: str, duration: float, options: RobotOptions, as_json: bool) -> Non
                 nonlocal closing
                 closing = share < gripper.share(robot.read())
 
-        def holds(state: JointState) -> bool:
+        def holds(state: JointState) -> JointTarget | None:
             nonlocal pressed
             # A single state may be the start of the motion, which takes effort too.
             pressed = pressed + 1 if closing and gripper.holds(state, share) else 0
-            if pressed >= _PRESSED:
-                gripper.keep(state)
-            return pressed >= _PRESSED
+            return gripper.grasp(state) if pressed >= _PRESSED else None
 
         near = _NEAR * (joint.maximum - joint.minimum)
         with hold_on_ctrl_c(robot):

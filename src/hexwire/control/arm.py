@@ -178,7 +178,7 @@ class Arm:
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
         owner.hurry()
-        owner.deliver()
+        owner.group.deliver()
 
     def query(self, name: str, delay: float) -> Sample:
         """Desired state of a controller's joints in `delay` seconds; see `TrajectoryController.query`."""
@@ -192,13 +192,13 @@ class Arm:
         """Hold a controller's joints at their last set-point."""
         with self.owner.locked():
             self.controllers[name].hold(why)
-        self.owner.deliver()
+        self.owner.group.deliver()
 
     def cancel(self, name: str, listener: GoalListener) -> None:
         """Hold, if the active goal is this listener's."""
         with self.owner.locked():
             self.controllers[name].cancel(listener)
-        self.owner.deliver()
+        self.owner.group.deliver()
 
     def set_points(self, positions: Mapping[str, float]) -> None:
         """Follow set-points: all of them, or none.
@@ -230,7 +230,7 @@ class Arm:
             path.posture(state.positions, positions)
             for key, share in shares.items():
                 self.controllers[key].set_points(share, state, now)
-        owner.deliver()
+        owner.group.deliver()
 
     # -- power and stop -------------------------------------------------------------------------------
 
@@ -382,7 +382,7 @@ class Arm:
                 here = controller.start(0.0, state, now).position
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
                 paths[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
-        self.owner.deliver()
+        self.owner.group.deliver()
         self._run(paths)
 
     def _run(self, paths: Mapping[str, Trajectory]) -> None:
@@ -402,7 +402,7 @@ class Arm:
                     tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
                     self.controllers[key].follow(path, state, owner.now(), listener=waiter, tolerances=tolerances)
             owner.hurry()
-            owner.deliver()
+            owner.group.deliver()
             # The controllers check the arrival; this timeout is for an owner that has failed.
             waiter.wait(max(path.duration for path in paths.values()) + 2.0 * _GRACE)
         finally:
@@ -410,7 +410,7 @@ class Arm:
             with owner.locked():
                 for key in paths:
                     self.controllers[key].cancel(waiter)
-            owner.deliver()
+            owner.group.deliver()
 
 
 def taught_part(taught: Taught, joints: Sequence[str]) -> Trajectory:

@@ -16,7 +16,7 @@ from hexwire.model.state import LONGEST
 _FASTEST = 10_000.0
 """Greatest rate, hertz."""
 
-__all__ = ["LoopCounters", "RateLoop"]
+__all__ = ["LoopCounters", "RateLoop", "check_rate"]
 
 
 @dataclass(slots=True)
@@ -36,6 +36,16 @@ class LoopCounters:
     skipped: int = 0
     worst: float = 0.0
     late_by: float = 0.0
+
+
+def check_rate(rate: float) -> None:
+    """Refuse a rate that no loop can keep, cycles per second.
+
+    Raises:
+        UsageError: It is not a number, too low or too high.
+    """
+    if not 1 / LONGEST <= rate <= _FASTEST:
+        raise UsageError(f"a rate of {rate:g} Hz is not possible; give {1 / LONGEST:g} to {_FASTEST:g} Hz")
 
 
 class RateLoop:
@@ -64,8 +74,7 @@ class RateLoop:
         sleep: Callable[[float], object] = time.sleep,
         tolerance: float | None = None,
     ) -> None:
-        if not 1 / LONGEST <= rate <= _FASTEST:
-            raise UsageError(f"a rate of {rate:g} Hz is not possible; give {1 / LONGEST:g} to {_FASTEST:g} Hz")
+        check_rate(rate)
         self.period = 1.0 / rate
         self.tolerance = 0.1 * self.period if tolerance is None else tolerance
         self.counters = LoopCounters()

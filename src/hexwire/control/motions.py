@@ -8,38 +8,41 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from hexwire.drivers.values import StopMode
-from hexwire.errors import ServoError, UsageError
+from hexwire.errors import ServoError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.limits import check_target
-from hexwire.motion.safety import SafetyLimits
+from hexwire.motion.safety import SafetyLimits, StopReason, board_stop
 from hexwire.motion.waypoints import Trajectory
 
 from .arrival import Deviation, Tolerance
 from .controller import TrajectoryController
 from .goals import Tolerances
-from .loop import LoopCounters, RateLoop
+from .loop import LoopCounters, RateLoop, check_rate
 from .outcomes import Outcome
 from .owner import RobotOwner
 from .path_check import PathCheck
 from .power import give_torque
 from .settings import ControllerSettings
-from .target import TargetController
+from .target import TargetController, holding
 from .waiting import Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
     from hexwire.model.kinematics import KinematicModel
     from hexwire.model.state import JointState
     from hexwire.motion.checks import MotionReport
-    from hexwire.motion.safety import StopReason
 
 __all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "check_path", "run_motion"]
+
+Until = Callable[["JointState"], bool | JointTarget | None]
+"""Asked with every state whether a motion shall end; a target is sent in its place."""
 
 _LOOK = 0.1
 """Seconds between two states that show whether a joint is moving."""
@@ -64,6 +67,9 @@ class MotionOptions:
         watchdog_mode: What the board does then.
         clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for a number of seconds.
+
+    Raises:
+        UsageError: A value is not a number, or outside its range.
     """
 
     kinematics: KinematicModel | None = None
@@ -78,6 +84,19 @@ class MotionOptions:
     watchdog_mode: StopMode = StopMode.HOLD
     clock: Callable[[], float] | None = None
     sleep: Callable[[float], object] = time.sleep
+
+    def __post_init__(self) -> None:
+        # A tolerance or a grace of 0 would mean "not checked" and "for ever" to whoever judges the arrival.
+        for name in ("tolerance", "grace"):
+            if not 0.0 < (value := getattr(self, name)) < math.inf:
+                raise UsageError(f"{name} must be finite and above 0, not {value:g}")
+        for name in ("standing", "watchdog"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise UsageError(f"{name} must be finite and not below 0, not {value:g}")
+        if self.table is not None and not math.isfinite(self.table):
+            raise UsageError(f"table must be finite, not {self.table:g}")
+        if self.rate != 0.0:
+            check_rate(self.rate)
 
     def goal(self, names: Sequence[str]) -> dict[str, Tolerance]:
         """Tolerances of joints at the goal."""
@@ -214,7 +233,7 @@ def run_motion(
     options: MotionOptions | None = None,
     *,
     wait: bool = True,
-    until: Callable[[JointState], bool] | None = None,
+    until: Until | None = None,
     observer: MotionObserver | None = None,
     safe: AbstractContextManager[object] | None = None,
 ) -> MotionResult:
@@ -229,7 +248,8 @@ def run_motion(
         motion: Trajectories of the robot's joints, or a target.
         options: How it is run and checked.
         wait: False returns as soon as a single target is sent; the motion is then not monitored.
-        until: Called with every state once the motion has started; True ends the motion at once.
+        until: Called with every state once the motion has started; True ends the motion and holds the
+            joints at their positions; a target ends it and is sent instead.
         observer: Is called at the events of the motion.
         safe: Entered before anything moves, and left while the watchdog is still armed, whatever ends the motion.
             It makes the arm safe instead of the stop on an exception; not used without `wait`.
@@ -240,13 +260,28 @@ def run_motion(
     Raises:
         UsageError: The path is not allowed; nothing was sent.
         ServoError: A joint did not confirm torque.
+        StoppedError: The arm was stopped before the motion started.
         HexwireError: The robot failed or refused; the arm was stopped if it could be reached.
     """
+    # Whatever takes its time from here on, a stop that comes meanwhile voids the motion.
+    asked = robot.epochs.mark()
     options, observer = options or MotionOptions(), observer or MotionObserver()
     if isinstance(motion, JointTarget):
-        return _run_target(robot, motion, options, observer, wait, until, safe)
+        return _run_target(robot, motion, options, observer, wait, until, safe, asked)
     path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)
-    return _run_path(robot, path, options, observer, until, safe)
+    return _run_path(robot, path, options, observer, until, safe, asked)
+
+
+@contextmanager
+def _asked_then(robot: RobotDriver, asked: Token) -> Iterator[None]:
+    """What is sent inside was asked for then.
+
+    Raises:
+        StoppedError: A stop came since.
+    """
+    robot.epochs.check(asked, "the motion")
+    with robot.epochs.using(asked):
+        yield
 
 
 @contextmanager
@@ -255,12 +290,14 @@ def _owner(
     rate: float,
     options: MotionOptions,
     observer: MotionObserver,
+    asked: Token,
     on_sent: Callable[[SentTarget], object] = lambda sent: None,
     safe: AbstractContextManager[object] | None = None,
 ) -> Iterator[RobotOwner]:
     owner = RobotOwner(
         robot,
         borrowed=True,
+        asked=asked,
         on_sent=on_sent,
         command_rate=rate,
         watchdog=options.watchdog,
@@ -276,13 +313,31 @@ def _owner(
         yield owner
 
 
-def _turn_until(owner: RobotOwner, over: Callable[[], bool], until: Callable[[JointState], bool] | None) -> bool:
-    """Call `turn` until `over` returns true; returns whether `until` ended the motion."""
+def _turn_until(
+    owner: RobotOwner, over: Callable[[], bool], until: Until | None
+) -> JointTarget | Literal[True] | None:
+    """Call `turn` until `over` returns true; returns what `until` ended the motion with, or None."""
     while not over():
         owner.turn()
-        if until is not None and owner.state is not None and until(owner.state):
-            return True
-    return False
+        if until is not None and owner.state is not None and (end := until(owner.state)):
+            return end
+    return None
+
+
+def _end_at(
+    owner: RobotOwner, end: JointTarget | Literal[True], joints: Collection[str], asked: Token
+) -> StopReason | None:
+    """Send what takes the place of a motion that was ended; the reason if the arm is stopped."""
+    robot = owner.robot
+    # What was sent already would be done to its end: all of a target, more than a second of dialect 1.
+    target = end if isinstance(end, JointTarget) else holding(robot.model, owner.state or robot.read(), joints)
+    try:
+        with _asked_then(robot, asked):
+            if target is not None:
+                robot.write(target)
+    except StoppedError as error:
+        return board_stop(robot.read()) or StopReason("board", str(error))
+    return None
 
 
 def _check_target(
@@ -328,8 +383,9 @@ def _run_path(
     path: CheckedPath,
     options: MotionOptions,
     observer: MotionObserver,
-    until: Callable[[JointState], bool] | None,
+    until: Until | None,
     safe: AbstractContextManager[object] | None,
+    asked: Token,
 ) -> MotionResult:
     names = path.legs[0].names
     rate = options.rate or robot.command_rate
@@ -342,9 +398,13 @@ def _run_path(
         kinematics=options.kinematics,
         table=options.table,
     )
-    arrived = cut = False
-    with _owner(robot, rate, options, observer, safe=safe) as owner:
-        powered = give_torque(robot, names, robot.read())
+    arrived, reason = False, None
+    end: JointTarget | Literal[True] | None = None
+    with _owner(robot, rate, options, observer, asked, safe=safe) as owner:
+        with _asked_then(robot, asked):
+            powered = give_torque(robot, names, robot.read())
+        if powered:
+            observer.powered(powered)
         owner.group.members = (controller,)
         owner.turn()
         observer.started(owner.timing)
@@ -356,17 +416,19 @@ def _run_path(
             tolerances = last if leg is path.legs[-1] else none
             with owner.locked():
                 controller.follow(leg, owner.newest(), owner.now(), listener=waiter, tolerances=tolerances)
-            cut = _turn_until(owner, waiter.is_over, until)
+            end = _turn_until(owner, waiter.is_over, until)
             arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
             if not arrived:
                 break
+        if end:
+            reason = _end_at(owner, end, names, asked)
         controller.hold("it is over")
         seconds = sum(leg.duration for leg in path.legs) + options.grace
         return MotionResult(
             arrived,
-            owner.group.reason,
+            owner.group.reason or reason,
             controller.off,
-            cut=cut,
+            cut=bool(end),
             powered=powered,
             seconds=seconds,
             state=owner.state,
@@ -380,16 +442,19 @@ def _run_target(
     options: MotionOptions,
     observer: MotionObserver,
     wait: bool,
-    until: Callable[[JointState], bool] | None,
+    until: Until | None,
     safe: AbstractContextManager[object] | None,
+    asked: Token,
 ) -> MotionResult:
     goal = dict(target.positions)
     state = _check_target(robot, goal, options, observer)
-    powered = give_torque(robot, list(goal), state)
+    with _asked_then(robot, asked):
+        powered = give_torque(robot, list(goal), state)
     if powered:
         observer.powered(powered)
     if not wait:
-        sent = robot.write(target)
+        with _asked_then(robot, asked):
+            sent = robot.write(target)
         observer.sent(sent)
         return MotionResult(None, powered=powered, sent=sent, seconds=sent.duration)
     rate = options.rate or robot.command_rate
@@ -406,21 +471,22 @@ def _run_target(
         if step is None:
             observer.sent(sent)
 
-    with _owner(robot, rate, options, observer, was_sent, safe) as owner:
+    with _owner(robot, rate, options, observer, asked, was_sent, safe) as owner:
         owner.group.members = (controller,)
         if step is not None:
             observer.sent(SentTarget(target.positions, target.duration))
         owner.turn()
         observer.started(owner.timing)
-        cut = _turn_until(owner, lambda: controller.over, until)
+        end = _turn_until(owner, lambda: controller.over, until)
+        reason = _end_at(owner, end, goal, asked) if end else None
         controller.release("it is over")
         sent_duration = controller.sent.duration if controller.sent is not None else target.duration
         return MotionResult(
             controller.arrived,
-            controller.reason,
+            controller.reason or reason,
             controller.off,
             controller.without_torque,
-            cut,
+            bool(end),
             powered,
             controller.sent,
             sent_duration + options.grace,

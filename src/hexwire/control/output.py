@@ -18,6 +18,7 @@ from .rate import Periodic
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.epochs import Token
     from hexwire.model.state import JointState, SentTarget
 
     from .group import ControllerGroup
@@ -36,6 +37,7 @@ class Output:
         borrowed: As in `RobotOwner`: a target is sent after every state, and errors are raised to the caller.
         on_sent: Called with every target as sent.
         look_again: Reads a new state after a change and drops earlier ones.
+        asked: As in `RobotOwner`.
     """
 
     def __init__(
@@ -46,13 +48,14 @@ class Output:
         borrowed: bool,
         on_sent: Callable[[SentTarget], object],
         look_again: Callable[[], object],
+        asked: Token | None = None,
     ) -> None:
         self._robot, self._group, self._borrowed = robot, group, borrowed
         self._on_sent, self._look_again = on_sent, look_again
         self._periodic = Periodic()
         self._clamped = frozenset[str]()
         # The last stop that the controllers know of. Targets decided before a newer one must not be sent.
-        self._known_stop = robot.epochs.mark()
+        self._known_stop = asked or robot.epochs.mark()
 
     def hurry(self) -> None:
         """Send a target after the next state, if none was sent for a period."""
@@ -72,7 +75,8 @@ class Output:
         asked = self._robot.epochs.mark()
         if asked.epoch is not self._known_stop.epoch:
             self._known_stop = asked
-            if self._group.moving and self._group.reason is None:
+            # A borrowed robot runs one motion: a stop ends it even if nothing of it was sent yet.
+            if (self._group.moving or self._borrowed) and self._group.reason is None:
                 self._group.stop(StopReason("board", "the arm was stopped by another caller"))
         # The states of a borrowed robot are read once per period.
         due = self._periodic.due(now, period) or self._borrowed
@@ -81,12 +85,14 @@ class Output:
             self.stop(order)
         elif order is not None:
             self._periodic.done(now)
-            with self._robot.epochs.using(asked):
-                self._write(order)
+            self._write(order, asked)
 
-    def _write(self, target: JointTarget) -> None:
+    def _write(self, target: JointTarget, asked: Token) -> None:
+        epochs = self._robot.epochs
         try:
-            sent = self._robot.write(target)
+            epochs.check(asked, "a target")
+            with epochs.using(asked):
+                sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.
             self._group.stop(board_stop(self._robot.read()) or StopReason("board", "the board has stopped the arm"))

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from hexwire.drivers.base import ProbeReport, RobotDriver
+    from hexwire.epochs import Token
     from hexwire.model.state import JointState, SentTarget
 
     from .group import Controller
@@ -83,6 +84,7 @@ class RobotOwner:
             makes it safe by other means.
         on_state: Called with every new state and the part of it to publish, in the owner's thread.
         on_sent: Called with every target as sent, in the owner's thread.
+        asked: Marks when the motion was asked for; a later stop cancels it. Now if None.
         clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for a number of seconds; if None, a wait that `shutdown` ends.
 
@@ -109,29 +111,28 @@ class RobotOwner:
         stop_on_failure: bool = True,
         on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         on_sent: Callable[[SentTarget], object] = lambda sent: None,
+        asked: Token | None = None,
         clock: Callable[[], float] | None = None,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         self.robot = robot
         self.group = ControllerGroup()
-        self.connected = False
-        self.error = "not connected yet"
+        self.connected, self.error = False, "not connected yet"
         self.reconnects = 0
         self.probe: ProbeReport | None = None
         self.crash: BaseException | None = None
         self.observers: list[Callable[[JointState], object]] = []
-        self._borrowed = borrowed
+        self._borrowed, self._stop_on_failure = borrowed, stop_on_failure
         self._publish_rate, self._command_rate = publish_rate, command_rate
         self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
-        self._stop_on_failure = stop_on_failure
-        self._ending = threading.Event()
-        self._on_state = on_state
-        self._output = Output(robot, self.group, borrowed=borrowed, on_sent=on_sent, look_again=self._look_again)
+        self._ending, self._on_state = threading.Event(), on_state
+        self._output = Output(
+            robot, self.group, borrowed=borrowed, on_sent=on_sent, look_again=self._look_again, asked=asked
+        )
         self._clock, self._sleep = clock or robot.now, sleep or self._ending.wait
         self._reader: StateReader | None = None
         self._restarts = 0
-        self._latest = LatestState(publish_rate)
-        self._calls = QueuedCalls()
+        self._latest, self._calls = LatestState(publish_rate), QueuedCalls()
         self._thread: threading.Thread | None = None
         # Id of the thread that turns: its calls run at once.
         self._turning = 0
@@ -494,7 +495,3 @@ class RobotOwner:
         if self._reader is not None:
             self._reader.drop_waiting()
         self._take(state)
-
-    def deliver(self) -> None:
-        """Notify the listeners of goals that have ended; call it after every change from outside."""
-        self.group.deliver()

@@ -6,7 +6,7 @@ Owns what is sent when, and the result. Time comes in as an argument. Must not k
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointTarget, SentTarget
@@ -16,14 +16,33 @@ from hexwire.motion.waypoints import Sample
 from .arrival import Arrival, Deviation, Tolerance, Verdict
 
 if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["TargetController"]
+__all__ = ["TargetController", "holding"]
 
 _AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
+_SETTLE = 0.05
+"""Duration of a target that holds the joints, seconds."""
+
+
+def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = None) -> JointTarget | None:
+    """A target at the present positions, within limits; None if no position is known.
+
+    Args:
+        arm: Limits.
+        state: Where they are.
+        joints: Only these; all if None.
+    """
+    inside = {}
+    for joint in state:
+        limits = arm.joint(joint.name)
+        if math.isfinite(joint.position) and (joints is None or joint.name in joints):
+            inside[joint.name] = max(limits.minimum, min(limits.maximum, joint.position))
+    return JointTarget.of(inside, _SETTLE) if inside else None
 
 
 class TargetController:

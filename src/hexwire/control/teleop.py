@@ -14,21 +14,22 @@ from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action, within_limits
 
+from .loop import check_rate
+from .target import holding
+
 if TYPE_CHECKING:
-    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
     from hexwire.motion.teleop import Teleop
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["OVERLAP", "Stick", "TeleopController", "holding"]
+__all__ = ["OVERLAP", "Stick", "TeleopController"]
 
 Stick = Callable[[], tuple[Sequence[float], int, float]]
 """Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
 
 OVERLAP = 2.5
 """Duration of a target in cycles, so that a late one does not pause the motion."""
-_SETTLE = 0.05
 
 
 class TeleopController:
@@ -50,6 +51,7 @@ class TeleopController:
         period: float,
         on_note: Callable[[str | StopReason], object] = lambda said: None,
     ) -> None:
+        check_rate(1.0 / period)
         self._rules, self._stick, self._period, self._on_note = rules, stick, period, on_note
         self._last = math.nan
         self._said: str | StopReason = ""
@@ -115,13 +117,3 @@ class TeleopController:
         if said and said != self._said:
             self._on_note(said)
         self._said = said
-
-
-def holding(arm: ArmModel, state: JointState) -> JointTarget | None:
-    """A target at the present positions, within limits; None if no position is known."""
-    inside = {}
-    for joint in state:
-        limits = arm.joint(joint.name)
-        if math.isfinite(joint.position):
-            inside[joint.name] = max(limits.minimum, min(limits.maximum, joint.position))
-    return JointTarget.of(inside, _SETTLE) if inside else None

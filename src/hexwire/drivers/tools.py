@@ -112,8 +112,11 @@ class Gripper:
             return False
         return short and math.isfinite(joint.load) and abs(joint.load) >= self._held
 
+    def grasp(self, state: JointState, squeeze: float = math.radians(3.0)) -> JointTarget:
+        """Return the target that holds the object between the jaws with little force."""
+        here = state[self.joint.name].position
+        return JointTarget.of({self.joint.name: min(self.joint.maximum, here + squeeze)}, 0.2)
+
     def keep(self, state: JointState, squeeze: float = math.radians(3.0)) -> SentTarget:
         """Hold the object between the jaws with little force instead of the servo's full force."""
-        here = state[self.joint.name].position
-        goal = min(self.joint.maximum, here + squeeze)
-        return self._robot.write(JointTarget.of({self.joint.name: goal}, 0.2))
+        return self._robot.write(self.grasp(state, squeeze))
