@@ -238,13 +238,13 @@ class TeachMode:
         self.hand.start(names)
 
     def stop(self) -> str:
-        """End the lesson; joints that had torque before hold where they are now.
+        """End teach mode; joints that had torque before hold their present position.
 
         Returns:
             What was taught, for people.
 
         Raises:
-            HexwireError: There was no lesson, nothing was recorded, a joint got no torque, or the file cannot be
+            HexwireError: Not in teach mode, nothing was recorded, a joint has no torque, or the file cannot be
                 written. What was recorded is kept all the same.
         """
         faults: list[str] = []
