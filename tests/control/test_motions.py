@@ -16,7 +16,8 @@ from tests.motion.arms import rest_to_rest
 from hexwire.control import run_motion
 from hexwire.control.motions import MotionObserver, MotionOptions, check_path
 from hexwire.control.path_check import PathCheck
-from hexwire.errors import CommandRefusedError, LinkLostError, ServoError, StoppedError, UsageError
+from hexwire.drivers.values import StopMode
+from hexwire.errors import CommandRefusedError, DeviceError, LinkLostError, ServoError, StoppedError, UsageError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.motion.waypoints import Spline
@@ -459,3 +460,36 @@ def test_a_caller_makes_the_arm_safe_in_place_of_a_stop(what: str, error: BaseEx
     state = bench.arm.board.state
     assert (state.stopped, state.watchdog_timeout) == (False, 0.0)
     assert not any(bench.arm.torques())
+
+
+def test_two_motions_at_once_are_refused_and_the_first_keeps_its_watchdog() -> None:
+    bench = Bench()
+    bench.robot.torque(True)
+    armed: list[float] = []
+
+    def another(state: JointState) -> None:
+        if len(watched.states) == 5:
+            for motion in (bench.target("J5", 0.1, 0.3), bench.way("J5", 0.1, 0.3)):
+                with pytest.raises(UsageError, match="already in motion"):
+                    run_motion(bench.robot, motion, bench.options())
+        armed.append(bench.arm.board.state.watchdog_timeout)
+
+    watched = Watched(another)
+    assert run_motion(bench.robot, bench.way(), bench.options(), observer=watched).arrived
+    assert set(armed) == {1.0}
+    assert run_motion(bench.robot, bench.way(by=-0.1), bench.options()).arrived, "that is over"
+
+
+def test_a_watchdog_that_cannot_be_disarmed_is_an_error_not_an_arrival() -> None:
+    bench = Bench()
+    bench.robot.torque(True)
+    disarm = bench.robot.watchdog
+
+    def refuse(timeout: float, mode: StopMode = StopMode.HOLD) -> None:
+        if not timeout:
+            raise DeviceError("no answer to WATCHDOG")
+        disarm(timeout, mode)
+
+    bench.robot.watchdog = refuse  # type: ignore[method-assign]  # a line that fails at the end only
+    with pytest.raises(DeviceError, match="no answer to WATCHDOG"):
+        run_motion(bench.robot, bench.way("J5", 0.1, 0.3), bench.options())

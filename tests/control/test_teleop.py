@@ -9,6 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from hexwire.control.owner import RobotOwner
+from hexwire.control.ownership import release
 from hexwire.control.path_check import PathCheck
 from hexwire.control.teleop import TeleopController
 from hexwire.drivers.base import RobotDriver
@@ -55,6 +56,8 @@ class Rig(NamedTuple):
         owner.connect()
         while self.clock() < began + seconds - PERIOD / 2:
             owner.turn()
+        # Given up as it is: the end of a teleoperation would hold the joints.
+        release(self.robot, owner)
 
     def at(self, name: str) -> float:
         return self.robot.read()[name].position

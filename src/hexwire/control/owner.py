@@ -30,6 +30,7 @@ from .calls import QueuedCalls, voided_by_stop
 from .group import ControllerGroup
 from .newest import LatestState
 from .output import Output
+from .ownership import claim, release
 from .reader import StateReader
 from .waiting import join_or_abort
 
@@ -134,6 +135,7 @@ class RobotOwner:
         self._restarts = 0
         self._latest, self._calls = LatestState(publish_rate), QueuedCalls()
         self._thread: threading.Thread | None = None
+        self._still_armed: HexwireError | None = None
         # Id of the thread that turns: its calls run at once.
         self._turning = 0
         if not borrowed:
@@ -151,7 +153,9 @@ class RobotOwner:
         Raises:
             LinkError: The port cannot be opened.
             DeviceError: The robot does not answer, or a different robot does.
+            UsageError: Another owner has the robot.
         """
+        claim(self.robot, self)
         self._turning = threading.get_ident()
         if self._borrowed and not self.connected:
             self._begin()
@@ -188,15 +192,18 @@ class RobotOwner:
                 self.robot.stop()
         self._end_thread()
         self._calls.fail(LinkLostError("the program ends"))
-        with suppress(HexwireError):
+        try:
             if not self.alive:
                 self._close_reader()
             if self.connected or self._borrowed:
                 self._watched.close()
+        except HexwireError as error:
+            self._still_armed = error
         if not self._borrowed:
             with suppress(HexwireError):
                 self.robot.detach(torque_off=torque_off and self.connected)
         self.connected, self.error = False, "the program has ended"
+        release(self.robot, self)
 
     def __enter__(self) -> Self:
         self.connect()
@@ -206,6 +213,9 @@ class RobotOwner:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.shutdown()
+        if error is None and self._borrowed and self._still_armed is not None:
+            # The board will stop the arm: the caller must not take the motion for a success.
+            raise self._still_armed
 
     def _end_thread(self) -> None:
         patience = _PATIENCE if self.connected else _PATIENCE_LOST
