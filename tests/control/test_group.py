@@ -98,6 +98,19 @@ def test_a_goal_is_told_of_its_end_outside_the_lock() -> None:
     assert told.was_free == [True]
 
 
+def test_a_listener_that_fails_keeps_nobody_from_the_end(caplog: pytest.LogCaptureFixture) -> None:
+    group = make_group()
+    failing, other = go(group, 0, "J1", 0.3), go(group, 1, "J5", 0.3)
+
+    def fail(ended: object) -> None:
+        raise RuntimeError("a client failed")
+
+    failing.ended = fail  # type: ignore[method-assign]  # what a front gives may do anything
+    group.stop(StopReason("asked", "a test"))
+    assert other.ends
+    assert "a client failed" in caplog.text
+
+
 def test_a_stop_of_one_is_a_stop_of_all() -> None:
     group = make_group()
     first, second = go(group, 0, "J1", 0.1), go(group, 1, "J5", 0.1)

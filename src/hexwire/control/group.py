@@ -5,6 +5,7 @@ Owns their lock, and notifying listeners outside of it. Must not know robots, cl
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Protocol
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from .outcomes import Ended, GoalListener
 
 __all__ = ["Controller", "ControllerGroup"]
+
+_log = logging.getLogger(__name__)
 
 
 class Controller(Protocol):
@@ -176,7 +179,10 @@ class ControllerGroup:
         with self.lock:
             ended = [row for controller in self.members for row in controller.take_ended()]
         for listener, end in ended:
-            listener.ended(end)
+            try:
+                listener.ended(end)
+            except Exception:  # noqa: BLE001  # a stop of the robot comes after this, and must come
+                _log.exception("a listener of a goal failed")
 
     def _forget(self) -> None:
         if self.fence is not None:
