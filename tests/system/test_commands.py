@@ -49,7 +49,7 @@ def test_a_day_with_the_arm(dialect: str) -> None:
         assert joints["J5"]["position_deg"] == pytest.approx(-5.0, abs=1.0)
         stopped = hexwire("stop", *port)
         assert stopped.returncode == 0, stopped.stderr
-        assert ("no board keeps this stop" in stopped.stderr) == (dialect == "1")
+        assert ("no board latches this stop" in stopped.stderr) == (dialect == "1")
         assert hexwire("move", "J1=0", *port).returncode == 1
         assert hexwire("resume", *port).returncode == 0
         succeeds("torque", "off", *port)
