@@ -58,6 +58,11 @@ class Told:
 
 SUCCEEDED = (Outcome.SUCCEEDED, Reason.REACHED)
 PREEMPTED = (Outcome.PREEMPTED, Reason.REPLACED)
+ABORTED_PATH = (Outcome.ABORTED, Reason.PATH_TOLERANCE)
+ABORTED_GOAL = (Outcome.ABORTED, Reason.GOAL_TOLERANCE)
+ABORTED_LATE = (Outcome.ABORTED, Reason.TOO_LATE)
+STOPPED = (Outcome.ABORTED, Reason.STOPPED)
+NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 
 
 def tolerances(

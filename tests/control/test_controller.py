@@ -7,7 +7,21 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from tests.control.arm_bench import LEAD, PREEMPTED, SUCCEEDED, Bench, Loop, Told, limp, order, tolerances
+from tests.control.arm_bench import (
+    ABORTED_GOAL,
+    ABORTED_PATH,
+    LEAD,
+    NOT_READY,
+    PREEMPTED,
+    STOPPED,
+    SUCCEEDED,
+    Bench,
+    Loop,
+    Told,
+    limp,
+    order,
+    tolerances,
+)
 from tests.motion.arms import HOME, NAMES, state
 
 from hexwire.control.arrival import Tolerance
@@ -19,11 +33,6 @@ from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.safety import StopReason
 
 J1, J2 = HOME["J1"], HOME["J2"]
-ABORTED_PATH = (Outcome.ABORTED, Reason.PATH_TOLERANCE)
-ABORTED_GOAL = (Outcome.ABORTED, Reason.GOAL_TOLERANCE)
-ABORTED_LATE = (Outcome.ABORTED, Reason.TOO_LATE)
-STOPPED = (Outcome.ABORTED, Reason.STOPPED)
-NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 
 
 # -- reaching and keeping ---------------------------------------------------------------------------------------

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import pytest
-from tests.control.arm_bench import PREEMPTED, SUCCEEDED, Loop, Told, limp, order, tolerances
+from tests.control.arm_bench import (
+    ABORTED_LATE,
+    NOT_READY,
+    PREEMPTED,
+    STOPPED,
+    SUCCEEDED,
+    Loop,
+    Told,
+    limp,
+    order,
+    tolerances,
+)
 from tests.motion.arms import HOME
 
 from hexwire.control.arrival import Tolerance
-from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.outcomes import Reason
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.motion.safety import StopReason
 
 J1, J2 = HOME["J1"], HOME["J2"]
-ABORTED_PATH = (Outcome.ABORTED, Reason.PATH_TOLERANCE)
-ABORTED_GOAL = (Outcome.ABORTED, Reason.GOAL_TOLERANCE)
-ABORTED_LATE = (Outcome.ABORTED, Reason.TOO_LATE)
-STOPPED = (Outcome.ABORTED, Reason.STOPPED)
-NOT_READY = (Outcome.ABORTED, Reason.NOT_READY)
 
 
 # -- stamps ------------------------------------------------------------------------------------------------------
