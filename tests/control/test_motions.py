@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -199,6 +200,24 @@ def test_a_jam_stops_the_arm() -> None:
     assert result.why.startswith("stopped: J4")
     assert not result.arrived
     assert bench.arm.board.state.stopped
+
+
+@pytest.mark.parametrize("what", ["way", "target"])
+@pytest.mark.parametrize("after", [0, 8])
+def test_a_joint_that_vanishes_from_the_states_ends_it(what: str, after: int) -> None:
+    bench = Bench()
+    bench.robot.torque(True)
+    motion = bench.way() if what == "way" else bench.target()
+    read, reads = bench.robot.read, iter(range(1000))
+
+    def lossy() -> JointState:
+        state = read()
+        return state if next(reads) < after else replace(state, names=("J0", *state.names[1:]))
+
+    bench.robot.read = lossy  # type: ignore[method-assign]  # a driver that loses a joint
+    with pytest.raises(DeviceError, match=r"the robot reports the joints J0, J2, .*; correct its driver"):
+        run_motion(bench.robot, motion, bench.options())
+    assert bench.arm.board.state.stopped is (after > 0)
 
 
 @pytest.mark.parametrize("what", ["way", "target"])

@@ -27,8 +27,14 @@ class Bench:
         self.group = ControllerGroup((self.controller,))
         self.sent: list[SentTarget] = []
         self.looks = 0
+        self.armed_after: list[int] = []
         self.output = Output(
-            self.robot, self.group, borrowed=borrowed, on_sent=self.sent.append, look_again=self.look_again
+            self.robot,
+            self.group,
+            borrowed=borrowed,
+            on_sent=self.sent.append,
+            look_again=self.look_again,
+            arm_watchdog=self.arm_watchdog,
         )
         state = self.robot.read()
         goal = [angle + 0.2 for angle in state.position]
@@ -37,6 +43,9 @@ class Bench:
 
     def look_again(self) -> None:
         self.looks += 1
+
+    def arm_watchdog(self) -> None:
+        self.armed_after.append(len(self.sent))
 
     def update(self, wait: float = 0.0) -> None:
         self.arm.wait(wait)
@@ -54,6 +63,7 @@ def test_a_target_goes_out_once_a_period_or_with_every_state_of_a_borrowed_robot
         for _ in range(3):
             bench.update(0.01)
         assert len(bench.sent) == count
+        assert bench.armed_after == list(range(count)), "before each of them"
 
 
 def test_a_stop_since_the_last_state_voids_what_is_followed_though_it_is_resumed() -> None:

@@ -10,12 +10,15 @@ from tests.control.owner_bench import BoardBench, Served, Threaded, moving, wait
 
 from hexwire.control.known_state import KnownState
 from hexwire.control.owner import RobotOwner
+from hexwire.control.ownership import claim
+from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
     HexwireError,
     LinkLostError,
     LinkPermissionError,
     ReplyTimeoutError,
+    UsageError,
 )
 from hexwire.model.state import JointState
 
@@ -137,6 +140,21 @@ def test_the_end_with_torque_off() -> None:
     bench.enable()
     bench.owner.shutdown(torque_off=True)
     assert bench.arm.torques() == [False] * 7
+
+
+def test_whatever_a_stop_raises_at_the_end_the_watchdog_is_disarmed_and_the_robot_detached() -> None:
+    bench, told = moving()
+
+    def stop(mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        raise RuntimeError("a defect of the driver")
+
+    bench.robot.stop = stop
+    with pytest.raises(RuntimeError, match="a defect"):
+        bench.owner.shutdown()
+    assert len(told.ends) == 1
+    assert (bench.board.state.watchdog_timeout, bench.link.is_open) == (0.0, False)
+    assert not bench.owner.connected
+    claim(bench.robot, told)
 
 
 def test_the_end_without_a_robot() -> None:
@@ -263,6 +281,15 @@ def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> Non
     owner.shutdown()
     state = served.board.state
     assert (state.watchdog_timeout, state.report_due) == (0.0, None)
+
+
+def test_the_owners_own_thread_is_told_that_it_cannot_end_itself(served: Served) -> None:
+    node = Threaded(served)
+    with pytest.raises(UsageError, match="call shutdown in another thread"):
+        node.owner.call(node.owner.shutdown)
+    assert node.owner.call(lambda: node.owner.connected)
+    node.owner.shutdown()
+    assert not node.owner.alive
 
 
 def test_an_owner_who_does_not_come_back_keeps_nobody_from_ending(

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from tests.drivers.arms import Arm
 
-from hexwire.control.reader import StateReader
-from hexwire.errors import LinkError, PreemptedError, ReplyTimeoutError
+from hexwire.control.reader import StateReader, read_state
+from hexwire.errors import DeviceError, LinkError, PreemptedError, ReplyTimeoutError
 from hexwire.model.state import JointState
 from hexwire.session.policy import ReconnectPolicy
 
@@ -137,3 +139,14 @@ def test_restarts_of_the_board() -> None:
     arm.board.reset(arm.clock.time)
     read(reader, 3)
     assert arm.driver.restarts == 1
+
+
+@pytest.mark.parametrize("places", [(0, 1, 2, 3, 4, 5), (1, 0, 2, 3, 4, 5, 6), ()])
+def test_a_state_without_a_joint_or_in_another_order_is_an_error(places: tuple[int, ...]) -> None:
+    arm = Arm()
+    whole = read_state(arm.driver)
+    tuples = {name: value for name in JointState.__slots__ if isinstance(value := getattr(whole, name), tuple)}
+    part = replace(whole, **{name: tuple(value[i] for i in places) for name, value in tuples.items()})
+    arm.driver.read = lambda: part  # type: ignore[method-assign]  # a driver that loses a joint
+    with pytest.raises(DeviceError, match=r"^the robot reports the joints .*; correct its driver$"):
+        read_state(arm.driver)

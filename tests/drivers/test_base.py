@@ -12,7 +12,7 @@ import pytest
 from tests.model.states import make_state
 
 from hexwire.drivers.base import JointProbe, ProbeReport, RobotDriver, Signal, StopCause, StopLatch, StopMode
-from hexwire.errors import DeviceError, NotSupportedError, UsageError
+from hexwire.errors import DeviceError, NotSupportedError, StoppedError, UsageError
 from hexwire.link.diagnose import Level
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -219,12 +219,17 @@ def test_watched_says_that_nobody_watches() -> None:
         assert not covered
 
 
-def test_a_robot_that_is_stopped_is_not_watched() -> None:
+@pytest.mark.parametrize(
+    ("tripped", "why"), [(False, "the arm is stopped; "), (True, r"stopped \(its watchdog stopped it .*\); ")]
+)
+def test_a_robot_that_is_stopped_is_not_watched_and_nothing_begins_without(tripped: bool, why: str) -> None:
     robot = Guarded()
-    robot.stopped = True
-    with robot.watched(0.5) as covered:
-        assert covered
+    robot.stopped, robot.tripped = True, tripped
+    with pytest.raises(StoppedError, match=f"{why}`hexwire resume` ends that"), robot.watched(0.5):
+        pytest.fail("somebody might resume it now")
     assert robot.said == []
+    with robot.watched(0.5, always=True):
+        assert robot.armed == 0.5
 
 
 def test_the_first_failure_is_heard_of_not_that_the_watchdog_could_not_be_taken_off() -> None:

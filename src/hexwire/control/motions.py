@@ -28,6 +28,7 @@ from .outcomes import Outcome
 from .owner import RobotOwner
 from .path_check import PathCheck
 from .power import give_torque
+from .reader import read_state
 from .settings import ControllerSettings
 from .target import TargetController, holding
 from .waiting import Waiter
@@ -218,7 +219,7 @@ def check_path(
         raise UsageError("a motion needs a trajectory")
     if any(leg.names != legs[0].names for leg in legs):
         raise UsageError("the legs of a motion must move the same joints")
-    where = dict(robot.read().positions if start is None else start)
+    where = dict(read_state(robot).positions if start is None else start)
     check = PathCheck(robot.model, options.kinematics, options.table)
     reports = []
     for leg in legs:
@@ -330,13 +331,14 @@ def _end_at(
     """Send what takes the place of a motion that was ended; the reason if the arm is stopped."""
     robot = owner.robot
     # What was sent already would be done to its end: all of a target, more than a second of dialect 1.
-    target = end if isinstance(end, JointTarget) else holding(robot.model, owner.state or robot.read(), joints)
+    target = end if isinstance(end, JointTarget) else holding(robot.model, owner.state or read_state(robot), joints)
     try:
         with _asked_then(robot, asked):
             if target is not None:
+                owner.arm_watchdog()
                 robot.write(target)
     except StoppedError as error:
-        return board_stop(robot.read()) or StopReason("board", str(error))
+        return board_stop(read_state(robot)) or StopReason("board", str(error))
     return None
 
 
@@ -353,12 +355,12 @@ def _check_target(
     check.limits(goal)
     known = options.kinematics.joint_names if options.kinematics is not None else ()
     if set(goal).isdisjoint(known):
-        return robot.read()
+        return read_state(robot)
     looks = RateLoop(1.0 / _LOOK, clock=options.clock or robot.now, sleep=options.sleep)
-    states = [robot.read() for _ in looks.ticks(1.5 * _LOOK)]
+    states = [read_state(robot) for _ in looks.ticks(1.5 * _LOOK)]
     if len(states) < 2:
         # Reading one took this long, as with a board of dialect 1.
-        states.append(robot.read())
+        states.append(read_state(robot))
     state = states[-1]
     unknown = [name for name in known if not math.isfinite(state[name].position)]
     if unknown:
@@ -402,7 +404,7 @@ def _run_path(
     end: JointTarget | Literal[True] | None = None
     with _owner(robot, rate, options, observer, asked, safe=safe) as owner:
         with _asked_then(robot, asked):
-            powered = give_torque(robot, names, robot.read())
+            powered = give_torque(robot, names, read_state(robot))
         if powered:
             observer.powered(powered)
         owner.group.members = (controller,)

@@ -37,6 +37,7 @@ class Output:
         borrowed: As in `RobotOwner`: a target is sent after every state, and errors are raised to the caller.
         on_sent: Called with every target as sent.
         look_again: Reads a new state after a change and drops earlier ones.
+        arm_watchdog: Called before every target: arms the watchdog, if it is wanted and not armed yet.
         asked: As in `RobotOwner`.
     """
 
@@ -48,10 +49,11 @@ class Output:
         borrowed: bool,
         on_sent: Callable[[SentTarget], object],
         look_again: Callable[[], object],
+        arm_watchdog: Callable[[], object],
         asked: Token | None = None,
     ) -> None:
         self._robot, self._group, self._borrowed = robot, group, borrowed
-        self._on_sent, self._look_again = on_sent, look_again
+        self._on_sent, self._look_again, self._arm_watchdog = on_sent, look_again, arm_watchdog
         self._periodic = Periodic()
         self._clamped = frozenset[str]()
         # The last stop that the controllers know of. Targets decided before a newer one must not be sent.
@@ -92,6 +94,7 @@ class Output:
         try:
             epochs.check(asked, "a target")
             with epochs.using(asked):
+                self._arm_watchdog()
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.

@@ -23,6 +23,7 @@ from hexwire.errors import (
     LinkPermissionError,
     PreemptedError,
     ReplyTimeoutError,
+    StoppedError,
     UsageError,
 )
 from hexwire.motion.safety import StopReason, board_stop
@@ -32,7 +33,7 @@ from .group import ControllerGroup
 from .newest import LatestState
 from .output import Output
 from .ownership import claim, release
-from .reader import StateReader
+from .reader import StateReader, check_joints
 from .waiting import join_or_abort
 
 if TYPE_CHECKING:
@@ -127,9 +128,16 @@ class RobotOwner:
         self._borrowed, self._stop_on_failure = borrowed, stop_on_failure
         self._publish_rate, self._command_rate = publish_rate, command_rate
         self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
+        self._covered = False
         self._ending, self._on_state = threading.Event(), on_state
         self._output = Output(
-            robot, self.group, borrowed=borrowed, on_sent=on_sent, look_again=self._look_again, asked=asked
+            robot,
+            self.group,
+            borrowed=borrowed,
+            on_sent=on_sent,
+            look_again=self._look_again,
+            arm_watchdog=self.arm_watchdog,
+            asked=asked,
         )
         self._clock, self._sleep = clock or robot.now, sleep or self._ending.wait
         self._reader: StateReader | None = None
@@ -184,15 +192,32 @@ class RobotOwner:
 
         Args:
             torque_off: Switch torque off; the arm may fall.
+
+        Raises:
+            UsageError: It is called in the owner's own thread.
         """
+        if self._thread is threading.current_thread():
+            raise UsageError("the thread of the owner cannot end itself; call shutdown in another thread")
         self._ending.set()
-        moving = self.group.moving
-        self.group.stop(StopReason("asked", "the program ends"))
-        with suppress(HexwireError):
-            if self.connected and moving and self._stop_on_failure:
-                self.robot.stop()
-        self._end_thread()
+        # In reverse order; each step follows whatever the others raise.
+        with ExitStack() as steps:
+            steps.callback(release, self.robot, self)
+            steps.callback(self._leave, torque_off)
+            steps.callback(self._disarm)
+            steps.callback(self._end_thread)
+            moving = self.group.moving
+            self.group.stop(StopReason("asked", "the program ends"))
+            with suppress(HexwireError):
+                if self.connected and moving and self._stop_on_failure:
+                    self.robot.stop()
+
+    def _end_thread(self) -> None:
+        patience = _PATIENCE if self.connected else _PATIENCE_LOST
+        if self._thread is not None and not join_or_abort(self._thread, patience, self.robot.abort, _PATIENCE):
+            _log.error("the robot's thread does not end")
         self._calls.fail(LinkLostError("the program ends"))
+
+    def _disarm(self) -> None:
         try:
             if not self.alive:
                 self._close_reader()
@@ -200,11 +225,12 @@ class RobotOwner:
                 self._watched.close()
         except HexwireError as error:
             self._still_armed = error
+
+    def _leave(self, torque_off: bool) -> None:
+        connected, self.connected, self.error = self.connected, False, "the program has ended"
         if not self._borrowed:
             with suppress(HexwireError):
-                self.robot.detach(torque_off=torque_off and self.connected)
-        self.connected, self.error = False, "the program has ended"
-        release(self.robot, self)
+                self.robot.detach(torque_off=torque_off and connected)
 
     def __enter__(self) -> Self:
         self.connect()
@@ -217,11 +243,6 @@ class RobotOwner:
         if error is None and self._borrowed and self._still_armed is not None:
             # The board will stop the arm: the caller must not take the motion for a success.
             raise self._still_armed
-
-    def _end_thread(self) -> None:
-        patience = _PATIENCE if self.connected else _PATIENCE_LOST
-        if self._thread is not None and not join_or_abort(self._thread, patience, self.robot.abort, _PATIENCE):
-            _log.error("the robot's thread does not end")
 
     @property
     def alive(self) -> bool:
@@ -344,6 +365,21 @@ class RobotOwner:
         """
         return self.call(lambda: self._output.torque(on, names))
 
+    def arm_watchdog(self) -> None:
+        """Arm the watchdog, if it is wanted and not armed yet: no target is sent without it. Owner's thread only.
+
+        Raises:
+            StoppedError: A borrowed robot is stopped; arming would hide that its watchdog has tripped.
+        """
+        if self._covered or not self._wanted_watchdog:
+            return
+        if self._borrowed:
+            self._wanted_watchdog = max(self._wanted_watchdog, _PERIODS * self.command_period)
+        # If the owner attached the robot, it has reported a stop before.
+        watched = self.robot.watched(self._wanted_watchdog, self._watchdog_mode, always=not self._borrowed)
+        self._watched.enter_context(watched)
+        self._covered = True
+
     # -- the cycle --------------------------------------------------------------------------------------
 
     def turn(self) -> None:
@@ -412,15 +448,17 @@ class RobotOwner:
 
     def _begin(self) -> None:
         self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
-        self._reader, self.connected, self.error = None, True, ""
+        self._reader, self._covered, self.connected, self.error = None, False, True, ""
 
     def _begin_reading(self) -> StateReader:
         # First, since arming the watchdog clears the board's flag that it tripped.
         if self.state is not None and (found := board_stop(self.state)) is not None:
             self.group.stop(found)
             self._output.tell(logging.WARNING, "%s; reset it before the next motion", found)
-        # Not earlier, since nothing feeds the watchdog between `connect` and the first turn.
-        self._arm_watchdog()
+        # Not earlier, since nothing feeds the watchdog between `connect` and the first turn. For an arm that is
+        # stopped it is armed before the first target.
+        with suppress(StoppedError):
+            self.arm_watchdog()
         rate = 1.0 / self.command_period
         if not self._borrowed:
             # Every target needs a state, even if states are published rarely.
@@ -429,14 +467,6 @@ class RobotOwner:
         self._latest.begin(reader.period, max(_SILENT, 3.0 * self.command_period))
         self._restarts = self.robot.restarts
         return reader
-
-    def _arm_watchdog(self) -> None:
-        if self._borrowed and self._wanted_watchdog:
-            self._wanted_watchdog = max(self._wanted_watchdog, _PERIODS * self.command_period)
-        if self._wanted_watchdog:
-            # With a borrowed robot, a latched stop may stay as it is; otherwise it was reported above.
-            watched = self.robot.watched(self._wanted_watchdog, self._watchdog_mode, always=not self._borrowed)
-            self._watched.enter_context(watched)
 
     def _reconnect(self) -> None:
         self._fail_calls()
@@ -494,7 +524,7 @@ class RobotOwner:
         self.probe = self.robot.probe()
 
     def _take(self, state: JointState) -> None:
-        published = self._latest.take(state, self._clock())
+        published = self._latest.take(check_joints(state, self.robot.model), self._clock())
         for observer in self.observers:
             observer(state)
         if published is not None:

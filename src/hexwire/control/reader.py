@@ -1,7 +1,7 @@
 """Reads the states of a robot one after the other, from its reports if it sends them, else on request.
 
-Owns the choice between the two, the rate, and ending the reports. Must not know how the states are used, nor what
-happens when none arrive.
+Owns the choice between the two, the rate, ending the reports, and the check that no joint is missing. Must not know
+how the states are used, nor what happens when none arrive.
 """
 
 from __future__ import annotations
@@ -10,15 +10,16 @@ from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from hexwire.errors import HexwireError
+from hexwire.errors import DeviceError, HexwireError
 
 from .loop import RateLoop
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
+    from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-__all__ = ["StateReader"]
+__all__ = ["StateReader", "check_joints", "read_state"]
 
 _SILENCE = 0.5
 """Seconds without a report after which the robot is pinged."""
@@ -27,6 +28,29 @@ _SLOW = 2.0
 _MIN_PERIOD = 0.005
 _MAX_PERIOD = 0.25
 """Seconds between two reports: boards refuse shorter periods, and longer ones would delay noticing silence."""
+
+
+def check_joints(state: JointState, arm: ArmModel) -> JointState:
+    """Return a state that has the joints of the arm, in its order.
+
+    Raises:
+        DeviceError: It has others: a value would be taken for that of another joint.
+    """
+    if state.names != arm.names:
+        raise DeviceError(
+            f"the robot reports the joints {', '.join(state.names) or '(none)'}, but {arm.name} has "
+            f"{', '.join(arm.names)}; correct its driver"
+        )
+    return state
+
+
+def read_state(robot: RobotDriver) -> JointState:
+    """Read all joints of a robot.
+
+    Raises:
+        HexwireError: As `RobotDriver.read` and `check_joints`.
+    """
+    return check_joints(robot.read(), robot.model)
 
 
 class StateReader:

@@ -13,7 +13,8 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from hexwire.epochs import Epochs
-from hexwire.errors import HexwireError, NotSupportedError, UsageError
+from hexwire.errors import HexwireError, NotSupportedError, StoppedError, UsageError
+from hexwire.wire.command_frame import Status
 
 from .values import JointProbe, ProbeReport, Signal, StopCause, StopLatch, StopMode
 
@@ -142,7 +143,7 @@ class RobotDriver(ABC):
         """Arm the watchdog for a `with` block, so that the robot stops if this program dies or stalls.
 
         Put it around everything that moves. Every request feeds the watchdog. On exit the watchdog is disarmed,
-        unless it was armed before. If the arm is already stopped, nothing is armed unless `always` is set.
+        unless it was armed before.
 
         Args:
             timeout: Seconds of silence.
@@ -151,12 +152,20 @@ class RobotDriver(ABC):
 
         Yields:
             Whether a watchdog protects the block; False if the robot has none.
+
+        Raises:
+            StoppedError: The arm is stopped, and `always` is not set. Otherwise the block would move an arm that
+                somebody resumes meanwhile, without a watchdog.
         """
         if not self.has_watchdog:
             yield False
             return
-        armed = not self.watchdog_armed and (always or not self.read().stopped)
+        armed = not self.watchdog_armed
         if armed:
+            if not always and (state := self.read()).stopped:
+                why = f" ({StopCause.WATCHDOG.value})" if state.watchdog_tripped else ""
+                text = f"the arm is stopped{why}; `hexwire resume` ends that"
+                raise StoppedError.unsent("WATCHDOG", Status.STOPPED, text)
             self.watchdog(timeout, mode)
         try:
             yield True
