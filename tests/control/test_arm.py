@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from tests.motion.arms import HOME, NAMES
 from hexwire.control.diagnostics import diagnose
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.outcomes import Outcome, Reason
+from hexwire.control.path_check import PathCheck
 from hexwire.errors import GoalError, LimitError, LinkLostError, ServoError, UsageError
 from hexwire.motion.waypoints import Spline, Waypoint
 
@@ -98,6 +100,21 @@ def test_set_points_that_are_refused_change_nothing(positions: dict[str, float],
         bench.arm.set_points(positions)
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
+
+
+def test_a_set_point_is_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make_bench(controllers=SPLIT)
+    checked: list[Mapping[str, float]] = []
+    limits = PathCheck.limits
+
+    def note(check: PathCheck, goal: Mapping[str, float]) -> None:
+        checked.append(dict(goal))
+        limits(check, goal)
+
+    monkeypatch.setattr(PathCheck, "limits", note)
+    positions = {"J1": J1 + 0.1, "J7": 0.2}
+    bench.arm.set_points(positions)
+    assert checked == [positions]
 
 
 def test_set_points_are_pursued() -> None:

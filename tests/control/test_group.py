@@ -11,12 +11,12 @@ from hexwire.control.controller import TrajectoryController
 from hexwire.control.goals import Point, Tolerances, TrajectoryGoal
 from hexwire.control.group import ControllerGroup
 from hexwire.control.outcomes import Ended, Outcome
+from hexwire.control.path_check import PathCheck
 from hexwire.control.settings import ControllerSettings
 from hexwire.errors import GoalError
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointFlag, JointTarget
-from hexwire.motion.fence import Fence
 from hexwire.motion.safety import SafetyLimits, StopReason
 
 STILL = [0.0] * 7
@@ -164,7 +164,7 @@ def test_joints_of_two_that_fold_the_arm_together_stop_it() -> None:
         settings = ControllerSettings(name, joints, True, Tolerances(none, none, 0.0))
         members.append(TrajectoryController(settings, HEX7BOT, SafetyLimits()))
     group = ControllerGroup(tuple(members))
-    group.fence = Fence(Hex7BotModel(), None, moving=True)
+    group.check = PathCheck(HEX7BOT, Hex7BotModel(), None)
     told = [go(group, 0, "J2", math.radians(60)), go(group, 1, "J3", math.radians(40))]
     where: dict[str, float] = {}
     now, order = 0.0, group.cycle(state(), STILL, 0.0, 0.1, due=True)

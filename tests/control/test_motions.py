@@ -18,9 +18,17 @@ from hexwire.control import run_motion
 from hexwire.control.motions import MotionObserver, MotionOptions, check_path
 from hexwire.control.path_check import PathCheck
 from hexwire.drivers.values import StopMode
-from hexwire.errors import CommandRefusedError, DeviceError, LinkLostError, ServoError, StoppedError, UsageError
+from hexwire.errors import (
+    CommandRefusedError,
+    DeviceError,
+    GoalError,
+    LinkLostError,
+    ServoError,
+    StoppedError,
+    UsageError,
+)
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.state import JointState, JointTarget, SentTarget
+from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.waypoints import Spline
 
 
@@ -188,6 +196,33 @@ def test_a_silent_servo_gets_no_torque_and_nothing_moves() -> None:
     with pytest.raises(ServoError, match=r"^servo 4 \(J5\) does not answer"):
         run_motion(bench.robot, JointTarget.of({"J5": 0.1}, 1.0), bench.options())
     assert bench.targets == []
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"flags": (int(JointFlag.TORQUE_ON),) * 3 + (0,) * 4}, "no torque on J4; enable it first"),
+        (
+            {"flags": (int(JointFlag.TORQUE_ON | JointFlag.SILENT),) * 7, "age": (9.0,) * 7},
+            r"no answer from J4 for more than 0\.5 s",
+        ),
+    ],
+)
+def test_a_joint_that_is_not_ready_after_torque_is_on_is_not_moved(change: dict[str, Any], says: str) -> None:
+    bench = Bench()
+    bench.robot.torque(True)
+    way = bench.way()
+    read, reads = bench.robot.read, iter(range(1000))
+
+    def changed() -> JointState:
+        state = read()
+        return replace(state, **change) if next(reads) > 2 else state
+
+    bench.robot.read = changed  # type: ignore[method-assign]  # torque or the servo is lost at this moment
+    with pytest.raises(GoalError, match=says):
+        run_motion(bench.robot, way, bench.options())
+    assert bench.targets == []
+    assert bench.arm.board.state.watchdog_timeout == 0.0
 
 
 def test_a_jam_stops_the_arm() -> None:

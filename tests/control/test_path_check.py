@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 from tests.motion.arms import HOME, state
 
+from hexwire.control import path_check
 from hexwire.control.outcomes import Reason
 from hexwire.control.path_check import PathCheck
 from hexwire.errors import GoalError, LimitError, UsageError
@@ -148,3 +150,21 @@ def test_a_trajectory_may_last_an_hour() -> None:
     with pytest.raises(GoalError, match="at most 3600 s") as caught:
         BLIND.trajectory(way({"J1": HOME["J1"]}, 3600.1), HOME)
     assert caught.value.reason == Reason.MALFORMED
+
+
+def test_what_all_controllers_send_together_is_checked_while_it_runs() -> None:
+    check, half = PathCheck(HEX7BOT, Hex7BotModel(), None), {"J2": 0.5 * (HOME["J2"] + FOLD["J2"])}
+    assert check.running(HOME, {"J3": FOLD["J3"]}) == ""
+    assert check.running(HOME, half) == ""
+    # The other joint counts as where it was sent, not where it sags.
+    assert "elbow folded" in check.running(HOME, {"J2": FOLD["J2"]})
+    check.forget()
+    assert check.running(HOME, {"J2": FOLD["J2"]}) == "", "by hand it may have gone anywhere"
+    assert BLIND.running(HOME, FOLD) == ""
+    BLIND.forget()
+
+
+def test_the_list_of_checks_is_the_only_one() -> None:
+    control = Path(path_check.__file__).parent
+    others = [file.name for file in control.glob("*.py") if file.name != "path_check.py"]
+    assert [name for name in others if "motion.fence" in (control / name).read_text(encoding="utf-8")] == []

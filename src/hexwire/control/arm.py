@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import GoalError, HexwireError, UsageError
-from hexwire.motion.fence import Fence
 from hexwire.motion.teach import approach
 
 from .controller import TrajectoryController
@@ -83,6 +82,8 @@ class Arm:
             clock=clock,
             sleep=sleep,
         )
+        self._check = PathCheck(settings.model, settings.kinematics, settings.table)
+        self.owner.group.check = self._check
         self.controllers: dict[str, TrajectoryController] = {}
         self.teach_mode = TeachMode(self.owner, settings.teach_directory, on_taught)
         # Held by one long request at a time: moving to a pose, starting or ending teach mode, playing back.
@@ -94,16 +95,13 @@ class Arm:
         """Connect to the robot and create its controllers; raises as `RobotOwner.connect`."""
         settings, owner = self.settings, self.owner
         owner.connect(settings.connect_timeout)
-        if settings.kinematics is not None:
-            owner.group.fence = Fence(settings.kinematics, settings.table, moving=True)
         limits = settings.safety_at(1.0 / owner.command_period)
         self.controllers = {
             row.name: TrajectoryController(
                 row,
                 settings.model,
                 limits,
-                kinematics=settings.kinematics,
-                table=settings.table,
+                check=self._check,
                 command_timeout=settings.command_timeout or _NEVER,
             )
             for row in settings.controllers
@@ -217,19 +215,17 @@ class Arm:
             which = next((key for key, c in self.controllers.items() if joint in c.joints), None)
             if which is None:
                 raise UsageError(f"no joint {joint!r}; there are {', '.join(self._all_joints())}")
-            self.settings.model.joint(joint).check(angle)
             shares.setdefault(which, {})[joint] = angle
         if not shares:
             raise UsageError("it has no positions, and these servos accept nothing else")
         with owner.locked():
             self.teach_mode.hand.refuse()
             state, now = owner.newest(), owner.now()
-            path = PathCheck(self.settings.model, self.settings.kinematics, self.settings.table)
             for key, share in shares.items():
                 self.controllers[key].check_set_points(share, state)
-            path.posture(state.positions, positions)
+            self._check.posture(state.positions, positions)
             for key, share in shares.items():
-                self.controllers[key].set_points(share, state, now)
+                self.controllers[key].follow_set_points(share, now)
         owner.group.deliver()
 
     # -- power and stop -------------------------------------------------------------------------------

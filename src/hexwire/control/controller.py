@@ -26,7 +26,6 @@ from .plan import Plan
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
-    from hexwire.model.kinematics import KinematicModel
     from hexwire.motion.safety import SafetyLimits
     from hexwire.motion.waypoints import Trajectory
 
@@ -65,8 +64,7 @@ class TrajectoryController:
         settings: Name, joints and tolerances.
         arm: Limits and speeds.
         limits: Thresholds that stop the arm automatically.
-        kinematics: For joint coupling limits and table; None to check neither.
-        table: Height of the table above the base, metres; None for no table.
+        check: The checks of the arm; None for its limits and speeds only.
         command_timeout: Seconds without a set-point after which the joints hold.
 
     Attributes:
@@ -81,13 +79,12 @@ class TrajectoryController:
         arm: ArmModel,
         limits: SafetyLimits,
         *,
-        kinematics: KinematicModel | None = None,
-        table: float | None = None,
+        check: PathCheck | None = None,
         command_timeout: float = 0.5,
     ) -> None:
         self.settings = settings
         self.follower = Follower(arm, limits, lost_after=command_timeout)
-        self._check = PathCheck(arm, kinematics, table)
+        self._check = check or PathCheck(arm, None, None)
         self.off: tuple[Deviation, ...] = ()
         self._places = tuple(arm.index(name) for name in settings.joints)
         self._active: _Active | None = None
@@ -247,7 +244,7 @@ class TrajectoryController:
         tolerances: Tolerances | None = None,
     ) -> None:
         """Follow a trajectory that begins at the present position; otherwise as `accept`."""
-        self._refuse_if_stopped()
+        self._refuse_unready(trajectory.names, state)
         self.follower.observe(state)
         begins = self.follower.next_start(now)
         try:
@@ -268,18 +265,25 @@ class TrajectoryController:
             GoalError: Stopped, or a joint has no torque or its position is unknown.
         """
         self.check_set_points(positions, state)
-        self.follower.set_point(positions, now)
-        self._preempt("replaced by set-points")
+        self.follow_set_points(positions, now)
 
-    def check_set_points(self, positions: Mapping[str, float], state: JointState) -> None:
-        """Raise the errors of `set_points`; changes nothing."""
+    def check_set_points(self, positions: Collection[str], state: JointState) -> None:
+        """Check that joints can follow set-points now; changes nothing.
+
+        Raises:
+            GoalError: As `set_points`.
+        """
         self._refuse_unready(positions, state)
-        self._check.limits(positions)
         self.follower.observe(state)
         try:
             self.follower.desired(tuple(positions), 0.0)
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
+
+    def follow_set_points(self, positions: Mapping[str, float], now: float) -> None:
+        """Follow set-points after `check_set_points`; otherwise as `set_points`."""
+        self.follower.set_point(positions, now)
+        self._preempt("replaced by set-points")
 
     def hold(self, why: str) -> None:
         """Hold the last set-point; the active goal is preempted."""

@@ -15,9 +15,9 @@ from hexwire.motion.safety import StopReason
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
-    from hexwire.motion.fence import Fence
 
     from .outcomes import Ended, GoalListener
+    from .path_check import PathCheck
 
 __all__ = ["Controller", "ControllerGroup"]
 
@@ -68,14 +68,14 @@ class ControllerGroup:
     Attributes:
         members: The controllers; no joint belongs to two of them.
         lock: Guards them. Do not block or call listeners while holding it.
-        fence: Limits for the combined motion of all controllers; None for no check.
+        check: Checks the combined targets of all controllers; None for no check.
         stops: Number of stops, including those while one was latched.
     """
 
     def __init__(self, members: Sequence[Controller] = ()) -> None:
         self.members = members
         self.lock = threading.RLock()
-        self.fence: Fence | None = None
+        self.check: PathCheck | None = None
         self.stops = 0
 
     @property
@@ -134,8 +134,7 @@ class ControllerGroup:
         return JointTarget(positions, max(target.duration for target in targets)) if positions else None
 
     def _outside(self, state: JointState, target: Iterable[tuple[str, float]]) -> StopReason | None:
-        """Check the combined target, since each controller checks only its own path."""
-        found = self.fence.follow(state.positions, dict(target)) if self.fence is not None else ""
+        found = self.check.running(state.positions, dict(target)) if self.check is not None else ""
         return StopReason("fence", found) if found else None
 
     def stop(self, reason: StopReason) -> None:
@@ -185,8 +184,8 @@ class ControllerGroup:
                 _log.exception("a listener of a goal failed")
 
     def _forget(self) -> None:
-        if self.fence is not None:
-            self.fence.forget()
+        if self.check is not None:
+            self.check.forget()
 
     def _stop(self, reason: StopReason) -> None:
         self.stops += 1

@@ -397,8 +397,7 @@ def _run_path(
         ControllerSettings("", names, True, none),
         robot.model,
         options.limits or SafetyLimits.at_period(1.0 / rate),
-        kinematics=options.kinematics,
-        table=options.table,
+        check=PathCheck(robot.model, options.kinematics, options.table),
     )
     arrived, reason = False, None
     end: JointTarget | Literal[True] | None = None

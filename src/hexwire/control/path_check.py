@@ -1,8 +1,8 @@
-"""The one list of checks before an arm moves, for every goal, target, set-point and command.
+"""The one list of checks of an arm's motion, for every goal, target, set-point and command.
 
 Owns the checks, in this order: stop latch; known positions and torque; limits; speeds, joint coupling limits and
-table along the path; and, when the motion begins, the bridge from the present position and the blend from the
-running motion. Must not know goals or time.
+table along the path; when the motion begins, the bridge from the present position and the blend from the running
+motion; and while it runs, the combined targets of all controllers. Must not know goals or time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _BRIDGE_GRACE = 1.1
 
 
 class PathCheck:
-    """Checks the paths of an arm.
+    """Checks the paths of one arm; its controllers share it.
 
     Args:
         arm: Limits and speeds.
@@ -49,6 +49,7 @@ class PathCheck:
 
     def __init__(self, arm: ArmModel, kinematics: KinematicModel | None, table: float | None) -> None:
         self._arm, self._kinematics, self._table = arm, kinematics, table
+        self._running = None if kinematics is None else Fence(kinematics, table, moving=True)
         self._bridge_arm = replace(
             arm, joints=tuple(replace(joint, max_speed=_BRIDGE_GRACE * joint.max_speed) for joint in arm.joints)
         )
@@ -201,3 +202,19 @@ class PathCheck:
             if found := fence.follow({**others, **positions}, positions):
                 text = f"{t:.2f} s after it replaces the running motion, {found}; wait for its end first"
                 raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)
+
+    def running(self, here: Mapping[str, float], target: Mapping[str, float]) -> str:
+        """Check the next combined target, since each controller checks only its own path; returns the violations.
+
+        The limits of its joints were checked with each path, and the driver checks them again.
+
+        Args:
+            here: Present positions of all joints, radians.
+            target: Next targets of some joints, radians; empty while the arm rests.
+        """
+        return "" if self._running is None else self._running.follow(here, target)
+
+    def forget(self) -> None:
+        """Forget the targets given to `running`, for example after a stop or before motion by hand."""
+        if self._running is not None:
+            self._running.forget()
