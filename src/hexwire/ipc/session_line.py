@@ -104,9 +104,10 @@ class SessionLine(ABC):
         deadline = None if timeout is None else self.now() + timeout
         looked = False
         while True:
-            with self._turn.taken():
-                # A stop goes first; reading can continue after it without loss.
-                while not self._turn.urgent_waiting:
+            alone = self._turn.begin_listening(self.ipc.link.wake)
+            try:
+                # A stop or a request goes first; reading can continue after it without loss.
+                while not (self._turn.urgent_waiting or (alone and self._turn.waiting)):
                     self._sort_events()
                     if queue:
                         return queue.popleft()
@@ -117,6 +118,8 @@ class SessionLine(ABC):
                         self._step(deadline)
                     except LinkLostError as lost:
                         self._reopen(lost)
+            finally:
+                self._turn.end()
 
     # -- the loop -----------------------------------------------------------------------------------
 
