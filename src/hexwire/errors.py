@@ -22,7 +22,8 @@ the layers that raise them.
         ├── ReplyTimeoutError (TimeoutError)  no answer; carries the request, the attempts, what arrived instead
         │   └── WrongDeviceError            no answer, because the device is of another kind
         ├── CommandRefusedError             the board answered with a status other than ok
-        │   └── StoppedError                refused, or not even sent, because the arm is stopped
+        │   ├── StoppedError                refused, or not even sent, because the arm is stopped
+        │   └── LeaseError                  refused, because another program commands the arm, or the lease was lost
         ├── ServoError                      a servo is silent or reports a fault
         ├── NotSupportedError               this board or dialect does not support it
         └── PreemptedError                  a stop interrupted a request that was sent
@@ -38,6 +39,7 @@ __all__ = [
     "DeviceError",
     "GoalError",
     "HexwireError",
+    "LeaseError",
     "LimitError",
     "LinkBusyError",
     "LinkClosedError",
@@ -220,6 +222,19 @@ class StoppedError(CommandRefusedError):
         error = cls(command, status, reason)
         error.args = (f"{command} was not sent: {reason}",)
         return error
+
+
+class LeaseError(CommandRefusedError):
+    """A shared arm refused an order, because its sender does not hold the lease.
+
+    Attributes:
+        holder: Who holds it, in words; empty if nobody does.
+    """
+
+    def __init__(self, reason: str, *, holder: str = "") -> None:
+        super().__init__("an order", 0, reason)
+        self.args = (f"not done: {reason}",)
+        self.holder = holder
 
 
 class ServoError(DeviceError):

@@ -164,7 +164,8 @@ def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="URL",
         envvar="HEXWIRE_PORT",
         show_envvar=True,
-        help="Device or link, such as /dev/ttyUSB0 or tcp://host:port. Optional if one likely board is plugged in.",
+        help="Device, link or shared arm, such as /dev/ttyUSB0, tcp://host:port or zenoh:lab/arm1. Optional if one "
+        "likely board is plugged in.",
     )(packed)
 
 
@@ -214,13 +215,22 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         **rest: Any,
     ) -> Any:
         # It may also come before the command: `hexwire --robot puma260 state`.
-        robot = robot or click.get_current_context().find_root().params.get("robot") or DEFAULT_ROBOT
+        robot = robot or click.get_current_context().find_root().params.get("robot")
+        if robot is None:
+            robot = _robot_at(port)
         return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
 
     robot_option = click.option(
         "--robot", metavar="NAME", help=f"Type of robot on the port.  [default: {DEFAULT_ROBOT}]"
     )
     return port_option(robot_option(line_options(packed)))
+
+
+def _robot_at(port: str | None) -> str:
+    """Name of the robot, if none is typed: a shared arm is asked."""
+    from hexwire.drivers.registry import is_address, make_driver
+
+    return make_driver(port).model.name if port and is_address(port) else DEFAULT_ROBOT
 
 
 def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -288,11 +298,13 @@ def make_robot(options: RobotOptions) -> RobotDriver:
         UsageError: No such robot, a malformed URL, or an option that this robot does not support.
         LinkNotFoundError: No port was named and no likely board is plugged in.
     """
-    from hexwire.drivers.registry import load_driver
+    from hexwire.drivers.registry import is_address, make_driver
 
     wanted = {"boot_window": options.timeout, "dialect": options.dialect}
     given = {name: value for name, value in wanted.items() if value is not None}
-    return load_driver(options.robot).from_url(resolve_url(options.port, options.baud), **given)
+    if options.port and is_address(options.port) and (given or options.baud is not None):
+        raise UsageError("--baud, --dialect and --timeout belong to a port; a shared arm's server has them")
+    return make_driver(resolve_url(options.port, options.baud), options.robot, **given)
 
 
 @contextmanager

@@ -39,6 +39,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "pump": ("hexwire.cli.tool:pump", "Control the suction cup: hold, release, off."),
     "record": ("hexwire.cli.record:record", "Inspect, convert and repair recordings."),
     "resume": ("hexwire.cli.power:resume", "End a stop; the arm does not move."),
+    "serve": ("hexwire.cli.serve:serve", "Share an arm with other programs and machines."),
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),

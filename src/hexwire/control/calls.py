@@ -29,7 +29,8 @@ def voided_by_stop(call: Callable[[], _T], epochs: Epochs | None) -> Callable[[]
     """
     if epochs is None:
         return call
-    asked = epochs.mark()
+    # Perhaps part of an earlier call, such as an order that arrived before the stop.
+    asked = epochs.of_this_call or epochs.mark()
 
     def dated() -> _T:
         with epochs.using(asked):

@@ -7,6 +7,7 @@ connections or threads: one thread makes all calls.
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -58,6 +59,8 @@ class Output:
         self._clamped = frozenset[str]()
         # The last stop that the controllers know of. Targets decided before a newer one must not be sent.
         self._known_stop = asked or robot.epochs.mark()
+        self.deciding = threading.RLock()
+        """Held from the decision on a target until it was sent, by whoever decides. A stop does not wait for it."""
 
     def hurry(self) -> None:
         """Send a target after the next state, if none was sent for a period."""
@@ -73,6 +76,10 @@ class Output:
             period: Seconds between two targets.
             lead: Duration of a target, seconds.
         """
+        with self.deciding:
+            self._update(state, speeds, now, period, lead)
+
+    def _update(self, state: JointState, speeds: Sequence[float], now: float, period: float, lead: float) -> None:
         # Before anything is decided: a stop from here on voids the target, even if it is resumed.
         asked = self._robot.epochs.mark()
         if asked.epoch is not self._known_stop.epoch:
@@ -112,6 +119,29 @@ class Output:
                 self.tell(logging.WARNING, text, ", ".join(clamped))
             self._clamped = clamped
             self._on_sent(sent)
+
+    def send(self, target: JointTarget, asked: Token) -> SentTarget:
+        """Send a target that no controller has decided; the controllers of its joints end their motions.
+
+        Args:
+            target: Checked by the caller.
+            asked: When it was asked for; a stop since then cancels it.
+
+        Raises:
+            StoppedError: The arm is stopped, or was stopped since.
+            HexwireError: As `RobotDriver.write`.
+        """
+        with self.deciding:
+            epochs = self._robot.epochs
+            if self._group.reason is not None:
+                raise StoppedError.unsent("a target", 0, f"the arm is stopped ({self._group.reason}); resume first")
+            epochs.check(asked, "a target")
+            if self._group.busy:
+                self._group.release("another motion was asked for", [name for name, _ in target.positions])
+            with epochs.using(asked):
+                sent = self._robot.write(target)
+            self._on_sent(sent)
+            return sent
 
     def reset(self, stops: int) -> None:
         """Clear a stop, unless its cause persists or there was another stop.

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from hexwire.drivers.base import ProbeReport, RobotDriver
     from hexwire.epochs import Token
-    from hexwire.model.state import JointState, SentTarget
+    from hexwire.model.state import JointState, JointTarget, SentTarget
 
     from .group import Controller
     from .known_state import KnownState
@@ -330,8 +330,31 @@ class RobotOwner:
             return call()
         return self._calls.call(voided_by_stop(call, self.robot.epochs))
 
-    def stop(self, why: str) -> tuple[str, ...]:
-        """Latched stop, ahead of everything else; the joints hold.
+    def deciding(self) -> threading.RLock:
+        """The lock that is held while a target is decided and sent. A stop does not wait for it."""
+        return self._output.deciding
+
+    def send(self, target: JointTarget, asked: Token) -> SentTarget:
+        """Send a target from any thread, between two cycles; the controllers of its joints end their motions.
+
+        Args:
+            target: Checked by the caller.
+            asked: When it was asked for; a stop since then cancels it.
+
+        Raises:
+            LinkLostError: The robot is not connected.
+            StoppedError: The arm is stopped, or was stopped since.
+            HexwireError: As `RobotDriver.write`.
+        """
+        self._check_reachable()
+        return self._output.send(target, asked)
+
+    def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        """Latched stop, ahead of everything else.
+
+        Args:
+            why: The reason, for display.
+            mode: How the arm stops.
 
         Returns:
             Names of the joints that confirmed it.
@@ -342,7 +365,7 @@ class RobotOwner:
         self.group.stop(StopReason("asked", why))
         if not self.connected:
             raise LinkLostError(f"the stop cannot be sent to the robot: {self.error}")
-        return self.robot.stop()
+        return self.robot.stop(mode)
 
     def reset(self) -> None:
         """Clear a latched stop. Nothing moves.

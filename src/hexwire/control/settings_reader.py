@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from hexwire.drivers.registry import PORT_VARIABLE, load_driver
-from hexwire.errors import HexwireError, LimitError, UsageError
+from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver
+from hexwire.errors import HexwireError, LimitError, LinkError, UsageError
 from hexwire.link.ports import find_only_board
 from hexwire.model.geometry import ROBOTS, kinematics_or_none
 from hexwire.motion.safety import SafetyLimits
@@ -85,12 +85,23 @@ def read_settings(
 
 def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | None, ArmModel | None]:
     """The driver if robot and port are known, and the arm's model if the robot is known."""
+    url = values["port"] or os.environ.get(PORT_VARIABLE, "")
+    if is_address(url):
+        try:
+            shared = make_driver(url, values["robot"] if values["robot"] != DEFAULT_ROBOT else None)
+        except LinkError:
+            # Nothing is wrong with the settings.
+            raise
+        except (HexwireError, ImportError) as error:
+            faults.add("port", error)
+            return None, None
+        values["port"], values["robot"] = url, shared.model.name
+        return shared, shared.model
     try:
         robot = load_driver(values["robot"])
     except (HexwireError, ImportError) as error:
         faults.add("robot", error)
         return None, None
-    url = values["port"] or os.environ.get(PORT_VARIABLE, "")
     if url:
         try:
             driver = robot.from_url(url)

@@ -16,12 +16,26 @@ from .base import RobotDriver
 if TYPE_CHECKING:
     from .bus_arm import BusArm
 
-__all__ = ["PORT_VARIABLE", "connect", "load_bus_arm", "load_driver", "robot_names"]
+__all__ = [
+    "DEFAULT_ROBOT",
+    "PORT_VARIABLE",
+    "connect",
+    "is_address",
+    "load_bus_arm",
+    "load_driver",
+    "make_driver",
+    "robot_names",
+]
 
 PORT_VARIABLE = "HEXWIRE_PORT"
 """Environment variable with the default port."""
 
+DEFAULT_ROBOT = "hex7bot"
+"""The robot on a port, unless another one is named."""
+
 _GROUP = "hexwire.robots"
+_ADDRESSES = "hexwire.addresses"
+"""Entry points of drivers for addresses that name a robot, not a link to one: ``zenoh:lab/arm1``."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -66,13 +80,39 @@ def load_bus_arm(name: str) -> type[BusArm]:
     return driver
 
 
-def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> RobotDriver:
+def make_driver(port: str, robot: str | None = None, **options: Any) -> RobotDriver:
+    """Make the driver for a port or an address; it is not attached yet.
+
+    Args:
+        port: As for `connect`. An address that names a robot, as in ``zenoh:lab/arm1``, is asked which robot it is.
+        robot: Name of the robot; for a port, `DEFAULT_ROBOT` if None.
+        **options: Passed to the driver's `from_url`.
+
+    Raises:
+        UsageError: There is no such robot, or the address is wrong or leads to another robot.
+        LinkError: Nobody answers at the address.
+    """
+    if is_address(port):
+        point = next(point for point in entry_points(group=_ADDRESSES) if point.name == port.partition(":")[0])
+        driver: RobotDriver = point.load().from_url(port, robot=robot, **options)
+        return driver
+    return load_driver(robot or DEFAULT_ROBOT).from_url(port, **options)
+
+
+def is_address(port: str) -> bool:
+    """Whether a text names a robot, as in ``zenoh:lab/arm1``, and not a link to one."""
+    scheme, colon, _ = port.partition(":")
+    return bool(colon) and any(point.name == scheme for point in entry_points(group=_ADDRESSES))
+
+
+def connect(port: str | None = None, robot: str | None = None, **options: Any) -> RobotDriver:
     """Open a robot: find its driver and its port, and attach. Nothing moves.
 
     Args:
-        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``. If None, the value of the environment
-            variable HEXWIRE_PORT, else the only likely board that is plugged in.
-        robot: Name of the robot.
+        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``, or the address of a shared arm, as in
+            ``zenoh:lab/arm1``. If None, the value of the environment variable HEXWIRE_PORT, else the only likely
+            board that is plugged in.
+        robot: Name of the robot; a shared arm names it itself, and another port has a hex7bot if None.
         **options: Passed to the driver's `from_url`.
 
     Returns:
@@ -89,6 +129,6 @@ def connect(port: str | None = None, robot: str = "hex7bot", **options: Any) -> 
         from hexwire.link.ports import find_only_board
 
         port = find_only_board()
-    driver = load_driver(robot).from_url(port, **options)
+    driver = make_driver(port, robot, **options)
     driver.attach()
     return driver

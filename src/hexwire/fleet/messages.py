@@ -1,0 +1,346 @@
+"""What travels between the server of an arm and its clients: MessagePack with a version.
+
+Owns the messages, their limits and their bytes. A payload is one byte, the version of the schema, then MessagePack.
+Whatever arrives, `decode` returns a message of the expected kind or raises `RemoteProtocolError`. Must not know
+Zenoh, robots or clocks.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+
+from hexwire.errors import RemoteProtocolError
+
+__all__ = [
+    "VERSION",
+    "Answer",
+    "Ask",
+    "Beat",
+    "Envelope",
+    "Facts",
+    "Joint",
+    "Lease",
+    "LeaseRequest",
+    "Leave",
+    "Question",
+    "State",
+    "StopRequest",
+    "Take",
+    "decode",
+    "encode",
+]
+
+VERSION = 1
+"""Version of the schema. It grows when a program of an older version could misunderstand a message."""
+LARGEST = 1 << 20
+"""Most bytes of a message: a trajectory of 10,000 points is smaller."""
+
+_Text = Annotated[str, msgspec.Meta(max_length=4096)]
+_Name = Annotated[str, msgspec.Meta(max_length=64)]
+_Names = Annotated[tuple[_Name, ...], msgspec.Meta(max_length=64)]
+_Floats = Annotated[tuple[float, ...], msgspec.Meta(max_length=64)]
+_Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+
+
+class _Message(msgspec.Struct, array_like=True, gc=False):
+    pass
+
+
+# -- states -----------------------------------------------------------------------------------------------
+
+
+class State(_Message, tag=1):
+    """A state of the arm, and of its lease.
+
+    Attributes:
+        sequence: Number of the message; one greater each time.
+        stamp: Owner's monotonic clock at the newest sample, seconds.
+        sent: The same clock when the message was sent.
+        wall: Owner's wall clock then, seconds since 1970.
+        names: Joint names; no joint if the robot is not connected.
+        position: And the following: as in `JointState`.
+        holder: Who holds the lease, in words; empty if nobody does.
+        held: Why the arm holds; empty if it does not.
+        reason: Why the arm is stopped, if it is known.
+        error: Why the robot is not connected; empty if it is.
+        done: Number of orders done so far.
+    """
+
+    sequence: _Count
+    stamp: float
+    sent: float
+    wall: float
+    names: _Names
+    position: _Floats
+    velocity: _Floats
+    load: _Floats
+    current: _Floats
+    voltage: _Floats
+    temperature: _Floats
+    flags: Annotated[tuple[_Count, ...], msgspec.Meta(max_length=64)]
+    age: _Floats
+    board_time: float
+    stopped: bool
+    tripped: bool
+    maintenance: bool
+    holder: _Text = ""
+    held: _Text = ""
+    reason: _Text = ""
+    error: _Text = ""
+    done: _Count = 0
+
+
+# -- the lease --------------------------------------------------------------------------------------------
+
+
+class Take(_Message, tag=1):
+    """Take the lease.
+
+    Attributes:
+        client: Who asks, for display.
+        force: Pre-empt the holder.
+        watchdog: Seconds without a call of the client's program after which the arm is stopped; 0 for never.
+        mode: How it is stopped then, as `StopMode`.
+    """
+
+    client: _Text
+    force: bool = False
+    watchdog: float = 0.0
+    mode: int = 0
+
+
+class Beat(_Message, tag=2):
+    """Renew the lease.
+
+    Attributes:
+        key: Key of the lease.
+        idle: Seconds since the client's program last used the arm.
+    """
+
+    key: _Count
+    idle: float = 0.0
+
+
+class Leave(_Message, tag=3):
+    """Give the lease back.
+
+    Attributes:
+        key: Key of the lease.
+        finish: A motion that was begun runs to its end.
+    """
+
+    key: _Count
+    finish: bool = False
+
+
+LeaseRequest = Take | Beat | Leave
+
+
+class Lease(_Message, tag=4):
+    """Answer to a request for the lease.
+
+    Attributes:
+        key: Key of the lease; 0 after it was given back.
+        timeout: Seconds of silence after which it is lost.
+        clock: Owner's monotonic clock, seconds.
+    """
+
+    key: _Count
+    timeout: float
+    clock: float
+
+
+# -- orders -----------------------------------------------------------------------------------------------
+
+
+class Write(_Message, tag=1):
+    """Send a target; see `RobotDriver.write`."""
+
+    names: _Names
+    position: _Floats
+    duration: float
+
+
+class Torque(_Message, tag=2):
+    """Switch torque; see `RobotDriver.torque`. No names mean all joints."""
+
+    on: bool
+    names: _Names | None
+
+
+class Resume(_Message, tag=3):
+    """End a stop."""
+
+
+class Watchdog(_Message, tag=4):
+    """Arm the watchdog of the lease; a time-out of 0 disarms it."""
+
+    timeout: float
+    mode: int = 0
+
+
+class Ioctl(_Message, tag=5):
+    """Send a special command; see `RobotDriver.ioctl`."""
+
+    sub_cmd: _Count
+    data: Annotated[bytes, msgspec.Meta(max_length=4096)]
+
+
+Order = Write | Torque | Resume | Watchdog | Ioctl
+
+
+class Envelope(_Message, tag=10):
+    """An order with what proves that it may be done.
+
+    Attributes:
+        key: Key of the lease.
+        sequence: Number of the order, greater than all before.
+        made: Owner's clock when it was made, as the client estimates it, seconds.
+        doubt: Uncertainty of the estimate, seconds.
+        order: The order.
+    """
+
+    key: _Count
+    sequence: _Count
+    made: float
+    doubt: float
+    order: Order
+
+
+# -- questions --------------------------------------------------------------------------------------------
+
+
+class Ask(_Message, tag=1):
+    """A question that moves nothing.
+
+    Attributes:
+        what: ``facts``, ``clock``, ``probe``, ``ping`` or ``counters``.
+        number: Id of a servo.
+    """
+
+    what: _Name
+    number: int = 0
+
+
+class StopRequest(_Message, tag=2):
+    """Stop the arm.
+
+    Attributes:
+        client: Who stops it, for display.
+        mode: As `StopMode`.
+    """
+
+    client: _Text
+    mode: int = 0
+
+
+Question = Ask | StopRequest
+
+
+class Joint(_Message, tag=1):
+    """A joint's model; see `JointModel`."""
+
+    name: _Name
+    servo_id: int
+    series: _Name
+    neutral: int
+    sign: int
+    offset: float
+    scale: float
+    minimum: float
+    maximum: float
+    max_speed: float
+
+
+class Facts(_Message, tag=2):
+    """What a client knows of an arm before its first state.
+
+    Attributes:
+        robot: Name of the arm's model.
+        joints: Its joints.
+        rate: States published per second.
+        command_rate: Targets per second that it accepts.
+        max_age: Greatest age of a set-point, seconds.
+        timeout: Seconds of silence after which a lease is lost.
+        server: Host, process and version of the server, in words.
+        port: URL of the robot at the server.
+        holder: Who holds the lease.
+        error: Why the robot is not connected; empty if it is.
+        clock: Owner's monotonic clock, seconds.
+    """
+
+    robot: _Name
+    joints: Annotated[tuple[Joint, ...], msgspec.Meta(max_length=64)]
+    rate: float
+    command_rate: float
+    max_age: float
+    timeout: float
+    server: _Text
+    port: _Text
+    holder: _Text
+    error: _Text
+    clock: float
+
+
+# -- answers ----------------------------------------------------------------------------------------------
+
+
+class Answer(_Message, tag=20):
+    """What became of an order or a question.
+
+    Attributes:
+        kind: Empty if it was done; otherwise the kind of error, see `failures`.
+        text: Its text.
+        details: Further values of the error.
+        value: The result: numbers, texts, lists and tables.
+        clock: Owner's monotonic clock, seconds.
+        done: Number of orders done so far; a later state has at least this number.
+    """
+
+    kind: _Name
+    text: _Text = ""
+    details: dict[str, Any] = {}
+    value: Any = None
+    clock: float = 0.0
+    done: _Count = 0
+
+
+_M = TypeVar("_M")
+
+_encoder = msgspec.msgpack.Encoder()
+_decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
+_HEAD = bytes([VERSION])
+
+
+def encode(message: _Message) -> bytes:
+    """Serialize a message."""
+    return _HEAD + _encoder.encode(message)
+
+
+def decode(payload: bytes, kind: type[_M]) -> _M:
+    """Parse a message.
+
+    Args:
+        payload: What arrived: any bytes.
+        kind: Class of the expected message, or a union of such classes.
+
+    Raises:
+        RemoteProtocolError: It is not such a message, or its version is another one.
+    """
+    if not payload:
+        raise RemoteProtocolError("an empty message")
+    if len(payload) > LARGEST:
+        raise RemoteProtocolError(f"a message of {len(payload)} bytes is longer than {LARGEST}")
+    version = payload[0]
+    if version != VERSION:
+        older = "the other program is older than this one" if version < VERSION else "this program is older"
+        raise RemoteProtocolError(f"a message of version {version}, not {VERSION}: {older}; update the older one")
+    decoder = _decoders.get(kind)
+    if decoder is None:
+        decoder = _decoders[kind] = msgspec.msgpack.Decoder(kind)
+    try:
+        return decoder.decode(memoryview(payload)[1:])  # type: ignore[no-any-return]  # the decoder is of that kind
+    except (msgspec.MsgspecError, ValueError, RecursionError, OverflowError) as error:
+        raise RemoteProtocolError(f"not a valid message: {str(error)[:200]}") from None

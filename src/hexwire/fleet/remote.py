@@ -1,0 +1,443 @@
+"""`RemoteRobot`: a shared arm as a `RobotDriver`.
+
+Owns what a client keeps: the newest state, the lease and its heartbeat, the offset of the owner's clock. Must not
+know what is behind the arm, nor the bytes of a robot.
+"""
+
+from __future__ import annotations
+
+import getpass
+import math
+import os
+import socket
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.values import ProbeReport, StopCause, StopLatch, StopMode
+from hexwire.errors import (
+    HexwireError,
+    LeaseError,
+    LinkLostError,
+    LinkPermissionError,
+    RemoteProtocolError,
+    ReplyTimeoutError,
+    UsageError,
+)
+from hexwire.model.state import JointState, JointTarget, SentTarget
+
+from . import messages as m
+from .address import Address
+from .clock import ClockOffset
+from .names import Keys, Role
+from .network import Node
+from .questions import ask, decoded
+from .rows import arm_model, as_probe_report
+from .states import ArrivedStates
+
+__all__ = ["RemoteRobot", "whoami"]
+
+_TIMEOUT = 2.0
+"""Seconds for an answer that does not need the arm's line."""
+_SLOW = 25.0
+"""Seconds for an answer that does: a probe of an arm with silent servos takes long."""
+_BEATS = 5.0
+"""Heartbeats per time-out of the lease."""
+_CLOCK_PERIOD = 5.0
+"""Seconds between two measurements of the owner's clock without a lease."""
+_EXCHANGES = 4
+"""Measurements of the owner's clock at the beginning."""
+_SILENCE = 1.0
+"""Seconds without a state after which the reason is asked for."""
+
+
+def whoami() -> str:
+    """This program, for display at other computers."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = f"user {os.getuid()}"
+    program = Path(sys.argv[0] or "python").name
+    return f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
+
+
+class RemoteRobot(RobotDriver):
+    """An arm that `hexwire serve` shares.
+
+    Reading needs no lease. The first order takes it; a lease that was lost is not taken again by itself, but by
+    `take` or `resume`. `detach` gives it back, and a motion that was begun runs to its end.
+
+    Args:
+        address: Where it is.
+        facts: What its server says of it.
+    """
+
+    def __init__(self, address: Address, facts: m.Facts) -> None:
+        super().__init__()
+        self.address = address
+        self.model = arm_model(facts)
+        self._facts, self._keys = facts, Keys(address.name)
+        self._node: Node | None = None
+        self._me = whoami()
+        self._clock = ClockOffset()
+        self._states = ArrivedStates(address.text, self._clock)
+        self._round_trips: deque[float] = deque(maxlen=1000)
+        # One order at a time, so that they arrive in the order of their numbers.
+        self._ordering = threading.RLock()
+        self._lease, self._sequence, self._timeout = 0, 0, facts.timeout
+        self._lost = ""
+        self._watchdog, self._watchdog_mode = 0.0, StopMode.HOLD
+        self._used = time.monotonic()
+        self._counters = dict.fromkeys(("requests", "replies", "refused", "timeouts"), 0)
+        self._keeper: threading.Thread | None = None
+        self._ending = threading.Event()
+
+    @classmethod
+    def from_url(cls, url: str, **options: Any) -> Self:
+        """Ask the server at an address for the arm's model; the driver is not attached yet.
+
+        Args:
+            url: As in ``zenoh:lab/arm1?router=tls/lab-pc:7447``.
+            **options: ``robot``: the name that the model must have.
+
+        Raises:
+            UsageError: The address is wrong, or the arm is another model.
+            LinkError: There is no such arm, or this program has no right to ask.
+        """
+        robot = options.pop("robot", None)
+        if options:
+            raise UsageError(f"a shared arm has no option {', '.join(sorted(options))}; its server has it")
+        address = Address.parse(url)
+        node = address.network().open()
+        try:
+            facts = decoded(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT), m.Facts)
+        finally:
+            node.close()
+        if robot is not None and robot != facts.robot:
+            raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; leave out --robot")
+        return cls(address, facts)
+
+    # -- properties -----------------------------------------------------------------------------------
+
+    @property
+    def url(self) -> str:
+        return self.address.text
+
+    @property
+    def is_attached(self) -> bool:
+        return self._node is not None
+
+    @property
+    def command_rate(self) -> float:
+        return self._facts.command_rate
+
+    @property
+    def has_watchdog(self) -> bool:
+        return True
+
+    @property
+    def reports_states(self) -> bool:
+        return True
+
+    @property
+    def watchdog_armed(self) -> bool:
+        return self._watchdog > 0
+
+    @property
+    def round_trips(self) -> Sequence[float]:
+        return self._round_trips
+
+    @property
+    def holder(self) -> str:
+        """Who holds the lease, in words; empty if nobody does."""
+        newest = self._states.newest
+        return newest.holder if newest is not None else self._facts.holder
+
+    @property
+    def held(self) -> str:
+        """Why the arm holds, in words: somebody lost the lease; empty if it does not."""
+        newest = self._states.newest
+        return newest.held if newest is not None else ""
+
+    @property
+    def clock_offset(self) -> tuple[float, float]:
+        """Offset of the owner's monotonic clock (owner = here + offset) and its uncertainty, seconds."""
+        return self._clock.at(time.monotonic())
+
+    def host_counters(self) -> dict[str, int]:
+        states = self._states
+        return {**self._counters, "states": states.seen, "lost_states": states.lost, "damaged": states.damaged}
+
+    def board_counters(self) -> dict[str, int]:
+        rows = self._question(m.Ask("counters"))
+        if not isinstance(rows, dict):
+            raise RemoteProtocolError("not counters")
+        return {str(key): int(value) for key, value in rows.items()}
+
+    # -- connection -----------------------------------------------------------------------------------
+
+    def attach(self) -> None:
+        if self._node is not None:
+            return
+        node = self.address.network().open()
+        try:
+            for _ in range(_EXCHANGES):
+                sent = time.monotonic()
+                answer = ask(node, self.address, self._keys.ask, m.Ask("clock"), _TIMEOUT)
+                self._clock.add(sent, answer.clock, time.monotonic())
+            states = ArrivedStates(self.url, self._clock)
+            node.subscribe(self._keys.state, lambda payload, key: states.add(payload))
+        except BaseException:
+            node.close()
+            raise
+        self._node, self._states, self._lost, self._lease = node, states, "", 0
+        self._ending = threading.Event()
+        self._used = time.monotonic()
+        self._keeper = threading.Thread(target=self._keep, args=(node, self._ending), name="lease", daemon=True)
+        self._keeper.start()
+
+    def detach(self, *, torque_off: bool = False) -> None:
+        node = self._node
+        if node is None:
+            return
+        try:
+            if torque_off:
+                self.torque(False)
+            if self._lease:
+                with suppress(HexwireError):
+                    self.release(finish=True)
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        node, self._node = self._node, None
+        self._ending.set()
+        self._states.close()
+        if node is not None:
+            node.close()
+
+    # -- the lease ------------------------------------------------------------------------------------
+
+    def take(self, *, force: bool | None = None) -> None:
+        """Take the lease.
+
+        Args:
+            force: Pre-empt another holder; as the address says if None.
+
+        Raises:
+            LeaseError: Another program holds it.
+            LinkPermissionError: The certificate does not allow it.
+        """
+        with self._ordering:
+            force = self.address.take if force is None else force
+            answer = self._exchange(
+                self._keys.lease(self._role),
+                m.Take(self._me, force, self._watchdog, int(self._watchdog_mode)),
+                _TIMEOUT,
+            )
+            if not isinstance(answer.value, int):
+                raise RemoteProtocolError("not a lease")
+            self._sequence, self._lost = 0, ""
+            self._used = time.monotonic()
+            self._lease = answer.value
+
+    def release(self, *, finish: bool = False) -> None:
+        """Give the lease back.
+
+        Args:
+            finish: A motion that was begun runs to its end; otherwise the arm holds.
+        """
+        with self._ordering:
+            lease, self._lease = self._lease, 0
+            if lease:
+                self._exchange(self._keys.lease(self._role), m.Leave(lease, finish), _TIMEOUT)
+
+    @property
+    def _role(self) -> Role:
+        if self.address.role is Role.OBSERVER:
+            raise LinkPermissionError(f"{self.url}: an observer may read and stop, but not command", url=self.url)
+        return self.address.role
+
+    # -- reading --------------------------------------------------------------------------------------
+
+    def read(self) -> JointState:
+        self._use()
+        return self._next(time.monotonic(), _SILENCE)
+
+    def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
+        if not 0 < period < math.inf:
+            raise UsageError(f"a period of {period:g} s is invalid")
+        due = time.monotonic()
+        while True:
+            state = self._next(due, max(timeout, _SILENCE))
+            # Half a period early is in time, to keep the average rate.
+            due = max(due + period, time.monotonic() - period)
+            self._use()
+            yield state
+            due = max(due, self._states.arrived + 0.5 * period)
+
+    def _next(self, since: float, patience: float) -> JointState:
+        self._attached()
+        if (state := self._states.next(since, patience)) is not None:
+            return state
+        # Says why: there is no such arm, no right, or no answer.
+        self._exchange(self._keys.ask, m.Ask("clock"), _TIMEOUT)
+        raise LinkLostError(f"{self.url} answers, but sends no states", url=self.url)
+
+    # -- orders ---------------------------------------------------------------------------------------
+
+    def write(self, target: JointTarget) -> SentTarget:
+        names, angles = zip(*target.positions, strict=True)
+        value = self._order("a move", m.Write(names, angles, target.duration))
+        try:
+            names, angles, duration, clamped, silent = value
+            pairs = tuple((str(name), float(angle)) for name, angle in zip(names, angles, strict=True))
+            return SentTarget(pairs, float(duration), tuple(map(str, clamped)), tuple(map(str, silent)))
+        except (TypeError, ValueError):
+            raise RemoteProtocolError("not a target as sent") from None
+
+    def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
+        names = None if joints is None else tuple(joints)
+        return self._names(self._order("torque", m.Torque(on, names), freeing=not on))
+
+    def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
+        value = self._order("a special command", m.Ioctl(sub_cmd, bytes(data)))
+        if not isinstance(value, bytes):
+            raise RemoteProtocolError("not bytes")
+        return value
+
+    def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
+        self._attached()
+        with self.epochs.stopping():
+            answer = self._exchange(self._keys.stop, m.StopRequest(self._me, int(mode)), _SLOW, urgent=True)
+            return self._names(answer.value)
+
+    def resume(self) -> None:
+        token = self.epochs.token("resume", freeing=True)
+        with self.epochs.using(token):
+            if self._lost:
+                # A person asks for it: after a loss of the lease this takes it again.
+                self.take()
+            self._order("resume", m.Resume(), freeing=True)
+            self.epochs.resumed(token)
+
+    def stop_latch(self) -> StopLatch:
+        state = self.read()
+        if not (state.stopped or self.epochs.failed):
+            return StopLatch(StopCause.NONE)
+        if state.watchdog_tripped:
+            return StopLatch(StopCause.WATCHDOG)
+        return StopLatch(StopCause.HERE if self.epochs.stopped else StopCause.ELSEWHERE)
+
+    def watchdog(self, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
+        """Have the server stop the arm when this program makes no call for `timeout` seconds; 0 disarms it.
+
+        It belongs to the lease: without one, it is armed when the lease is taken. Whatever it is, a lease is lost
+        when nothing comes from this program at all, and the arm then holds.
+
+        Raises:
+            UsageError: The timeout is outside 0.05..60 s.
+        """
+        if timeout and not 0.05 <= timeout <= 60.0:
+            raise UsageError(f"a watchdog of {timeout:g} s is outside 0.05..60 s")
+        self._watchdog, self._watchdog_mode = timeout, mode
+        if self._lease:
+            self._order("the watchdog", m.Watchdog(timeout, int(mode)))
+
+    def _order(self, what: str, order: m.Order, *, freeing: bool = False) -> Any:
+        token = self.epochs.token(what, freeing=freeing)
+        with self.epochs.using(token), self._ordering:
+            self._use()
+            if not self._lease:
+                if self._lost:
+                    raise LeaseError(f"{self._lost}; take the lease again")
+                self.take()
+            made = time.monotonic()
+            self._sequence += 1
+            offset, doubt = self._clock.at(made)
+            self.epochs.check(token, what)
+            envelope = m.Envelope(self._lease, self._sequence, made + offset, doubt, order)
+            slow = not isinstance(order, m.Write | m.Watchdog)
+            try:
+                answer = self._exchange(self._keys.order(self._role), envelope, _SLOW if slow else _TIMEOUT)
+            except LeaseError as error:
+                self._counters["refused"] += 1
+                if error.holder != self.holder or not error.holder.startswith(self._me):
+                    self._lose(error.reason)
+                raise
+            self._states.require(answer.done)
+            return answer.value
+
+    def _lose(self, why: str) -> None:
+        self._lease, self._lost = 0, why or "the lease was lost"
+
+    # -- questions ------------------------------------------------------------------------------------
+
+    def probe(self) -> ProbeReport:
+        return as_probe_report(self._question(m.Ask("probe")), self.url)
+
+    def ping(self, servo_id: int) -> int | None:
+        value = self._question(m.Ask("ping", servo_id))
+        if value is None or isinstance(value, int):
+            return value
+        raise RemoteProtocolError("not an error byte")
+
+    def _question(self, question: m.Ask) -> Any:
+        self._use()
+        return self._exchange(self._keys.ask, question, _SLOW).value
+
+    def _exchange(self, key: str, message: Any, timeout: float, *, urgent: bool = False) -> m.Answer:
+        node = self._attached()
+        self._counters["requests"] += 1
+        sent = time.monotonic()
+        try:
+            answer = ask(node, self.address, key, message, timeout, urgent=urgent)
+        except ReplyTimeoutError:
+            self._counters["timeouts"] += 1
+            raise
+        received = time.monotonic()
+        self._counters["replies"] += 1
+        self._round_trips.append(received - sent)
+        return answer
+
+    @staticmethod
+    def _names(value: object) -> tuple[str, ...]:
+        if not isinstance(value, list | tuple):
+            raise RemoteProtocolError("not names of joints")
+        return tuple(map(str, value))
+
+    def _attached(self) -> Node:
+        if self._node is None:
+            raise UsageError("the driver is not attached; call attach() first")
+        return self._node
+
+    def _use(self) -> None:
+        self._used = time.monotonic()
+
+    # -- the heartbeat --------------------------------------------------------------------------------
+
+    def _keep(self, node: Node, ending: threading.Event) -> None:
+        """Renew the lease and follow the owner's clock, in a thread of its own."""
+        measured = time.monotonic()
+        while not ending.wait(self._timeout / _BEATS):
+            lease, now = self._lease, time.monotonic()
+            if not lease and now - measured < _CLOCK_PERIOD:
+                continue
+            beat = m.Beat(lease, now - self._used)
+            key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))
+            try:
+                answer = ask(node, self.address, key, message, self._timeout)
+            except LeaseError as error:
+                if self._lease == lease:
+                    self._lose(error.reason)
+            except HexwireError:
+                continue
+            else:
+                measured = time.monotonic()
+                self._clock.add(now, answer.clock, measured)

@@ -1,0 +1,387 @@
+"""The server of one shared arm: states out, questions and orders in.
+
+Owns the threads that answer, so that nothing that waits for the arm delays a stop, a heartbeat or a refusal.
+Decides nothing about the arm: `hexwire.control.shared` does. Must not know the command line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hexwire.drivers.values import StopMode
+from hexwire.errors import DeviceError, HexwireError, LeaseError, RemoteProtocolError, UsageError
+from hexwire.model.state import JointTarget
+
+from . import messages as m
+from .failures import describe
+from .names import Keys, Role, name_of
+from .rows import as_probe_rows, joints_of
+
+if TYPE_CHECKING:
+    from hexwire.control.shared import SharedArm
+    from hexwire.model.state import JointState
+
+    from .network import Node
+
+__all__ = ["ArmServer"]
+
+_log = logging.getLogger(__name__)
+
+_WAITING = 64
+"""Orders, questions or stops that may wait; more are refused."""
+_STATUS = 0.2
+"""Seconds between two messages while no states come."""
+_ROLES = (Role.OPERATOR, Role.MAINTAINER)
+_PROBE_AGE = 2.0
+"""Seconds for which a probe answers further questions: nobody may keep the line busy by asking."""
+_SETTLE = 0.3
+"""Seconds in which the tokens of two servers that start together become visible to each other."""
+
+
+class _Worker:
+    """Runs jobs one after the other in a thread of its own.
+
+    Args:
+        name: Of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(_WAITING)
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, job: Callable[[], object]) -> bool:
+        """Add a job; False if too many wait."""
+        try:
+            self._jobs.put_nowait(job)
+        except queue.Full:
+            return False
+        return True
+
+    def close(self, timeout: float) -> None:
+        """End after the jobs that wait."""
+        with contextlib.suppress(queue.Full):
+            self._jobs.put_nowait(None)
+            self._thread.join(timeout)
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            try:
+                job()
+            except Exception:  # noqa: BLE001  # the next job may be a stop
+                _log.exception("an answer failed")
+
+
+class ArmServer:
+    """Offers a shared arm under a name.
+
+    Args:
+        shared: The arm; started by the caller.
+        name: Its name in the fleet, checked.
+        node: The session; closed by the caller.
+        server: This host, process and version, in words.
+        started: When it was started, wall clock; the later of two servers of a name gives way.
+
+    Attributes:
+        conflict: Another server offers this name: which; empty if none does.
+        served: Number of answered orders and questions.
+        refused: Number of messages that could not be understood or for which there was no room.
+    """
+
+    def __init__(self, shared: SharedArm, name: str, node: Node, *, server: str = "", started: float = 0.0) -> None:
+        self.conflict = ""
+        self.served = self.refused = 0
+        self._shared, self._node, self._keys, self._server = shared, node, Keys(name), server
+        self._owner, self._robot = shared.arm.owner, shared.arm.owner.robot
+        # Sorts like the time of its start: 16 hexadecimal digits, then what tells two of the same time apart.
+        self._instance = f"{int(1e6 * started):016x}-{id(self) & 0xFFFFFFFF:08x}"
+        self._sequence = self._done = 0
+        self._published = -1.0
+        self._publish: Callable[[bytes], None] = lambda payload: None
+        self._publishing = threading.Lock()
+        self._ending = threading.Event()
+        self._probe: tuple[float, Any] | None = None
+        self._workers: dict[str, _Worker] = {}
+        self._ticker = threading.Thread(target=self._tick, name="status", daemon=True)
+
+    def start(self) -> None:
+        """Offer the arm.
+
+        Raises:
+            UsageError: Another server offers this name.
+        """
+        node, keys = self._node, self._keys
+        if taken := self._others(node.visible(keys.alive, 1.0)):
+            raise self._taken(taken[0])
+        node.announce(keys.token(self._instance))
+        # Two that start at the same time see each other's tokens now; one of them gives way.
+        self._ending.wait(_SETTLE)
+        if any(other < self._instance for other in self._others(node.visible(keys.alive, 1.0))):
+            raise self._taken("another program")
+        self._workers = {name: _Worker(name) for name in ("orders", "questions", "stops")}
+        self._publish = node.publisher(keys.state)
+        node.watch_visible(keys.alive, self._on_token)
+        node.answer(keys.stop, self._on_stop)
+        node.answer(keys.ask, self._on_question)
+        for role in _ROLES:
+            node.answer(keys.lease(role), partial(self._on_lease, role))
+            node.answer(keys.order(role), partial(self._on_order, role))
+        self._owner.observers.append(self._on_state)
+        self._ticker.start()
+
+    def close(self) -> None:
+        """End the answers; what was accepted is answered first."""
+        self._ending.set()
+        with contextlib.suppress(ValueError):
+            self._owner.observers.remove(self._on_state)
+        for worker in self._workers.values():
+            worker.close(1.0)
+
+    # -- unique names -----------------------------------------------------------------------------------
+
+    def _taken(self, who: str) -> UsageError:
+        return UsageError(f"the name {self._keys.name} is already served ({who}); choose another --name")
+
+    def _others(self, tokens: list[str]) -> list[str]:
+        found = []
+        for token in tokens:
+            with contextlib.suppress(UsageError):
+                name, instance = name_of(token)
+                if name == self._keys.name and instance != self._instance:
+                    found.append(instance)
+        return found
+
+    def _on_token(self, key: str, visible: bool) -> None:
+        # After two parts of a network have met again. The one that was started later gives way.
+        if visible and any(other < self._instance for other in self._others([key])):
+            self.conflict = self.conflict or f"another server offers {self._keys.name}, and was started earlier"
+
+    # -- states -----------------------------------------------------------------------------------------
+
+    def _on_state(self, state: JointState) -> None:
+        self._send(state)
+
+    def _tick(self) -> None:
+        while not self._ending.wait(_STATUS):
+            if self._shared.now() - self._published >= _STATUS:
+                # No states: the robot is lost, or a long request occupies its line.
+                self._send(None)
+
+    def _send(self, state: JointState | None) -> None:
+        shared, owner = self._shared, self._owner
+        reason, holder = owner.group.reason, shared.holder
+        with self._publishing:
+            self._sequence += 1
+            self._published = now = shared.now()
+            empty: tuple[float, ...] = ()
+            self._publish(
+                m.encode(
+                    m.State(
+                        self._sequence,
+                        state.stamp if state else now,
+                        now,
+                        time.time(),
+                        state.names if state else (),
+                        state.position if state else empty,
+                        state.velocity if state else empty,
+                        state.load if state else empty,
+                        state.current if state else empty,
+                        state.voltage if state else empty,
+                        state.temperature if state else empty,
+                        state.flags if state else (),
+                        state.age if state else empty,
+                        state.board_time if state else 0.0,
+                        (state is not None and state.stopped) or reason is not None,
+                        (state is not None and state.watchdog_tripped) or shared.tripped,
+                        state is not None and state.maintenance,
+                        holder.client if holder else "",
+                        shared.held,
+                        str(reason or ""),
+                        "" if owner.connected else owner.error,
+                        self._done,
+                    )
+                )
+            )
+
+    # -- what arrives -----------------------------------------------------------------------------------
+    # Called in threads of Zenoh's, which must not wait.
+
+    def _on_stop(self, query: Any) -> None:
+        request = self._parse(query, m.StopRequest)
+        if request is None:
+            return
+        mode = _mode(request.mode)
+
+        def stop() -> object:
+            confirmed = self._shared.stop(f"{request.client} stopped it", mode)
+            self._done += 1
+            return confirmed
+
+        self._queue("stops", query, stop)
+
+    def _on_question(self, query: Any) -> None:
+        ask = self._parse(query, m.Ask)
+        if ask is None:
+            return
+        if ask.what == "clock":
+            self._reply(query, None)
+        elif ask.what == "facts":
+            self._reply(query, self._facts())
+        else:
+            self._queue("questions", query, lambda: self._answer_question(ask))
+
+    def _on_lease(self, role: Role, query: Any) -> None:
+        request = self._parse(query, m.LeaseRequest)
+        if request is None:
+            return
+        shared = self._shared
+        if isinstance(request, m.Beat):
+            try:
+                shared.beat(request.key, request.idle)
+            except LeaseError as error:
+                self._refuse(query, error)
+            else:
+                self._reply(query, None)
+        elif isinstance(request, m.Take):
+            self._queue("orders", query, lambda: self._take(request, role))
+        else:
+            self._queue("orders", query, lambda: shared.leave(request.key, finish=request.finish))
+
+    def _on_order(self, role: Role, query: Any) -> None:
+        from hexwire.control.shared import Order
+
+        envelope = self._parse(query, m.Envelope)
+        if envelope is None:
+            return
+        shared = self._shared
+        order = Order(envelope.key, envelope.sequence, self._robot.epochs.mark())
+        holder = shared.holder
+        if holder is None or holder.key != envelope.key:
+            # At once, so that nobody without a lease can fill the queue of the one who has it.
+            self._refuse(query, shared.refusal(order))
+            return
+        if isinstance(envelope.order, m.Ioctl) and role < Role.MAINTAINER:
+            self._refuse(query, LeaseError("servo settings and firmware need the role maintainer"))
+            return
+        self._queue("orders", query, lambda: self._do(order, envelope))
+
+    def _parse(self, query: Any, kind: Any) -> Any:
+        """The message of a query; None if it is not one, which was answered then."""
+        try:
+            return m.decode(query.payload.to_bytes() if query.payload is not None else b"", kind)
+        except RemoteProtocolError as error:
+            self.refused += 1
+            self._refuse(query, error)
+            return None
+
+    def _queue(self, worker: str, query: Any, call: Callable[[], object]) -> None:
+        def job() -> None:
+            try:
+                value = call()
+            except HexwireError as error:
+                self._refuse(query, error)
+            else:
+                self._reply(query, value)
+
+        if not self._workers[worker].put(job):
+            self.refused += 1
+            self._refuse(query, DeviceError("the arm's server is busy; nothing was done"))
+
+    def _reply(self, query: Any, value: object) -> None:
+        self.served += 1
+        self._send_answer(query, m.Answer("", value=value, clock=self._shared.now(), done=self._done))
+
+    def _refuse(self, query: Any, error: HexwireError) -> None:
+        kind, text, details = describe(error)
+        self._send_answer(query, m.Answer(kind, text, details, None, self._shared.now(), self._done))
+
+    def _send_answer(self, query: Any, answer: m.Answer) -> None:
+        # The client may be gone.
+        with contextlib.suppress(Exception):
+            query.reply(query.key_expr, m.encode(answer))
+        with contextlib.suppress(Exception):
+            query.drop()
+
+    # -- in the threads of the workers --------------------------------------------------------------------
+
+    def _take(self, request: m.Take, role: Role) -> object:
+        grant = self._shared.take(
+            f"{request.client}, {role.word}",
+            role,
+            force=request.force,
+            watchdog=request.watchdog,
+            watchdog_mode=_mode(request.mode),
+        )
+        return grant.key
+
+    def _do(self, order: Any, envelope: m.Envelope) -> object:
+        shared, what = self._shared, envelope.order
+        value: object = None
+        if isinstance(what, m.Write):
+            if len(what.names) != len(what.position):
+                raise UsageError("a target needs one position for each joint")
+            # At least this old, whatever the uncertainty of the client's clock.
+            order.age = shared.now() - envelope.made - abs(envelope.doubt)
+            sent = shared.write(
+                order, JointTarget(tuple(zip(what.names, what.position, strict=True)), what.duration)
+            )
+            value = [
+                [name for name, _ in sent.positions],
+                [angle for _, angle in sent.positions],
+                sent.duration,
+                sent.clamped,
+                sent.silent,
+            ]
+        elif isinstance(what, m.Torque):
+            value = shared.torque(order, what.on, what.names)
+        elif isinstance(what, m.Resume):
+            shared.resume(order)
+        elif isinstance(what, m.Watchdog):
+            shared.watchdog(order, what.timeout, _mode(what.mode))
+        else:
+            value = shared.ioctl(order, what.sub_cmd, what.data)
+        self._done += 1
+        return value
+
+    def _answer_question(self, ask: m.Ask) -> object:
+        shared = self._shared
+        if ask.what == "probe":
+            now = shared.now()
+            if self._probe is None or now - self._probe[0] > _PROBE_AGE:
+                self._probe = (now, as_probe_rows(shared.probe()))
+            return self._probe[1]
+        if ask.what == "ping":
+            return shared.ping(ask.number)
+        if ask.what == "counters":
+            return {**shared.board_counters(), **shared.refusals()}
+        raise UsageError(f"there is no question {ask.what!r}")
+
+    def _facts(self) -> m.Facts:
+        shared, owner = self._shared, self._owner
+        model, lease = self._robot.model, shared.rules
+        holder = shared.holder
+        return m.Facts(
+            model.name,
+            joints_of(model),
+            shared.arm.settings.publish_rate,
+            self._robot.command_rate,
+            lease.max_age,
+            lease.timeout,
+            self._server,
+            self._robot.url,
+            holder.client if holder else "",
+            "" if owner.connected else owner.error,
+            shared.now(),
+        )
+
+
+def _mode(number: int) -> StopMode:
+    """The stop mode of a message; to hold, if it is none."""
+    return StopMode.TORQUE_OFF if number == StopMode.TORQUE_OFF else StopMode.HOLD

@@ -1,0 +1,144 @@
+"""The states of a shared arm as they arrive in a client.
+
+Owns the newest state, waiting for the next one, and the conversion to this program's clock. Must not know leases,
+orders or Zenoh.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+
+from hexwire.errors import LinkLostError, RemoteProtocolError
+from hexwire.model.state import JointState
+
+from . import messages as m
+from .clock import ClockOffset
+
+__all__ = ["ArrivedStates"]
+
+
+class ArrivedStates:
+    """The newest state of an arm. One thread adds, any thread reads.
+
+    Args:
+        url: Address of the arm, for error texts.
+        clock: Offset of the owner's clock.
+
+    Attributes:
+        newest: The newest message, or None.
+        arrived: When it arrived, seconds of this program's monotonic clock.
+        seen: Number of messages.
+        lost: Number of messages that did not arrive.
+        damaged: Number of payloads that are not states.
+    """
+
+    def __init__(self, url: str, clock: ClockOffset) -> None:
+        self.newest: m.State | None = None
+        self.arrived = -math.inf
+        self.seen = self.lost = self.damaged = 0
+        self._url, self._clock = url, clock
+        self._done = 0
+        self._changed = threading.Condition()
+        self._closed = False
+
+    def add(self, payload: bytes) -> None:
+        """Take what arrived."""
+        arrived = time.monotonic()
+        try:
+            state = m.decode(payload, m.State)
+        except RemoteProtocolError:
+            self.damaged += 1
+            return
+        with self._changed:
+            before = self.newest
+            if before is not None:
+                if state.sent <= before.sent:
+                    # It was overtaken on its way, or comes on two ways.
+                    return
+                if state.sequence > before.sequence:
+                    self.lost += state.sequence - before.sequence - 1
+                else:
+                    # The server was started anew, and counts anew.
+                    self._done = 0
+            self.seen += 1
+            self.newest, self.arrived = state, arrived
+            self._changed.notify_all()
+
+    def require(self, done: int) -> None:
+        """Ignore states from before an order was done.
+
+        Args:
+            done: Number of orders done, as its answer says.
+        """
+        with self._changed:
+            self._done = max(self._done, done)
+
+    def close(self) -> None:
+        """End the wait of other threads."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def next(self, since: float, patience: float) -> JointState | None:
+        """Wait for the first state that arrives after a time.
+
+        Args:
+            since: Seconds; may be in the future.
+            patience: Seconds to wait after it.
+
+        Returns:
+            None if none arrives.
+
+        Raises:
+            LinkLostError: The server has lost its robot; or the driver was detached.
+        """
+        deadline = max(time.monotonic(), since) + patience
+        with self._changed:
+            while not self._closed:
+                state = self.newest
+                if state is not None and self.arrived > since and state.done >= self._done:
+                    return self._as_joint_state(state, self.arrived)
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    return None
+                self._changed.wait(left)
+        raise LinkLostError(f"{self._url} was detached", url=self._url)
+
+    def _as_joint_state(self, state: m.State, arrived: float) -> JointState:
+        url = self._url
+        if state.error:
+            raise LinkLostError(f"{url}: {state.error}", url=url)
+        columns = (
+            state.position,
+            state.velocity,
+            state.load,
+            state.current,
+            state.voltage,
+            state.temperature,
+            state.flags,
+            state.age,
+        )
+        if any(len(column) != len(state.names) for column in columns):
+            raise RemoteProtocolError(f"{url}: a state whose columns differ in length")
+        if not state.names:
+            raise LinkLostError(f"{url}: its robot sends no states", url=url)
+        offset, _ = self._clock.at(arrived)
+        return JointState(
+            names=state.names,
+            position=state.position,
+            velocity=state.velocity,
+            load=state.load,
+            current=state.current,
+            voltage=state.voltage,
+            temperature=state.temperature,
+            flags=state.flags,
+            age=state.age,
+            # Not after its arrival, whatever the uncertainty.
+            stamp=min(state.stamp - offset, arrived),
+            board_time=state.board_time,
+            stopped=state.stopped,
+            watchdog_tripped=state.tripped,
+            maintenance=state.maintenance,
+        )
