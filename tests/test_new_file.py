@@ -68,7 +68,7 @@ def test_a_file_is_its_makers_alone(tmp_path: Path) -> None:
 def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"old")
-    with pytest.raises(UsageError, match="is there already; --force writes over it"):
+    with pytest.raises(UsageError, match="already exists; --force overwrites it"):
         OutputFile(path)
     assert path.read_bytes() == b"old"
 
@@ -118,7 +118,7 @@ def test_no_link_is_followed(tmp_path: Path, force: bool) -> None:
     link.symlink_to(victim)
     dangling.symlink_to(tmp_path / "made")
     for path in (link, dangling):
-        with pytest.raises(UsageError, match="is a symbolic link, and none is followed"):
+        with pytest.raises(UsageError, match="is a symbolic link, which is not followed"):
             write(path, force=force)
         assert path.is_symlink()
     assert victim.read_bytes() == b"precious"
@@ -134,8 +134,8 @@ def test_what_is_no_file_to_write_over(tmp_path: Path, force: bool) -> None:
         (f"{tmp_path}/new/", "is a folder"),
         ("", "is a folder"),
         ("..", "is a folder"),
-        ("/dev/null", "is no regular file"),
-        (tmp_path / "pipe", "is no regular file"),
+        ("/dev/null", "is not a regular file"),
+        (tmp_path / "pipe", "is not a regular file"),
         (tmp_path / "no" / "a", "there is no such folder"),
         (tmp_path / "pipe" / "a", "Not a directory"),
         (tmp_path / ("x" * 300), "File name too long"),
@@ -191,7 +191,7 @@ def test_a_link_on_the_way_is_followed_unless_it_was_planted(tmp_path: Path, bel
     write(home / "again" / "b")
     belongs_to(shared / "way", STRANGER)
     for path in (shared / "way" / "c", home / "again" / "c"):
-        with pytest.raises(UsageError, match=f"leads over a symbolic link of user {STRANGER}"):
+        with pytest.raises(UsageError, match=f"leads through a symbolic link that belongs to user {STRANGER}"):
             write(path)
     assert sorted(p.name for p in home.iterdir()) == ["a", "again", "b"]
 
@@ -225,7 +225,7 @@ def test_a_new_file_that_is_exchanged_meanwhile_is_not_put_in_place(tmp_path: Pa
     (part,) = (p for p in tmp_path.iterdir() if p != path)
     part.unlink()
     part.write_bytes(b"a stranger's")
-    with pytest.raises(UsageError, match="somebody has exchanged"):
+    with pytest.raises(UsageError, match="another program has replaced"):
         out.keep()
     assert path.read_bytes() == b"old"
     assert part.read_bytes() == b"a stranger's"

@@ -113,7 +113,7 @@ def test_joint_states_as_a_picture(tmp_path: Path) -> None:
     assert ok("record", "plot", str(source), str(target)) == f"20 states plotted to {target}\n"
     assert target.read_text().startswith("<?xml")
     again = run("record", "plot", str(source), str(target))
-    assert (again.exit_code, again.stderr) == (2, f"error: {target} is there already; --force writes over it\n")
+    assert (again.exit_code, again.stderr) == (2, f"error: {target} already exists; --force overwrites it\n")
     with RecordingWriter(source, force=True):
         pass
     drawn = target.read_bytes()

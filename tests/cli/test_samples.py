@@ -117,8 +117,8 @@ def test_what_cannot_be_saved_is_not_sampled(
     (tmp_path / "there.csv").write_text("old")
     (tmp_path / "there.svg").write_text("old")
     for option, name, says in (
-        ("--csv", "there.csv", "is there already; --force writes over it"),
-        ("--plot", "there.svg", "is there already; --force writes over it"),
+        ("--csv", "there.csv", "already exists; --force overwrites it"),
+        ("--plot", "there.svg", "already exists; --force overwrites it"),
         ("--csv", "no/a.csv", "there is no such folder"),
         ("--plot", "a.txt", "must end in .png, .svg, .pdf"),
     ):

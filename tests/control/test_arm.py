@@ -517,7 +517,7 @@ def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: py
         bench.ask(bench.arm.teach_start)
 
     monkeypatch.setattr(bench.controller, "check_path", check_path)
-    with pytest.raises(GoalError, match="being taught"):
+    with pytest.raises(GoalError, match="in teach mode"):
         bench.command(order((1.0, {"J1": J1 + 0.3})))
     assert not bench.controller.busy
 
@@ -532,7 +532,7 @@ def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pyt
         return locked()
 
     monkeypatch.setattr(bench.owner, "locked", late)
-    with pytest.raises(UsageError, match="being taught"):
+    with pytest.raises(UsageError, match="in teach mode"):
         bench.arm.set_points({"J1": J1 + 0.1})
     assert not bench.controller.busy
 

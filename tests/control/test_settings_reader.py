@@ -248,7 +248,7 @@ def test_poses_that_cannot_be() -> None:
         "poses/far/J1: 1.4 rad is outside its limits -1.484 to 1.309 rad",
         "poses/far/J2: 90 rad is outside its limits -0.4363 to 2.531 rad; angles are radians",
         "poses/far/J3: must be a number, not the text '0.5'",
-        "poses/far/J4: is not a number that makes sense here",
+        "poses/far/J4: must be a finite number",
         f"poses/far/j5: no joint 'j5', there are {', '.join(ALL)}",
     ]
 

@@ -58,7 +58,7 @@ def test_nothing_moves_while_somebody_holds_the_arm() -> None:
         bench.arm.teach_start,
     ]
     for request in requests:
-        with pytest.raises(UsageError, match="the arm is being taught; end that first"):
+        with pytest.raises(UsageError, match="the arm is in teach mode; end teach mode first"):
             request()
     assert not any(bench.torques())
     with pytest.raises(UsageError, match="nothing was taught since"):
@@ -82,7 +82,7 @@ def test_a_moving_arm_is_not_taught() -> None:
         bench.arm.teach_start()
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
-    with pytest.raises(UsageError, match="nothing is being taught"):
+    with pytest.raises(UsageError, match="the arm is not in teach mode"):
         bench.arm.teach_stop()
 
 
@@ -105,11 +105,11 @@ def test_a_stop_in_teaching_leaves_the_arm_without_torque() -> None:
     assert bench.arm.stop("test") == "stopped; all joints confirmed it"
     bench.turn(0.5)
     assert not any(bench.torques()), "somebody has a hand in it"
-    with pytest.raises(UsageError, match="nothing is being taught"):
+    with pytest.raises(UsageError, match="the arm is not in teach mode"):
         bench.arm.teach_stop()
     bench.ask(bench.arm.reset)
     bench.turn(0.5)
-    with pytest.raises(UsageError, match="nothing is being taught"):
+    with pytest.raises(UsageError, match="the arm is not in teach mode"):
         bench.arm.teach_stop()
     assert not any(bench.torques())
     bench.ask(lambda: bench.arm.enable(True))
@@ -218,7 +218,7 @@ def test_a_hand_leads_an_arm_without_torque_that_holds_in_the_end_unless_it_is_l
         if len(states) == 3:
             raise KeyboardInterrupt
 
-    record(arm, take, limp=limp, on_start=lambda: started.append(arm.torques()))
+    record(arm, take, torque_off_at_end=limp, on_start=lambda: started.append(arm.torques()))
     assert started == [[False] * 7]
     assert len(states) == 3
     assert arm.torques() == [not limp] * 7
@@ -276,7 +276,7 @@ def test_joints_whose_torque_is_unknown_are_not_taken_for_limp(limp: bool) -> No
         stranger,
         lambda state: None,
         duration=1.0,
-        limp=limp,
+        torque_off_at_end=limp,
         on_start=lambda: started.append(arm.torques()),
         clock=lambda: arm.clock.time,
         sleep=arm.wait,

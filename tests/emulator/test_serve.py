@@ -219,7 +219,7 @@ def test_the_link_of_a_served_terminal_is_not_taken_and_an_old_one_is(tmp_path: 
     server.open()
     assert str(link.readlink()) == server.path
     other = PtyServer(Loopback(), link=link)
-    with pytest.raises(UsageError, match="is served by another emulator"):
+    with pytest.raises(UsageError, match="is in use by another emulator"):
         other.open()
     other.close()
     assert str(link.readlink()) == server.path

@@ -136,7 +136,7 @@ def _joint(item: Item) -> JointModel:
         raise row["sign"].fault("must be 1 or -1")
     low, high = number("minimum_deg", 0.0), number("maximum_deg", 0.0)
     if low >= high:
-        raise row["minimum_deg"].fault(f"is {low:g}, and must be below maximum_deg {high:g}")
+        raise row["minimum_deg"].fault(f"is {low:g}, but must be below maximum_deg {high:g}")
     per_count = number("degrees_per_count", series.range_deg / series.counts_per_rev, 1e-6, 360.0)
     return JointModel(
         name=name,
