@@ -21,7 +21,7 @@ def test_an_unknown_robot_lists_the_known() -> None:
 
 def test_an_arm_on_a_servo_bus_and_one_that_is_none() -> None:
     assert registry.load_bus_arm("so101") is registry.load_driver("so101")
-    with pytest.raises(UsageError, match="puma260 is no arm on a servo bus"):
+    with pytest.raises(UsageError, match="puma260 is not an arm on a servo bus"):
         registry.load_bus_arm("puma260")
 
 

@@ -260,7 +260,7 @@ def test_noise_looks_like_a_wrong_baud_rate() -> None:
     link = NoisyLink(NoisyDevice(b"\xe1\x87\x99\xfe\x80"), FakeClock())
     with (
         over(link) as session,
-        pytest.raises(ReplyTimeoutError, match=r"are no frame.*baud rate may be wrong"),
+        pytest.raises(ReplyTimeoutError, match=r"are not a frame.*baud rate may be wrong"),
     ):
         session.negotiate(boot_window=1.0)
 

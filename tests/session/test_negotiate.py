@@ -411,7 +411,7 @@ def test_what_was_heard_before_does_not_count() -> None:
     ("failed", "words"),
     [
         (NegotiationFailed(5, 0, 0), "check the port, the rate, and the board's power"),
-        (NegotiationFailed(5, 7, 0), "7 bytes that are no frame.*baud rate may be wrong"),
+        (NegotiationFailed(5, 7, 0), "7 bytes that are not a frame.*baud rate may be wrong"),
         (NegotiationFailed(5, 70, 3, None, 2), "2 of our own frames.*only echoes"),
         (NegotiationFailed(5, 70, 3), "3 frames that answer no request.*another program"),
     ],

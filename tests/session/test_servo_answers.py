@@ -223,8 +223,10 @@ def test_where_nobody_is_asked_nothing_is_waited_for() -> None:
 def test_what_came_instead_in_words() -> None:
     collector = read(make_status(7, 0, b"\1\2") + make_status(9, 0, b"\1\2") + make_status(7, 0, b""))
     assert collector.in_words() == "an answer of servo 7, 9"
-    assert read(bytes(range(1, 21))).in_words() == f"20 bytes that are no answer: {bytes(range(1, 17)).hex(' ')}"
-    assert read(make_status(1, 0, b"\5")).in_words().startswith("7 bytes that are no answer: ff ff 01")
+    assert (
+        read(bytes(range(1, 21))).in_words() == f"20 bytes that are not an answer: {bytes(range(1, 17)).hex(' ')}"
+    )
+    assert read(make_status(1, 0, b"\5")).in_words().startswith("7 bytes that are not an answer: ff ff 01")
 
 
 def test_a_packet_to_all_servos_is_an_echo() -> None:

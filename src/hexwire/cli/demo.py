@@ -181,7 +181,7 @@ def _move(
         tolerance=_BACK_WITHIN,
         grace=max(_SETTLE, 3 / rate),
         rate=rate,
-        # What goes wrong is to be seen, and told in the end.
+        # Faults must be visible during the demo, and reported at its end.
         limits=SafetyLimits(
             following_error=math.inf,
             load=math.inf,

@@ -64,7 +64,7 @@ _FRESH = 1.0
 _SILENT = 0.5
 """Seconds for which a silent joint is still published; on a slow line, three command periods."""
 _PATIENCE, _PATIENCE_LOST = 5.0, 2.0
-"""Seconds at the shutdown until the owner's link is aborted: if connected, and while reconnecting."""
+"""Seconds at shutdown until the owner's link is aborted: if connected, and while reconnecting."""
 
 
 class RobotOwner:

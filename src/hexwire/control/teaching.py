@@ -27,7 +27,7 @@ from .known_state import SampleClock
 __all__ = ["TOLERANCE", "Teacher", "save", "to_points", "tolerance_of"]
 
 TOLERANCE = math.radians(0.2)
-"""Radians by which a simplified trajectory may miss a sample: two counts of a servo with 4096 a turn."""
+"""Radians by which a simplified trajectory may miss a sample: two counts of a servo with 4096 per turn."""
 
 _RATE = 50
 """Samples per second: the motion of a hand has no components above 10 Hz."""
@@ -36,7 +36,7 @@ _DIGITS = 6
 
 
 class Teacher:
-    """Records the states of an arm that a hand guides, at most 50 a second.
+    """Records the states of an arm that is guided by hand, at most 50 per second.
 
     One thread may pass states while others start and finish the recording.
 

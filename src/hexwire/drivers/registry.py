@@ -62,7 +62,7 @@ def load_bus_arm(name: str) -> type[BusArm]:
 
     driver = load_driver(name)
     if not issubclass(driver, BusArm):
-        raise UsageError(f"{name} is no arm on a servo bus")
+        raise UsageError(f"{name} is not an arm on a servo bus")
     return driver
 
 
