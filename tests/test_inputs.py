@@ -49,7 +49,7 @@ def test_a_file_that_is_too_large_is_not_read_to_its_end(tmp_path: Path) -> None
         file.truncate(1 << 40)
     assert said(read_text, tmp_path / "big").endswith("big: is larger than 1 MiB, the limit for this kind of file")
     assert read_stream(io.BytesIO(b"abc"), "it", largest=3) == b"abc"
-    assert said(read_stream, io.BytesIO(b"abcd"), "it", largest=3).startswith("it: has more than")
+    assert said(read_stream, io.BytesIO(b"abcd"), "it", largest=3).startswith("it: is larger than")
 
 
 @pytest.mark.parametrize(

@@ -271,7 +271,7 @@ def test_folders_are_made_where_they_are_missing(tmp_path: Path, belongs_to: Bel
     (tmp_path / "a").chmod(0o1777)
     (tmp_path / "a" / "planted").symlink_to(tmp_path)
     belongs_to(tmp_path / "a" / "planted", STRANGER)
-    with pytest.raises(UsageError, match="symbolic link of"):
+    with pytest.raises(UsageError, match="symbolic link that belongs to"):
         make_folder(tmp_path / "a" / "planted" / "x")
     assert not (tmp_path / "x").exists()
 

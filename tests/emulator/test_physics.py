@@ -133,7 +133,7 @@ def test_obstacles_and_pushes_set_by_hand_work_as_with_the_usual_shafts(monkeypa
 
 
 def test_a_payload_must_make_sense() -> None:
-    with pytest.raises(UsageError, match="payload of -1 kg"):
+    with pytest.raises(UsageError, match="payload is -1 kg, but must be"):
         PhysicsTwin([], MODEL, payload=-1.0)
 
 

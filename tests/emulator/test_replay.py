@@ -91,7 +91,7 @@ def test_reports_are_sent_again_at_their_pace() -> None:
 
 
 def test_traffic_without_an_answer_is_an_error() -> None:
-    with pytest.raises(UsageError, match="no request"):
+    with pytest.raises(UsageError, match="contains no answered request"):
         ReplayedBoard([RecordedTransfer(True, b"noise", 0.0)])
-    with pytest.raises(UsageError, match="no request"):
+    with pytest.raises(UsageError, match="contains no answered request"):
         ReplayedBoard([])
