@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import signal
 import socket
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from unittest.mock import Mock
 
 import pytest
 from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
@@ -20,6 +22,7 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
+from hexwire.link import base as base_module
 from hexwire.link import poll_link as poll_link_module
 from hexwire.link.base import LinkKind
 from hexwire.link.poll_link import PollLink
@@ -412,6 +415,76 @@ def test_an_exchange_waits_out_false_alarms_and_full_lines(monkeypatch: pytest.M
         link.far.send(b"answer")
         assert link.exchange(b"request", PATIENCE) == b"answer"
         assert link.far.recv(100) == b"request"
+
+
+def test_an_error_of_the_callers_own_ends_an_exchange_and_not_the_link() -> None:
+    def rest(data: bytes) -> float:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with ScriptedLink() as link:
+        link.far.send(b"ab")
+        with pytest.raises(OSError, match="No space left") as caught:
+            link.exchange(b"request", PATIENCE, rest)
+        assert not isinstance(caught.value, LinkLostError)
+        assert link.is_open
+        link.far.send(b"cd")
+        assert link.exchange(b"request", PATIENCE) == b"cd"
+
+
+def test_an_exchange_may_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poll_link_module, "LONGEST_POLL", 0.01)
+    with ScriptedLink() as link:
+        for window in (math.inf, PATIENCE):
+            waiter = Background(lambda window=window: link.exchange(b"request", window, lambda data: 0.0))
+            waiter.let_it_block()
+            link.far.send(b"late")
+            assert waiter.outcome() == b"late"
+        monkeypatch.undo()
+        link.far.send(b"early")
+        assert link.exchange(b"request", math.inf) == b"early"
+        link.far.send(b"more")
+        assert link.exchange(b"request", PATIENCE, lambda data: math.nan if data else 0.0) == b"more"
+
+
+def test_a_packet_without_an_answer_is_written_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ScriptedLink() as link:
+        link.takes = 3
+        link.post(b"packet")
+        assert link.far.recv(100) == b"packet"
+        # While another thread writes, it waits its turn as `write` does.
+        link.takes = 0
+        writer = Background(lambda: link.write(b"first", None))
+        writer.let_it_block()
+        monkeypatch.setattr(base_module, "WRITE_TIME", 0.05)
+        with pytest.raises(LinkTimeoutError, match="none of 6 bytes"):
+            link.post(b"packet")
+        link.takes = 100
+        writer.outcome()
+        assert link.far.recv(100) == b"first"
+
+
+def test_a_packet_without_an_answer_on_a_line_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poll_link_module, "WRITE_TIME", 0.05)
+    with ScriptedLink() as link:
+        link.takes = 0
+        with pytest.raises(LinkTimeoutError):
+            link.post(b"packet")
+        monkeypatch.setattr(link, "_write_ready", Mock(side_effect=BlockingIOError))
+        with pytest.raises(LinkTimeoutError):
+            link.post(b"packet")
+        assert link.is_open
+
+
+def test_a_packet_without_an_answer_on_a_line_that_is_closed_or_lost() -> None:
+    link = ScriptedLink()
+    with pytest.raises(LinkClosedError):
+        link.post(b"packet")
+    with link:
+        link.write_error = OSError(errno.EIO, "Input/output error")
+        with pytest.raises(LinkLostError, match="look at the cable"):
+            link.post(b"packet")
+        with pytest.raises(LinkLostError, match="look at the cable"):
+            link.post(b"packet")
 
 
 def test_an_exchange_on_a_line_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
