@@ -78,7 +78,14 @@ def test_gearing_signs_and_defaults(tmp_path: Path) -> None:
             r"joints\[0\]\.minimum_deg is 95, but must be below maximum_deg 90",
         ),
         ('name = "x"\n' + JOINT + "sign = 2\n", r"arm\.toml:9:8: joints\[0\]\.sign must be 1 or -1"),
-        ('name = "x"\n' + JOINT + JOINT, "share a name or a servo id"),
+        (
+            'name = "x"\n' + JOINT + JOINT.replace("servo_id = 1", "servo_id = 2"),
+            r"arm\.toml:11:8: joints\[1\]\.name is 'J1', as in joints\[0\]; every joint needs its own",
+        ),
+        (
+            'name = "x"\n' + JOINT + JOINT.replace("J1", "J2") + JOINT.replace("J1", "J3"),
+            r"12:12: joints\[1\]\.servo_id is 1, as in joints\[0\].*; .*19:12: joints\[2\]\.servo_id is 1",
+        ),
         ('name = "x"\nbase = "so101"\n' + JOINT, "one of them"),
         ('name = "x"\nbase = "so999"\n', "no arm profile"),
         ("name = ", "not TOML"),

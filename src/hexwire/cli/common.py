@@ -44,6 +44,7 @@ __all__ = [
     "name_of",
     "number_option",
     "numbers_argument",
+    "observed_driver",
     "observing_states",
     "on_terminal",
     "open_robot",
@@ -58,6 +59,7 @@ __all__ = [
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+_R = TypeVar("_R", bound="RobotDriver")
 
 DEFAULT_ROBOT = "hex7bot"
 _TYPED = click.core.ParameterSource.COMMANDLINE
@@ -292,7 +294,8 @@ def make_robot(options: RobotOptions) -> RobotDriver:
 
     wanted = {"boot_window": options.timeout, "dialect": options.dialect}
     given = {name: value for name, value in wanted.items() if value is not None}
-    return load_driver(options.robot).from_url(resolve_url(options.port, options.baud), **given)
+    driver = observed_driver(load_driver(options.robot))
+    return driver.from_url(resolve_url(options.port, options.baud), **given)
 
 
 @contextmanager
@@ -318,7 +321,6 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
         robot.attach()
     finally:
         patience.cancel()
-    _show_states(robot)
     try:
         yield robot
     finally:
@@ -327,7 +329,7 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 
 @contextmanager
 def observing_states(observer: _StateObserver) -> Iterator[None]:
-    """In this context every state that an attached robot reads also goes to `observer`, in the reader's thread.
+    """In this context every state that a robot of an `observed_driver` reads also goes to `observer`.
 
     `observer` must not fail: see `hexwire.link.tap.Missed.guard`.
     """
@@ -338,17 +340,12 @@ def observing_states(observer: _StateObserver) -> Iterator[None]:
         _state_observer.reset(token)
 
 
-def _show_states(robot: RobotDriver) -> None:
-    observer, read = _state_observer.get(), robot.read
-    if observer is None:
-        return
+def observed_driver(driver: type[_R]) -> type[_R]:
+    """The class from which a command makes its robot, see `observing_states`."""
+    from hexwire.drivers.registry import observed
 
-    def read_and_show() -> JointState:
-        state = read()
-        observer(state)
-        return state
-
-    robot.read = read_and_show  # type: ignore[method-assign]  # a driver has no other hook for an observer
+    observer = _state_observer.get()
+    return driver if observer is None else observed(driver, observer)
 
 
 # -- output ---------------------------------------------------------------------------------------------

@@ -6,17 +6,22 @@ Owns the lookup. A package that adds a robot names its `RobotDriver` class there
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.errors import UsageError
 
 from .base import RobotDriver
 
 if TYPE_CHECKING:
+    from hexwire.model.state import JointState
+
     from .bus_arm import BusArm
 
-__all__ = ["PORT_VARIABLE", "connect", "load_bus_arm", "load_driver", "robot_names"]
+__all__ = ["PORT_VARIABLE", "connect", "load_bus_arm", "load_driver", "observed", "robot_names"]
+
+_R = TypeVar("_R", bound=RobotDriver)
 
 PORT_VARIABLE = "HEXWIRE_PORT"
 """Environment variable with the default port."""
@@ -50,6 +55,22 @@ def load_driver(name: str) -> type[RobotDriver]:
                 raise UsageError(f"entry point {point.value!r} of robot {name!r} is not a RobotDriver class")
             return driver
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
+
+
+def observed(driver: type[_R], observer: Callable[[JointState], object]) -> type[_R]:
+    """Make the class of a driver whose every state that `read` returns also goes to an observer.
+
+    Args:
+        driver: The class; its `from_url` makes robots of the class that it is called on, as the contract says.
+        observer: Is called in the thread that reads. It must not fail: see `hexwire.link.tap.Missed.guard`.
+    """
+
+    def read(robot: _R) -> JointState:
+        state = driver.read(robot)
+        observer(state)
+        return state
+
+    return type(driver.__name__, (driver,), {"read": read, "__doc__": driver.__doc__})
 
 
 def load_bus_arm(name: str) -> type[BusArm]:
