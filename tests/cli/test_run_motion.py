@@ -34,7 +34,7 @@ def test_a_stopped_arm_that_has_torque_is_told_with_the_way_out(bench: Any) -> N
     bench.ok("stop")
     result = bench.run("goto", "0", "220", "200")
     assert result.exit_code == 1
-    assert "the board has stopped the arm" in result.stderr
+    assert "a stop command has stopped the arm" in result.stderr
     assert "clear it with 'hexwire resume'" in result.stderr
 
 

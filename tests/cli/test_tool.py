@@ -46,10 +46,9 @@ def test_grip_says_why_the_arm_was_stopped_on_the_way(
     monkeypatch.setattr(bench.board, "step", stopped)
     result = bench.run("grip", "close")
     assert result.exit_code == 1
-    why = "its watchdog tripped, because the host fell silent" if tripped else "it was told to"
-    assert (
-        result.stderr == f"error: stopped: the board has stopped the arm: {why}; clear it with 'hexwire resume'\n"
-    )
+    watchdog = "the board has stopped the arm: its watchdog tripped, because the host fell silent"
+    why = watchdog if tripped else "a stop command has stopped the arm"
+    assert result.stderr == f"error: stopped: {why}; clear it with 'hexwire resume'\n"
 
 
 def test_grip_wants_a_share(bench: Any) -> None:

@@ -299,7 +299,7 @@ def test_an_arm_that_is_stopped_does_not_set_out() -> None:
     bench.robot.stop()
     for motion in (bench.way(), bench.target()):
         result = run_motion(bench.robot, motion, bench.options())
-        assert result.why == "stopped: the board has stopped the arm: it was told to"
+        assert result.why == "stopped: a stop command has stopped the arm"
         assert bench.arm.shaft(3) == pytest.approx(bench.arm.shaft(3))
 
 

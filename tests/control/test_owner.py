@@ -184,7 +184,7 @@ def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
             "aborted: the board refused a move: J1 has no torque",
         ),
         (LimitError("J1 is outside"), "aborted: J1 is outside"),
-        (StoppedError("a move", 8, "stopped"), "aborted: stopped: the board has stopped the arm"),
+        (StoppedError("a move", 8, "stopped"), "aborted: stopped: a stop command has stopped the arm"),
     ],
 )
 def test_a_target_that_is_refused_ends_the_goal_and_not_the_robot(error: HexwireError, outcome: str) -> None:

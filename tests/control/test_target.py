@@ -102,7 +102,7 @@ def test_a_joint_of_unknown_position_is_sent_to_its_end() -> None:
     ("what", "limp", "reason"),
     [
         ({"flags": {"J1": JointFlag(0)}}, ("J1",), None),
-        ({"stopped": True}, (), "the board has stopped the arm: it was told to"),
+        ({"stopped": True}, (), "a stop command has stopped the arm"),
     ],
 )
 def test_lost_torque_and_a_stop_end_it(what: dict[str, Any], limp: tuple[str, ...], reason: str | None) -> None:

@@ -290,7 +290,7 @@ def test_a_stall_counts_as_one_cycle_for_every_condition() -> None:
 def test_a_board_that_was_told_to_stop() -> None:
     found = commanded().judge(state(stopped=True), 0.0)
     assert found is not None
-    assert found.text == "the board has stopped the arm: it was told to"
+    assert found.text == "a stop command has stopped the arm"
     assert commanded().judge(state(watchdog_tripped=True), 0.0) is None
 
 
