@@ -85,7 +85,7 @@ def test_marks_and_line_ends_of_other_systems() -> None:
         ('{"\\u001b[2J": 1, "\\u001b[2J": 2}', "f: the key '\\x1b[2J' occurs twice in one table"),
     ],
 )
-def test_what_is_no_json_for_us(text: str, words: str) -> None:
+def test_json_nested_too_deeply_is_refused(text: str, words: str) -> None:
     assert said(parse_json, text, "f").startswith(words)
 
 
@@ -101,7 +101,7 @@ def test_what_is_no_json_for_us(text: str, words: str) -> None:
         ("a\\n = 1", "f:1:2: not TOML"),
     ],
 )
-def test_what_is_no_toml_for_us(text: str, words: str) -> None:
+def test_toml_nested_too_deeply_is_refused(text: str, words: str) -> None:
     assert said(parse_toml, text, "f").startswith(words)
 
 
@@ -214,7 +214,7 @@ def at(text: str) -> Item:
         ("1e308", "is 1e+308, but must be 0 to 10 mm"),
     ],
 )
-def test_a_number_that_is_none(text: str, words: str) -> None:
+def test_an_invalid_number_is_refused(text: str, words: str) -> None:
     (item,) = at(text).rows()
     assert said(item.number, 0, 10, "mm") == f"f: rows[0] {words}"
 
@@ -294,7 +294,7 @@ def test_any_value_is_taken_or_refused_in_one_line(value: Any) -> None:
 
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")))
-def test_any_bytes_are_parsed_or_refused_in_one_way(data: bytes) -> None:
+def test_any_bytes_are_parsed_or_refused_by_one_error(data: bytes) -> None:
     for parse in (lambda: parse_json(data, "f"), lambda: parse_toml(decode_text(data, "f"), "f")):
         words = "f:"
         try:

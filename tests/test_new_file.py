@@ -148,7 +148,7 @@ def test_what_is_no_file_to_write_over(tmp_path: Path, force: bool) -> None:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_a_file_that_a_stranger_has_put_where_all_may_write(
+def test_a_file_of_another_user_in_a_shared_folder_is_not_overwritten(
     tmp_path: Path, belongs_to: BelongsTo, force: bool
 ) -> None:
     shared = tmp_path / "shared"

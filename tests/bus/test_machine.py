@@ -160,7 +160,7 @@ def test_what_was_not_sent_leaves_no_doubt() -> None:
     assert machine.doubtful
 
 
-def test_what_the_fast_path_has_heard_is_gone_on_with() -> None:
+def test_the_careful_path_continues_with_the_bytes_of_the_fast_path() -> None:
     machine = make_machine()
     machine.turns += 1
     machine.asked_at = 99.9

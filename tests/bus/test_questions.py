@@ -213,7 +213,7 @@ def test_a_block_whose_answer_may_be_an_echo_is_asked_otherwise_even_without_rep
     assert (machine.counters.repeats, machine.counters.settled, machine.counters.given_up) == (1, 1, 0)
 
 
-def test_what_has_come_already_is_gone_on_with() -> None:
+def test_it_continues_with_bytes_that_have_already_arrived() -> None:
     machine, servos = make_machine(retries=1), Servos(1)
     play = Play(machine, servos)
     answer = make_status(1, 0, MEMORY[56:58])
@@ -250,7 +250,7 @@ def test_error_bits_of_all_parts_are_told() -> None:
     assert play(questions.ask_registers(machine, 1, 56, 6)) == (b"ababab", 33)
 
 
-def test_settling_needs_an_answer_and_marks_who_gives_none() -> None:
+def test_settling_needs_an_answer_and_marks_servos_without_one() -> None:
     machine, servos = make_machine(), Servos(1)
     for servo_id, there in ((1, True), (2, False)):
         doubt(machine, servo_id, 0)

@@ -104,7 +104,7 @@ def test_the_link_is_closed_after_an_error(make_bench: Any) -> None:
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "x", "", "1,5", "-1"])
-def test_numbers_that_are_none(text: str) -> None:
+def test_invalid_numbers_are_refused(text: str) -> None:
     with pytest.raises(click.BadParameter):
         FiniteFloat("seconds", minimum=0).convert(text, None, None)
 

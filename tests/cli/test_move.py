@@ -129,14 +129,14 @@ def test_a_joint_that_falls_short_is_an_error_with_its_reason(make_bench: Any) -
     assert json.loads(result.stdout)["arrived"] is False
 
 
-def test_a_board_reset_on_the_way_is_told(make_bench: Any) -> None:
+def test_a_board_reset_during_a_move_is_reported(make_bench: Any) -> None:
     bench = make_bench("brownout:3:0.1")
     result = bench.run("move", "J4=80", "--duration", "5", "--wait")
     assert result.exit_code == 1
     assert "lost torque before the arrival" in result.stderr
 
 
-def test_a_stop_on_the_way_is_told(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_during_a_move_is_reported(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     step = bench.board.step
 
     def stopped(now: float) -> None:
@@ -154,7 +154,7 @@ def test_a_stop_on_the_way_is_told(bench: Any, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize(("dialect", "left"), [(1, 25.0), (2, 20.0)])
-def test_little_of_the_way_is_left_when_this_program_dies(make_bench: Any, dialect: int, left: float) -> None:
+def test_only_a_short_step_remains_when_the_program_dies(make_bench: Any, dialect: int, left: float) -> None:
     bench = make_bench(dialect=dialect)
     bench.run("torque", "on")
     before = bench.positions()["J4"]
@@ -276,7 +276,7 @@ def test_a_move_into_the_table_is_refused_unless_there_is_none(bench: Any) -> No
 
 
 @pytest.mark.parametrize("dialect", [1, 2])
-def test_while_another_joint_turns_nobody_can_say_where_the_arm_will_be(make_bench: Any, dialect: int) -> None:
+def test_a_move_is_refused_while_another_joint_moves(make_bench: Any, dialect: int) -> None:
     bench = make_bench(dialect=dialect)
     bench.ok("move", "J2=110", "--duration", "6")
     result = bench.run("move", "J3=37")
@@ -307,13 +307,13 @@ def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:
     assert bench.link.written == []
 
 
-def test_another_link_set_has_gates_of_its_own(bench: Any) -> None:
+def test_another_link_set_has_its_own_coupling_limits(bench: Any) -> None:
     result = bench.run("move", "J1=5", "--links", "Z")
     assert result.exit_code == 2
     assert "Z" in result.stderr
 
 
-def test_a_silent_gripper_is_told_and_not_what_it_does_to_the_way(make_bench: Any) -> None:
+def test_a_silent_gripper_is_reported_instead_of_its_effect_on_the_path(make_bench: Any) -> None:
     bench = make_bench("silent:6")
     result = bench.run("move", "J1=5", "J7=5")
     assert result.exit_code == 1

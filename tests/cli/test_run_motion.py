@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 
-def test_the_watchdog_stands_by_while_the_arm_moves_and_is_off_after(bench: Any) -> None:
+def test_the_watchdog_is_armed_while_the_arm_moves_and_off_afterwards(bench: Any) -> None:
     seen: list[float] = []
     state = bench.board.state
     usual = type(bench.board).step
@@ -29,7 +29,7 @@ def test_a_stop_from_elsewhere_ends_the_motion(bench: Any) -> None:
     assert "hexwire resume" in result.stderr
 
 
-def test_a_stopped_arm_that_has_torque_is_told_with_the_way_out(bench: Any) -> None:
+def test_a_stopped_arm_with_torque_is_reported_with_the_remedy(bench: Any) -> None:
     bench.ok("torque", "on")
     bench.ok("stop")
     result = bench.run("goto", "0", "220", "200")
@@ -49,7 +49,7 @@ def test_an_obstacle_in_the_way_of_a_servo_without_load_reading_stops_the_arm(be
     assert bench.json("state")["stopped"]
 
 
-def test_a_collision_is_told_by_load_and_error_together(bench: Any) -> None:
+def test_a_collision_is_detected_by_load_and_error_together(bench: Any) -> None:
     bench.ok("goto", "0", "220", "200")
     shaft = bench.board.wire.servos[4].motion
     shaft.obstacle = (shaft.position - 10, shaft.position + 10)
@@ -59,7 +59,7 @@ def test_a_collision_is_told_by_load_and_error_together(bench: Any) -> None:
     assert bench.json("state")["stopped"]
 
 
-def test_ctrl_c_on_the_way_stops_the_arm_where_it_is_and_the_watchdog_goes_off(
+def test_ctrl_c_during_the_motion_stops_the_arm_and_disarms_the_watchdog(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.ok("goto", "0", "220", "200")
@@ -84,7 +84,7 @@ def test_ctrl_c_on_the_way_stops_the_arm_where_it_is_and_the_watchdog_goes_off(
     assert not state["watchdog_tripped"]
 
 
-def test_the_arm_stops_at_a_table_that_nobody_told_it_of(bench: Any) -> None:
+def test_the_arm_stops_at_an_unknown_table(bench: Any) -> None:
     from hexwire.emulator.physics import PhysicsTwin
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
 

@@ -31,7 +31,7 @@ def test_grip_ends_where_something_is_between_the_jaws(bench: Any) -> None:
 
 
 @pytest.mark.parametrize("tripped", [True, False])
-def test_grip_says_why_the_arm_was_stopped_on_the_way(
+def test_grip_says_why_the_arm_was_stopped_during_the_motion(
     bench: Any, tripped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.ok("grip", "open")

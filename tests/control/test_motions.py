@@ -119,7 +119,7 @@ def test_legs_follow_each_other() -> None:
     assert max(middle) == pytest.approx(there.goal[0], abs=1e-6)
 
 
-def test_the_watchdog_stands_by_on_the_way() -> None:
+def test_the_watchdog_is_armed_during_the_motion() -> None:
     bench = Bench()
     armed: list[float] = []
     watched = Watched(lambda state: armed.append(bench.arm.board.state.watchdog_timeout))
@@ -256,7 +256,7 @@ def test_a_joint_that_vanishes_from_the_states_ends_it(what: str, after: int) ->
 
 
 @pytest.mark.parametrize("what", ["way", "target"])
-def test_a_stop_from_elsewhere_ends_it_though_it_is_resumed_at_once(what: str) -> None:
+def test_a_stop_from_elsewhere_ends_the_motion_even_if_resumed_at_once(what: str) -> None:
     bench = Bench()
     motion = bench.way() if what == "way" else bench.target()
 

@@ -11,7 +11,7 @@ from hexwire.control.newest import LatestState
 from hexwire.model.state import JointFlag
 
 
-def test_before_anything_was_heard() -> None:
+def test_before_the_first_state_nothing_is_known() -> None:
     latest = LatestState(100.0)
     assert latest.state is None
     assert latest.age(5.0) == math.inf
@@ -34,7 +34,7 @@ def test_the_newest_state_and_its_speeds() -> None:
     assert latest.age(1.5) == pytest.approx(0.31)
 
 
-def test_states_that_say_nothing_new_are_heard_and_not_published() -> None:
+def test_states_without_a_new_sample_are_counted_but_not_published() -> None:
     latest = LatestState(100.0)
     silent = dict.fromkeys(NAMES, JointFlag.SILENT)
     latest.take(state(stamp=1.0), 1.0)

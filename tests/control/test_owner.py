@@ -101,7 +101,7 @@ def test_the_board_is_told_to_end_its_reports_whatever_ends_them() -> None:
     assert bench.board.state.report_due is None
 
 
-def test_reports_that_stay_away_are_asked_for_again() -> None:
+def test_missing_reports_are_requested_again() -> None:
     bench = BoardBench()
     bench.owner.connect()
     bench.turn(0.5)
@@ -245,7 +245,7 @@ def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
     assert told.words == "succeeded: "
 
 
-def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
+def test_torque_on_does_not_stop_other_joints_that_move() -> None:
     bench = BoardBench(split=True)
     owner, (first, second) = bench.owner, bench.controllers
     owner.connect()

@@ -22,7 +22,7 @@ def test_the_first_time_is_at_once_and_then_once_a_period() -> None:
     assert asked(Periodic(), times) == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
-def test_who_comes_a_little_late_does_not_shift_the_raster() -> None:
+def test_a_slightly_late_call_does_not_shift_the_due_times() -> None:
     times = [i * 0.3 for i in range(100)]
     yes = asked(Periodic(), times)
     assert len(yes) == 30

@@ -55,7 +55,7 @@ def test_a_good_value_of_every_kind() -> None:
         ("x" * 100, f"must be a number, not the text '{'x' * 40}'"),
     ],
 )
-def test_what_is_no_number(value: object, text: str) -> None:
+def test_values_that_are_not_numbers_are_refused(value: object, text: str) -> None:
     faults = Faults()
     assert faults.number("rate", value, RATE) == 5.0
     assert faults.texts == [f"rate: {text}"]

@@ -273,7 +273,7 @@ def test_thresholds_that_were_chosen_stay_and_others_follow_the_rate() -> None:
     assert load().safety_at(1.5) == SafetyLimits.at_period(1 / 1.5)
 
 
-def test_thresholds_that_make_no_sense() -> None:
+def test_invalid_thresholds_are_refused() -> None:
     thresholds = [field.name for field in fields(SafetyLimits) if field.name != "faults"]
     assert faults(safety={"lod": 1, "load": 0, "faults": 3, "lag": False}) == [
         "safety/lod: unknown, did you mean safety/load?",
@@ -319,7 +319,7 @@ def test_the_only_controller() -> None:
     assert only.tolerances.goal == {"J1": Tolerance(0.1, 0.05), "J2": Tolerance(0.3, 0.05)}
 
 
-def test_constraints_that_make_no_sense() -> None:
+def test_invalid_constraints_are_refused() -> None:
     assert faults(
         joints=["J1", "J2"],
         constraints={
@@ -352,7 +352,7 @@ def test_several_controllers() -> None:
     assert hand.tolerances.goal == {"J7": Tolerance(velocity=0.05)}
 
 
-def test_controllers_that_make_no_sense() -> None:
+def test_invalid_controllers_are_refused() -> None:
     assert faults(
         joints=["J1"],
         allow_partial_joints_goal=True,

@@ -81,7 +81,7 @@ def test_what_nohup_started_lives_on(shutdown: Shutdown) -> None:
     assert shutdown.wait(0.01), "roslaunch ends its nodes by it"
 
 
-def test_a_signal_at_any_moment_of_the_wait_is_heard() -> None:
+def test_a_signal_at_any_moment_of_the_wait_ends_it() -> None:
     code = """
 random.seed(1)
 for _ in range(2000):
@@ -94,7 +94,7 @@ for _ in range(2000):
     assert child(code, 0) == ""
 
 
-def test_what_hangs_is_ended_and_says_where() -> None:
+def test_a_hung_program_is_ended_and_says_where() -> None:
     code = """
 def hangs():
     lock = threading.Lock()
@@ -110,7 +110,7 @@ hangs()
 
 
 @pytest.mark.parametrize("trouble", ["sys.stderr = None; os.close(2)", "os.dup2(full(), 2)"])
-def test_what_hangs_and_cannot_say_where_is_ended_all_the_same(trouble: str) -> None:
+def test_a_hung_program_is_ended_even_if_it_cannot_say_where(trouble: str) -> None:
     code = f"""
 import sys
 

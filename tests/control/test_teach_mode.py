@@ -206,7 +206,7 @@ def record(arm: EmulatedArm, take: Callable[[JointState], object], **options: An
 
 
 @pytest.mark.parametrize("limp", [False, True])
-def test_a_hand_leads_an_arm_without_torque_that_holds_in_the_end_unless_it_is_left_limp(limp: bool) -> None:
+def test_an_arm_guided_by_hand_holds_at_the_end_unless_torque_stays_off(limp: bool) -> None:
     arm = EmulatedArm(2)
     arm.driver.torque(True)
     started: list[list[bool]] = []
@@ -264,7 +264,7 @@ def test_a_rate_that_makes_no_sense_leaves_the_torque_on() -> None:
 
 
 @pytest.mark.parametrize("limp", [False, True])
-def test_joints_whose_torque_is_unknown_are_not_taken_for_limp(limp: bool) -> None:
+def test_joints_whose_torque_is_unknown_count_as_having_torque(limp: bool) -> None:
     arm = EmulatedArm(1)
     arm.driver.torque(True)
     arm.driver.detach()

@@ -232,7 +232,7 @@ def test_a_robot_that_is_stopped_is_not_watched_and_nothing_begins_without(tripp
         assert robot.armed == 0.5
 
 
-def test_the_first_failure_is_heard_of_not_that_the_watchdog_could_not_be_taken_off() -> None:
+def test_the_first_failure_is_raised_not_the_failure_to_disarm_the_watchdog() -> None:
     robot = Guarded()
 
     def fail() -> None:

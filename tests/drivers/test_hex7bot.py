@@ -234,7 +234,7 @@ def test_limits_and_offsets() -> None:
         driver.store_limits([LimitRow(5, 4, 1)] * 7)
 
 
-def test_watchdog_and_stream_refuse_what_makes_no_sense() -> None:
+def test_watchdog_and_stream_refuse_invalid_values() -> None:
     driver = Arm(2).driver
     for seconds in (0.01, 61.0, -1.0, math.nan):
         with pytest.raises(UsageError, match="outside"):
@@ -372,7 +372,7 @@ def older(arm: Arm) -> None:
     arm.board.dialect2._handlers[Command.WATCHDOG] = forgets  # type: ignore[assignment]  # another firmware
 
 
-def test_the_cause_of_a_stop_outlives_what_makes_an_older_board_forget_it() -> None:
+def test_the_cause_of_a_stop_is_kept_when_an_older_board_forgets_it() -> None:
     arm = Arm(2)
     older(arm)
     arm.driver.watchdog(0.3)

@@ -76,7 +76,7 @@ def test_probe_and_read(bench: Bench) -> None:
     assert all(math.isnan(v) for v in state.current + state.voltage + state.temperature)
 
 
-def test_a_move_and_the_way_there(bench: Bench) -> None:
+def test_a_move_and_the_states_until_its_end(bench: Bench) -> None:
     driver, _, _, clock = bench
     driver.torque(True)
     sent = driver.write(JointTarget.of({"j1": 20 * DEG, "J5": 15 * DEG, "J6": -10 * DEG}, 1.0))

@@ -21,7 +21,7 @@ def test_an_unknown_robot_lists_the_known() -> None:
         registry.load_driver("r2d2")
 
 
-def test_an_arm_on_a_servo_bus_and_one_that_is_none() -> None:
+def test_an_arm_on_a_servo_bus_loads_and_another_robot_is_refused() -> None:
     assert registry.load_bus_arm("so101") is registry.load_driver("so101")
     with pytest.raises(UsageError, match="puma260 is not an arm on a servo bus"):
         registry.load_bus_arm("puma260")

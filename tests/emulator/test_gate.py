@@ -160,7 +160,7 @@ TARGETS = [
 
 
 @pytest.mark.parametrize(("packet", "status"), TARGETS)
-def test_targets_that_do_not_pass(packet: bytes, status: Status) -> None:
+def test_targets_that_the_gate_refuses(packet: bytes, status: Status) -> None:
     assert judge(OPEN, packet) == status
 
 

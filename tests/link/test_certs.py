@@ -109,7 +109,7 @@ def test_other_wrong_wishes(tmp_path: Path) -> None:
         issue_certificate(tmp_path, "arm", "client", hosts=["arm"])
 
 
-def test_an_authority_that_is_none(tmp_path: Path) -> None:
+def test_an_invalid_authority_is_refused(tmp_path: Path) -> None:
     make_authority(tmp_path)
     make_authority(tmp_path / "other")
     (tmp_path / "ca.key").write_bytes((tmp_path / "other" / "ca.key").read_bytes())
@@ -120,7 +120,7 @@ def test_an_authority_that_is_none(tmp_path: Path) -> None:
         issue_certificate(tmp_path, "arm", "server")
 
 
-def test_without_the_package_the_way_out_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def refuse(name: str, *rest: object) -> object:

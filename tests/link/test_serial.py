@@ -241,7 +241,7 @@ class _Status:
     st_mode = 0o020660
 
 
-def test_no_permission_names_the_group_and_the_way_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_permission_names_the_group_and_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     import grp
 
     monkeypatch.setattr(serial_module.os, "open", _deny)
@@ -265,7 +265,7 @@ def test_no_permission_where_no_group_helps(monkeypatch: pytest.MonkeyPatch) -> 
         SerialLink("/dev/ttyUSB0").open()
 
 
-def test_no_permission_and_no_way_to_tell_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_permission_without_a_known_cause(monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown(gid: int) -> object:
         raise KeyError(gid)
 

@@ -168,7 +168,7 @@ def test_latest_set_point_wins_and_the_overtaken_are_counted() -> None:
     assert (follower.counters.set_points, follower.counters.replaced) == (3, 2)
 
 
-def test_set_points_are_pursued_within_the_speed_limit() -> None:
+def test_set_points_are_followed_within_the_speed_limit() -> None:
     follower = started()
     last, speed = J1, HEX7BOT.joint("J1").max_speed
     for i in range(20):

@@ -42,7 +42,7 @@ def test_following_error_must_last() -> None:
     assert "13.0 deg off its path" in str(found)
 
 
-def test_being_late_is_no_following_error() -> None:
+def test_a_delay_is_not_a_following_error() -> None:
     guard = Guard(LIMITS)
     # 90 deg/s: a servo 0.2 s behind is 18 deg off the newest command, and well.
     speed, t = math.radians(90), 0.0
@@ -53,7 +53,7 @@ def test_being_late_is_no_following_error() -> None:
         t += 0.05
 
 
-def test_standing_still_while_told_to_move_is_one() -> None:
+def test_not_moving_on_command_is_a_following_error() -> None:
     guard = Guard(LIMITS)
     t = 0.0
     while t < 3.0:
@@ -91,7 +91,7 @@ def test_what_is_over_does_not_count_on() -> None:
         assert guard.judge(state(), start + 0.6) is None
 
 
-def test_time_in_which_nobody_looked_is_no_proof() -> None:
+def test_time_without_measurements_does_not_count_as_a_fault() -> None:
     guard = commanded()
     off, push = {"J5": HOME["J5"] + math.radians(6)}, {"J5": 0.8}
     assert guard.judge(state(off, load=push), 0.0) is None
@@ -174,7 +174,7 @@ def test_a_chosen_threshold_must_be_above_zero_too() -> None:
         SafetyLimits.at_period(0.05, load=-1)
 
 
-def test_a_joint_that_does_not_say_where_it_is_has_not_been_heard_of() -> None:
+def test_a_joint_without_a_position_counts_as_silent() -> None:
     found = judged(commanded(), 5.0, positions={"J2": math.nan})
     assert found is not None
     assert (found.kind, found.joint) == ("lost", "J2")

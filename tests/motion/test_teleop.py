@@ -247,7 +247,7 @@ def test_the_mode_changes_only_while_nothing_moves() -> None:
     assert hand.rules.mode is JogMode.JOINT
 
 
-def test_what_makes_no_sense() -> None:
+def test_invalid_values_are_refused() -> None:
     for share in (0.0, 1.1, -1.0, math.nan):
         with pytest.raises(UsageError):
             Teleop(PUMA260, share=share)
@@ -283,7 +283,7 @@ def test_any_stick_keeps_the_rules(mode: JogMode, steps: list[tuple[list[float],
             positions = dict(jog.positions)
 
 
-def test_the_arm_as_a_whole_stays_out_of_its_gate_and_can_be_led_back() -> None:
+def test_the_arm_keeps_its_coupling_limit_and_can_be_led_back() -> None:
     model = Hex7BotModel()
     start = {joint.name: joint.offset for joint in HEX7BOT.joints} | {"J3": HEX7BOT.joint("J3").offset + 0.7}
 

@@ -50,7 +50,7 @@ def test_what_people_and_ros_write(as_bytes: bool) -> None:
         ('{"points": 1, "points": 2}', ": the key 'points' occurs twice"),
     ],
 )
-def test_what_is_no_json(content: str | bytes, place: str) -> None:
+def test_invalid_json_is_refused(content: str | bytes, place: str) -> None:
     with pytest.raises(ConfigError, match=rf"^way\.json{place}"):
         parse_waypoints(content, "way.json")
 
@@ -81,7 +81,7 @@ def test_what_is_no_json(content: str | bytes, place: str) -> None:
         (_point("0", [None]), "points[0].positions[0] must be a number, not nothing"),
     ],
 )
-def test_what_is_no_trajectory(content: str, error: str) -> None:
+def test_values_that_are_not_a_trajectory_are_refused(content: str, error: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_waypoints(content, "way.json")
     assert str(caught.value) == f"way.json: {error}"
@@ -96,7 +96,7 @@ def test_what_is_no_trajectory(content: str, error: str) -> None:
         ([{"time_from_start": 0, "positions": [0]}] * 2, "not after the one before"),
     ],
 )
-def test_points_that_make_no_trajectory(points: list[Any], error: str) -> None:
+def test_invalid_points_are_refused(points: list[Any], error: str) -> None:
     with pytest.raises(UsageError, match=error):
         parse_waypoints(json.dumps({"joint_names": ["J1"], "points": points}), "way.json")
 

@@ -177,7 +177,7 @@ def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     assert near(led_to, arm.board.positions)
 
 
-def test_teaching_without_a_motion_is_told_and_the_arm_is_held_again(arm: Arm) -> None:
+def test_teaching_without_a_motion_is_reported_and_the_arm_is_held_again(arm: Arm) -> None:
     arm.trigger("teach/start")
     assert "move" in arm.refused("teach/stop")
     assert all(servo.torque_on for servo in arm.board.board.wire.servos)

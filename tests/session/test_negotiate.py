@@ -394,7 +394,7 @@ def test_one_dialect_only() -> None:
     assert {i for _, p, i in Schedule(boot_window=1.0, ping_ids=()).asked if p == 1} == {0}
 
 
-def test_what_was_heard_before_does_not_count() -> None:
+def test_bytes_received_before_do_not_count() -> None:
     h, b = host(), board()
     b.report(Command.JOINT_STATE, b"x", 0.0)
     (report,) = b.data_to_send()

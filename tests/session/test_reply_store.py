@@ -68,7 +68,7 @@ def test_by_number() -> None:
     assert store.find_by_number(8, 1, 0x13, 1.0) == []
 
 
-def test_what_a_stop_made_void_is_remembered_however_much_it_was() -> None:
+def test_voided_requests_are_remembered_however_many_they_are() -> None:
     store = ReplyStore()
     for seq in range(30):
         store.asked(frame(seq), 0.0)
