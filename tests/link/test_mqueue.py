@@ -269,8 +269,10 @@ def test_what_the_system_says(
     monkeypatch.setattr(mqueue_module, "_SETTINGS", tmp_path)
     monkeypatch.setattr(posix_ipc, "MessageQueue", _Fails(error))
     link = QueueLink(name, depth=5000, size=9_000_000)
-    with pytest.raises(kind, match=words):
+    with pytest.raises(kind, match=words) as caught:
         link.open()
+    if isinstance(caught.value, LinkError):
+        assert caught.value.url == link.url
     assert not link.is_open
 
 

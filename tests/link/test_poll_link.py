@@ -224,7 +224,13 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
     link = ScriptedLink()
     link.open()
     link.takes = 0
-    before = signal.signal(signal.SIGUSR1, lambda *_: link.close())
+    released_by_the_handler: list[int] = []
+
+    def close(*_: object) -> None:
+        link.close()
+        released_by_the_handler.append(link.closed)
+
+    before = signal.signal(signal.SIGUSR1, close)
     timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
     timer.start()
     try:
@@ -233,7 +239,8 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
     finally:
         timer.join(PATIENCE)
         signal.signal(signal.SIGUSR1, before)
-    assert link.closed == 1, "its descriptors are freed by the call that was interrupted"
+    assert released_by_the_handler == [0], "the call that was interrupted still uses its descriptors"
+    assert link.closed == 1, "it frees them"
     assert not link.is_open
 
 
@@ -553,7 +560,13 @@ def test_an_exchange_waits_its_turn() -> None:
 def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
     link = ScriptedLink()
     link.open()
-    before = signal.signal(signal.SIGUSR1, lambda *_: link.close())
+    released_by_the_handler: list[int] = []
+
+    def close(*_: object) -> None:
+        link.close()
+        released_by_the_handler.append(link.closed)
+
+    before = signal.signal(signal.SIGUSR1, close)
     timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
     timer.start()
     try:
@@ -562,6 +575,7 @@ def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
     finally:
         timer.join(PATIENCE)
         signal.signal(signal.SIGUSR1, before)
+    assert released_by_the_handler == [0], "the exchange still uses its descriptors"
     assert link.closed == 1
 
 

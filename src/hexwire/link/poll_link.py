@@ -284,7 +284,7 @@ class PollLink(Link):
                 answer += data
                 if rest is None:
                     return answer
-                wait, left = rest(answer), 0.0
+                wait = rest(answer)
                 if wait <= 0.0:
                     return answer
         finally:
