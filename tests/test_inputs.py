@@ -30,7 +30,7 @@ def said(call: Any, *args: Any, **named: Any) -> str:
 # -- what a name may stand for ------------------------------------------------------------------------------
 
 
-def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_pipe_or_device_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for name, why in (
         (tmp_path / "pipe", "is a pipe or a device, not a file"),
@@ -61,7 +61,7 @@ def test_a_file_that_is_too_large_is_not_read_to_its_end(tmp_path: Path) -> None
         ("x = 1".encode("utf-16"), "f:1:1: is UTF-16 text; save it as UTF-8"),
     ],
 )
-def test_what_is_no_text_is_told_with_its_place(data: bytes, place: str) -> None:
+def test_bytes_that_are_not_text_are_reported_with_their_place(data: bytes, place: str) -> None:
     assert said(decode_text, data, "f") == place
 
 
@@ -186,7 +186,7 @@ def test_a_value_of_toml_knows_its_line(steps: list[str | int], place: tuple[int
     assert said(item.integer, 9, 9).startswith(f"{shown}: ")
 
 
-def test_what_is_missing_has_the_line_of_its_table() -> None:
+def test_a_missing_key_has_the_line_of_its_table() -> None:
     (arm, _) = parse_toml(PLACES, "f").table()["arm"].rows()
     assert said(arm.table, None, ("speed",)) == "f:4:1: arm[0].speed is missing"
 
@@ -244,7 +244,7 @@ def test_numbers_texts_lists_and_tables() -> None:
     assert said(huge.text) == "f: x must be text, not a number with too many digits"
 
 
-def test_faults_are_told_together() -> None:
+def test_faults_are_reported_together() -> None:
     rows = list(parse_toml("rows = [1, 2, 3]", "f").table()["rows"].rows())
     faults, good = Faults("f"), []
     faults.check()

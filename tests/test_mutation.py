@@ -75,7 +75,7 @@ def test_what_a_value_shows_of_itself_does_not_count() -> None:
     assert not is_meaningful("def __repr__(self):\n    return a + b", "def __repr__(self):\n    return a - b")
 
 
-def test_the_lines_that_differ_are_told() -> None:
+def test_the_lines_that_differ_are_reported() -> None:
     assert changed_lines(BEFORE, BEFORE.replace("x > 3", "x >= 3")) == ("-if x > 3:", "+if x >= 3:")
 
 

@@ -99,7 +99,7 @@ def test_an_error_takes_the_new_file_away(tmp_path: Path, force: bool) -> None:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_what_was_kept_before_the_error_stays(tmp_path: Path, force: bool) -> None:
+def test_a_file_kept_before_the_error_stays(tmp_path: Path, force: bool) -> None:
     path = tmp_path / "a"
     if force:
         path.write_bytes(b"old")
@@ -126,7 +126,7 @@ def test_no_link_is_followed(tmp_path: Path, force: bool) -> None:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_what_is_no_file_to_write_over(tmp_path: Path, force: bool) -> None:
+def test_names_that_are_not_overwritten(tmp_path: Path, force: bool) -> None:
     os.mkfifo(tmp_path / "pipe")
     before = open_descriptors()
     for path, words in (

@@ -63,7 +63,7 @@ def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
     assert bus.now() - start < 2 * usual + 0.02
 
 
-def test_what_is_still_on_the_line_is_waited_for() -> None:
+def test_bytes_still_on_the_line_are_waited_for() -> None:
     bus, _ = make_bus((1,), baud=115200)
     for _ in range(60):
         bus.read(1, "present_position")

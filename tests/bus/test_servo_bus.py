@@ -440,7 +440,7 @@ def test_answers_that_come_later_than_before_are_waited_for_soon() -> None:
     assert None not in came[10:]
 
 
-def test_what_is_sent_and_not_waited_for_is_no_answer_later() -> None:
+def test_an_answer_that_was_not_awaited_is_not_taken_later() -> None:
     bus, device = make_bus((1,))
     bus.read(1, "present_position")
     bus.raw(make_read(1, 42, 2))

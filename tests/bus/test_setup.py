@@ -262,7 +262,7 @@ def test_ids_have_bounds(series: Series, high: int) -> None:
     assert setup.set_id(bus, high, 0).servo_id == 0
 
 
-def test_a_setting_that_does_not_hold_is_told_and_locked_again() -> None:
+def test_a_setting_that_is_not_kept_is_reported_and_locked_again() -> None:
     bus, device = make_bus((1,))
     plain = device.wire[1].receive
     # It acknowledges and forgets.

@@ -35,7 +35,7 @@ def test_monitor_shows_a_servo_that_went(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "no answer" in result.output
 
 
-def test_where_files_cannot_go(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_files_that_cannot_be_created_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     bus = BusCli(monkeypatch)
     assert bus.run("monitor", "1", "--csv", str(tmp_path / "no" / "m.csv")).exit_code == 2
     assert bus.run("monitor", "1", "--plot", str(tmp_path / "m.txt")).exit_code == 2

@@ -98,7 +98,7 @@ def test_ik_with_rpy_for_the_puma() -> None:
         (("check", 90, 40, 40, 90, 90, 90), "elbow open 25 deg too far"),
     ],
 )
-def test_what_makes_no_sense_is_one_line_and_status_2(args: tuple[object, ...], words: str) -> None:
+def test_invalid_values_give_one_line_and_status_2(args: tuple[object, ...], words: str) -> None:
     result = run(*args)
     assert result.exit_code == 2
     assert words in result.stderr

@@ -36,7 +36,7 @@ def test_targets_get_the_arms_own_names_and_radians() -> None:
     assert check_targets(HEX7BOT, [("j4", 90.0)]) == pytest.approx({"J4": 1.5707963})
 
 
-def test_everything_that_is_wrong_is_told_at_once() -> None:
+def test_all_faults_are_reported_at_once() -> None:
     with pytest.raises(UsageError) as caught:
         check_targets(HEX7BOT, [("J1", 200.0), ("J9", 0.0), ("J2", 50.0), ("j2", 51.0), ("J4", 1.0)])
     text = str(caught.value)
@@ -78,7 +78,7 @@ def test_a_move_switches_the_torque_on_where_it_is_missing_and_says_so(make_benc
     assert after["J4"] == pytest.approx(-0.7, abs=0.2)
 
 
-def test_without_wait_it_returns_at_once_and_the_arm_goes_on(bench: Any) -> None:
+def test_without_wait_it_returns_at_once_and_the_arm_continues(bench: Any) -> None:
     bench.ok("move", "J4=30", "--duration", "2")
     assert bench.positions()["J4"] < 10
     bench.clock.advance(3.0)
@@ -243,7 +243,7 @@ def test_ctrl_c_while_waiting_stops_the_arm_where_it_is(
         assert bench.json("state")["stopped"] is True
 
 
-def test_a_stop_that_fails_on_ctrl_c_is_told_and_it_still_counts_as_interrupted(
+def test_a_stop_that_fails_on_ctrl_c_is_reported_and_it_still_counts_as_interrupted(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     class Gone:
@@ -297,7 +297,7 @@ def test_with_a_silent_joint_the_others_move_unchecked_and_it_is_said(make_bench
     )
 
 
-def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:
+def test_an_option_about_the_table_must_have_an_effect(bench: Any) -> None:
     result = bench.run("move", "J1=5", "--table", "60", "--no-table")
     assert result.exit_code == 2
     assert result.stderr == "error: --table and --no-table contradict each other\n"

@@ -122,7 +122,7 @@ def test_joint_states_as_a_picture(tmp_path: Path) -> None:
     assert target.read_bytes() == drawn
 
 
-def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
+def test_invalid_values_give_one_line(tmp_path: Path) -> None:
     text = tmp_path / "a.txt"
     text.write_text("hello")
     for args, words in (

@@ -110,7 +110,7 @@ def test_a_servo_that_never_answers_is_not_waved(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("words", [("wave", "1", "--yes"), ("monitor", "1", "--seconds", "1")])
-def test_what_cannot_be_saved_is_not_sampled(
+def test_nothing_is_sampled_if_it_cannot_be_saved(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     bus = BusCli(monkeypatch)

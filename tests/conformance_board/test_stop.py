@@ -159,7 +159,7 @@ def test_a_repeat_of_a_voided_request_is_answered_stopped_and_not_executed(make:
 @pytest.mark.parametrize(
     ("command", "body"), [(Command.RESUME, b""), (Command.TORQUE, b"\1\x7f\0"), (Command.MAINTENANCE, b"\0")]
 )
-def test_what_was_done_before_a_stop_is_not_done_again(make: Make, command: int, body: bytes) -> None:
+def test_requests_executed_before_a_stop_are_not_executed_again(make: Make, command: int, body: bytes) -> None:
     board = make()
     torque(board)
     done = board.client.frame(command, body)

@@ -490,7 +490,7 @@ def test_facts() -> None:
     assert diagnose(facts)
 
 
-def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
+def test_enabling_at_the_start_may_fail_and_the_node_continues() -> None:
     bench = make_bench(on=False, enable_on_start=True)
     bench.silence("J3")
     bench.owner.start = lambda controllers: None  # type: ignore[method-assign]  # the test turns
@@ -499,7 +499,7 @@ def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
     bench.arm.shutdown()
 
 
-def test_limits_are_told_as_such() -> None:
+def test_limits_are_described_as_such() -> None:
     bench = make_bench()
     with pytest.raises(LimitError):
         bench.arm.set_points({"J1": 3.0})

@@ -156,7 +156,7 @@ def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_key(goals: Goals)
     assert second.said[-1] == ("replaced", "cancelled")
 
 
-def test_a_fault_of_the_program_refuses_its_goal_and_no_other(
+def test_a_programming_error_refuses_its_goal_and_no_other(
     goals: Goals, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     goals.goals.start()

@@ -391,7 +391,7 @@ def test_a_target_takes_the_place_of_what_was_ended(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["way", "target"])
-def test_what_takes_its_place_is_void_after_a_stop(what: str) -> None:
+def test_a_replacement_motion_is_void_after_a_stop(what: str) -> None:
     bench = Bench()
 
     def until(state: JointState) -> JointTarget | None:
@@ -473,7 +473,7 @@ def test_options_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None
         MotionOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_torque_for_a_path_is_told() -> None:
+def test_switching_torque_on_for_a_path_is_reported() -> None:
     bench, watched = Bench(), Watched()
     assert run_motion(bench.robot, bench.way(), bench.options(), observer=watched).powered == ("J4",)
     assert watched.said[0] == ("powered", ("J4",))

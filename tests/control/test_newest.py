@@ -72,7 +72,7 @@ def test_fewer_states_than_are_wanted_are_all_published() -> None:
     assert all(latest.take(state(stamp=1.0 + 0.5 * i), 1.0 + 0.5 * i) for i in range(10))
 
 
-def test_a_new_beginning_forgets_the_boards_clock_and_speeds_but_stamps_go_on_rising() -> None:
+def test_a_restart_forgets_the_boards_clock_and_speeds_but_stamps_keep_increasing() -> None:
     latest = LatestState(100.0)
     for i in range(5):
         latest.take(replace(state({"J1": 0.1 * i}, stamp=100.0 + 0.01 * i), velocity=(math.nan,) * 7), 100.0)

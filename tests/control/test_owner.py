@@ -74,7 +74,7 @@ def test_a_low_rate_of_publishing_leaves_watchdog_and_commands_alone() -> None:
     assert told.words == "succeeded: "
 
 
-def test_where_reports_are_unknown_it_asks_as_fast_as_the_line_goes() -> None:
+def test_without_reports_states_are_requested_as_fast_as_the_line_allows() -> None:
     bench = BoardBench(dialect=1, baud=115200)
     bench.owner.connect()
     bench.turn(10.0)
@@ -291,7 +291,7 @@ def test_torque_off_ends_what_was_accepted_that_moment() -> None:
     assert len(bench.writes) == writes
 
 
-def test_a_target_that_the_board_kept_within_its_limits_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_target_that_the_board_clamped_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     bench, told = moving()
     write = bench.robot.write
     bench.robot.write = lambda target: replace(write(target), clamped=("J1",))
@@ -313,7 +313,7 @@ def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
 
 
 @pytest.mark.parametrize("baud", [0, 115200])
-def test_what_was_just_done_is_not_undone_by_reports_from_before(baud: int) -> None:
+def test_older_reports_do_not_override_a_new_change(baud: int) -> None:
     bench = BoardBench(baud=baud)
     owner = bench.owner
     owner.connect()

@@ -259,7 +259,7 @@ def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
     assert not node.driver.session.is_open
 
 
-def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> None:
+def test_a_programming_error_is_reported_and_stops_the_arm(served: Served) -> None:
     broken = threading.Event()
 
     def on_state(state: JointState, published: KnownState) -> None:

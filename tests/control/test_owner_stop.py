@@ -36,7 +36,7 @@ def test_a_stop_and_its_reset(dialect: int, baud: int) -> None:
     assert again.words == "succeeded: "
 
 
-def test_what_waits_for_the_owner_is_void_after_a_stop() -> None:
+def test_calls_that_wait_for_the_owner_are_void_after_a_stop() -> None:
     bench, _ = moving()
     owner = bench.owner
     bench.robot.torque(False)

@@ -152,7 +152,7 @@ def test_a_trajectory_may_last_an_hour() -> None:
     assert caught.value.reason == Reason.MALFORMED
 
 
-def test_what_all_controllers_send_together_is_checked_while_it_runs() -> None:
+def test_the_combined_target_of_all_controllers_is_checked_during_the_motion() -> None:
     check, half = PathCheck(HEX7BOT, Hex7BotModel(), None), {"J2": 0.5 * (HOME["J2"] + FOLD["J2"])}
     assert check.running(HOME, {"J3": FOLD["J3"]}) == ""
     assert check.running(HOME, half) == ""

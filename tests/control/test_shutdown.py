@@ -63,7 +63,7 @@ def test_another_thread_ends_the_waits_of_all(shutdown: Shutdown) -> None:
         assert not thread.is_alive()
 
 
-def test_what_can_be_left_is_interrupted(shutdown: Shutdown) -> None:
+def test_interruptible_work_is_interrupted(shutdown: Shutdown) -> None:
     shutdown.listen()
     shutdown.interrupts = True
     with pytest.raises(KeyboardInterrupt):
@@ -71,7 +71,7 @@ def test_what_can_be_left_is_interrupted(shutdown: Shutdown) -> None:
     assert shutdown.wait(0.0)
 
 
-def test_what_nohup_started_lives_on(shutdown: Shutdown) -> None:
+def test_a_program_started_by_nohup_continues(shutdown: Shutdown) -> None:
     for number in (signal.SIGHUP, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
     shutdown.listen()

@@ -54,7 +54,7 @@ def test_without_early_it_must_be_there_when_its_time_is_over() -> None:
     assert controller.arrived
 
 
-def test_what_falls_short_is_named_after_the_grace_time() -> None:
+def test_joints_that_did_not_arrive_are_named_after_the_grace_time() -> None:
     controller = make()
     write(controller, 10.0)
     assert not see(controller, 11.0, HOME["J1"])

@@ -131,7 +131,7 @@ def test_a_stop_while_teaching_begins() -> None:
     assert not bench.arm.teach_mode._teacher.active
 
 
-def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
+def test_a_recording_is_kept_if_a_joint_gets_no_torque() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)
     guide(bench, "J1", 0.3)
@@ -143,7 +143,7 @@ def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
     assert free(bench)
 
 
-def test_what_was_taught_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
+def test_a_recording_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
     bench = make_bench(teach_directory=str(tmp_path / "taken"))
     bench.ask(bench.arm.teach_start)

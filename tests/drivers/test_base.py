@@ -135,7 +135,7 @@ def test_what_a_plain_robot_says_of_itself() -> None:
         (lambda robot: robot.ping(1), "the servos of robot plain cannot be pinged one by one"),
     ],
 )
-def test_what_a_plain_robot_cannot_do_is_said_at_the_call(call: Any, words: str) -> None:
+def test_an_unsupported_call_raises_an_error(call: Any, words: str) -> None:
     with pytest.raises(NotSupportedError, match=words):
         call(Plain())
 

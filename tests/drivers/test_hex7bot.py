@@ -164,7 +164,7 @@ def test_stop_resume_and_the_state_says_stopped() -> None:
 
 
 @pytest.mark.parametrize("baud", [0, 115200])
-def test_what_was_sent_is_returned_and_stands_in_the_servos(baud: int) -> None:
+def test_the_sent_target_is_returned_and_is_in_the_servos(baud: int) -> None:
     arm = Arm(2, baud)
     arm.driver.torque(True)
     angles = {"J1": 0.2, "j2": 1.3, "J3": 0.5, "J4": -0.5, "J5": 0.3, "J6": 1.0, "J7": -0.2}
@@ -336,7 +336,7 @@ def test_short_reports_come_more_often_on_a_slow_line_and_lack_nothing_but_veloc
     assert all(math.isnan(value) for state in short for value in state.velocity)
 
 
-def test_who_only_listens_keeps_the_watchdog_quiet() -> None:
+def test_a_program_that_only_reads_reports_feeds_the_watchdog() -> None:
     arm = Arm(2)
     arm.driver.watchdog(0.3)
     stream = arm.driver.stream(0.05)
@@ -443,7 +443,7 @@ def test_a_stream_survives_a_reset_and_a_replug() -> None:
 
 
 @DIALECTS
-def test_reads_go_on_after_a_replug_and_a_move_is_not_repeated(dialect: int) -> None:
+def test_reads_continue_after_a_replug_and_a_move_is_not_repeated(dialect: int) -> None:
     arm = Arm(dialect)
     arm.driver.torque(True)
     before = arm.driver.read()

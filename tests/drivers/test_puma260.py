@@ -126,7 +126,7 @@ def test_every_limit_is_kept_and_nothing_is_sent(bench: Bench, name: str, degree
     assert not robot.executed
 
 
-def test_what_makes_no_sense_is_refused_here(bench: Bench) -> None:
+def test_invalid_values_are_refused(bench: Bench) -> None:
     driver, robot, _, _ = bench
     driver.torque(True)
     with pytest.raises(UsageError, match="too early for the speed limits"):

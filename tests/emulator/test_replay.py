@@ -60,7 +60,7 @@ def test_dialect_1_comes_again_too() -> None:
     assert {state[0] for state in states} <= got
 
 
-def test_what_was_never_asked_is_refused_and_counted() -> None:
+def test_a_request_that_is_not_in_the_recording_is_refused_and_counted() -> None:
     transfers, _ = recorded(2)
     driver, board = replayed(transfers)
     with driver:

@@ -75,7 +75,7 @@ def test_a_living_terminal_of_another_program_keeps_its_name(tmp_path: Path, ter
     assert str(link.readlink()) == terminal
 
 
-def test_what_is_not_ours_to_replace(tmp_path: Path, terminal: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_that_must_not_be_replaced(tmp_path: Path, terminal: str, monkeypatch: pytest.MonkeyPatch) -> None:
     file, other = tmp_path / "file", tmp_path / "other"
     file.write_text("precious")
     other.symlink_to(file)

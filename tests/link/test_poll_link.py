@@ -126,7 +126,7 @@ def test_false_alarms_are_waited_out() -> None:
         assert link.given_up == 1
 
 
-def test_a_write_goes_on_where_it_stopped() -> None:
+def test_a_write_continues_where_it_stopped() -> None:
     with ScriptedLink() as link:
         link.takes = 7
         data = bytes(range(100))
@@ -361,7 +361,7 @@ def test_an_exchange_takes_the_answer_that_is_there_or_comes() -> None:
         assert link.exchange(b"abc", -1.0) == b""
 
 
-def test_an_exchange_goes_on_until_all_is_there_or_nothing_more_comes() -> None:
+def test_an_exchange_continues_until_all_has_arrived_or_nothing_more_comes() -> None:
     pieces, seen = [b"cd", b"ef"], []
 
     def rest(data: bytes) -> float:

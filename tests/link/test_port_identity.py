@@ -136,7 +136,7 @@ def test_our_own_terminal_by_its_other_name() -> None:
         (SERIAL, ""),
     ],
 )
-def test_what_speaks_against_a_port(port: PortIdentity, words: str) -> None:
+def test_signs_that_a_port_is_not_the_device(port: PortIdentity, words: str) -> None:
     problem = why_not(port)
     assert problem.startswith(words)
     assert bool(problem) == bool(words)

@@ -15,7 +15,7 @@ def test_clients_are_admitted_until_all_seats_are_taken() -> None:
     assert seats.admit(3, "a", 1.0) == (True, None)
 
 
-def test_who_never_said_anything_of_sense_goes_first_and_the_oldest_of_them() -> None:
+def test_clients_without_a_valid_request_are_dropped_first_oldest_first() -> None:
     seats: Seats[int] = Seats(4, per_host=4)
     for key in range(4):
         seats.admit(key, "a", float(key))

@@ -123,7 +123,7 @@ def test_a_port_that_keeps_its_own_settings_is_refused(
         SerialLink(device).open()
 
 
-def test_settings_that_fail_are_told(line: PtyEnd, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_that_fail_are_reported(line: PtyEnd, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise termios.error(errno.EIO, "Input/output error")
 
@@ -203,7 +203,7 @@ def test_no_such_port_lists_those_there_are(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/tmp", "{tmp}/plain"])
-def test_what_is_no_serial_port(path: str, tmp_path: Path) -> None:
+def test_a_device_that_is_not_a_serial_port_is_refused(path: str, tmp_path: Path) -> None:
     (tmp_path / "plain").write_bytes(b"text")
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(LinkNotFoundError, match="is not a serial port"):

@@ -220,7 +220,7 @@ def test_network_errors_that_are_no_absence_are_a_loss(monkeypatch: pytest.Monke
         assert near.is_open
 
 
-def test_what_is_too_long_to_be_ours_is_dropped_and_counted() -> None:
+def test_a_datagram_that_is_too_long_is_dropped_and_counted() -> None:
     with UdpListenLink() as near, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as caller:
         caller.sendto(bytes(MAX_DATAGRAM + 1), ("127.0.0.1", near.port))
         caller.sendto(b"", ("127.0.0.1", near.port))

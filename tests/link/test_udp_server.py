@@ -52,7 +52,7 @@ def test_other_hosts_are_dropped_and_counted() -> None:
         assert take(server)[1] == b"hello"
 
 
-def test_what_is_no_datagram_of_ours_is_dropped_and_counted() -> None:
+def test_a_datagram_that_is_not_a_frame_is_dropped_and_counted() -> None:
     with UdpServer() as server, caller(server) as one:
         for size in (0, MAX_DATAGRAM + 1):
             one.send(bytes(size))
@@ -109,7 +109,7 @@ class _Broken:
     recvfrom = sendto
 
 
-def test_other_errors_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_errors_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with UdpServer() as server:
         real = server._socket
         monkeypatch.setattr(server, "_socket", _Broken())

@@ -29,7 +29,7 @@ GOOD, FOLDED, DEEPER = posture(100, 120), posture(148, 120), posture(150, 120)
 UP, LOW = posture(90, 110), posture(60, 155)
 
 
-def test_each_kind_is_told_in_words() -> None:
+def test_each_kind_is_described_in_words() -> None:
     fence = Fence(A, lowest(LOW) + 0.01)
     fence.begin(UP)
     assert fence.check(GOOD) == {}
@@ -47,7 +47,7 @@ def test_without_a_table_there_is_no_table_check() -> None:
     assert fence.lowest == lowest(LOW)
 
 
-def test_who_begins_outside_may_leave_but_not_get_further_in_or_come_back() -> None:
+def test_an_arm_that_begins_outside_may_leave_but_not_go_deeper_or_come_back() -> None:
     fence = Fence(A)
     fence.begin(FOLDED)
     assert fence.check(FOLDED) == {}

@@ -84,7 +84,7 @@ def test_load_and_error_together_are_a_collision_at_once() -> None:
     assert judged(commanded(), 2.0, load={"J3": 0.6}) is None
 
 
-def test_what_is_over_does_not_count_on() -> None:
+def test_an_ended_deviation_does_not_keep_counting() -> None:
     guard = commanded()
     for start in (0.0, 1.0, 2.0):
         assert judged(guard, 0.5, start=start, load={"J2": 0.95}) is None
@@ -158,7 +158,7 @@ def test_a_slow_line_makes_states_old_and_commands_late() -> None:
     assert slow.following_error == LIMITS.following_error
 
 
-def test_what_was_chosen_is_not_widened() -> None:
+def test_given_thresholds_are_not_widened() -> None:
     limits = SafetyLimits.at_period(1.0, max_age=0.7, load=0.6)
     assert (limits.lag, limits.max_age, limits.load) == (2.5, 0.7, 0.6)
 
@@ -214,7 +214,7 @@ def test_thresholds_themselves_are_allowed(options: dict[str, object]) -> None:
     assert judged(commanded(), 5.0, **options) is None
 
 
-def test_what_was_commanded_within_the_lag_counts_and_what_is_older_does_not() -> None:
+def test_commands_within_the_lag_count_and_older_ones_do_not() -> None:
     limits = SafetyLimits(lag=0.25, following_error=0.1, following_time=1e-9)
     # The command of 0.5 s is in force until 1 s, and counts for as long as the lag after that.
     for when, good in ((1.125, True), (1.247, True), (1.25, False)):

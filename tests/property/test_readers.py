@@ -303,7 +303,7 @@ def test_each_value_made_another_one_gives_a_value_or_one_error(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_no_plain_file_is_an_error_at_once(name: str, readers: dict[str, Reader], place: Path) -> None:
+def test_a_pipe_or_device_is_an_error_at_once(name: str, readers: dict[str, Reader], place: Path) -> None:
     reader, path = readers[name], place / f"file{readers[name].suffix}"
     os.mkfifo(path)
     assert outcome(reader, path)
@@ -376,7 +376,7 @@ _STAMP = '{"joints": [], "timestamp": {%s}}'
         ("[" * 100_000, ": brackets are nested too deeply"),
     ],
 )
-def test_a_joint_state_that_is_none_is_told_with_its_place(body: str, words: str, tmp_path: Path) -> None:
+def test_an_invalid_joint_state_is_reported_with_its_place(body: str, words: str, tmp_path: Path) -> None:
     path = _joint_states(tmp_path, body)
     with pytest.raises(HexwireError) as caught:
         list(read_joint_states(path))

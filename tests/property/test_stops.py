@@ -85,7 +85,7 @@ def test_calls_that_wait_for_the_line_are_void_after_a_stop(dialect: int, what: 
 
 
 @pytest.mark.parametrize("deed", ["write", "torque", "resume", "raw"])
-def test_what_waits_for_a_servo_bus_is_void_after_a_stop(deed: str) -> None:
+def test_calls_that_wait_for_a_servo_bus_are_void_after_a_stop(deed: str) -> None:
     robot, judge, _, _ = fresh("bus")
     assert isinstance(robot, SevenBotArm)
     robot.torque(deed != "torque")

@@ -251,7 +251,7 @@ def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
     world.run(*node, status=1)
 
 
-def test_address_that_is_none_of_this_machine_is_told(world: World) -> None:
+def test_an_address_of_another_machine_is_reported(world: World) -> None:
     port = world.folder / "elsewhere"
     board = world.board(port)
     node = world.start(*NODE, "__ns:=elsewhere", f"_port:={port}", ROS_IP="192.0.2.7")
@@ -271,7 +271,7 @@ def test_wrong_port_ends_with_a_line(world: World) -> None:
     assert port in _one_line(program.err)
 
 
-def test_all_wrong_parameters_are_told_at_once(world: World) -> None:
+def test_all_wrong_parameters_are_reported_at_once(world: World) -> None:
     program = world.run(
         *NODE,
         *("__ns:=wrong", "_port:=/dev/null", "_watchdog:=-1", "_publish_rat:=5", "_joints:=[J9]"),

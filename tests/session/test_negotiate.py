@@ -303,7 +303,7 @@ def test_a_bare_answer_to_the_ping_is_a_servos(status: bytes, cut: int) -> None:
 @pytest.mark.parametrize(
     "data", [sp.make_ping(3), sp.make_status(4), b"\xff\xff\x03\x02\x00\x00", b"." + sp.make_status(3)]
 )
-def test_what_is_no_servos_answer(data: bytes) -> None:
+def test_packets_that_are_not_a_servos_answer(data: bytes) -> None:
     bare = Bare()
     bare.let_pass(3)
     bare.hear(data)

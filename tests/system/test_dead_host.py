@@ -157,7 +157,7 @@ def test_teleop_that_is_killed_with_the_stick_pushed_leaves_an_arm_that_is_stopp
 
 
 @pytest.mark.system
-def test_teleop_that_stalls_stays_stopped_when_it_goes_on_with_the_stick_pushed(port: str) -> None:
+def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushed(port: str) -> None:
     channel = free_port(socket.SOCK_DGRAM)
     program = DIES.format(after=80, signal=19) + CLI
     with pushed_stick(channel):

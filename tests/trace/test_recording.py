@@ -73,7 +73,7 @@ def test_a_file_that_was_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
     assert 1000 < len(rows) < 4000
 
 
-def test_what_is_no_recording_is_said_so(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"hello, world, this is not a recording")
     with pytest.raises(UsageError, match=r"a\.mcap is not a recording"):
         list(read_joint_states(tmp_path / "a.mcap"))
