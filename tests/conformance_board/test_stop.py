@@ -67,7 +67,9 @@ def burst(board: BoardUnderTest, *requests: tuple[int, bytes]) -> list[int]:
 
 
 def statuses(frames: list[Frame], seqs: list[int]) -> list[int | None]:
-    found = {f.seq: f.status for f in frames if f.is_reply}
+    replies = [(f.seq, f.status) for f in frames if f.is_reply]
+    found = dict(replies)
+    assert len(found) == len(replies), "answered once"
     return [found.get(seq) for seq in seqs]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -225,14 +226,24 @@ def test_a_joint_that_is_not_ready_after_torque_is_on_is_not_moved(change: dict[
     assert bench.arm.board.state.watchdog_timeout == 0.0
 
 
-def test_a_jam_stops_the_arm() -> None:
+@pytest.mark.parametrize(
+    ("joint", "room", "kind", "says"),
+    [
+        # Its servo reports no load.
+        ("J1", 30, "following", "J1 is .* off its path"),
+        ("J5", 10, "collision", "J5 hit something: load .* off its path"),
+    ],
+)
+def test_a_jam_stops_the_arm_by_load_and_distance_or_by_distance_alone(
+    joint: str, room: int, kind: str, says: str
+) -> None:
     bench = Bench()
-    shaft = bench.arm.board.wire.servos[3].motion
-    shaft.obstacle = (shaft.position - 30, shaft.position + 30)
-    result = run_motion(bench.robot, bench.way(), bench.options())
+    shaft = bench.arm.board.wire.servos[int(joint[1]) - 1].motion
+    shaft.obstacle = (shaft.position - room, shaft.position + room)
+    result = run_motion(bench.robot, bench.way(joint), bench.options())
     assert result.stopped is not None
-    assert result.stopped.kind in {"collision", "following"}
-    assert result.why.startswith("stopped: J4")
+    assert result.stopped.kind == kind
+    assert re.fullmatch(f"stopped: {says}", result.why)
     assert not result.arrived
     assert bench.arm.board.state.stopped
 
