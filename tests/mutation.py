@@ -333,6 +333,8 @@ def judge(room: str, count: int, seed: int, jobs: int) -> Score:
     folder = prepare(room)
     mutmut(folder, [], jobs)
     total, found = find_mutants(folder, room)
+    if not found:
+        raise SystemExit(f"mutmut made no mutants of {room}: see {folder / 'mutmut.log'}")
     score = Score(room, total, len(found))
     score.mutants = sorted(random.Random(seed).sample(found, min(count, len(found))), key=lambda m: m.name)
     mutmut(folder, [mutant.name for mutant in score.mutants], jobs)
@@ -371,7 +373,7 @@ def main() -> int:
     print(f"{'room':<10}{'mutants':>9}{'that count':>12}{'run':>6}{'killed':>8}{'by types':>10}{'share':>8}")
     for room in arguments.rooms or ROOMS:
         score = judge(room, arguments.count, arguments.seed, arguments.jobs)
-        share = (score.killed + score.typed) / len(score.mutants) if score.mutants else 1.0
+        share = (score.killed + score.typed) / len(score.mutants)
         bad |= share < LEAST
         made = f"{score.total:>9}{score.meaningful:>12}{len(score.mutants):>6}"
         print(f"{room:<10}{made}{score.killed:>8}{score.typed:>10}{share:>8.1%}", flush=True)

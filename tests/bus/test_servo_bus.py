@@ -549,6 +549,17 @@ def test_an_answer_with_a_negative_value_is_counted_once() -> None:
     )
 
 
+def test_every_answer_to_every_request_is_counted() -> None:
+    bus, device = make_bus()
+    before = bus.counters
+    for name, value in (("present_position", 2048), ("goal_position", -5)):
+        device.wire[1].registers.put("goal_position", value)
+        for _ in range(3):
+            assert bus.sync_read(name, SEVEN).ok
+    after = bus.counters
+    assert (after.requests - before.requests, after.answers - before.answers) == (6, 42)
+
+
 @pytest.mark.parametrize("series", ALL)
 def test_the_careful_path_gives_what_the_fast_one_gives(series: Series) -> None:
     bus, _ = make_bus((1, 2), (series,))

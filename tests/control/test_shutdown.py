@@ -20,6 +20,8 @@ def shutdown() -> Iterator[Shutdown]:
     """One that may be requested in this process."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
+    # As `nohup make test` leaves it; a program that is started like that does not end by it.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield Shutdown(600.0)
     faulthandler.cancel_dump_traceback_later()
     signal.alarm(0)

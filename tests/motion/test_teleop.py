@@ -382,6 +382,18 @@ def test_the_gripper_opens_and_closes_between_its_limits() -> None:
         assert {name: hand.positions[name] for name in HEX7BOT.names[:6]} == {n: home[n] for n in HEX7BOT.names[:6]}
 
 
+@pytest.mark.parametrize(("close", "open_"), [(0, 1), (2, 3), (9, 8)])
+def test_any_two_buttons_may_be_those_of_the_gripper(close: int, open_: int) -> None:
+    home = {each.name: each.offset for each in HEX7BOT.joints}
+    hand = Hand(Teleop(HEX7BOT, None, stick=StickMap(close=close, open=open_)), home)
+    hand.begin()
+    for button in (close, open_, 5):
+        before = hand.positions["J7"]
+        hand.cycle(buttons=DEAD_MAN | 1 << button)
+        moved = hand.positions["J7"] - before
+        assert (moved > 0, moved < 0) == (button == close, button == open_)
+
+
 def test_a_tool_whose_joint_lags_stays_on_its_line() -> None:
     hand = puma(JogMode.CARTESIAN, linear=0.2)
     hand.begin()
