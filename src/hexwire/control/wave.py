@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING
 
 from hexwire.model.state import JointFlag, JointTarget
 
+from .target import SingleMotion
+
 if TYPE_CHECKING:
     from hexwire.model.state import JointReading, JointState
-    from hexwire.motion.safety import StopReason
-
-    from .outcomes import Ended, GoalListener
 
 __all__ = ["WaveController"]
 
 
-class WaveController:
+class WaveController(SingleMotion):
     """Moves one joint for a time. Nothing is sent ahead: each target lasts one period.
 
     Args:
@@ -33,7 +32,6 @@ class WaveController:
         on_sample: Called with the time of each answer since the beginning, the last target, and the answer.
 
     Attributes:
-        over: The wave has ended.
         fault: Why it ended early; empty if it did not.
         missed: Number of states without an answer.
     """
@@ -48,31 +46,11 @@ class WaveController:
         most_silent: int,
         on_sample: Callable[[float, float, JointReading], object],
     ) -> None:
-        self.over, self.fault, self.missed = False, "", 0
+        super().__init__((start.name,))
+        self.fault, self.missed = "", 0
         self._start, self._wave, self._seconds, self._period = start, wave, seconds, period
         self._most_silent, self._on_sample = most_silent, on_sample
-        self._silent, self._begun, self._target = 0, math.nan, math.nan
-        self._reason: StopReason | None = None
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Name of the joint."""
-        return (self._start.name,)
-
-    @property
-    def busy(self) -> bool:
-        """The wave has not ended."""
-        return not self.over
-
-    @property
-    def moving(self) -> bool:
-        """The wave has begun and not ended."""
-        return not self.over and math.isfinite(self._begun)
-
-    @property
-    def reason(self) -> StopReason | None:
-        """Why it was stopped, or None."""
-        return self._reason
+        self._silent, self._target = 0, math.nan
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Record an answer; end at a fault, or if the joint stays silent."""
@@ -89,7 +67,7 @@ class WaveController:
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The next target."""
-        if math.isnan(self._begun):
+        if self._begun == -math.inf:
             self._begun = now
         if now - self._begun >= self._seconds:
             self.over = True
@@ -97,22 +75,6 @@ class WaveController:
             return None
         self._target = self._start.position + self._wave(now - self._begun)
         return JointTarget.of({self._start.name: self._target}, self._period)
-
-    def stop(self, reason: StopReason) -> None:
-        """End the wave."""
-        if not self.over:
-            self._reason, self.over = reason, True
-
-    def reset(self) -> None:
-        """Do nothing: an ended wave does not continue."""
-
-    def release(self, why: str) -> None:
-        """End the wave."""
-        self.over = True
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Return nothing: the caller reads the attributes."""
-        return []
 
     def _end(self, fault: str) -> None:
         if not self.over:
