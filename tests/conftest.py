@@ -25,10 +25,10 @@ os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="hexwire-tests-")
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
 # No deadlines: a loaded machine is not a fault of the code. `make test` draws the same examples every time ("ci"),
-# so that a failure belongs to the change that it meets; pytest alone draws new ones.
+# so that a failure belongs to the change that it meets. Fifty of them are enough; pytest alone draws 100 new ones.
 _quiet = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "print_blob": True}
 settings.register_profile("default", max_examples=100, **_quiet)
-settings.register_profile("ci", max_examples=100, derandomize=True, database=None, **_quiet)
+settings.register_profile("ci", max_examples=50, derandomize=True, database=None, **_quiet)
 settings.register_profile("thorough", max_examples=5000, **_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "default"))
 

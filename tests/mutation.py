@@ -5,7 +5,8 @@
 Owns which mutants count and the table at the end. mutmut makes them and runs each against the tests that call the
 function it is in. A mutant counts if it changes what code does; texts, `__repr__`, type hints and what a `raise`
 says do not count. `mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its
-reason. Ends with status 1 if a room kills less than 95 %, or a survivor has no reason.
+reason. A mutant that no test notices but mypy refuses is noticed too, since `make test` runs mypy; the table counts
+these apart. Ends with status 1 if less than 95 % of a room's mutants are noticed, or a survivor has no reason.
 """
 
 from __future__ import annotations
@@ -61,12 +62,19 @@ class Mutant:
         place: Module and function.
         change: The lines that differ, as in a diff.
         exit_code: Of the tests; None if it was not run.
+        typed: mypy refuses it; asked only if the tests let it live.
     """
 
     name: str
     place: str
     change: tuple[str, ...]
     exit_code: int | None = None
+    typed: bool = False
+
+    @property
+    def killed(self) -> bool:
+        """A test noticed it."""
+        return self.exit_code in _NOTICED
 
 
 @dataclass
@@ -81,7 +89,12 @@ class Score:
     @property
     def killed(self) -> int:
         """How many a test noticed."""
-        return sum(mutant.exit_code in _NOTICED for mutant in self.mutants)
+        return sum(mutant.killed for mutant in self.mutants)
+
+    @property
+    def typed(self) -> int:
+        """How many more mypy noticed."""
+        return sum(mutant.typed for mutant in self.mutants)
 
 
 class _Meaning(ast.NodeTransformer):
@@ -103,6 +116,11 @@ class _Meaning(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        flags = _flags(node)
+        for part in (part for part in ast.walk(node) if isinstance(part, ast.Assign)):
+            falsy = isinstance(part.value, ast.Constant) and not part.value.value
+            if falsy and all(isinstance(target, ast.Name) and target.id in flags for target in part.targets):
+                part.value = ast.Constant(False)
         self.generic_visit(node)
         _return_at_the_end(node.body)
         return node
@@ -127,6 +145,36 @@ class _Meaning(ast.NodeTransformer):
         # Checks of the program against itself, and what the machine of the tests has but one of.
         node.keywords = [keyword for keyword in node.keywords if keyword.arg not in ("strict", "encoding")]
         return self.generic_visit(node)
+
+
+def _flags(function: ast.FunctionDef) -> set[str]:
+    """Local names of which is only asked whether they are true."""
+    asked: set[int] = set()
+
+    def ask(node: ast.expr) -> None:
+        asked.add(id(node))
+        if isinstance(node, ast.BoolOp):
+            for value in node.values:
+                ask(value)
+        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            ask(node.operand)
+
+    for part in ast.walk(function):
+        if isinstance(part, ast.If | ast.While | ast.IfExp):
+            ask(part.test)
+        elif isinstance(part, ast.UnaryOp) and isinstance(part.op, ast.Not):
+            ask(part.operand)
+    names = [part for part in ast.walk(function) if isinstance(part, ast.Name)]
+    outer = {
+        name for part in ast.walk(function) if isinstance(part, ast.Global | ast.Nonlocal) for name in part.names
+    }
+    used = {name.id for name in names if isinstance(name.ctx, ast.Load) and id(name) not in asked}
+    used |= {
+        part.target.id
+        for part in ast.walk(function)
+        if isinstance(part, ast.AugAssign) and isinstance(part.target, ast.Name)
+    }
+    return {name.id for name in names if isinstance(name.ctx, ast.Store)} - used - outer
 
 
 def _return_at_the_end(body: list[ast.stmt]) -> None:
@@ -247,11 +295,46 @@ def take_codes(folder: Path, room: str, mutants: Iterable[Mutant]) -> None:
         mutant.exit_code = codes[mutant.name]
 
 
+def ask_types(folder: Path, mutants: Iterable[Mutant]) -> None:
+    """Let mypy look at mutants, one at a time, in the unchanged copy of the source."""
+    for mutant in mutants:
+        module, _, key = mutant.name.rpartition(".")
+        relative = Path(*module.split(".")).with_suffix(".py")
+        path = folder / "src" / relative
+        before = path.read_text()
+        path.write_text(put_in(before, key, functions_of(folder / "mutants/src" / relative)[key]))
+        mutant.typed = _refused_by_mypy(folder)
+        path.write_text(before)
+
+
+def put_in(source: str, key: str, function: str) -> str:
+    """A module with a mutated function in the place of its own."""
+    place = key.partition("__mutmut_")[0].split("ǁ")
+    body = ast.parse(source).body
+    if len(place) > 1:
+        body = next(node.body for node in body if isinstance(node, ast.ClassDef) and node.name == place[1])
+    name = _plain_name(key)
+    node = next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == name)
+    lines = source.splitlines(keepends=True)
+    lines[node.lineno - 1 : node.end_lineno] = [textwrap.indent(function, " " * node.col_offset).rstrip() + "\n"]
+    return "".join(lines)
+
+
+def _refused_by_mypy(folder: Path) -> bool:
+    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(WORK / "mypy"), "src"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"mypy failed in {folder}: {done.stdout}{done.stderr}")
+    return done.returncode == 1
+
+
 def judge(room: str, count: int, seed: int, jobs: int) -> Score:
     """Make the mutants of a room and run a sample of those that count."""
     folder = prepare(room)
     mutmut(folder, [], jobs)
     total, found = find_mutants(folder, room)
+    if not found:
+        raise SystemExit(f"mutmut made no mutants of {room}: see {folder / 'mutmut.log'}")
     score = Score(room, total, len(found))
     score.mutants = sorted(random.Random(seed).sample(found, min(count, len(found))), key=lambda m: m.name)
     mutmut(folder, [mutant.name for mutant in score.mutants], jobs)
@@ -261,6 +344,10 @@ def judge(room: str, count: int, seed: int, jobs: int) -> Score:
         # On a busy machine a test may take too long without any fault: once more, one at a time.
         mutmut(folder, hung, 1)
         take_codes(folder, room, score.mutants)
+    living = [mutant for mutant in score.mutants if not mutant.killed]
+    if living and _refused_by_mypy(folder):
+        raise SystemExit("mypy refuses the source as it is: see `make types`")
+    ask_types(folder, living)
     return score
 
 
@@ -283,15 +370,15 @@ def main() -> int:
     if unknown := set(arguments.rooms) - set(ROOMS):
         parser.error(f"no room {', '.join(sorted(unknown))}; there are {', '.join(ROOMS)}")
     reasons, bad = load_reasons(), False
-    print(f"{'room':<10}{'mutants':>9}{'that count':>12}{'run':>6}{'killed':>8}{'share':>8}")
+    print(f"{'room':<10}{'mutants':>9}{'that count':>12}{'run':>6}{'killed':>8}{'by types':>10}{'share':>8}")
     for room in arguments.rooms or ROOMS:
         score = judge(room, arguments.count, arguments.seed, arguments.jobs)
-        share = score.killed / len(score.mutants) if score.mutants else 1.0
+        share = (score.killed + score.typed) / len(score.mutants)
         bad |= share < LEAST
-        numbers = f"{score.total:>9}{score.meaningful:>12}{len(score.mutants):>6}{score.killed:>8}{share:>8.1%}"
-        print(f"{room:<10}{numbers}", flush=True)
+        made = f"{score.total:>9}{score.meaningful:>12}{len(score.mutants):>6}"
+        print(f"{room:<10}{made}{score.killed:>8}{score.typed:>10}{share:>8.1%}", flush=True)
         for mutant in score.mutants:
-            if mutant.exit_code in _NOTICED:
+            if mutant.killed or mutant.typed:
                 continue
             reason = reasons.get((mutant.place, mutant.change))
             bad |= reason is None

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from hexwire.epochs import Epochs
+from hexwire.epochs import Epochs, Token
 from hexwire.errors import StoppedError
 
 
@@ -114,3 +114,21 @@ def test_a_stop_wakes_who_waits() -> None:
     epochs.on_stop(lambda: woken.append(1))
     with epochs.stopping():
         assert woken == [1]
+
+
+def test_calls_between_two_stops_share_their_token_and_no_stop_keeps_it() -> None:
+    epochs = Epochs()
+    first = epochs.token("a move")
+    assert epochs.token("a move") is first
+    with epochs.stopping():
+        pass
+    held = epochs.token("a move")
+    assert held.stopped
+    assert not epochs.holds(first)
+    epochs.resumed(held)
+    after = epochs.token("a move")
+    assert after is not first
+    assert after == Token(held.epoch, False)
+    assert epochs.holds(after)
+    assert not epochs.holds(first)
+    assert not epochs.holds(held)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.mutation import changed_lines, is_meaningful
+from tests.mutation import changed_lines, is_meaningful, put_in
 
 BEFORE = """
 def f(x):
@@ -58,6 +58,11 @@ def test_a_change_of_what_is_said_does_not(old: str, new: str) -> None:
         ("for i in x:\n  for j in i:\n   break", "for i in x:\n  for j in i:\n   return", True),
         ("for i in x:\n  break\n else:\n  g()", "for i in x:\n  return\n else:\n  g()", True),
         ("while x:\n  continue", "while x:\n  break", True),
+        ("a = False\n while not a:\n  a = g()", "a = None\n while not a:\n  a = g()", False),
+        ("a = False\n if x and a:\n  g()", "a = True\n if x and a:\n  g()", True),
+        ("a = False\n if a:\n  g()\n return a", "a = None\n if a:\n  g()\n return a", True),
+        ("a = 0\n a += x\n if a:\n  g()", "a = None\n a += x\n if a:\n  g()", True),
+        ("a = False\n if a is None:\n  g()", "a = None\n if a is None:\n  g()", True),
         ('open(x, encoding="ascii")', "open(x, encoding=None)", False),
         ('open(x, encoding="ascii")', 'open(None, encoding="ascii")', True),
     ],
@@ -70,5 +75,33 @@ def test_what_a_value_shows_of_itself_does_not_count() -> None:
     assert not is_meaningful("def __repr__(self):\n    return a + b", "def __repr__(self):\n    return a - b")
 
 
-def test_the_lines_that_differ_are_told() -> None:
+def test_the_lines_that_differ_are_reported() -> None:
     assert changed_lines(BEFORE, BEFORE.replace("x > 3", "x >= 3")) == ("-if x > 3:", "+if x >= 3:")
+
+
+SOURCE = """
+def f(x):
+    return x + 1
+
+class A:
+    @staticmethod
+    def f(x):
+        if x:
+            return 1
+        return 2
+
+    def g(self): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("key", "function", "old", "new"),
+    [
+        ("x_f__mutmut_3", "def f(x):\n    return x - 1\n", "x + 1", "x - 1"),
+        ("xǁAǁf__mutmut_1", "def f(x):\n    if x:\n        return 1\n    return None\n", "return 2", "return None"),
+    ],
+)
+def test_a_mutant_takes_the_place_of_its_function_in_the_source(
+    key: str, function: str, old: str, new: str
+) -> None:
+    assert put_in(SOURCE, key, function) == SOURCE.replace(old, new)

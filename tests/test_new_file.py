@@ -68,7 +68,7 @@ def test_a_file_is_its_makers_alone(tmp_path: Path) -> None:
 def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"old")
-    with pytest.raises(UsageError, match="is there already; --force writes over it"):
+    with pytest.raises(UsageError, match="already exists; --force overwrites it"):
         OutputFile(path)
     assert path.read_bytes() == b"old"
 
@@ -99,7 +99,7 @@ def test_an_error_takes_the_new_file_away(tmp_path: Path, force: bool) -> None:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_what_was_kept_before_the_error_stays(tmp_path: Path, force: bool) -> None:
+def test_a_file_kept_before_the_error_stays(tmp_path: Path, force: bool) -> None:
     path = tmp_path / "a"
     if force:
         path.write_bytes(b"old")
@@ -118,7 +118,7 @@ def test_no_link_is_followed(tmp_path: Path, force: bool) -> None:
     link.symlink_to(victim)
     dangling.symlink_to(tmp_path / "made")
     for path in (link, dangling):
-        with pytest.raises(UsageError, match="is a symbolic link, and none is followed"):
+        with pytest.raises(UsageError, match="is a symbolic link, which is not followed"):
             write(path, force=force)
         assert path.is_symlink()
     assert victim.read_bytes() == b"precious"
@@ -126,7 +126,7 @@ def test_no_link_is_followed(tmp_path: Path, force: bool) -> None:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_what_is_no_file_to_write_over(tmp_path: Path, force: bool) -> None:
+def test_names_that_are_not_overwritten(tmp_path: Path, force: bool) -> None:
     os.mkfifo(tmp_path / "pipe")
     before = open_descriptors()
     for path, words in (
@@ -134,8 +134,8 @@ def test_what_is_no_file_to_write_over(tmp_path: Path, force: bool) -> None:
         (f"{tmp_path}/new/", "is a folder"),
         ("", "is a folder"),
         ("..", "is a folder"),
-        ("/dev/null", "is no regular file"),
-        (tmp_path / "pipe", "is no regular file"),
+        ("/dev/null", "is not a regular file"),
+        (tmp_path / "pipe", "is not a regular file"),
         (tmp_path / "no" / "a", "there is no such folder"),
         (tmp_path / "pipe" / "a", "Not a directory"),
         (tmp_path / ("x" * 300), "File name too long"),
@@ -148,7 +148,7 @@ def test_what_is_no_file_to_write_over(tmp_path: Path, force: bool) -> None:
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_a_file_that_a_stranger_has_put_where_all_may_write(
+def test_a_file_of_another_user_in_a_shared_folder_is_not_overwritten(
     tmp_path: Path, belongs_to: BelongsTo, force: bool
 ) -> None:
     shared = tmp_path / "shared"
@@ -191,7 +191,7 @@ def test_a_link_on_the_way_is_followed_unless_it_was_planted(tmp_path: Path, bel
     write(home / "again" / "b")
     belongs_to(shared / "way", STRANGER)
     for path in (shared / "way" / "c", home / "again" / "c"):
-        with pytest.raises(UsageError, match=f"leads over a symbolic link of user {STRANGER}"):
+        with pytest.raises(UsageError, match=f"leads through a symbolic link that belongs to user {STRANGER}"):
             write(path)
     assert sorted(p.name for p in home.iterdir()) == ["a", "again", "b"]
 
@@ -225,7 +225,7 @@ def test_a_new_file_that_is_exchanged_meanwhile_is_not_put_in_place(tmp_path: Pa
     (part,) = (p for p in tmp_path.iterdir() if p != path)
     part.unlink()
     part.write_bytes(b"a stranger's")
-    with pytest.raises(UsageError, match="somebody has exchanged"):
+    with pytest.raises(UsageError, match="another program has replaced"):
         out.keep()
     assert path.read_bytes() == b"old"
     assert part.read_bytes() == b"a stranger's"
@@ -271,7 +271,7 @@ def test_folders_are_made_where_they_are_missing(tmp_path: Path, belongs_to: Bel
     (tmp_path / "a").chmod(0o1777)
     (tmp_path / "a" / "planted").symlink_to(tmp_path)
     belongs_to(tmp_path / "a" / "planted", STRANGER)
-    with pytest.raises(UsageError, match="symbolic link of"):
+    with pytest.raises(UsageError, match="symbolic link that belongs to"):
         make_folder(tmp_path / "a" / "planted" / "x")
     assert not (tmp_path / "x").exists()
 

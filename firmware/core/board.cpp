@@ -12,7 +12,7 @@ namespace {
 
 constexpr uint32_t kSecondUs = 1000000;
 constexpr uint16_t kChapterMs = 1000;
-// A report is sent when the previous one has almost left, so that its samples are not old.
+// A report is made when the previous one is almost sent, so that its samples are fresh.
 constexpr uint8_t kReportBacklog = 24;
 
 }  // namespace
@@ -179,7 +179,7 @@ void Board::send(uint8_t proto, int32_t dst, uint8_t seq, uint8_t cmd, uint8_t e
   head.cmd = cmd;
   head.ext = ext;
   const uint8_t whole = finish_frame(tx_, head, size);
-  // Jobs start only if there is room for their answer. Other answers without room are lost; the host asks again.
+  // Jobs start only if there is room for their answer. Other answers are lost if there is no room; the host retries.
   if (platform_.host_write_room() < whole) return;
   platform_.host_write(tx_, whole);
   ++sn_;

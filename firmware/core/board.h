@@ -36,7 +36,7 @@ class Board {
   // The steps of a job. Sweeps and packets use the bus, the other steps are immediate.
   enum class Step : uint8_t {
     kReadPosition,
-    kReadStale,        // positions that are too old to check a distance
+    kReadStale,        // positions too old to compute a distance from
     kReadTorque,
     kReadUnsure,       // torque that is uncertain
     kReadMode,
@@ -91,7 +91,7 @@ class Board {
     uint8_t argument;  // torque on or off, STOP's mode, fields
     uint16_t duration_ms;
     Targets targets;
-    // Joints of a hold: limp and confirmed, to lose their torque, without torque now, still checked.
+    // Joints of a hold: confirmed without torque, to lose their torque, just deprived of it, still checked.
     Mask limp;
     Mask bad;
     Mask taken;
@@ -220,7 +220,7 @@ class Board {
   ReplyStore stored_;
   StopList stops_;
   VoidedStore voided_;
-  uint8_t void_left_;  // requests at the head of the queue that a stop has made void
+  uint8_t void_left_;  // requests at the head of the queue that a stop has voided
   Settings settings_;
   ServoBus bus_;
   Joints joints_;
@@ -246,9 +246,9 @@ class Board {
   uint8_t report_fields_;
   int32_t report_to_;
   uint32_t heard_ms_;          // the last valid frame
-  bool chapter_heard_;         // a dialect-1 frame came within the last second
+  bool chapter_heard_;         // a dialect-1 frame arrived within the last second
   uint32_t chapter_heard_ms_;
-  bool fed_;                   // a valid frame came since the watchdog tripped
+  bool fed_;                   // a valid frame arrived since the watchdog tripped
   uint8_t watchdog_mode_;
   uint16_t watchdog_ms_;
 

@@ -40,7 +40,7 @@ void Board::execute() {
     case gen::CMD_TORQUE:
       return torque();
     case gen::CMD_STOP:
-      // A valid STOP never gets here.
+      // A malformed STOP; a valid one does not go through the queue.
       return refuse(now_running_.size == gen::STOP_REQUEST_SIZE ? gen::STATUS_BAD_RANGE : gen::STATUS_BAD_LENGTH);
     case gen::CMD_RESUME:
       return resume();

@@ -52,7 +52,7 @@ void FrameDecoder::skip(uint8_t count) {
   skipping_ = true;
 }
 
-// Above kBadCheck: the size of a whole good frame.
+// One of the constants up to kBadCheck, or the size of a whole valid frame.
 uint8_t FrameDecoder::examine(const uint8_t* p, uint8_t count) const {
   if (count < gen::HEADER_SIZE) return kMore;
   const uint32_t size = get32(p + gen::HEADER_AT_SIZE);
@@ -123,7 +123,7 @@ bool FrameDecoder::next(Frame& frame) {
 
 uint8_t FrameDecoder::missing() const {
   uint8_t size = gen::FRAME_OVERHEAD;
-  // `next` has left a plausible header, or none yet.
+  // After `next` the buffer holds a plausible header or the start of one.
   if (held_ >= gen::HEADER_SIZE) size = buffer_[gen::HEADER_AT_SIZE];
   return size > held_ ? static_cast<uint8_t>(size - held_) : 1;
 }

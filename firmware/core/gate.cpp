@@ -11,7 +11,7 @@ constexpr uint8_t kTorque = gen::HLS_REG_TORQUE_ENABLE;
 constexpr uint8_t kTarget = gen::HLS_REG_GOAL_POSITION;
 constexpr uint8_t kRunTime = gen::SEVEN_BOT_REG_RUN_TIME;
 constexpr uint8_t kLastHalf = gen::HLS_REG_GOAL_SPEED + 1;
-constexpr uint8_t kRamEnd = gen::HLS_REG_LOCK - 2;  // of what is neither target, torque nor speed
+constexpr uint8_t kRamEnd = gen::HLS_REG_LOCK - 2;  // last RAM register that is no target, torque or speed
 constexpr uint8_t kMoveRow = 4;
 
 static_assert(gen::SEVEN_BOT_REG_TARGET_POSITION == kTarget, "one address for both series");
@@ -248,7 +248,7 @@ int16_t Gate::clamp(uint8_t joint, int32_t wanted) {
   return target;
 }
 
-// Usually a joint is slow enough. Then there is no division, which on an AVR takes longer than a byte on the line.
+// Usually the duration is long enough. Then there is no division, which on an AVR takes longer than a byte on the line.
 uint32_t Gate::at_least(uint32_t duration_ms, uint8_t joint, int16_t target, uint32_t now_ms) const {
   const uint16_t speed = settings_.speed(joint);
   const uint32_t way = static_cast<uint32_t>(joints_.distance(joint, target)) * 1000;

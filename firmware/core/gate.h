@@ -34,7 +34,7 @@ class Gate {
   enum class Way : uint8_t {
     kAsItIs,
     kTargets,   // rewritten by `make_targets`
-    kTorqueOn,  // after the present positions are written as targets
+    kTorqueOn,  // sent after the present positions are written as targets
   };
 
   struct Verdict {
@@ -52,9 +52,9 @@ class Gate {
   // Whether it is the chapter's move: a sync write of position and run time to all servos.
   static bool is_move(const uint8_t* packet, uint8_t size);
 
-  // A well-formed packet of PING, READ and TRANSACT.
+  // Checks a well-formed packet of PING, READ and TRANSACT.
   Verdict judge(const uint8_t* packet, uint8_t size, const Circumstances& now) const;
-  // The chapter's move, of the command SYNC_WRITE.
+  // Checks the chapter's move, of the command SYNC_WRITE.
   Verdict judge_move(const uint8_t* packet, uint8_t size, const Circumstances& now) const;
 
   // Puts the packet for the joints of one series, which replaces a kTargets packet, into the bus's send buffer; false if

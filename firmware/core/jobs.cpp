@@ -1,6 +1,6 @@
 #include "hot.h"  // first
 
-// The commands that take the bus for more than one transaction, as lists of steps, and what runs them.
+// The commands that need more than one bus transaction, as lists of steps, and the code that runs them.
 #include "board.h"
 #include "bytes.h"
 
@@ -18,7 +18,7 @@ const Board::Step Board::kBoot[] = {
     Step::kCheckTorque,  Step::kReadTarget,  Step::kCheckTarget, Step::kReadMoving,  Step::kNote,
     Step::kPause,        Step::kReadMoving,  Step::kCheckStill,  Step::kTakeRest,    Step::kReadTaken,
     Step::kFinishHold};
-// The targets first, as fast as can be; then what came of them.
+// The targets first, as soon as possible; then the check that they took effect.
 const Board::Step Board::kHold[] = {
     Step::kReadPosition, Step::kReadUnsure,    Step::kReadCeiling, Step::kAimHold,     Step::kSendLegacy,
     Step::kSendHls,      Step::kReadMode,      Step::kTakeOtherMode, Step::kReadTorque, Step::kCheckTorque,
@@ -77,7 +77,7 @@ void Board::back_to(Step step) {
   job_.entered = false;
 }
 
-// One pass over everything that concerns the bus.
+// One pass over everything that uses the bus.
 void Board::run_bus() {
   bus_.poll(last_us_);
   if (bus_.finished()) {
@@ -87,7 +87,7 @@ void Board::run_bus() {
     if (owner == Owner::kJob && job_.entered) sweep_.take_result(last_us_, ms_);
   }
   if (!job_.active) start_next();
-  // Whoever needs the line gets it before anything is worked out: it should not lie idle meanwhile.
+  // Start the next transaction before computing anything: the line should not lie idle meanwhile.
   if (job_.active && needs_bus()) run_job();
   // While a host that speaks the chapter's dialect is sending, the line is kept free for its request.
   const bool keep_free = decoder_.receiving() && (chapter_heard_ || !poller_.busy(ms_));
@@ -97,7 +97,7 @@ void Board::run_bus() {
   run_job();
 }
 
-// A stop first; then nothing before those have heard of it who asked before.
+// A stop first; after it no request starts before every voided request and every stop is answered.
 bool Board::start_next() {
   if (start_stop()) return true;
   if (void_left_ || !stops_.empty()) return false;
@@ -135,7 +135,7 @@ Mask Board::asked(Step step) const {
   }
 }
 
-// Whether the next step starts something on the bus or needs what came from it. Others run beside a transaction.
+// Whether the next step starts a transaction or needs the result of one. Other steps run during a transaction.
 bool Board::needs_bus() const {
   const Step step = job_.program[job_.pc];
   if (step <= Step::kReadTaken) return job_.entered || asked(step);
@@ -278,7 +278,7 @@ bool Board::run_step() {
   return false;
 }
 
-// Reads an item of many joints; goes on to the next step when all are through.
+// Reads an item of many joints; continues with the next step when all are read.
 bool Board::sweep(Item item, Mask mask) {
   if (!job_.entered) {
     sweep_.begin(mask, item, true);

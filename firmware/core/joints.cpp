@@ -13,13 +13,13 @@ const uint8_t kSeries[kJoints] = HEXWIRE_JOINT_SERIES;
 
 constexpr uint16_t kPollTimeoutUs = 2500;  // five times the longest return delay a servo can be set to
 constexpr uint8_t kPollTries = 2;
-// 0 on the way down means "stop" to an HLS servo.
+// An HLS servo takes a speed of 0 as "stop".
 constexpr uint16_t kHlsSlowest = 1;
 constexpr uint16_t kHlsFastest = 0x7FFF;
 
 constexpr uint8_t kHlsMotionSize = gen::HLS_REG_PRESENT_TEMPERATURE + 1 - gen::HLS_REG_PRESENT_POSITION;
 
-// Where a register is in the parameters of that read.
+// Place of a register in the parameters of that read.
 constexpr uint8_t motion_at(uint8_t address) { return static_cast<uint8_t>(address - gen::HLS_REG_PRESENT_POSITION); }
 
 bool legacy(uint8_t series) { return series == gen::SERIES_SEVEN_BOT; }
@@ -105,8 +105,8 @@ void Joints::store_position(Joint& joint, uint16_t raw, uint32_t now_us, uint32_
   const int16_t position = decode_signed(raw, old ? 0 : gen::HLS_REG_PRESENT_POSITION_SIGN);
   const uint32_t ticks = (now_us - joint.sampled_us) / 64;
   if (old && joint.known && ticks) {
-    // These servos report no speed: it is the difference to the sample before, in ticks of 64 us so that it
-    // stays in 32 bits.
+    // These servos report no speed: it is computed from the previous sample, in ticks of 64 us so that 32 bits
+    // suffice.
     const int32_t way = static_cast<int32_t>(position) - joint.position;
     joint.speed = way ? narrow(way * 15625 / static_cast<int32_t>(ticks)) : 0;
   }
@@ -145,7 +145,7 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
     case Item::kTarget:
       return decode_signed(raw, old ? 0 : gen::HLS_REG_GOAL_POSITION_SIGN);
     case Item::kCeiling:
-      // 0 would mean that the joint cannot move at all.
+      // With a ceiling of 0 the joint could not move at all.
       joint.ceiling = raw ? raw : gen::DEFAULT_CEILING;
       joint.ceiling_known = true;
       return static_cast<int16_t>(raw);
@@ -161,7 +161,7 @@ int16_t Joints::store(uint8_t index, Item item, const uint8_t* p, uint8_t error,
       if (old) {
         joint.current = narrow(raw);
       } else {
-        // 6.5 mA a count.
+        // 6.5 mA per count.
         joint.current = narrow(static_cast<int32_t>(decode_signed(raw, gen::HLS_REG_PRESENT_CURRENT_SIGN)) * 13 / 2);
       }
       return joint.current;
@@ -340,7 +340,7 @@ void Sweep::take_result(uint32_t now_us, uint32_t now_ms) {
     if (packet != nullptr) {
       take_one(many_[i], packet);
     } else {
-      // Who is missing is asked once more, alone.
+      // A servo that is missing is asked once more, alone.
       order_[count_++] = many_[i];
     }
   }
@@ -355,7 +355,7 @@ void Sweep::digest() {
       values_[raw.joint] = joints_.store(raw.joint, item_, raw.data, raw.error, taken_us_, taken_ms_);
       answered_ |= only(raw.joint);
     } else if (item_ == Item::kPosition || item_ == Item::kMotion) {
-      // Only the position tells presence: not every servo has every register.
+      // Only a missing position means absence: not every servo has every register.
       joints_.missed(raw.joint);
     }
   }

@@ -74,10 +74,10 @@ class Joints {
   // A joint that is present, but whose torque has not been read since it appeared; kNoJoint if there is none.
   uint8_t torque_unknown() const;
 
-  // Whether it is known to be in a mode other than position, or its mode must be read first.
+  // Whether a joint is known to be in a mode other than position mode; whether its mode must be read first.
   bool other_mode(uint8_t joint) const { return joints_[joint].mode_known && !joints_[joint].in_position; }
   bool mode_unknown(uint8_t joint) const { return has(joint, Item::kMode) && !joints_[joint].mode_known; }
-  // The servos' own settings may have been changed by others: read them again.
+  // Something else may have changed the servos' settings: read them again.
   void forget_settings();
 
   // Whether the joint's series has the item.
@@ -86,7 +86,7 @@ class Joints {
   // Stores an answer's parameters in the table; returns the value if the item is a single one.
   int16_t store(uint8_t joint, Item item, const uint8_t* parameters, uint8_t error, uint32_t now_us,
                 uint32_t now_ms);
-  // It did not answer. It may have been without power when it answers again.
+  // The joint did not answer. It may have lost its power in the meantime, so what is known of it is forgotten.
   void missed(uint8_t joint);
 
   // Put a packet into the bus's send buffer; return the number of parameters of each answer.
@@ -142,10 +142,10 @@ class Sweep {
   ServoBus& bus_;
   Joints& joints_;
   Item item_;
-  uint8_t order_[kJoints];  // joints still to be asked, one by one
+  uint8_t order_[kJoints];  // joints still to be asked one by one
   uint8_t next_;
   uint8_t count_;
-  uint8_t many_[kJoints];   // joints to be asked in one go
+  uint8_t many_[kJoints];   // joints to be asked by one sync read
   uint8_t many_count_;
   bool many_asked_;
   Mask answered_;

@@ -1,6 +1,6 @@
 #include "hot.h"  // first
 
-// Where the joints are to go and what is known of them: the steps of moves and of torque, and their answers.
+// The steps of moves and of torque, with their answers: targets of the joints, and what must be known before.
 #include <string.h>
 
 #include "board.h"
@@ -11,11 +11,11 @@ namespace hexwire {
 namespace {
 
 constexpr uint8_t kMoreTries = 2;
-constexpr uint8_t kFreshMs = 50;  // no way is judged by a position older than this
+constexpr uint8_t kFreshMs = 50;  // no distance is computed from a position older than this
 
 }  // namespace
 
-// Joints of the job that are there, but of which something is not known.
+// Joints of the job that are present, but for which this item is not known.
 Mask Board::lacking(Lack what) const {
   Mask mask = 0;
   for (uint8_t i = 0; i < kJoints; ++i) {
@@ -37,7 +37,7 @@ Mask Board::stale() const {
   return mask & job_.mask;
 }
 
-// Past the steps of a job that only read what may be known already. To look once takes less than to look in each.
+// Skips the reading steps of a job if everything they read is already known. One check costs less than one per step.
 void Board::skip_reads() {
   for (uint8_t i = 0; i < kJoints; ++i) {
     const Joint& joint = joints_[i];
@@ -56,7 +56,7 @@ Mask Board::torqued() const {
   return mask & job_.mask;
 }
 
-// The present position becomes the target, but for a servo in another mode, to which a target means something else.
+// The present position becomes the target, except for a servo in another mode, where a target has another meaning.
 void Board::aim(Mask mask) {
   for (uint8_t i = 0; i < kJoints; ++i) {
     const Joint& joint = joints_[i];
@@ -75,7 +75,7 @@ bool Board::make_targets(uint8_t series) {
 void Board::aim_move() {
   const uint8_t* p = now_running_.body;
   for (uint8_t i = 0; i < kJoints; ++i) {
-    // It may have been read only now.
+    // The torque may have been read only now.
     const Joint& joint = joints_[i];
     if ((job_.mask & only(i)) && joint.present && joint.torque_known && !joint.torque_on) {
       return refuse(gen::STATUS_TORQUE_OFF);
@@ -120,7 +120,7 @@ void Board::confirm_torque() {
     }
   }
   if (wrong && job_.repeats < kMoreTries) {
-    // A servo is there, but did not get it: a packet without an answer may be lost to noise.
+    // A servo is present but did not get the packet: noise may destroy a packet that has no answer.
     ++job_.repeats;
     ++stats_.bus_retries;
     return begin_again();

@@ -1,5 +1,4 @@
-// Servo packets that a host has made: through the gate, to the bus, and their answers back. See PROTOCOL.md,
-// sections 5 and 6.4.
+// A host's servo packets: through the gate, to the bus, and their answers back. See PROTOCOL.md, sections 5 and 6.4.
 #include <string.h>
 
 #include "board.h"
@@ -69,7 +68,7 @@ void Board::aim_sync_write() {
   next_step();
 }
 
-// The gate once more, with all read that it needs.
+// Asks the gate again, now that everything it needs has been read.
 void Board::judge_packet() {
   const Gate::Verdict verdict = gate_.judge(packet(), packet_size(), circumstances());
   if (verdict.status != gen::STATUS_OK) return refuse_packet(verdict.status);
@@ -77,7 +76,7 @@ void Board::judge_packet() {
   next_step();
 }
 
-// The host's packet, or what the gate has put into the send buffer instead of it.
+// Sends the host's packet, or the one that the gate has put into the send buffer instead.
 void Board::start_packet(bool rewritten) {
   const uint8_t* p = packet();
   const uint8_t size = packet_size();
@@ -105,7 +104,7 @@ void Board::start_packet(bool rewritten) {
   }
 }
 
-// True if there are joints of this series in the packet: then it is on its way.
+// Sends the targets of one series; false if the packet has no joint of it.
 bool Board::send_targets(uint8_t series) {
   if (!gate_.make_targets(bus_, packet(), series, ms_)) return false;
   note_targets(job_.mask & joints_.with_series(series));
@@ -118,11 +117,11 @@ bool Board::send_targets(uint8_t series) {
   return true;
 }
 
-// A target switches torque on. The table must know as the packet goes out: a stop may come before the answer.
+// A target switches torque on. The table is updated as the packet is sent: a stop may come before the answer.
 void Board::note_targets(Mask mask) {
   for (uint8_t i = 0; i < kJoints; ++i) {
     if (!(mask & only(i)) || joints_[i].torque_on) continue;
-    poller_.digest();  // what a read before this packet says must not be believed after it
+    poller_.digest();  // the result of an earlier read must not be used after this packet
     joints_[i].torque_on = true;
     joints_[i].torque_known = false;
   }
@@ -148,7 +147,7 @@ void Board::note_register(uint8_t servo_id, uint8_t address, const uint8_t* data
   }
 }
 
-// A packet of the board's own. Its length byte is 6, but for a read: the chapter's board makes it so.
+// A packet made by the board. As on the chapter's board, its length byte is 6 except for a read.
 uint8_t Board::board_error(uint8_t id, uint8_t error) {
   const bool read = error == gen::BOARD_ERROR_READ_SILENT;
   uint8_t* p = body();
@@ -163,7 +162,7 @@ uint8_t Board::board_error(uint8_t id, uint8_t error) {
   return size;
 }
 
-// What a request that is not done is answered with in dialect 1: as by a silent servo.
+// The answer in dialect 1 to a request that is not executed: the same as for a silent servo.
 uint8_t Board::silent_servo(const Request& request) {
   if (!sound_packet(request.body, request.size)) return board_error(0xFF, gen::BOARD_ERROR_COMMAND_UNKNOWN);
   const uint8_t error = request.cmd == gen::CMD_PING ? gen::BOARD_ERROR_PING_SILENT : gen::BOARD_ERROR_READ_SILENT;
@@ -187,7 +186,7 @@ void Board::reply_packet() {
     if (packet == nullptr) continue;
     const uint8_t length = bus_.answer_size(i);
     memcpy(body() + size, packet, length);
-    // The chapter's board makes 16-bit answers of legacy servos little-endian; the checksum does not mind.
+    // The chapter's board makes 16-bit answers of legacy servos little-endian; the checksum stays the same.
     if (length == 8 && packet[1] == 0xF5 && request[4] == gen::INST_READ) {
       body()[size + 5] = packet[6];
       body()[size + 6] = packet[5];
@@ -199,7 +198,7 @@ void Board::reply_packet() {
   reply(gen::STATUS_OK, size);
 }
 
-// The answer to TRANSACT: the bytes as they came, be they as many as were asked for or not.
+// The answer to TRANSACT: the bytes as they arrived, even if they are fewer than requested.
 void Board::reply_raw() {
   const uint8_t wanted = now_running_.body[gen::TRANSACT_REQUEST_REPLY_LENGTH];
   uint8_t size = wanted && bus_.answer() != nullptr ? bus_.answer_size() : 0;

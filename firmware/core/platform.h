@@ -35,7 +35,7 @@ class Platform {
   virtual void set_outputs(uint8_t value) = 0;
 
  protected:
-  // Never deleted through this type: a virtual destructor would need the heap.
+  // Not virtual, since objects are never deleted through this type: a virtual destructor would need the heap.
   ~Platform() {}
 };
 

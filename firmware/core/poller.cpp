@@ -8,16 +8,16 @@ namespace {
 
 constexpr uint16_t kAwakeMs = 2000;
 constexpr uint16_t kIdleCycleMs = 100;
-constexpr uint16_t kSilentRetryMs = 500;  // a servo that is not there is not asked in every cycle
-// The slow items cost the positions their rate, so they take turns: in one cycle of so many the HLS servos give
-// speed, load, voltage and temperature along with the position, and half way between one joint is asked for
-// one other item. docs/firmware.md has the sums.
+constexpr uint16_t kSilentRetryMs = 500;  // an absent servo is not asked in every cycle
+// The slow items reduce the rate of the positions, so they take turns: once in this many cycles the HLS servos give
+// speed, load, voltage and temperature with the position, and half-way between, one joint is asked for one other
+// item. docs/firmware.md has the figures.
 constexpr uint8_t kCyclesPerTurn = 16;
 constexpr uint8_t kExtraAt = 8;
 constexpr uint8_t kExtrasPerRest = 3;      // when there is time to spare before a report
-constexpr int32_t kExtraUs = 2500;         // the longest of them, with room
+constexpr int32_t kExtraUs = 2500;         // the longest of them, with a margin
 
-// The items that take turns. Torque is among them since a servo may drop it by itself.
+// The items that take turns. Torque is among them because a servo may switch it off on its own.
 const Item kExtras[] = {Item::kSupply, Item::kTorque, Item::kCurrent};
 constexpr uint8_t kExtraCount = sizeof(kExtras) / sizeof(kExtras[0]);
 
@@ -57,7 +57,7 @@ bool Poller::take_report(uint32_t now_us) {
   if (!report_ready_ || static_cast<int32_t>(report_at_us_ - now_us) > 0) return false;
   report_ready_ = false;
   report_at_us_ += static_cast<uint32_t>(period_ms_) * 1000;
-  // Reports that could not be sent in time are left out, not made up for.
+  // Reports that could not be sent in time are skipped.
   if (static_cast<int32_t>(report_at_us_ - now_us) < 0) report_at_us_ = now_us;
   return true;
 }
@@ -74,7 +74,7 @@ Mask Poller::worth_asking(uint32_t now_ms) const {
 bool Poller::start_cycle(uint32_t now_us, uint32_t now_ms) {
   phase_ = Phase::kCycle;
   cycle_begun_us_ = now_us;
-  // A lone reader of the chapter's dialect should not find the line taken by a long sync read.
+  // A host that only reads by the chapter's dialect should not find the line occupied by a long sync read.
   const bool more = !busy(now_ms) || cycles_ % kCyclesPerTurn == 0;
   sweep_.begin(worth_asking(now_ms), more ? Item::kMotion : Item::kPosition, busy(now_ms));
   if (sweep_.start_next(now_ms)) return true;
@@ -117,7 +117,7 @@ bool Poller::start(uint32_t now_us, uint32_t now_ms) {
   if (period_ms_ == 0) {
     if (!awake_ && !rested) return false;
   } else {
-    // The cycle should end when the report is due; what is left before it belongs to the slow items.
+    // The cycle should end when the report is due; the time left before it goes to the slow items.
     const int32_t spare = static_cast<int32_t>(report_at_us_ - cycle_us_ - now_us);
     if (spare > 0) {
       if (spare < static_cast<int32_t>(cycle_us_)) return spare > kExtraUs && extras_left_ && start_extra(now_ms);

@@ -13,7 +13,7 @@ namespace {
 constexpr uint8_t kStatusOverhead = 6;      // FF FF id len error ... chk
 constexpr uint16_t kByteUs = 87;            // at 115200
 constexpr uint16_t kQuietUs = 250;          // a line counts as quiet after this
-constexpr uint16_t kMaxQuietWaitUs = 3000;  // a servo that babbles does not hold up the others for longer
+constexpr uint16_t kMaxQuietWaitUs = 3000;  // longest time that a babbling servo delays the others
 constexpr uint16_t kGapUs = 1500;           // silence inside an answer, or between two of them
 constexpr uint16_t kHurryUs = 1000;
 constexpr uint16_t kMaxHurryUs = 4000;
@@ -114,7 +114,7 @@ void ServoBus::start(Kind kind) {
   wait_for_quiet();
 }
 
-// Whatever is on the line now belongs to nobody: a late answer must not be taken for the next one.
+// Bytes on the line now belong to no request: a late answer must not be taken for the next one.
 void ServoBus::wait_for_quiet() {
   state_ = State::kQuiet;
   since_ = last_rx_ = now_;
@@ -135,7 +135,7 @@ void ServoBus::send() {
   echo_matched_ = 0;
   echo_over_ = false;
   line_dirty_ = false;
-  // All but the last byte: they are looked at before it is there.
+  // All but the last byte, so that they are processed before it arrives.
   uint8_t bytes = echo_seen_ ? size_ : 0;
   if (kind_ == Kind::kRaw) bytes = static_cast<uint8_t>(bytes + raw_length_ - 1);
   if (kind_ == Kind::kPackets) {
@@ -207,13 +207,13 @@ void ServoBus::take_byte(uint8_t byte, bool during_send) {
     }
     echo_over_ = true;
     if (!during_send) {
-      // No echo after all: what looked like its beginning belongs to the answer.
+      // There is no echo: what looked like its beginning belongs to the answer.
       received_ = echo_matched_ < sizeof(answer_) ? echo_matched_ : sizeof(answer_);
       memcpy(answer_, packet_, received_);
       echo_matched_ = 0;
     }
   }
-  // While we talk nobody can answer: such bytes are noise.
+  // No servo can answer while the board is sending: such bytes are noise.
   if (during_send) {
     ++stats_.bytes_dropped;
     return;
@@ -238,7 +238,7 @@ void ServoBus::search() {
   }
 }
 
-// Looks at the packet that begins at `at`; false if more bytes are needed to tell.
+// Examines the packet that begins at `at`; false if more bytes are needed to decide.
 bool ServoBus::match_at(uint8_t at) {
   const uint8_t* p = answer_ + at;
   const uint8_t available = static_cast<uint8_t>(received_ - at);
@@ -268,7 +268,7 @@ bool ServoBus::match_at(uint8_t at) {
 }
 
 void ServoBus::fail() {
-  // An answer may equal its request byte for byte (a ping answered with error bit 0, say). On a line that is
+  // An answer may equal its request byte for byte (for example, of a ping with error bit 0 set). On a line that is
   // known not to echo, what was taken for the echo is then the answer.
   if (echo_over_ && echo_matched_ == size_ && received_ == 0 && !echo_seen_ && kind_ != Kind::kSilent) {
     received_ = size_ < sizeof(answer_) ? size_ : sizeof(answer_);

@@ -34,7 +34,7 @@ struct Expect {
 
 class ServoBus {
  public:
-  static constexpr uint8_t kMaxPacket = kMaxBody;  // the longest that a host's frame can bring
+  static constexpr uint8_t kMaxPacket = kMaxBody;  // the longest that fits into a host's frame
   static constexpr uint8_t kMaxAnswer = 160;
 
   ServoBus(Platform& platform, Stats& stats);
@@ -43,7 +43,7 @@ class ServoBus {
   void begin(uint8_t id, uint8_t instruction);
   void add(uint8_t byte) { packet_[size_++] = byte; }
   void add16(uint16_t value, bool big_endian);
-  // Or takes a complete packet unchanged.
+  // Alternatively, puts a complete packet into the send buffer unchanged.
   void take(const uint8_t* packet, uint8_t size);
 
   void start_silent();
@@ -89,20 +89,20 @@ class ServoBus {
   BusResult result_;
   Expect expect_;
   bool line_dirty_;   // the last transaction may still have bytes on the way
-  bool echo_seen_;    // the adapter echoes: learned from the last transaction that settled it
+  bool echo_seen_;    // the adapter echoes, as seen in the last transaction that showed it
   bool hurried_;
   bool whole_;        // the packet came with its checksum
   uint8_t size_;
   uint8_t tries_left_;
   uint8_t raw_length_;
-  uint8_t echo_matched_;  // bytes of the request seen again so far
+  uint8_t echo_matched_;  // bytes of the request echoed so far
   bool echo_over_;        // no more bytes can be part of the echo
   uint8_t received_;
-  uint8_t searched_;      // bytes of `answer_` that need no second look
+  uint8_t searched_;      // bytes of `answer_` that are already searched
   uint8_t wanted_;        // number of status packets
   uint8_t got_;
   uint32_t timeout_us_;
-  uint32_t now_;      // of the present pass
+  uint32_t now_;      // time of the present pass
   uint32_t since_;    // start of the state; while waiting, the end of the request
   uint32_t last_rx_;
   uint32_t hurried_at_;

@@ -105,7 +105,7 @@ void Settings::poll() {
   if (saving_ != Saving::kBusy || !platform_.storage_ready()) return;
   const uint8_t size = static_cast<uint8_t>(rows_size(block_) + kOverhead);
   const uint16_t base = address(block_);
-  // Bytes that are right already cost nothing, neither time nor wear.
+  // Bytes that are already right are skipped: writing takes time and wears the storage.
   while (position_ < size && platform_.storage_read(static_cast<uint16_t>(base + position_)) == image_[position_]) {
     ++position_;
   }

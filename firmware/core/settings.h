@@ -36,7 +36,7 @@ class Settings {
   // Whether these rows are valid; they are used and stored only as a whole.
   static bool valid(Block block, const uint8_t* rows);
 
-  // Starts to store; `poll` continues it. The new rows take effect once they are stored and read back.
+  // Starts storing; `poll` continues it. The new rows take effect once they are stored and read back.
   void save(Block block, const uint8_t* rows);
   void poll();
   Saving saving() const { return saving_; }

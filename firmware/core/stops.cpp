@@ -1,4 +1,4 @@
-// What a stop does: it makes void what waits, stops the servos, and sees whether they did. See PROTOCOL.md,
+// What a stop does: it voids waiting requests, stops the servos, and checks that they stopped. See PROTOCOL.md,
 // sections 6.3 (STOP) and 6.5.
 #include "board.h"
 #include "bytes.h"
@@ -8,7 +8,7 @@ namespace hexwire {
 namespace {
 
 constexpr uint8_t kMoreTries = 2;
-constexpr uint8_t kStill = 4;          // counts between two looks at a joint that holds
+constexpr uint8_t kStill = 4;          // most counts between two samples of a joint that holds
 constexpr uint16_t kSettleMs = 400;
 constexpr uint8_t kStopAnswer = gen::FRAME_OVERHEAD + gen::STOP_REPLY_SIZE + 1;
 
@@ -38,7 +38,7 @@ void Board::stop(uint8_t mode) {
   stops_.want(mode);
   voided_.stop();
   void_left_ = queue_.count();
-  // A stop that goes on as it is wanted is left alone, however many more ask for it.
+  // A stop under way in this mode, or in a stronger one, is not restarted, however many requests arrive.
   if (job_.active && job_.owner == For::kStop && job_.argument >= mode) return;
   drop_job();
   if (!bus_.idle()) bus_.hurry(last_us_);
@@ -54,10 +54,10 @@ bool Board::start_stop() {
   return true;
 }
 
-// Answers one request that a stop made void, if there is room beside the stop's own answer, and forgets it.
+// Answers one request that a stop has voided, if there is room beside the stop's own answer, and forgets it.
 void Board::void_next() {
   if (void_left_ == 0) return;
-  // The servos first: no answer is made while the stop waits for their line.
+  // The servos first: no answer is made while the stop waits for the servo line.
   if (job_.active && job_.owner == For::kStop && owner_ != Owner::kJob && needs_bus()) return;
   --void_left_;
   Request request;
@@ -89,7 +89,7 @@ void Board::finish_stop(uint8_t status, Mask confirmed) {
   stops_.done(job_.argument, status, confirmed);
 }
 
-// A joint without torque stays without: writing it a target could switch it on.
+// A joint without torque gets no target, which could switch its torque on.
 void Board::aim_hold() {
   Mask mask = torqued();
   for (uint8_t i = 0; i < kJoints; ++i) {
@@ -98,9 +98,9 @@ void Board::aim_hold() {
   aim(mask);
 }
 
-// Puts the packet into the send buffer; false if there is no joint to take torque from.
+// Puts the packet that switches torque off into the send buffer; false if no joint is named.
 bool Board::take_torque(Mask mask) {
-  // What a read before this packet says must not be believed after it.
+  // The result of an earlier read must not be used after this packet.
   poller_.digest();
   for (uint8_t i = 0; i < kJoints; ++i) {
     if (!(mask & only(i))) continue;
@@ -144,7 +144,7 @@ void Board::check_target() {
     }
   }
   if (wrong && job_.repeats < kMoreTries) {
-    // A servo is there, but did not get it: a packet without an answer may be lost to noise.
+    // A servo is present but did not get the packet: noise may destroy a packet that has no answer.
     ++job_.repeats;
     ++stats_.bus_retries;
     return begin_again();

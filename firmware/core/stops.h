@@ -13,9 +13,10 @@
 
 namespace hexwire {
 
-constexpr uint8_t kStopModes = 2;  // 0 holds, 1 takes the torque away
+constexpr uint8_t kStopModes = 2;  // 0 holds, 1 switches torque off
 
-// Hosts that asked for a stop and have no answer yet. One stop answers all of its mode that arrived before it ended.
+// Hosts that asked for a stop and have no answer yet. One stop answers all requests for its mode that arrived before
+// its end.
 class StopList {
  public:
   struct Asker {
@@ -78,8 +79,8 @@ class StopList {
   Asker askers_[kMost];
 };
 
-// Requests that a stop has made void: one that comes again is not done either. Those that end a stop, give torque or open
-// the servos' settings are kept from when they were done, since the next stop makes their repeats void as well.
+// Requests that a stop has voided: a repeat of one is not executed either. Requests that end a stop, switch torque on or
+// begin maintenance are kept from their execution on, because the next stop voids their repeats as well.
 class VoidedStore {
  public:
   VoidedStore() : next_(0), checked_(0), entries_() {}
@@ -114,7 +115,7 @@ class VoidedStore {
       if (entries_[i].src == static_cast<uint8_t>(src)) entries_[i].state = kFree;
     }
   }
-  // To be called often: the times wrap. Looks at one entry.
+  // Checks one entry; must be called often, because the times wrap.
   void age(uint32_t now_ms) {
     Entry& entry = entries_[checked_];
     if (old(entry, now_ms)) entry.state = kFree;

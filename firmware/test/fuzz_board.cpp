@@ -1,8 +1,8 @@
-// Fuzz target: somebody hostile sends sound frames, sound packets and noise to a board with seven servos that answer.
-// However they are mixed: the board reads and writes only its own memory, never hangs, and answers IDENTIFY afterwards;
-// nothing moves or gains torque while it is stopped; nothing sent before a stop is done after it; no target is beyond
-// its limits or faster than its speed limit; no setting of a servo changes outside maintenance; and in dialect 2 no
-// joint gains torque but by TORQUE. make_corpus.py writes seeds in the form that `Attack` reads.
+// Fuzz target: an attacker sends valid frames, valid packets and noise to a board with seven servos that answer.
+// In any mixture: the board reads and writes only its own memory, never hangs, and answers IDENTIFY afterwards;
+// nothing moves or gains torque while it is stopped; nothing sent before a stop is executed after it; no target is
+// beyond its limits or faster than its speed limit; no setting of a servo changes outside maintenance; and in dialect 2
+// only TORQUE gives a joint torque. make_corpus.py writes seeds in the format that `Attack` reads.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,7 +44,7 @@ void broken(const char* what, long a = 0, long b = 0, long c = 0) {
   abort();
 }
 
-// A board, its servos, and a watcher that knows what must never be.
+// A board, its servos, and a watcher that checks what must never happen.
 class World final : public ServoWatcher {
  public:
   World(uint8_t how, uint8_t servos)
@@ -56,7 +56,7 @@ class World final : public ServoWatcher {
   HostBoard b;
 
   ServoLine& line() { return line_; }
-  // Something happens that no board can make up for: what it knows of its servos may be wrong from here on.
+  // Something happens that the board cannot detect: what it knows of its servos may be wrong from here on.
   void spoil() { clean_ = false; }
   bool clean() const { return clean_; }
   bool dialect_1() const { return dialect_1_; }
@@ -67,7 +67,7 @@ class World final : public ServoWatcher {
     for (const uint64_t end = b.now_us + us; b.now_us < end;) b.now_us += step();
   }
 
-  // A frame that is sound; what it asks for is noted.
+  // Sends a valid frame and notes what it asks for.
   void put_frame(uint8_t proto, uint8_t cmd, const std::vector<uint8_t>& body, uint8_t seq) {
     if (body.size() > kMaxBody) return;
     uint8_t frame[gen::MAX_SERIAL_FRAME + 4];
@@ -80,11 +80,11 @@ class World final : public ServoWatcher {
     put_raw(sent.frame);
   }
   void put_raw(const std::vector<uint8_t>& bytes) { b.from_host.insert(b.from_host.end(), bytes.begin(), bytes.end()); }
-  // A frame of some while ago comes again.
+  // Sends an earlier frame again.
   void repeat(uint8_t ago) {
     const Sent& sent = last_[(next_last_ + kLast - 1u - ago % kLast) % kLast];
     if (sent.frame.empty()) return;
-    // After so long, or to a board that was asked who it is since, it means what it says once more.
+    // After this time, or after an IDENTIFY, it is a new request and not a repeat.
     const bool anew = b.now_us - sent.us > kRepeatUs || sent.identified != identified_;
     if (anew) note(sent.proto, sent.cmd, sent.body);
     put_raw(sent.frame);
@@ -92,7 +92,7 @@ class World final : public ServoWatcher {
 
   void written(const ServoModel& before, const ServoModel& after, bool goal) override {
     const uint8_t i = index(after);
-    // A packet counts as of when it began: what is on the line is let through.
+    // The state when the packet began counts: a packet that is already on the line is completed.
     const bool stopped = began_ & gen::BOARD_FLAG_STOPPED;
     const bool maintenance = began_ & gen::BOARD_FLAG_MAINTENANCE;
     if (!maintenance && memcmp(before.registers, after.registers, gen::HLS_REG_TORQUE_ENABLE) != 0) {
@@ -129,7 +129,7 @@ class World final : public ServoWatcher {
 
   uint8_t index(const ServoModel& servo) const { return static_cast<uint8_t>(&servo - line_.servos.data()); }
 
-  // What must have been asked for before it may be.
+  // Notes what the host has asked for, and so allows.
   void note(uint8_t proto, uint8_t cmd, const std::vector<uint8_t>& body) {
     if (proto != gen::PROTO_HEXWIRE) return;
     if (cmd == gen::CMD_IDENTIFY) ++identified_;
@@ -146,7 +146,7 @@ class World final : public ServoWatcher {
     }
   }
 
-  // One pass of the board; how long nothing will happen then.
+  // One pass of the board; returns the time until something happens.
   uint32_t step() {
     hear_board();
     hear_servos();
@@ -159,7 +159,7 @@ class World final : public ServoWatcher {
     if (now & before_ & gen::BOARD_FLAG_STOPPED && outputs != b.outputs) broken("an output while stopped", b.outputs);
     if (probe_.trips() != trips_) resumed_ = false;
     trips_ = probe_.trips();
-    if (before_ & ~now & gen::BOARD_FLAG_STOPPED && !resumed_) broken("a stop ended by what was sent before it");
+    if (before_ & ~now & gen::BOARD_FLAG_STOPPED && !resumed_) broken("a stop ended by an earlier request");
     if (now & gen::BOARD_FLAG_STOPPED) {
       granted_ = granted_next_;
       aimed_ = aimed_next_;
@@ -185,7 +185,7 @@ class World final : public ServoWatcher {
     return us;
   }
 
-  // Once a stop has had its time, nothing moves any more.
+  // Once a stop has had its time, nothing may move.
   void watch_still(uint8_t now) {
     if (!(now & gen::BOARD_FLAG_STOPPED) || !clean_) {
       still_from_ = b.now_us + kStopTakesUs;
@@ -201,7 +201,7 @@ class World final : public ServoWatcher {
     still_ = true;
   }
 
-  // What the board has sent reaches the servos with its last stop bit.
+  // A packet of the board reaches the servos with its last stop bit.
   void hear_board() {
     if (packet_.empty() || b.now_us < packet_over_) return;
     const std::vector<uint8_t> heard = line_.exchange(packet_);
@@ -219,7 +219,7 @@ class World final : public ServoWatcher {
 
   void take_from_board() {
     if (b.to_bus.empty()) return;
-    // A pass may end a stop, or begin maintenance, and then send.
+    // One pass may end a stop, or begin maintenance, and then send.
     const uint8_t now = flags();
     began_ = static_cast<uint8_t>(before_ & now & gen::BOARD_FLAG_STOPPED) |
              static_cast<uint8_t>((before_ | now) & gen::BOARD_FLAG_MAINTENANCE);
@@ -250,13 +250,13 @@ class World final : public ServoWatcher {
     // What a joint covers between its last sample and the end of this packet.
     const double age = before.torque_on() ? std::max(before.speed, 1.0 * speed) * 0.06 + 4 : 2;
     if (way > age) {
-      if (!dialect_1_ && !began_aimed_) broken("a target that a stop made void", i, goal);
+      if (!dialect_1_ && !began_aimed_) broken("a target that a stop voided", i, goal);
       if (stopped) broken("a target elsewhere while stopped", i, goal, std::lround(before.position));
       if (goal < low || goal > high) broken("a target beyond its limits", i, goal);
     }
     if (after.legacy) {
       const uint16_t run_time = after.word(gen::SEVEN_BOT_REG_RUN_TIME);
-      // No longer time fits.
+      // The register cannot hold a longer time.
       if (run_time == 0xFFFF || way <= age) return;
       if ((way - 4) * 1000 > speed * (run_time + 12.0)) broken("a move too fast", i, std::lround(way), run_time);
     } else {
@@ -265,7 +265,7 @@ class World final : public ServoWatcher {
     }
   }
 
-  // A frame that was put in.
+  // A frame that was sent.
   struct Sent {
     std::vector<uint8_t> frame;
     uint8_t proto;
@@ -314,7 +314,7 @@ class World final : public ServoWatcher {
   std::vector<uint8_t> seen_;
 };
 
-// Reads an input as a list of things to do: what, how long to let time pass afterwards, and what it needs.
+// Reads an input as a list of actions: number, time that passes afterwards, and arguments.
 class Attack {
  public:
   Attack(World& world, Input& input) : w_(world), in_(input) {}
@@ -332,7 +332,7 @@ class Attack {
     w_.put_frame(gen::PROTO_HEXWIRE, cmd, body, w_.next_seq());
   }
 
-  // A packet by one of the ways in.
+  // Sends a packet by one of the commands that carry packets.
   void pass(const std::vector<uint8_t>& packet, uint8_t way) {
     const uint8_t proto = w_.dialect_1() && way & 4 ? gen::PROTO_CHAPTER : gen::PROTO_HEXWIRE;
     const uint8_t cmds[] = {gen::CMD_TRANSACT, gen::CMD_READ, gen::CMD_SYNC_WRITE, gen::CMD_PING};
@@ -357,7 +357,7 @@ class Attack {
         pass(servo_packet(id, instruction, in_.bytes(in_.byte() % 200)), way);
         break;
       }
-      case 2: {  // a write that looks as it should
+      case 2: {  // a plausible write
         const uint8_t way = in_.byte();
         const uint8_t id = in_.byte() % 9;
         const uint8_t address = in_.byte() % 64;
@@ -366,7 +366,7 @@ class Attack {
         pass(servo_packet(id == 8 ? gen::BROADCAST_ID : id, gen::INST_WRITE, parameters), way);
         break;
       }
-      case 3: {  // a sync write that looks as it should
+      case 3: {  // a plausible sync write
         const uint8_t way = in_.byte();
         const uint8_t address = in_.byte() % 64;
         const uint8_t each = in_.byte() % 10;
@@ -410,7 +410,7 @@ class Attack {
       case 9:
         ask(gen::CMD_MAINTENANCE, {static_cast<uint8_t>(in_.byte() & 1)});
         break;
-      case 10: {  // limits that make sense
+      case 10: {  // plausible limits
         const uint8_t low = in_.byte(), speed = in_.byte();
         std::vector<uint8_t> body = {gen::JOINTS};
         for (uint8_t i = 0; i < gen::JOINTS; ++i) {
@@ -432,7 +432,7 @@ class Attack {
         w_.b.from_bus.insert(w_.b.from_bus.end(), noise.begin(), noise.end());
         break;
       }
-      case 13:  // what was asked a while ago comes again
+      case 13:  // an earlier frame again
         w_.repeat(in_.byte());
         break;
       case 14: {  // a servo falls silent or comes back
@@ -466,7 +466,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   World world(how, input.byte());
   if (how & 8) world.run(300000);
   Attack(world, input).run();
-  // Let everything end: requests that wait, time-outs, an unfinished frame, a half-written setting.
+  // Let everything finish: waiting requests, time-outs, an unfinished frame, a half-written setting.
   world.run(600000);
   for (ServoModel& servo : world.line().servos) servo.silent = false;
   world.put_frame(gen::PROTO_HEXWIRE, gen::CMD_STOP, {static_cast<uint8_t>(how >> 4 & 1)}, 0x5B);
@@ -475,7 +475,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   if (world.clean()) {
     for (const ServoModel& servo : world.line().servos) {
       if (servo.torque_on() && servo.mode() != 0) broken("torque in another mode after a stop", servo.id());
-      if (servo.torque_on() && how >> 4 & 1) broken("torque after a stop that takes it", servo.id());
+      if (servo.torque_on() && how >> 4 & 1) broken("torque after a stop with torque off", servo.id());
     }
   }
   world.seen_.clear();

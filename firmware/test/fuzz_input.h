@@ -1,4 +1,4 @@
-// What the fuzz target reads its input by: numbers, commands, and whole servo packets. Owns no state of a board.
+// How the fuzz target reads its input: as numbers, commands and whole servo packets. Owns no state of a board.
 #ifndef HEXWIRE_FUZZ_INPUT_H
 #define HEXWIRE_FUZZ_INPUT_H
 
@@ -44,7 +44,7 @@ struct Input {
   }
 };
 
-// Makes a whole servo packet with a sound checksum, whatever is in its fields.
+// Makes a whole servo packet with a valid checksum, whatever is in its fields.
 inline std::vector<uint8_t> servo_packet(uint8_t id, uint8_t instruction, const std::vector<uint8_t>& parameters) {
   std::vector<uint8_t> p = {0xFF, 0xFF, id, static_cast<uint8_t>(parameters.size() + 2), instruction};
   p.insert(p.end(), parameters.begin(), parameters.end());

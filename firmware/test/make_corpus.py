@@ -1,4 +1,4 @@
-"""Writes the seeds of the fuzz target into corpus/: known attacks, in the form that fuzz_board.cpp reads.
+"""Writes the seeds of the fuzz target into corpus/: known attacks, in the format that fuzz_board.cpp reads.
 
 python firmware/test/make_corpus.py
 """
@@ -9,18 +9,18 @@ from pathlib import Path
 
 CORPUS = Path(__file__).with_name("corpus")
 
-# First byte of an input: what the world is like. The second: which servos.
+# First byte of an input: flags of the set-up. Second byte: the servos they apply to.
 DIALECT_1, TORQUE_AT_START, OTHER_MODE, SETTLE, END_LIMP = 1, 2, 4, 8, 16
-# How long to let time pass after an action, 200 us times n^3 + 1.
+# Time that passes after an action: 200 us times n^3 + 1.
 AT_ONCE, SHORT, WHILE, LONG = 0, 3, 7, 15
-# Ways in for a packet.
+# Commands that carry a packet, with their flags.
 TRANSACT, READ, SYNC_WRITE, CHAPTER, ANSWERED = 0, 1, 2, 4, 8
 PING, READ_IT, WRITE, REG_WRITE, ACTION, RESTORE, SYNC_READ, SYNC = 0, 1, 2, 3, 4, 5, 10, 11
 ALL = 0x7F
 
 
 def do(what: int, *arguments: int | bytes, then: int = WHILE) -> bytes:
-    """One action: its number, how long to wait afterwards, what it needs."""
+    """One action: its number, the time to wait afterwards, its arguments."""
     data = b"".join(bytes((a,)) if isinstance(a, int) else a for a in arguments)
     return bytes((what | then << 4,)) + data
 
@@ -60,7 +60,7 @@ def resume(then: int = WHILE) -> bytes:
 
 
 def again(ago: int, then: int = WHILE) -> bytes:
-    """What was asked so many frames ago comes again."""
+    """Send the frame of so many frames ago again."""
     return do(13, ago, then=then)
 
 
@@ -78,7 +78,7 @@ def limits(low: int, speed: int) -> bytes:
 
 STATS = do(0, 8, 0, then=SHORT)
 SLOW = packet(TRANSACT | ANSWERED, 9, PING, then=AT_ONCE)
-"""A ping that nobody answers."""
+"""A ping that no servo answers."""
 
 SEEDS = {
     "queued-before-a-stop": bytes((SETTLE, 0))
@@ -241,7 +241,7 @@ SEEDS = {
 
 
 def main() -> None:
-    """Write every seed; what is there and not of us goes."""
+    """Write every seed, and remove every other file."""
     CORPUS.mkdir(exist_ok=True)
     for file in CORPUS.iterdir():
         if file.name not in SEEDS:

@@ -13,7 +13,7 @@ namespace {
 
 constexpr uint8_t kGoal = gen::HLS_REG_GOAL_POSITION;
 constexpr uint8_t kTorque = gen::HLS_REG_TORQUE_ENABLE;
-constexpr double kFastest = 20000;  // counts/s: no real servo, so that what is too fast is seen
+constexpr double kFastest = 20000;  // counts/s: faster than any real servo, so that excess speed shows
 
 }  // namespace
 
@@ -67,7 +67,7 @@ std::vector<uint8_t> ServoModel::status(const std::vector<uint8_t>& parameters) 
 
 bool ServoModel::read(uint8_t address, uint8_t count, std::vector<uint8_t>* answer) {
   if (count == 0 || address + count > 256 || (legacy && count > 2)) return false;
-  // The register has 16 bits and the shaft turns on.
+  // The register has 16 bits, but the shaft may turn without end.
   const int32_t shown = static_cast<int32_t>(std::lround(std::fmod(position, 30000)));
   const uint16_t raw = legacy ? static_cast<uint16_t>(std::max(0, std::min(4095, shown)))
                               : encode_signed(static_cast<int16_t>(shown), gen::HLS_REG_PRESENT_POSITION_SIGN);
@@ -80,7 +80,7 @@ void ServoModel::write(uint8_t address, const uint8_t* data, uint8_t count) {
   const uint8_t torque = registers[kTorque];
   for (uint16_t i = 0; i < count && address + i < 256; ++i) registers[address + i] = data[i];
   if (torque != 1 && torque_on()) {
-    // It holds where it is, and forgets an old goal.
+    // It holds its position and forgets an old goal.
     speed = 0;
     if (!(address <= kGoal && kGoal < address + count)) put_word(kGoal, static_cast<uint16_t>(std::lround(position)));
   }
@@ -111,7 +111,7 @@ void ServoLine::write(ServoModel& servo, uint8_t address, const uint8_t* data, u
 std::vector<uint8_t> ServoLine::exchange(const std::vector<uint8_t>& p) {
   std::vector<uint8_t> heard;
   const size_t size = p.size();
-  // What a servo would not take for a packet, it does not.
+  // Servos ignore what is not a whole packet.
   if (size < 6 || p[0] != 0xFF || p[1] != 0xFF || p[3] + 4u != size ||
       p[size - 1] != servo_checksum(&p[2], static_cast<uint8_t>(size - 3))) {
     return heard;
@@ -155,7 +155,7 @@ std::vector<uint8_t> ServoLine::exchange(const std::vector<uint8_t>& p) {
         }
         break;
       default: {
-        // Reset and the like: torque goes, the id stays.
+        // Resets and the like: torque is lost, the id stays.
         const ServoModel before = servo;
         servo.registers[kTorque] = 0;
         if (p[4] == gen::INST_RESTORE && !servo.legacy) servo.registers[gen::HLS_REG_MODE] = 0;

@@ -1,6 +1,6 @@
-// Servos for the fuzz target: they answer like real ones, and do what they are told however unwise it is.
-// A model, far simpler than the emulator's: a joint turns at the speed it is given and stands still at once.
-// Owns registers and shafts. Judges nothing: who watches is told of every write before it is done.
+// Servos for the fuzz target: they answer like real ones and obey every packet, however dangerous.
+// The model is far simpler than the emulator's: a joint turns at the speed it is given and stops at once.
+// Owns registers and shafts. Checks nothing: a watcher is called for every write.
 #ifndef HEXWIRE_SERVO_MODEL_H
 #define HEXWIRE_SERVO_MODEL_H
 
@@ -24,7 +24,7 @@ class ServoModel {
   int16_t goal() const;
 
   void step(uint32_t us);
-  // The answer to a read of these registers, or none.
+  // Makes the answer to a read of these registers; false if there is none.
   bool read(uint8_t address, uint8_t count, std::vector<uint8_t>* status);
   void write(uint8_t address, const uint8_t* data, uint8_t count);
   std::vector<uint8_t> status(const std::vector<uint8_t>& parameters) const;
@@ -38,7 +38,7 @@ class ServoModel {
   std::vector<uint8_t> waiting;  // a REG_WRITE
 };
 
-// Sees every servo that a packet changes, as it was and as it is.
+// Is called for every servo that a packet changes, with its state before and after.
 class ServoWatcher {
  public:
   virtual void written(const ServoModel& before, const ServoModel& after, bool goal) = 0;
@@ -47,12 +47,12 @@ class ServoWatcher {
   ~ServoWatcher() {}
 };
 
-// The seven of them on one line: packets in, answers out.
+// Several servos on one line: packets in, answers out.
 class ServoLine {
  public:
   ServoLine(ServoWatcher& watcher, const std::vector<ServoModel>& servos);
 
-  // What the board has sent, its last byte just over; the bytes that come back.
+  // Takes a packet of the board when its last byte is sent; returns the bytes that come back.
   std::vector<uint8_t> exchange(const std::vector<uint8_t>& packet);
   void step(uint32_t us);
 

@@ -1,5 +1,5 @@
-// What is easier to see from the inside: the decoder with any split, the line's master with any noise, the
-// bounded stores. Built with the address and undefined-behaviour sanitizers.
+// What is easier to test from the inside: the decoder with any split, the master of the servo line with any noise,
+// the bounded stores. Built with the address and undefined-behaviour sanitizers.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,7 +44,7 @@ void feed(FrameDecoder& decoder, const std::vector<uint8_t>& bytes, size_t begin
   }
 }
 
-// The checks of the chapter's log and of the catalogue's test string.
+// Checksums from the chapter's log, and the CRC of the test string of the CRC catalogue.
 void checks() {
   const uint8_t digits[] = {'1', '2', '3', '4', '5', '6', '7', '8', '9'};
   CHECK(crc16(digits, sizeof(digits)) == 0x29B1);
@@ -72,8 +72,7 @@ void any_split() {
   }
 }
 
-// Good frames between noise that holds no sync word are all found; noise that does hold one costs at most what it
-// covers, and nothing once it has been given up.
+// Valid frames between noise are all found, even if the noise looks like the start of a frame.
 void noise_between() {
   std::mt19937 dice(7);
   for (int round = 0; round < 300; ++round) {
@@ -95,7 +94,7 @@ void noise_between() {
   }
 }
 
-// Nothing that comes on the servo line, in whatever pieces, makes the board act, hang or read what is not its own.
+// No bytes on the servo line, in whatever pieces, make the board act, hang or read outside its own memory.
 void noise_on_the_bus() {
   std::mt19937 dice(11);
   HostBoard b;
@@ -172,14 +171,14 @@ void what_was_void_is_known_for_two_seconds() {
   f.src = 7;
   store.forget(8);
   CHECK(store.holds(f, 1000));
-  // Its times have 16 bits: what is old is thrown away before they come round.
+  // Its times have 16 bits: old entries are dropped before the times wrap.
   for (int i = 0; i < 32; ++i) store.age(4000);
   CHECK(!store.holds(f, 1000 + 65536));
   store.add(Request{7, gen::PROTO_HEXWIRE, 5, gen::CMD_IO, 2, body}, 70000);
   CHECK(store.holds(f, 70001));
   store.forget(7);
   CHECK(!store.holds(f, 70001));
-  // And a new one for each of the last 32.
+  // It holds the last 32.
   for (uint8_t i = 0; i < 33; ++i) store.add(Request{7, gen::PROTO_HEXWIRE, i, gen::CMD_IO, 2, body}, 70000);
   f.seq = 0;
   CHECK(!store.holds(f, 70001));

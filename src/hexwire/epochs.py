@@ -54,6 +54,7 @@ class Epochs:
         self._current: object = object()
         self._ended: object = self._current
         self._failed: object = None
+        self._unstopped = Token(self._current, False)
         self._under_way: set[object] = set()
         self._stopper = 0
         self._local = _Local()
@@ -111,10 +112,15 @@ class Epochs:
         if self._under_way:
             raise StoppedError.unsent(what, _STOPPED, _UNDER_WAY)
         current = self._current
-        stopped = self._ended is not current
-        if stopped and self._failed is current and not freeing:
+        if self._ended is current:
+            # The same object until the next stop: a control loop makes a call a millisecond.
+            token = self._unstopped
+            if token.epoch is not current:
+                self._unstopped = token = Token(current, False)
+            return token
+        if self._failed is current and not freeing:
             raise StoppedError.unsent(what, _STOPPED, _UNCONFIRMED)
-        return Token(current, stopped)
+        return Token(current, True)
 
     def mark(self) -> Token:
         """Return a token of the present: the next stop cancels it, even if the arm is stopped now."""

@@ -1,8 +1,8 @@
-"""Files as they come from people and programs: read with a bound, parsed, and every fault told with its place.
+"""Reads files written by people and programs: within bounds, parsed, and with the place of every fault.
 
-Owns the sizes, what is no plain file, text encodings, JSON and TOML, and `Item`, by which readers take values out
-of what was parsed. Whatever a file holds, the outcome is a value or a `ConfigError`, in a time and a room that
-grow with the length of the file. Must not know what the values mean.
+Owns the size limits, the refusal of pipes and devices, text encodings, JSON and TOML, and `Item`, by which readers
+take values out of the parsed file. Whatever a file holds, the outcome is a value or a `ConfigError`, and time and
+memory are proportional to its length. Must not know what the values mean.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ __all__ = [
 ]
 
 LARGEST_TEXT = 1024 * 1024
-"""Bytes of a file that people write: an arm, a calibration, channels, certificates."""
+"""Most bytes of a file that people write: an arm, a calibration, channels, certificates."""
 LARGEST_DATA = 16 * 1024 * 1024
-"""Bytes of a file that programs write and that is read as a whole: waypoints, settings of servos."""
+"""Most bytes of a file that programs write and that is read as a whole: waypoints, settings of servos."""
 LARGEST_MESSAGE = 1024 * 1024
-"""Bytes of one message of a recording: read as JSON, brackets take 30 times the room that they have in the file."""
+"""Most bytes of one message of a recording: parsed JSON can take 30 times the memory that its text takes."""
 
 _MOST_DIGITS = 20
-"""Digits of a whole number; more take the square of their number to read, and mean nothing here."""
+"""Most digits of a whole number: parsing takes the square of their number, and longer ones mean nothing here."""
 _MOST_DOTS = 32
-"""Dots in a line of TOML: a key of thousands of parts takes the square of their number to read."""
+"""Most dots in a line of TOML: parsing a key of thousands of parts takes the square of their number."""
 _LONG_NUMBER = re.compile(rf"[0-9_]{{{_MOST_DIGITS + 1},}}")
 _LONG_CODE = re.compile(r"\b0[xob][0-9A-Fa-f_]{40,}")
 _TOML_PLACE = re.compile(r"(.*) \(at line ([0-9]+), column ([0-9]+)\)", re.DOTALL)
@@ -62,7 +62,7 @@ def read_bytes(path: str | Path, *, largest: int = LARGEST_TEXT) -> bytes:
 
     Args:
         path: The file.
-        largest: Bytes it may have.
+        largest: Most bytes it may have.
 
     Raises:
         ConfigError: It cannot be read, is a folder, a pipe or a device, or is larger.
@@ -70,7 +70,7 @@ def read_bytes(path: str | Path, *, largest: int = LARGEST_TEXT) -> bytes:
     try:
         file = Path(path)
         if file.exists() and not file.is_file() and not file.is_dir():
-            # A pipe may never come to an end, and a device neither.
+            # A pipe or a device may never come to an end.
             raise ConfigError("is a pipe or a device, not a file", file=str(path))
         with file.open("rb") as stream:
             return read_stream(stream, str(path), largest=largest)
@@ -95,7 +95,7 @@ def read_stream(stream: IO[bytes], name: str, *, largest: int) -> bytes:
         left -= len(part)
     if not left:
         room = f"{largest >> 20} MiB" if largest >= 1 << 20 else f"{largest >> 10} KiB"
-        raise ConfigError(f"has more than {room}; no file of this kind is so large", file=name)
+        raise ConfigError(f"is larger than {room}, the limit for this kind of file", file=name)
     return b"".join(parts)
 
 
@@ -105,10 +105,10 @@ def read_text(path: str | Path, *, largest: int = LARGEST_TEXT) -> str:
 
 
 def decode_text(data: bytes, file: str = "") -> str:
-    """UTF-8 text, with or without a mark at its beginning, line ends as Python has them.
+    r"""Decode UTF-8 text, with or without a byte order mark; line ends become ``\n``.
 
     Raises:
-        ConfigError: It is none; with line and column.
+        ConfigError: It is not UTF-8 text; with line and column.
     """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise ConfigError("is UTF-16 text; save it as UTF-8", file=file, line=1, column=1)
@@ -140,16 +140,16 @@ def parse_message(data: bytes, file: str, where: str) -> Item:
 def parse_json(content: str | bytes, file: str = "", where: str = "") -> Item:
     """Parse JSON.
 
-    What JSON has no form for (NaN, Infinity) and whole numbers beyond 20 digits are let in as floats that are not
+    NaN and Infinity, which JSON does not have, and whole numbers of more than 20 digits become floats that are not
     finite, so that `Item` can name their place.
 
     Args:
         content: The text; bytes are UTF-8.
         file: Its name, for errors.
-        where: What stands before every key in an error, as ``message 7``.
+        where: Prefix of every place in an error, such as ``message 7``.
 
     Raises:
-        ConfigError: It is no JSON, a key stands twice in a table, or brackets are nested hundreds deep.
+        ConfigError: It is not JSON, a table has a key twice, or brackets are nested hundreds deep.
     """
     text = decode_text(content, file) if isinstance(content, bytes) else content.removeprefix("\ufeff")
     prefix = f"{where}: " if where else ""
@@ -157,11 +157,11 @@ def parse_json(content: str | bytes, file: str = "", where: str = "") -> Item:
         value = json.loads(text, parse_int=_integer, object_pairs_hook=_table)
     except json.JSONDecodeError as error:
         line, column = (0, 0) if where else (error.lineno, error.colno)
-        raise ConfigError(f"{prefix}no JSON: {error.msg}", file=file, line=line, column=column) from None
+        raise ConfigError(f"{prefix}not JSON: {error.msg}", file=file, line=line, column=column) from None
     except RecursionError:
-        raise ConfigError(f"{prefix}no JSON for us: brackets within brackets without end", file=file) from None
+        raise ConfigError(f"{prefix}brackets are nested too deeply", file=file) from None
     except _TwiceError as error:
-        raise ConfigError(f"{prefix}the key {error.key!r} stands twice in one table", file=file) from None
+        raise ConfigError(f"{prefix}the key {error.key!r} occurs twice in one table", file=file) from None
     return Item(value, file, where)
 
 
@@ -192,13 +192,13 @@ def parse_toml(text: str, file: str = "") -> Item:
     """Parse TOML.
 
     Raises:
-        ConfigError: It is none, or brackets or keys are nested without end; with line and column.
+        ConfigError: It is not TOML, or brackets or keys are nested too deeply; with line and column.
     """
     if code := _LONG_CODE.search(text):
-        raise _at(text, code.start(), "a number of too many digits", file)
+        raise _at(text, code.start(), "a number with too many digits", file)
     for i, row in enumerate(text.split("\n"), 1):
         if row.count(".") > _MOST_DOTS and not row.lstrip().startswith("#"):
-            raise ConfigError(f"more than {_MOST_DOTS} dots in a line: break it", file=file, line=i, column=1)
+            raise ConfigError(f"more than {_MOST_DOTS} dots in a line; split it", file=file, line=i, column=1)
     try:
         return Item(tomllib.loads(text), file, "", _toml_places(text))
     except tomllib.TOMLDecodeError as error:
@@ -206,18 +206,18 @@ def parse_toml(text: str, file: str = "") -> Item:
         message, line, column = (found[1], int(found[2]), int(found[3])) if found else (str(error), 0, 0)
         raise ConfigError(f"not TOML: {message}", file=file, line=line, column=column) from None
     except RecursionError:
-        raise ConfigError("not TOML for us: brackets within brackets without end", file=file) from None
+        raise ConfigError("brackets are nested too deeply", file=file) from None
     except ValueError:
-        # A whole number of thousands of digits, which Python does not read.
+        # A whole number of thousands of digits, which Python does not parse.
         digits = _LONG_NUMBER.search(text)
-        raise _at(text, digits.start() if digits else 0, "a number of too many digits", file) from None
+        raise _at(text, digits.start() if digits else 0, "a number with too many digits", file) from None
 
 
 def _toml_places(text: str) -> dict[str, tuple[int, int]]:
     """Line and column of each table's header and each key's value, by the place that `Item` gives it.
 
-    tomllib tells none. What stands inside brackets has the place of its key. A line inside a text of several lines
-    may pass for a key: an error that names this key then has the wrong line.
+    tomllib does not report them. A value inside brackets has the place of its key. A line of a multi-line string
+    may look like a key: an error that names this key then has the wrong line.
     """
     places: dict[str, tuple[int, int]] = {}
     last: dict[str, int] = {}  # array of tables -> index of its last one
@@ -244,7 +244,7 @@ def _toml_places(text: str) -> dict[str, tuple[int, int]]:
 
 
 def _steps(name: str) -> list[str]:
-    """The parts of a key; none if it is not of plain names."""
+    """The parts of a key; none unless all are plain names."""
     steps = [part.strip().strip("\"'") for part in name.split(".")]
     return steps if all(_PLAIN_KEY.fullmatch(step) for step in steps) else []
 
@@ -267,12 +267,12 @@ def _at(text: str, place: int, message: str, file: str) -> ConfigError:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A value out of a file, which knows where it stands.
+    """A value of a file, with its place.
 
     Attributes:
         value: As it was parsed.
         file: The file's name.
-        where: Its place, as ``points[3].positions``; empty for the whole.
+        where: Its place, such as ``points[3].positions``; empty for the whole file.
         places: Line and column of such places, as far as they are known.
     """
 
@@ -283,14 +283,14 @@ class Item:
 
     @property
     def line_and_column(self) -> tuple[int, int]:
-        """Where it stands in the file, both from 1, or what it stands in; 0, 0 if that is not known."""
+        """Its line and column in the file, or those of what contains it, both from 1; 0, 0 if unknown."""
         where = self.where
         while where and where not in self.places:
             where = where[: max(where.rfind("."), where.rfind("["), 0)]
         return self.places.get(where, (0, 0))
 
     def fault(self, text: str) -> ConfigError:
-        """The error that says so of this value."""
+        """The error with this text about the value, and its place."""
         line, column = self.line_and_column
         return ConfigError(f"{self.where} {text}" if self.where else text, file=self.file, line=line, column=column)
 
@@ -298,11 +298,11 @@ class Item:
         """The values of a table by key.
 
         Args:
-            known: The keys there may be; any if None.
-            needed: The keys there must be.
+            known: The keys it may have; any if None.
+            needed: The keys it must have.
 
         Raises:
-            ConfigError: It is no table, or a key is unknown or missing.
+            ConfigError: It is not a table, or a key is unknown or missing.
         """
         if not isinstance(self.value, dict):
             raise self.wrong_kind("a table")
@@ -319,20 +319,20 @@ class Item:
         """The values of a list, one after the other.
 
         Raises:
-            ConfigError: It is no list, or one with too many or too few values.
+            ConfigError: It is not a list, or has too many or too few values.
         """
         if not isinstance(self.value, list):
             raise self.wrong_kind("a list")
         if len(self.value) < least or (most is not None and len(self.value) > most):
             wanted = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
-            raise self.fault(f"has {len(self.value)} values, and {wanted} are wanted")
+            raise self.fault(f"has {len(self.value)} values, but must have {wanted}")
         return (self._at(f"[{i}]", value) for i, value in enumerate(self.value))
 
     def number(self, low: float = -math.inf, high: float = math.inf, unit: str = "") -> float:
         """A finite number within bounds.
 
         Raises:
-            ConfigError: It is something else.
+            ConfigError: It is not.
         """
         value = self.value
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -342,35 +342,35 @@ class Item:
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            raise self.fault("is not a number that makes sense here")
+            raise self.fault("must be a finite number")
         if not low <= number <= high:
-            raise self.fault(f"is {number:.6g}, and must be {_bounds(low, high)}{f' {unit}' if unit else ''}")
+            raise self.fault(f"is {number:.6g}, but must be {_bounds(low, high)}{f' {unit}' if unit else ''}")
         return number
 
     def integer(self, low: int, high: int) -> int:
-        """A whole number within bounds.
+        """A whole number within bounds; a float is refused.
 
         Raises:
-            ConfigError: It is something else, a float as well.
+            ConfigError: It is not.
         """
         value = self.value
         if isinstance(value, bool) or not isinstance(value, int):
             raise self.wrong_kind("a whole number")
         if not low <= value <= high:
             shown = value if abs(value) < 10**_MOST_DIGITS else "too large"
-            raise self.fault(f"is {shown}, and must be {low} to {high}")
+            raise self.fault(f"is {shown}, but must be {low} to {high}")
         return value
 
     def text(self, most: int = 1000, *, least: int = 0) -> str:
-        """A line of text of at most so many characters.
+        """A line of text with `least` to `most` characters.
 
         Raises:
-            ConfigError: It is something else, or longer, or shorter, or has what cannot be printed.
+            ConfigError: It is not text, is too short or too long, or has characters that cannot be printed.
         """
         if not isinstance(self.value, str):
-            raise self.wrong_kind("a text")
+            raise self.wrong_kind("text")
         if not least <= len(self.value) <= most:
-            raise self.fault(f"has {len(self.value)} characters, and {least} to {most} are allowed")
+            raise self.fault(f"has {len(self.value)} characters, but must have {least} to {most}")
         if not self.value.isprintable():
             raise self.fault("has characters that cannot be printed")
         return self.value
@@ -379,7 +379,7 @@ class Item:
         return Item(value, self.file, f"{self.where}{step}", self.places)
 
     def wrong_kind(self, wanted: str) -> ConfigError:
-        """The error that says which kind of value is wanted, and which this is."""
+        """The error that says which kind of value is needed and which this is."""
         value = self.value
         if isinstance(value, Mapping):
             got = "a table"
@@ -390,7 +390,7 @@ class Item:
         elif isinstance(value, str):
             got = f"the text {value[:_SHOWN]!r}"
         elif isinstance(value, int) and abs(value) >= 10**_MOST_DIGITS:
-            got = "a number of too many digits"
+            got = "a number with too many digits"
         else:
             got = f"{value}"[:_SHOWN]
         return self.fault(f"must be {wanted}, not {got}")
@@ -398,11 +398,11 @@ class Item:
 
 @dataclass(slots=True)
 class Faults:
-    """Collects what is wrong with a file, so that all of it can be told at once: ``with faults: item.number()``.
+    """Collects the faults of a file, so that all can be reported at once: ``with faults: item.number()``.
 
     Attributes:
         file: The file's name.
-        errors: What was wrong so far.
+        errors: The faults so far.
     """
 
     file: str
@@ -420,10 +420,10 @@ class Faults:
         return False
 
     def check(self) -> None:
-        """Raise what was collected, if there is anything: each fault with its place, the first ten of them.
+        """Raise the collected faults, if there are any: the first ten, each with its place.
 
         Raises:
-            ConfigError: Something was wrong.
+            ConfigError: There are faults.
         """
         if len(self.errors) < 2:
             for error in self.errors:
@@ -436,7 +436,7 @@ class Faults:
 
 
 def _step(key: str, where: str) -> str:
-    """How a place goes on at a key; one that may hold anything must not break the line of an error."""
+    """The part of a place that names a key; an unusual key is quoted, so that it cannot break an error's line."""
     shown = key if _PLAIN_KEY.fullmatch(key) else repr(key[:_SHOWN])
     return f".{shown}" if where else shown
 

@@ -1,8 +1,8 @@
-"""How a file comes into being: new, one's own, and where it was meant to be.
+"""Creates files safely: new, owned by this user, and in the intended folder.
 
-Owns three promises. Nothing is overwritten unless that is asked for; no symbolic link is followed that somebody
-else may have planted; nobody but its maker can read a file. A folder is opened once and held, so that what is
-exchanged on the way there changes nothing. Must not know what is written.
+Keeps three promises: nothing is overwritten unless that is asked for; no symbolic link is followed that another
+user may have planted; only its owner can read a new file. A folder is opened once and kept open, so that replacing
+a part of its path has no effect. Must not know what is written.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ _PATH = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
 _FOLDER = _PATH | os.O_DIRECTORY
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 _MOST_LINKS = 40
-"""Symbolic links on the way to a folder: as many as Linux follows."""
+"""Most symbolic links followed on the way to a folder: as many as Linux follows."""
 
 
 class OutputFile:
-    """A file to write, made at once: what stands in its way is told before anything else happens.
+    """A file to write, created at construction, so that any obstacle is reported before other work starts.
 
-    As a context manager it is kept at the end, and taken away again if an error ends the block, unless `keep` was
-    called before. A file that is written over stays as it is until the new one is whole.
+    As a context manager it keeps the file at the end, and removes it if an error ends the block, unless `keep` was
+    called before. A file that is overwritten stays unchanged until the new one is complete.
 
     Args:
-        path: Where.
-        force: Write over a file that is there.
-        mode: Who may read it; its maker only if not given.
-        partial: What could be written is kept even if the end could not, as of a recording on a full disk.
+        path: Path of the file.
+        force: Overwrite an existing file.
+        mode: Permissions of the file; only its owner may read it by default.
+        partial: Keep what was written even if the end could not be, as for a recording on a full disk.
 
     Attributes:
         path: As given.
         file: Open for writing bytes.
 
     Raises:
-        UsageError: It is there already, is no regular file, or cannot be made there.
+        UsageError: The file exists, is not a regular file, or cannot be created.
     """
 
     def __init__(self, path: str | Path, *, force: bool = False, mode: int = 0o600, partial: bool = False) -> None:
@@ -60,7 +60,7 @@ class OutputFile:
             raise UsageError(f"{path} cannot be written: {error}") from None
         try:
             replaces = self._look(force)
-            # As long as the old file is wanted, the new one has another name.
+            # Until it is complete, a file that replaces another has a different name.
             self._name = f".{self.path.name[:200]}.{secrets.token_hex(4)}.part" if replaces else self.path.name
             fd = os.open(self._name, _NEW, mode, dir_fd=self._folder)
         except OSError as error:
@@ -74,17 +74,17 @@ class OutputFile:
         self.file: BinaryIO = os.fdopen(fd, "wb")
 
     def keep(self) -> None:
-        """Finish the file under its name. Harmless if it is finished.
+        """Finish the file under its name. Does nothing if it is already finished.
 
         Raises:
-            UsageError: Somebody has exchanged it meanwhile.
-            OSError: It cannot be written to its end.
+            UsageError: Another program has replaced it meanwhile.
+            OSError: It cannot be written completely.
         """
         if not self._open:
             return
         try:
             self.file.flush()
-            # A machine beside a robot is switched off at the wall.
+            # A machine beside a robot may lose its power at any time.
             os.fsync(self.file.fileno())
         except BaseException:
             if self._partial:
@@ -94,7 +94,7 @@ class OutputFile:
         self._put_in_place()
 
     def discard(self) -> None:
-        """Take the file away again. Harmless if it is finished."""
+        """Remove the file. Does nothing if it is already finished."""
         if not self._open:
             return
         with contextlib.suppress(OSError):
@@ -106,33 +106,33 @@ class OutputFile:
         if self._name != self.path.name:
             if not self._is_ours():
                 self._close()
-                raise UsageError(f"{self.path} was not written: somebody has exchanged {self._name}")
+                raise UsageError(f"{self.path} was not written: another program has replaced {self._name}")
             os.rename(self._name, self.path.name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
         self._close()
 
     def _look(self, force: bool) -> bool:
-        """Whether there is a file to write over.
+        """Whether there is a file to overwrite.
 
         Raises:
-            UsageError: There is something that must stay.
+            UsageError: What has this name must stay.
         """
         try:
             found = os.stat(self.path.name, dir_fd=self._folder, follow_symlinks=False)
         except FileNotFoundError:
             return False
         if stat.S_ISLNK(found.st_mode):
-            raise UsageError(f"{self.path} is a symbolic link, and none is followed here; name the file itself")
+            raise UsageError(f"{self.path} is a symbolic link, which is not followed; name the file itself")
         if stat.S_ISDIR(found.st_mode):
             raise UsageError(f"{self.path} is a folder; name a file")
         if not stat.S_ISREG(found.st_mode):
-            raise UsageError(f"{self.path} is no regular file; choose another name")
+            raise UsageError(f"{self.path} is not a regular file; choose another name")
         if found.st_uid != os.geteuid() and os.fstat(self._folder).st_mode & stat.S_IWOTH:
             raise UsageError(
                 f"{self.path} belongs to {owner_name(found.st_uid)}, and everybody may write to its folder; "
                 "choose another name"
             )
         if not force:
-            raise UsageError(f"{self.path} is there already; --force writes over it")
+            raise UsageError(f"{self.path} already exists; --force overwrites it")
         return True
 
     def _is_ours(self) -> bool:
@@ -160,12 +160,12 @@ class OutputFile:
 def open_folder(path: Path) -> int:
     """Open a folder to work in it; the caller closes the descriptor.
 
-    Symbolic links of one's own are followed, those of the system too. One that another user has put into a folder
-    that everybody may write to is not, whatever the kernel is set to.
+    Symbolic links of this user and of the system are followed. One that another user has put into a world-writable
+    folder is not, whatever the kernel's setting.
 
     Raises:
-        UsageError: There is no such folder, a planted link leads there, or it is another user's and anybody may
-            exchange what is written there.
+        UsageError: There is no such folder, its path leads through a planted link, or it belongs to another user
+            and is world-writable.
     """
     folder = _walk(path, make=False)
     found = os.fstat(folder)
@@ -178,7 +178,7 @@ def open_folder(path: Path) -> int:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, as far as they are missing.
+    """Make a folder and the missing ones above it.
 
     Raises:
         UsageError: As `open_folder`; or this user may not make it.
@@ -187,7 +187,7 @@ def make_folder(path: Path) -> None:
 
 
 def owner_name(uid: int) -> str:
-    """Name of a user, for people."""
+    """Name of a user, for messages."""
     import pwd
 
     try:
@@ -203,7 +203,7 @@ def _walk(path: Path, *, make: bool) -> int:
     try:
         while left:
             part = left.pop()
-            # A link is opened as such, then looked at: nobody can exchange it between the two.
+            # A link is itself opened, then examined: nobody can replace it in between.
             try:
                 there = os.open(part, _PATH, dir_fd=here)
             except FileNotFoundError:
@@ -236,14 +236,15 @@ def _walk(path: Path, *, make: bool) -> int:
 
 
 def is_planted(link: os.stat_result, folder: os.stat_result) -> bool:
-    """Whether a symbolic link was put into a folder that everybody may write to by somebody else.
+    """Whether another user has put a symbolic link into a world-writable folder.
 
-    It is the rule of Linux's protected_symlinks, which may be off, and for all such folders. Root's links and those
-    of the folder's owner are trusted.
+    This is the rule of Linux's protected_symlinks, which may be off, applied to folders without the sticky bit too.
+    Links of root and of the folder's owner are trusted.
     """
     return bool(folder.st_mode & stat.S_IWOTH) and link.st_uid not in (0, os.geteuid(), folder.st_uid)
 
 
 def _refuse_planted(path: Path, link: os.stat_result, folder: os.stat_result) -> None:
     if is_planted(link, folder):
-        raise UsageError(f"{path} leads over a symbolic link of {owner_name(link.st_uid)}; choose another folder")
+        owner = owner_name(link.st_uid)
+        raise UsageError(f"{path} leads through a symbolic link that belongs to {owner}; choose another folder")

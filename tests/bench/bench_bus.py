@@ -1,8 +1,9 @@
 """The servo bus beside its peers on one emulated bus written in C: time and CPU a call, faults, echo, a mute servo.
 
-Every figure is the best of several rounds in which the peers take turns, so that a stall of the machine hits one
-round and not one peer. Without a line rate, peer and emulator share one CPU and the other is kept busy: a wake-up
-across CPUs would cost more than any peer does.
+The peers take turns, forwards and backwards, so that no stall and no drift of the machine favours one. Without
+a line rate a figure is the best of the rounds, and peer and emulator share one CPU while the other is kept busy: a
+wake-up across CPUs would cost more than any peer does. At a line rate, where a peer mostly waits and its best round
+is a matter of luck, a figure is the median of many short rounds, and a share that of the shares in each round.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -24,6 +26,9 @@ import bus_peers  # noqa: E402
 
 FLOOR = "C write+read"
 _ROUNDS = 3
+_PACED_ROUNDS = 12
+_PACED_TIME = 0.4
+"""Seconds of calls in each of them."""
 _OPS = ("read", "sync_read", "sync_write", "cycle")
 _FAULTS = ("drop", "flip", "junk", "short")
 
@@ -57,9 +62,9 @@ def _unpaced(emulator: str, peers: list[str]) -> list[str]:
     lines = ["no line rate, p50 us / CPU us a call (ratio of p50 to hexwire's)"]
     best: dict[str, dict[str, dict[str, float]]] = {}
     with _served(emulator, "--cpu", "0") as path, _spinner():
-        for _ in range(_ROUNDS):
+        for turn in range(_ROUNDS):
             for op in _OPS:
-                for peer in [FLOOR, *peers]:
+                for peer in _in_turn([FLOOR, *peers], turn):
                     result = _measure(emulator, peer, path, 0, op, 4000, "0")
                     _keep(best.setdefault(op, {}), peer, result, "p50")
     for op in _OPS:
@@ -86,19 +91,39 @@ def _aims(best: dict[str, dict[str, dict[str, float]]]) -> str:
 
 
 def _paced(emulator: str, peers: list[str], baud: int) -> list[str]:
-    lines = [f"paced at {baud} baud, calls a second (share of the C floor) and CPU of one core"]
+    lines = [f"paced at {baud} baud, calls a second (share of the C floor) and CPU of one core, medians"]
     for op in ("sync_read", "cycle"):
-        best: dict[str, dict[str, float]] = {}
+        # A call is 71 bytes on the wire, and a cycle 100.
+        count = round(_PACED_TIME * baud / (1000 if op == "cycle" else 710))
+        rounds: list[dict[str, dict[str, float]]] = []
         with _served(emulator, "--baud", str(baud)) as path:
-            for _ in range(_ROUNDS - 1):
-                for peer in [FLOOR, *peers]:
-                    _keep(best, peer, _measure(emulator, peer, path, baud, op, baud // 700, "-"), "mean")
-        floor = best[FLOOR]["rate"]
-        cells = [
-            f"{p} {r['rate']:.0f} ({r['rate'] / floor:.3f}), {r['cpu'] / r['mean']:.1%}" for p, r in best.items()
-        ]
+            for turn in range(_PACED_ROUNDS):
+                found = {
+                    p: _measure(emulator, p, path, baud, op, count, "-") for p in _in_turn([FLOOR, *peers], turn)
+                }
+                rounds.append({peer: result for peer, result in found.items() if result is not None})
+        cells = [_paced_cell(rounds, peer) for peer in [FLOOR, *peers] if all(peer in row for row in rounds)]
+        cells.append(f"hexwire/bare Python {_share(rounds, 'hexwire', 'bare Python'):.3f}")
         lines.append(f"  {op}: {'; '.join(cells)}")
     return lines
+
+
+def _paced_cell(rounds: list[dict[str, dict[str, float]]], peer: str) -> str:
+    rate = median(row[peer]["rate"] for row in rounds)
+    cpu = median(row[peer]["cpu"] / row[peer]["mean"] for row in rounds)
+    return f"{peer} {rate:.0f} ({_share(rounds, peer, FLOOR):.3f}), {cpu:.1%}"
+
+
+def _share(rounds: list[dict[str, dict[str, float]]], peer: str, other: str) -> float:
+    """Median over the rounds of one peer's rate as a share of another's in the same round."""
+    return median(row[peer]["rate"] / row[other]["rate"] for row in rounds)
+
+
+def _in_turn(peers: list[str], turn: int) -> list[str]:
+    """Order of the peers in a round: each begins once, and every second round runs backwards."""
+    first = turn // 2 % len(peers)
+    order = peers[first:] + peers[:first]
+    return order[::-1] if turn % 2 else order
 
 
 def _faulty(emulator: str, peers: list[str]) -> list[str]:

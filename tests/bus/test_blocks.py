@@ -48,14 +48,14 @@ def test_the_answer_to_an_earlier_attempt_will_do_but_that_to_no_attempt_will_no
     assert block.take(attempt(56, 4, make_status(1, 0, b"ab")), (56, 4))[1].params == b"ab"
 
 
-def test_what_is_murky_must_come_twice() -> None:
+def test_a_doubtful_answer_must_come_twice() -> None:
     block = BlockAnswers(56, 2)
     assert block.take(attempt(56, 2, make_status(1, 0, b"ab") + b"\0"), (56, 2)) == {}
     assert block.take(attempt(56, 3, make_status(1, 0, b"axy") + b"\0"), (56, 3)) == {}
     assert block.take(attempt(56, 4, make_status(1, 0, b"axcd") + b"\0"), (56, 4))[1].params == b"ax"
 
 
-def test_what_an_echo_of_an_attempt_left_is_believed_from_the_place_it_was_asked_at() -> None:
+def test_an_answer_left_by_an_echoed_attempt_is_taken_from_the_place_of_its_request() -> None:
     block = BlockAnswers(56, 2)
     assert block.take(attempt(54, 4, b""), (54, 4)) == {}
     found = block.take(attempt(56, 2, make_status(1, 0x20, b"wxyz")), (56, 2))

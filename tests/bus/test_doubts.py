@@ -60,7 +60,7 @@ def test_a_late_answer_tells_when_it_was_asked_for() -> None:
     assert doubts.late(1, 2) is None
 
 
-def test_what_was_sent_lately_is_known_and_memory_is_bounded() -> None:
+def test_recent_requests_are_remembered_and_memory_is_bounded() -> None:
     sent = SentLately()
     for k in range(2000):
         sent.add(make_write(1, 42, k.to_bytes(2, "little")), 10.0 + 0.01 * k)

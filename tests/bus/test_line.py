@@ -7,7 +7,7 @@ from hexwire.bus.counters import BusCounters
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.errors import StoppedError, UsageError
 from hexwire.link.memory import memory_pair
-from hexwire.wire.servo_packet import make_read, make_status, make_write
+from hexwire.wire.servo_packet import make_read, make_status, make_sync_write, make_write
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
 
@@ -63,7 +63,7 @@ def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
     assert bus.now() - start < 2 * usual + 0.02
 
 
-def test_what_is_still_on_the_line_is_waited_for() -> None:
+def test_bytes_still_on_the_line_are_waited_for() -> None:
     bus, _ = make_bus((1,), baud=115200)
     for _ in range(60):
         bus.read(1, "present_position")
@@ -219,6 +219,23 @@ def test_an_interrupted_fast_read_is_in_doubt_from_that_moment() -> None:
     for servo_id in (1, 2):
         assert bus._machine.doubts.late(servo_id, 2) == bus.now()
         assert bus._machine.doubts.holds(servo_id, 2, bus.now())
+
+
+@pytest.mark.parametrize("packet", [make_write(1, 41, b"\x01"), make_sync_write(42, {1: b"\0\0"})])
+def test_an_interrupted_packet_without_an_answer_may_have_been_sent(packet: bytes) -> None:
+    bus, _ = make_bus((1,))
+    at_the_link: list[bool] = []
+
+    def interrupted(data: bytes) -> None:
+        at_the_link.append(data in bus._machine.sent.packets(bus.now()))
+        raise KeyboardInterrupt
+
+    bus._line._post = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        bus._line.send(packet)
+    # The echo of a packet to all servos is no answer; that of any other must be known before it can arrive.
+    assert at_the_link == [packet[2] != 0xFE]
+    assert bus._machine.busy_until > bus.now()
 
 
 def test_a_link_without_a_rate_costs_no_time() -> None:

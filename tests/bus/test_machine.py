@@ -147,7 +147,7 @@ def test_an_interrupted_wait_leaves_a_doubt_from_that_moment() -> None:
     assert not machine.doubts.holds(1, 2, 105.0 + LATEST)
 
 
-def test_what_was_not_sent_leaves_no_doubt() -> None:
+def test_an_unsent_request_leaves_no_doubt() -> None:
     machine = make_machine()
     conversation = machine.collect(READ, (1,), 2, BASE, header=None)
     next(conversation)
@@ -160,7 +160,7 @@ def test_what_was_not_sent_leaves_no_doubt() -> None:
     assert machine.doubtful
 
 
-def test_what_the_fast_path_has_heard_is_gone_on_with() -> None:
+def test_the_careful_path_continues_with_the_bytes_of_the_fast_path() -> None:
     machine = make_machine()
     machine.turns += 1
     machine.asked_at = 99.9

@@ -47,7 +47,7 @@ def test_a_link_without_a_rate_cannot_change_it() -> None:
         ServoBus(link).set_baud(115200)
 
 
-def test_what_came_instead_of_an_answer_is_told() -> None:
+def test_bytes_received_instead_of_an_answer_are_reported() -> None:
     bus, device = make_bus((1, 2), retries=0)
     device.wire.servos = []
     assert bus.ping(1) == Answer(1, "ping", 0, "no answer", False)

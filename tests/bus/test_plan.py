@@ -186,7 +186,7 @@ def test_a_sync_write_takes_its_registers_whole_range_and_no_more(series: Series
             plan.serialize(bad)
 
 
-def test_a_register_of_one_byte_has_no_glance() -> None:
+def test_a_register_of_one_byte_has_no_fast_path() -> None:
     plan = SyncReadPlan(STS, (1, 2), 63, 1, STS.register("present_temperature"))
     data = make_status(1, 0, b"\x20") + make_status(2, 0, b"\x21")
     assert plan.glance(data) is None

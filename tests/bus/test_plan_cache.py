@@ -82,7 +82,7 @@ def test_nothing_planned_outlives_another_rate() -> None:
     assert cache.block(56, 2, (1, 2)) is not block
 
 
-def test_what_can_only_be_read_is_not_written() -> None:
+def test_read_only_registers_are_not_written() -> None:
     assert writable(Series.STS_SMS, 4, "goal_position").name == "goal_position"
     with pytest.raises(UsageError, match="register present_position of servo 4 is read-only"):
         writable(Series.STS_SMS, 4, POSITION)

@@ -103,7 +103,7 @@ def test_only_the_missing_are_asked_again_and_one_alone_by_a_plain_read() -> Non
     assert servos.asked == [(1, 2, 3, 56, 2), (3, 56, 3)]
 
 
-def test_who_was_silent_goes_first_in_a_sync_read() -> None:
+def test_silent_servos_go_first_in_a_sync_read() -> None:
     machine, servos = make_machine(), Servos(1, 2)
     plan = machine.plans.block(56, 2, (1, 2, 3))
     machine.mark_silent(3, machine.now)
@@ -213,7 +213,7 @@ def test_a_block_whose_answer_may_be_an_echo_is_asked_otherwise_even_without_rep
     assert (machine.counters.repeats, machine.counters.settled, machine.counters.given_up) == (1, 1, 0)
 
 
-def test_what_has_come_already_is_gone_on_with() -> None:
+def test_it_continues_with_bytes_that_have_already_arrived() -> None:
     machine, servos = make_machine(retries=1), Servos(1)
     play = Play(machine, servos)
     answer = make_status(1, 0, MEMORY[56:58])
@@ -243,14 +243,14 @@ def test_each_servo_is_asked_as_its_own_series_wants() -> None:
     assert Play(machine, servos)(questions.ask_block(machine, 7, 56, 2))[0] is None
 
 
-def test_error_bits_of_all_parts_are_told() -> None:
+def test_error_bits_of_all_parts_are_reported() -> None:
     machine = make_machine(Series.SEVEN_BOT)
     errors = iter((1, 32, 0))
     play = Play(machine, lambda packet: [(0.001, make_status(1, next(errors), b"ab", legacy=True))])
     assert play(questions.ask_registers(machine, 1, 56, 6)) == (b"ababab", 33)
 
 
-def test_settling_needs_an_answer_and_marks_who_gives_none() -> None:
+def test_settling_needs_an_answer_and_marks_servos_without_one() -> None:
     machine, servos = make_machine(), Servos(1)
     for servo_id, there in ((1, True), (2, False)):
         doubt(machine, servo_id, 0)
@@ -281,7 +281,7 @@ def test_a_legacy_servo_is_believed_only_if_it_answers_twice() -> None:
     assert play.sent == [make_read(1, 63, 2)] * 2
 
 
-def test_who_was_silent_in_a_sync_read_is_not_asked_again_for_half_a_second() -> None:
+def test_a_servo_silent_in_a_sync_read_is_not_asked_again_for_half_a_second() -> None:
     machine, servos = make_machine(retries=1), Servos(1, 2)
     plan = machine.plans.block(56, 2, (1, 2, 3))
     play = Play(machine, servos)

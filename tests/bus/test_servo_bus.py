@@ -11,7 +11,7 @@ from hexwire.bus.servo_bus import ServoBus
 from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import LinkClosedError, NotSupportedError, ServoError, UsageError
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import ServoPacket, make_read, make_status
+from hexwire.wire.servo_packet import ServoPacket, make_read, make_status, make_sync_write
 
 SEVEN = (1, 2, 3, 4, 5, 6, 7)
 ALL = (Series.SEVEN_BOT, Series.SCS, Series.STS_SMS, Series.HLS)
@@ -96,6 +96,39 @@ def test_a_wire_with_all_series() -> None:
     bus.pause(0.01)
     assert device.wire[20].registers.get("acceleration") == 5
     assert device.wire[10].registers.get("lock") == 0 == device.wire[20].registers.get("lock")
+
+
+def test_loops_over_different_servos_keep_them_apart() -> None:
+    bus, device = make_bus(SEVEN[:4])
+    arms = ((1, 2), (3, 4))
+    for _ in range(2):
+        for arm in arms:
+            # The same servos as the same object, as an equal tuple, and as a list.
+            for ids in (arm, (*arm,), list(arm)):
+                readings = bus.sync_read("present_position", ids)
+                assert readings.ids == arm
+                assert readings.raw == tuple(device.wire[i].registers.get("present_position") for i in arm)
+            goals = {i: 2000 + 10 * i for i in arm}
+            bus.sync_write_raw("goal_position", goals)
+            bus.pause(0.01)
+            assert {i: device.wire[i].registers.get("goal_position") for i in arm} == goals
+    bus.sync_write_raw("goal_position", {4: 1004, 3: 1003})
+    bus.pause(0.01)
+    assert [device.wire[i].registers.get("goal_position") for i in (3, 4)] == [1003, 1004]
+
+
+def test_a_changed_series_changes_the_packets_of_a_loop() -> None:
+    bus, _ = make_bus((1, 2))
+    ids = (1, 2)
+    bus.sync_read("present_position", ids)
+    bus.sync_write_raw("goal_position", dict.fromkeys(ids, 100))
+    for servo_id in ids:
+        bus.set_series(servo_id, Series.SCS)
+    sent: list[bytes] = []
+    bus._line._post = sent.append
+    bus.sync_write_raw("goal_position", dict.fromkeys(ids, 100))
+    assert sent == [make_sync_write(Series.SCS.register("goal_position").address, dict.fromkeys(ids, b"\0\x64"))]
+    assert bus.sync_read("present_position", ids)[1].register.byte_order == "big"
 
 
 def test_reg_write_waits_for_action() -> None:
@@ -407,7 +440,7 @@ def test_answers_that_come_later_than_before_are_waited_for_soon() -> None:
     assert None not in came[10:]
 
 
-def test_what_is_sent_and_not_waited_for_is_no_answer_later() -> None:
+def test_an_answer_that_was_not_awaited_is_not_taken_later() -> None:
     bus, device = make_bus((1,))
     bus.read(1, "present_position")
     bus.raw(make_read(1, 42, 2))
@@ -514,6 +547,17 @@ def test_an_answer_with_a_negative_value_is_counted_once() -> None:
         2,
         before.careful,
     )
+
+
+def test_every_answer_to_every_request_is_counted() -> None:
+    bus, device = make_bus()
+    before = bus.counters
+    for name, value in (("present_position", 2048), ("goal_position", -5)):
+        device.wire[1].registers.put("goal_position", value)
+        for _ in range(3):
+            assert bus.sync_read(name, SEVEN).ok
+    after = bus.counters
+    assert (after.requests - before.requests, after.answers - before.answers) == (6, 42)
 
 
 @pytest.mark.parametrize("series", ALL)

@@ -147,6 +147,21 @@ def test_torque_off_tries_every_servo() -> None:
     assert [device.wire[i].registers.get("torque_enable") for i in (1, 2, 3)] == [0, 0, 0]
 
 
+def test_torque_off_asks_a_second_time_only_where_the_first_had_no_effect() -> None:
+    bus, device = make_bus((1, 2, 3))
+    bus.sync_write_raw("torque_enable", dict.fromkeys((1, 2, 3), 1))
+    before = len(bus.link.written)
+    assert setup.torque_off(bus, (1, 2, 3)) == ()
+    assert [packet[4] for packet in bus.link.written[before:]] == [0x83, 0x02, 0x02, 0x02]
+    bus.sync_write_raw("torque_enable", dict.fromkeys((1, 2, 3), 1))
+    plain = bus.sync_write_raw
+    bus.sync_write_raw = lambda name, values: plain(name, {i: v for i, v in values.items() if i != 2})  # type: ignore[method-assign]  # servo 2 misses it
+    before = len(bus.link.written)
+    assert setup.torque_off(bus, (1, 2, 3)) == ()
+    assert device.wire[2].registers.get("torque_enable") == 0
+    assert [packet[2] for packet in bus.link.written[before:] if packet[4] == 0x03] == [2]
+
+
 def test_recovery_says_what_remains() -> None:
     bus, _ = make_bus((1,))
     assert setup.recover(bus, 1) == ()
@@ -262,7 +277,7 @@ def test_ids_have_bounds(series: Series, high: int) -> None:
     assert setup.set_id(bus, high, 0).servo_id == 0
 
 
-def test_a_setting_that_does_not_hold_is_told_and_locked_again() -> None:
+def test_a_setting_that_is_not_kept_is_reported_and_locked_again() -> None:
     bus, device = make_bus((1,))
     plain = device.wire[1].receive
     # It acknowledges and forgets.

@@ -97,7 +97,7 @@ def test_a_reading_is_well_only_with_a_value_and_without_a_fault() -> None:
     assert math.isnan(Reading(1, POSITION, None).value)
 
 
-def test_readings_of_a_servo_that_was_never_heard() -> None:
+def test_readings_of_a_servo_that_never_answered() -> None:
     readings = Readings(POSITION, (4, 5), (None, 7), 10.0)
     assert list(readings) == [
         Reading(4, POSITION, None, 0, math.inf, "no answer", None),

@@ -86,7 +86,7 @@ def test_a_write_to_all_is_not_waited_for() -> None:
     assert [device.wire[i].registers.get("acceleration") for i in (1, 2)] == [7, 7]
 
 
-def test_what_was_called_before_a_stop_is_not_written_after_it() -> None:
+def test_a_call_made_before_a_stop_writes_nothing_after_it() -> None:
     bus, device = make_bus((1,))
     before = len(bus.link.written)
     with bus.epochs.calling("move"):
@@ -105,7 +105,7 @@ def test_what_was_called_before_a_stop_is_not_written_after_it() -> None:
     assert device.wire[1].registers.get("acceleration") != 7
 
 
-def test_a_stop_that_comes_as_a_goal_is_sent_is_told() -> None:
+def test_a_stop_during_the_sending_of_a_goal_is_reported() -> None:
     bus, _ = make_bus((1,))
     plain = bus.link.write
 
@@ -169,7 +169,7 @@ def test_a_register_that_lies_elsewhere_is_written_in_a_packet_of_its_own() -> N
     assert [device.wire[i].registers.get("lock") for i in (1, 2, 3)] == [0, 0, 0]
 
 
-def test_what_was_called_is_named_when_it_fails() -> None:
+def test_an_error_names_the_failed_call() -> None:
     bus, device = make_bus((1,), retries=0)
     device.wire.servos = []
     for call, words in (

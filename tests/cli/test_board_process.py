@@ -68,7 +68,7 @@ def test_a_fault_that_does_not_exist() -> None:
         pytest.fail("it started")
 
 
-def test_an_emulator_that_dies_is_told_with_its_last_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_emulator_that_dies_is_reported_with_its_last_words(monkeypatch: pytest.MonkeyPatch) -> None:
     replaced_by(monkeypatch, "import sys; sys.exit('first\\nlast words')")
     with pytest.raises(DeviceError, match="did not start: last words"), board_process():
         pytest.fail("it started")

@@ -1,12 +1,19 @@
 from __future__ import annotations
 
 import csv
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from tests.cli.bus_cli import BusCli
 
 from hexwire.cli.bus_live import histogram, wave_angle
+from hexwire.cli.main import cli
+from hexwire.control import run_motion
+from hexwire.drivers.bus_arm import BusArm
+from hexwire.errors import UsageError
+from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.wire.registers import Series
 
 
@@ -28,7 +35,7 @@ def test_monitor_shows_a_servo_that_went(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "no answer" in result.output
 
 
-def test_where_files_cannot_go(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_files_that_cannot_be_created_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     bus = BusCli(monkeypatch)
     assert bus.run("monitor", "1", "--csv", str(tmp_path / "no" / "m.csv")).exit_code == 2
     assert bus.run("monitor", "1", "--plot", str(tmp_path / "m.txt")).exit_code == 2
@@ -62,6 +69,55 @@ def test_wave_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) 
     assert result.exit_code == 2
     assert "is too much" in result.stderr
     assert servo.registers.get("torque_enable") == 0
+
+
+class Killed(BaseException):
+    """Nothing else of this program is done."""
+
+
+def test_a_wave_that_is_killed_leaves_the_servo_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus, write = BusCli(monkeypatch), BusArm.write
+    targets: list[int] = []
+
+    def dies(arm: BusArm, target: JointTarget) -> SentTarget:
+        sent = write(arm, target)
+        targets.append(arm.model.joints[0].angle_to_counts(target.positions[0][1]))
+        if len(targets) == 60:
+            raise Killed
+        return sent
+
+    monkeypatch.setattr(BusArm, "write", dies)
+    monkeypatch.setattr("hexwire.cli.bus_live._brought_back", lambda *_, **__: nullcontext())
+    with pytest.raises(Killed):
+        CliRunner().invoke(cli, ["bus", "wave", "1", "--yes", "--port", "/dev/ttyTEST"], catch_exceptions=False)
+    servo = bus.device.wire[1]
+    there = servo.motion.position
+    bus.link.clock.advance(5.0)
+    # A target lasts 20 ms, and the servo is never far behind it; a degree has 11 counts.
+    assert servo.motion.position == pytest.approx(targets[-1], abs=11)
+    assert servo.motion.position == pytest.approx(there, abs=22)
+    assert servo.registers.get("torque_enable") == 1, "it holds"
+
+
+def test_a_wave_has_the_servo_for_itself_and_a_stop_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus, read = BusCli(monkeypatch), BusArm.read
+    reads = iter(range(1000))
+
+    def busy(arm: BusArm) -> JointState:
+        number = next(reads)
+        if number == 30:
+            with pytest.raises(UsageError, match="already in motion"):
+                run_motion(arm, JointTarget.of({arm.model.names[0]: 0.0}))
+        if number == 40:
+            arm.stop()
+            arm.resume()
+        return read(arm)
+
+    monkeypatch.setattr(BusArm, "read", busy)
+    result = bus.run("wave", "1", "--yes")
+    assert result.exit_code == 1
+    assert "stopped: the arm was stopped by another caller" in result.stderr
+    assert next(reads) < 45
 
 
 def test_wave_ends_at_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:

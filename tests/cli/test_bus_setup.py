@@ -40,7 +40,9 @@ def test_center_and_recover(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "temperature" in result.output
 
 
-def test_while_the_arm_is_stopped_only_torque_is_taken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_while_the_arm_is_stopped_only_torque_off_is_allowed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     bus = BusCli(monkeypatch, (1,))
     file = str(tmp_path / "servos.toml")
     bus.ok("backup", "1", file)

@@ -55,7 +55,7 @@ def test_without_a_port_the_only_board_is_taken(monkeypatch: pytest.MonkeyPatch)
     assert resolve_url("") == "/dev/ttyACM3"
 
 
-def test_no_port_and_no_board_is_told(monkeypatch: pytest.MonkeyPatch, bench: Any) -> None:
+def test_a_missing_port_and_board_is_reported(monkeypatch: pytest.MonkeyPatch, bench: Any) -> None:
     def nothing() -> str:
         raise LinkNotFoundError("no serial port on this machine")
 
@@ -80,7 +80,7 @@ def test_a_robot_gets_its_options() -> None:
     assert not robot.session.is_open
 
 
-def test_an_unknown_robot_is_told(bench: Any) -> None:
+def test_an_unknown_robot_is_reported(bench: Any) -> None:
     result = bench.run("state", "--robot", "r2d2")
     assert result.exit_code == 2
     assert result.stderr.startswith("error: no robot 'r2d2'; installed are ")
@@ -104,7 +104,7 @@ def test_the_link_is_closed_after_an_error(make_bench: Any) -> None:
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "x", "", "1,5", "-1"])
-def test_numbers_that_are_none(text: str) -> None:
+def test_invalid_numbers_are_refused(text: str) -> None:
     with pytest.raises(click.BadParameter):
         FiniteFloat("seconds", minimum=0).convert(text, None, None)
 

@@ -86,7 +86,7 @@ def test_nothing_is_written_over_unasked(tmp_path: Path) -> None:
     toml.write_text("# mine\n")
     result = run("convert", CHAPTER, toml)
     assert result.exit_code == 2
-    assert "is there already; --force writes over it" in result.stderr
+    assert "already exists; --force overwrites it" in result.stderr
     assert toml.read_text() == "# mine\n"
     assert run("convert", CHAPTER, toml, "--force").exit_code == 0
     assert "JNT_CMD" in toml.read_text()

@@ -147,7 +147,7 @@ def test_an_interruption_takes_the_torque_away(bench: Any, monkeypatch: pytest.M
     assert not bench.link.is_open
 
 
-def test_a_lost_port_is_told_and_so_is_the_danger(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_port_is_reported_with_the_danger(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     began = bench.clock()
     receive = bench.board.receive
 

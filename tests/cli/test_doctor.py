@@ -286,7 +286,7 @@ def test_no_such_port(machine: Machine, tmp_path: Path, robot: str) -> None:
 
 
 @pytest.mark.parametrize("args", [("--robot", "nope"), ("--port", "serial://x/y"), ("--port", "what://x")])
-def test_what_makes_no_sense_is_a_usage_error(machine: Machine, args: tuple[str, ...]) -> None:
+def test_invalid_values_are_usage_errors(machine: Machine, args: tuple[str, ...]) -> None:
     run = machine.run(*args)
     assert (run.rows, run.status) == ([], 2)
 

@@ -133,7 +133,7 @@ def test_names_cannot_command_the_terminal() -> None:
     assert "\u202e" not in capture.get()
 
 
-def test_what_goes_on_behind_a_bar_cannot_either(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_text_behind_a_progress_bar_cannot_control_the_terminal_either(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     with progress() as bar:
         bar.add_task(EVIL, total=1.0)

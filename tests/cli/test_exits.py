@@ -80,7 +80,7 @@ def test_warnings_of_the_library_are_one_line_each(capsys: pytest.CaptureFixture
     assert capsys.readouterr().err == "warning: the port is back\ninfo: shown\ndebug: shown, too\n"
 
 
-def test_what_is_shielded_is_not_interrupted() -> None:
+def test_a_shielded_section_is_not_interrupted() -> None:
     before = signal.getsignal(signal.SIGINT)
     with exits.shielded():
         signal.raise_signal(signal.SIGINT)
@@ -99,7 +99,7 @@ def test_sigterm_and_sighup_end_like_ctrl_c(number: signal.Signals) -> None:
         signal.signal(number, before)
 
 
-def test_what_nohup_ignores_stays_ignored() -> None:
+def test_a_signal_that_nohup_ignores_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         exits.ends_like_ctrl_c()

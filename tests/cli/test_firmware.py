@@ -92,10 +92,10 @@ def test_a_dry_run_shows_the_command_and_writes_nothing(ports: Ports) -> None:
     [
         (
             PortInfo("/dev/ttyACM7", 0x1A86, 0x55D3, guess="CH343: a newer servo adapter"),
-            "is no Mega 2560 but CH343",
+            "is not a Mega 2560 but CH343",
         ),
-        (PortInfo("/dev/ttyACM7", 0x1234, 0x5678, guess="unknown USB device 1234:5678"), "is no Mega 2560"),
-        (PortInfo("/dev/ttyS9"), "is no USB serial port"),
+        (PortInfo("/dev/ttyACM7", 0x1234, 0x5678, guess="unknown USB device 1234:5678"), "is not a Mega 2560"),
+        (PortInfo("/dev/ttyS9"), "is not a USB serial port"),
     ],
 )
 def test_a_wrong_board_is_refused(ports: Ports, port: PortInfo, why: str) -> None:

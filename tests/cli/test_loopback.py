@@ -58,7 +58,7 @@ def test_without_a_plug_it_fails_in_words(plug: str) -> None:
 
 
 @pytest.mark.parametrize(("port", "text"), [("tcp://127.0.0.1:9", "serial"), ("/dev/null?baud=9600", "--baud")])
-def test_ports_that_make_no_sense(port: str, text: str) -> None:
+def test_invalid_ports_are_refused(port: str, text: str) -> None:
     result = CliRunner().invoke(loopback, ["--port", port])
     assert isinstance(result.exception, UsageError)
     assert text in str(result.exception)

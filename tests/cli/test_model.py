@@ -91,14 +91,14 @@ def test_ik_with_rpy_for_the_puma() -> None:
         (("ik", 0, 200, 100), "a pose needs --rotation or --rpy; or --wrist"),
         (("ik", 0, 200, "up", "--rpy", 0, 0, 0), "'up' is not a number"),
         (("ik", 0, 0.2, 0.1, "--rpy", 0, 0, 0, "--robot", "puma260", "--wrist"), "--wrist is for the 7Bot only"),
-        (("ik", "-"), "standard input:1:1: no JSON"),
+        (("ik", "-"), "standard input:1:1: not JSON"),
         (("fk", 1, 2, 3, 4, 5), "takes 6 values"),
         (("fk", 1, 2, 3, 4, 5, "nan"), "'nan' is not a number"),
         (("fk", "--links", "C", 1, 2, 3, 4, 5, 6), "no link set 'C'"),
         (("check", 90, 40, 40, 90, 90, 90), "elbow open 25 deg too far"),
     ],
 )
-def test_what_makes_no_sense_is_one_line_and_status_2(args: tuple[object, ...], words: str) -> None:
+def test_invalid_values_give_one_line_and_status_2(args: tuple[object, ...], words: str) -> None:
     result = run(*args)
     assert result.exit_code == 2
     assert words in result.stderr

@@ -65,7 +65,9 @@ def test_line_keeps_to_the_line_and_the_tools_direction(bench: Any) -> None:
         (("goto", "0", "220", "200", "--links", "Z"), "no link set 'Z'"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_moves(bench: Any, words: tuple[str, ...], error: str) -> None:
+def test_an_impossible_motion_is_refused_before_anything_moves(
+    bench: Any, words: tuple[str, ...], error: str
+) -> None:
     before = bench.positions()
     result = bench.run(*words)
     assert result.exit_code == 2
@@ -97,7 +99,7 @@ def recording(path: Path, goal: float) -> None:
             writer.joint_state(state(moved), 1700000000.0 + 0.05 * i)
 
 
-def test_play_goes_to_the_start_and_along(bench: Any, tmp_path: Path) -> None:
+def test_play_moves_to_the_start_and_follows_the_recording(bench: Any, tmp_path: Path) -> None:
     recording(tmp_path / "a.mcap", 0.4)
     out = bench.ok("play", str(tmp_path / "a.mcap"), "--speed", "2")
     assert "approach: " in out
@@ -179,7 +181,9 @@ def test_play_waypoints_as_ros_writes_them(bench: Any, tmp_path: Path) -> None:
         ({"joint_names": ["J1"]}, "2 values for 1 joints"),
     ],
 )
-def test_waypoints_with_a_mistake(bench: Any, tmp_path: Path, change: dict[str, Any], error: str) -> None:
+def test_waypoints_with_a_mistake_are_refused(
+    bench: Any, tmp_path: Path, change: dict[str, Any], error: str
+) -> None:
     result = bench.run("play", str(waypoints(tmp_path / "w.json", **change)))
     assert result.exit_code == 2
     assert error in result.stderr
@@ -221,14 +225,14 @@ def test_teach_and_play_back(bench: Any, tmp_path: Path) -> None:
     assert "arrived" in bench.ok("play", str(file))
 
 
-def test_teach_leaves_the_arm_limp_if_asked(bench: Any, tmp_path: Path) -> None:
+def test_teach_leaves_the_torque_off_if_asked(bench: Any, tmp_path: Path) -> None:
     bench.run("torque", "on")
     result = bench.run("teach", str(tmp_path / "t.mcap"), "--duration", "0.2", "--yes", "--limp", "--rate", "10")
     assert "2 states" in result.stdout
     assert bench.torque() == []
 
 
-def test_teach_wants_somebody_to_hold_the_arm(bench: Any, tmp_path: Path) -> None:
+def test_teach_asks_for_somebody_to_hold_the_arm(bench: Any, tmp_path: Path) -> None:
     result = bench.run("teach", str(tmp_path / "t.mcap"))
     assert result.exit_code == 2
     assert "hold it, and confirm with --yes" in result.stderr

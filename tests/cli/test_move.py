@@ -36,7 +36,7 @@ def test_targets_get_the_arms_own_names_and_radians() -> None:
     assert check_targets(HEX7BOT, [("j4", 90.0)]) == pytest.approx({"J4": 1.5707963})
 
 
-def test_everything_that_is_wrong_is_told_at_once() -> None:
+def test_all_faults_are_reported_at_once() -> None:
     with pytest.raises(UsageError) as caught:
         check_targets(HEX7BOT, [("J1", 200.0), ("J9", 0.0), ("J2", 50.0), ("j2", 51.0), ("J4", 1.0)])
     text = str(caught.value)
@@ -78,7 +78,7 @@ def test_a_move_switches_the_torque_on_where_it_is_missing_and_says_so(make_benc
     assert after["J4"] == pytest.approx(-0.7, abs=0.2)
 
 
-def test_without_wait_it_returns_at_once_and_the_arm_goes_on(bench: Any) -> None:
+def test_without_wait_it_returns_at_once_and_the_arm_continues(bench: Any) -> None:
     bench.ok("move", "J4=30", "--duration", "2")
     assert bench.positions()["J4"] < 10
     bench.clock.advance(3.0)
@@ -129,14 +129,14 @@ def test_a_joint_that_falls_short_is_an_error_with_its_reason(make_bench: Any) -
     assert json.loads(result.stdout)["arrived"] is False
 
 
-def test_a_board_reset_on_the_way_is_told(make_bench: Any) -> None:
+def test_a_board_reset_during_a_move_is_reported(make_bench: Any) -> None:
     bench = make_bench("brownout:3:0.1")
     result = bench.run("move", "J4=80", "--duration", "5", "--wait")
     assert result.exit_code == 1
     assert "lost torque before the arrival" in result.stderr
 
 
-def test_a_stop_on_the_way_is_told(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_during_a_move_is_reported(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     step = bench.board.step
 
     def stopped(now: float) -> None:
@@ -154,7 +154,7 @@ def test_a_stop_on_the_way_is_told(bench: Any, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize(("dialect", "left"), [(1, 25.0), (2, 20.0)])
-def test_little_of_the_way_is_left_when_this_program_dies(make_bench: Any, dialect: int, left: float) -> None:
+def test_only_a_short_step_remains_when_the_program_dies(make_bench: Any, dialect: int, left: float) -> None:
     bench = make_bench(dialect=dialect)
     bench.run("torque", "on")
     before = bench.positions()["J4"]
@@ -243,7 +243,7 @@ def test_ctrl_c_while_waiting_stops_the_arm_where_it_is(
         assert bench.json("state")["stopped"] is True
 
 
-def test_a_stop_that_fails_on_ctrl_c_is_told_and_it_still_counts_as_interrupted(
+def test_a_stop_that_fails_on_ctrl_c_is_reported_and_it_still_counts_as_interrupted(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     class Gone:
@@ -276,7 +276,7 @@ def test_a_move_into_the_table_is_refused_unless_there_is_none(bench: Any) -> No
 
 
 @pytest.mark.parametrize("dialect", [1, 2])
-def test_while_another_joint_turns_nobody_can_say_where_the_arm_will_be(make_bench: Any, dialect: int) -> None:
+def test_a_move_is_refused_while_another_joint_moves(make_bench: Any, dialect: int) -> None:
     bench = make_bench(dialect=dialect)
     bench.ok("move", "J2=110", "--duration", "6")
     result = bench.run("move", "J3=37")
@@ -297,7 +297,7 @@ def test_with_a_silent_joint_the_others_move_unchecked_and_it_is_said(make_bench
     )
 
 
-def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:
+def test_an_option_about_the_table_must_have_an_effect(bench: Any) -> None:
     result = bench.run("move", "J1=5", "--table", "60", "--no-table")
     assert result.exit_code == 2
     assert result.stderr == "error: --table and --no-table contradict each other\n"
@@ -307,13 +307,13 @@ def test_what_is_typed_about_a_table_must_mean_something(bench: Any) -> None:
     assert bench.link.written == []
 
 
-def test_another_link_set_has_gates_of_its_own(bench: Any) -> None:
+def test_another_link_set_has_its_own_coupling_limits(bench: Any) -> None:
     result = bench.run("move", "J1=5", "--links", "Z")
     assert result.exit_code == 2
     assert "Z" in result.stderr
 
 
-def test_a_silent_gripper_is_told_and_not_what_it_does_to_the_way(make_bench: Any) -> None:
+def test_a_silent_gripper_is_reported_instead_of_its_effect_on_the_path(make_bench: Any) -> None:
     bench = make_bench("silent:6")
     result = bench.run("move", "J1=5", "J7=5")
     assert result.exit_code == 1

@@ -91,7 +91,7 @@ def test_a_disk_that_fills_up(bus: Callable[..., Result], tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize("where", ["no/a.mcap", ".", "/dev/full", "old.mcap", "a.mcap"])
-def test_a_recording_that_cannot_be_begun_ends_all_but_a_stop_before_it_begins(
+def test_a_recording_that_cannot_start_prevents_every_command_but_a_stop(
     bench: Bench, where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "old.mcap").write_text("old")
@@ -111,7 +111,7 @@ def test_a_recording_that_cannot_be_begun_ends_all_but_a_stop_before_it_begins(
 @pytest.mark.system
 @pytest.mark.parametrize("watching", [["--trace"], ["--explain"], ["--record", "/dev/full"]])
 @pytest.mark.parametrize("stderr", ["closed pipe", "/dev/full", "closed"])
-def test_a_stop_goes_through_although_nobody_can_hear_of_it(watching: list[str], stderr: str) -> None:
+def test_a_stop_goes_through_although_nothing_can_be_recorded_or_printed(watching: list[str], stderr: str) -> None:
     with board_process(baud=0) as port:
         program = [sys.executable, "-m", "hexwire.cli", *watching, "stop", "--port", port]
         if stderr == "closed pipe":

@@ -57,7 +57,7 @@ def test_flags_take_no_value_and_say_what_they_do() -> None:
             assert option is None or (option.is_flag and option.help), f"{name} {flag}"
 
 
-def test_what_asks_can_be_answered_beforehand() -> None:
+def test_questions_can_be_answered_in_advance() -> None:
     asking = {"set-id", "set-baud", "center", "restore", "wave", "write"}
     for name in (*(f"bus {name}" for name in asking), "teach", "demo"):
         assert "--yes" in options_of(ALL[name]), name

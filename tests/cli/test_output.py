@@ -25,7 +25,7 @@ CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u20
 
 
 @given(st.text())
-def test_what_is_shown_is_one_line_without_controls(text: str) -> None:
+def test_shown_text_is_one_line_without_control_characters(text: str) -> None:
     assert shown(text).isprintable()
     if text.isprintable():
         assert shown(text) == text

@@ -55,7 +55,7 @@ def test_a_stop_holds_until_resume(bench: Any) -> None:
     bench.ok("move", "J1=0")
 
 
-def test_where_nobody_keeps_a_stop_it_is_said(make_bench: Any) -> None:
+def test_a_stop_that_nothing_keeps_is_reported(make_bench: Any) -> None:
     bench = make_bench(dialect=1)
     bench.ok("torque", "on")
     result = bench.run("stop")

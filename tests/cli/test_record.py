@@ -113,7 +113,7 @@ def test_joint_states_as_a_picture(tmp_path: Path) -> None:
     assert ok("record", "plot", str(source), str(target)) == f"20 states plotted to {target}\n"
     assert target.read_text().startswith("<?xml")
     again = run("record", "plot", str(source), str(target))
-    assert (again.exit_code, again.stderr) == (2, f"error: {target} is there already; --force writes over it\n")
+    assert (again.exit_code, again.stderr) == (2, f"error: {target} already exists; --force overwrites it\n")
     with RecordingWriter(source, force=True):
         pass
     drawn = target.read_bytes()
@@ -122,7 +122,7 @@ def test_joint_states_as_a_picture(tmp_path: Path) -> None:
     assert target.read_bytes() == drawn
 
 
-def test_what_makes_no_sense_is_said_in_one_line(tmp_path: Path) -> None:
+def test_invalid_values_give_one_line(tmp_path: Path) -> None:
     text = tmp_path / "a.txt"
     text.write_text("hello")
     for args, words in (

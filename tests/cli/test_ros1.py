@@ -102,7 +102,7 @@ def test_a_signal_in_what_ros_does_at_the_end_ends_it_without_a_word(name: str) 
 
 
 @pytest.mark.parametrize("args", [["--nonsense"], ["-x", "_port:=a"], ["/dev/ttyUSB0"], ["--help", "_port:=a"]])
-def test_what_it_does_not_know_is_refused_on_one_line(args: list[str]) -> None:
+def test_unknown_arguments_are_refused_on_one_line(args: list[str]) -> None:
     result = _run(*args)
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr.startswith("error: ")

@@ -110,15 +110,15 @@ def test_a_servo_that_never_answers_is_not_waved(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("words", [("wave", "1", "--yes"), ("monitor", "1", "--seconds", "1")])
-def test_what_cannot_be_saved_is_not_sampled(
+def test_nothing_is_sampled_if_it_cannot_be_saved(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     bus = BusCli(monkeypatch)
     (tmp_path / "there.csv").write_text("old")
     (tmp_path / "there.svg").write_text("old")
     for option, name, says in (
-        ("--csv", "there.csv", "is there already; --force writes over it"),
-        ("--plot", "there.svg", "is there already; --force writes over it"),
+        ("--csv", "there.csv", "already exists; --force overwrites it"),
+        ("--plot", "there.svg", "already exists; --force overwrites it"),
         ("--csv", "no/a.csv", "there is no such folder"),
         ("--plot", "a.txt", "must end in .png, .svg, .pdf"),
     ):

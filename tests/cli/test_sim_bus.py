@@ -34,7 +34,7 @@ def test_ids() -> None:
         ("--fault", "x"),
     ],
 )
-def test_what_makes_no_sense(words: tuple[str, ...]) -> None:
+def test_invalid_values_are_refused(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(cli, ["sim", "bus", *words])
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1

@@ -111,7 +111,7 @@ def _until(bench: Any, call: Any) -> Any:
 
 
 @pytest.mark.parametrize("rate", ["0", "-1", "nan", "x"])
-def test_a_rate_that_is_none(bench: Any, rate: str) -> None:
+def test_an_invalid_rate_is_refused(bench: Any, rate: str) -> None:
     result = bench.run("state", "--watch", "--rate", rate)
     assert result.exit_code == 2
     assert result.stderr.startswith("error: Invalid value for '--rate'")

@@ -31,7 +31,7 @@ def test_grip_ends_where_something_is_between_the_jaws(bench: Any) -> None:
 
 
 @pytest.mark.parametrize("tripped", [True, False])
-def test_grip_says_why_the_arm_was_stopped_on_the_way(
+def test_grip_says_why_the_arm_was_stopped_during_the_motion(
     bench: Any, tripped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.ok("grip", "open")
@@ -46,10 +46,9 @@ def test_grip_says_why_the_arm_was_stopped_on_the_way(
     monkeypatch.setattr(bench.board, "step", stopped)
     result = bench.run("grip", "close")
     assert result.exit_code == 1
-    why = "its watchdog tripped, because the host fell silent" if tripped else "it was told to"
-    assert (
-        result.stderr == f"error: stopped: the board has stopped the arm: {why}; clear it with 'hexwire resume'\n"
-    )
+    watchdog = "the board has stopped the arm: its watchdog tripped, because the host fell silent"
+    why = watchdog if tripped else "a stop command has stopped the arm"
+    assert result.stderr == f"error: stopped: {why}; clear it with 'hexwire resume'\n"
 
 
 def test_grip_wants_a_share(bench: Any) -> None:

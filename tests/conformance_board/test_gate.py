@@ -129,7 +129,7 @@ def test_torque_is_given_by_torque_only_in_dialect_2(board: BoardUnderTest, cmd:
         (4, Command.TRANSACT, make_sync_write(0x29, {4: b"\0" + u16(2900) + u16(154) + u16(0)})),
     ],
 )
-def test_whatever_way_a_target_goes_it_keeps_the_speed_limit(
+def test_a_target_keeps_the_speed_limit_by_every_command(
     board: BoardUnderTest, servo_id: int, cmd: int, packet: bytes
 ) -> None:
     limits(board)
@@ -159,7 +159,7 @@ def test_a_joint_that_moves_brakes_as_hard_as_it_can_whatever_ramp_it_is_given(b
 
 
 @pytest.mark.parametrize("servo_id", [0, 4])
-def test_in_dialect_1_a_target_is_the_way_to_move_within_the_limits(board: BoardUnderTest, servo_id: int) -> None:
+def test_in_dialect_1_a_target_moves_a_joint_within_the_limits(board: BoardUnderTest, servo_id: int) -> None:
     limits(board)
     order = be if servo_id < 4 else u16
     outside = make_write(servo_id, 0x2A, order(3001))
@@ -246,7 +246,7 @@ FORBIDDEN = [
 
 
 @pytest.mark.parametrize("packet", FORBIDDEN)
-def test_settings_and_what_waits_in_a_servo_are_forbidden(board: BoardUnderTest, packet: bytes) -> None:
+def test_settings_and_deferred_writes_are_forbidden(board: BoardUnderTest, packet: bytes) -> None:
     torque(board)
     before = [bytes(servo.registers.read(0, 70)) for servo in board.machine.wire.servos]
     for cmd in (Command.TRANSACT, Command.READ):

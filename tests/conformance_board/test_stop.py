@@ -67,7 +67,9 @@ def burst(board: BoardUnderTest, *requests: tuple[int, bytes]) -> list[int]:
 
 
 def statuses(frames: list[Frame], seqs: list[int]) -> list[int | None]:
-    found = {f.seq: f.status for f in frames if f.is_reply}
+    replies = [(f.seq, f.status) for f in frames if f.is_reply]
+    found = dict(replies)
+    assert len(found) == len(replies), "answered once"
     return [found.get(seq) for seq in seqs]
 
 
@@ -89,7 +91,7 @@ def spin(servo: EmulatedServo) -> None:
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_nothing_that_was_sent_before_a_stop_is_done_after_it(make: Make, mode: int) -> None:
+def test_nothing_sent_before_a_stop_is_executed_after_it(make: Make, mode: int) -> None:
     board = make()
     torque(board)
     stop(board)
@@ -116,7 +118,7 @@ def test_a_stop_does_not_wait_for_the_time_out_of_what_is_under_way(make: Make) 
     assert not any(board.machine.wire[i].torque_on for i in range(7))
 
 
-def test_what_waits_when_the_watchdog_trips_is_void(make: Make) -> None:
+def test_queued_requests_are_void_when_the_watchdog_trips(make: Make) -> None:
     board = make()
     torque(board)
     stop(board)
@@ -136,7 +138,7 @@ def test_what_waits_when_the_watchdog_trips_is_void(make: Make) -> None:
     assert shafts(board) == pytest.approx(before, abs=30)
 
 
-def test_a_repeat_of_what_was_void_is_answered_with_stopped_and_not_done(make: Make) -> None:
+def test_a_repeat_of_a_voided_request_is_answered_stopped_and_not_executed(make: Make) -> None:
     board = make()
     torque(board)
     moves = [board.client.frame(Command.JOINT_MOVE, move(2300 + i)) for i in range(10)]
@@ -159,7 +161,7 @@ def test_a_repeat_of_what_was_void_is_answered_with_stopped_and_not_done(make: M
 @pytest.mark.parametrize(
     ("command", "body"), [(Command.RESUME, b""), (Command.TORQUE, b"\1\x7f\0"), (Command.MAINTENANCE, b"\0")]
 )
-def test_what_was_done_before_a_stop_is_not_done_again(make: Make, command: int, body: bytes) -> None:
+def test_requests_executed_before_a_stop_are_not_executed_again(make: Make, command: int, body: bytes) -> None:
     board = make()
     torque(board)
     done = board.client.frame(command, body)
@@ -219,7 +221,7 @@ def test_a_stop_that_takes_the_torque_goes_before_one_that_holds(make: Make) -> 
     assert not any(board.machine.wire[i].torque_on for i in range(7))
 
 
-def test_what_comes_after_a_stop_waits_for_it(make: Make) -> None:
+def test_requests_after_a_stop_wait_for_it(make: Make) -> None:
     board = make()
     torque(board)
     seqs = burst(board, (Command.STOP, b"\0"), (Command.RESUME, b""), (Command.JOINT_MOVE, move(2200)))
@@ -239,7 +241,7 @@ def test_a_stop_that_is_none_voids_nothing(make: Make, body: bytes) -> None:
     assert statuses(frames, seqs) == [Status.SERVO_SILENT, Status.OK, bad]
 
 
-def test_a_servo_that_turns_is_no_servo_that_holds(make: Make) -> None:
+def test_a_turning_servo_does_not_count_as_holding(make: Make) -> None:
     board = make()
     torque(board)
     spin(board.machine.wire[5])
@@ -275,7 +277,7 @@ def test_a_servo_that_does_not_take_the_target_loses_its_torque(make: Make, serv
 
 
 @pytest.mark.parametrize("servo_id", [2, 6])
-def test_a_servo_that_will_not_stand_still_loses_its_torque(make: Make, servo_id: int) -> None:
+def test_a_servo_that_keeps_moving_loses_its_torque(make: Make, servo_id: int) -> None:
     board = make()
     torque(board)
     servo = board.machine.wire[servo_id]

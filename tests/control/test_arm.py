@@ -196,7 +196,7 @@ def test_goals_of_two_controllers_are_checked_against_each_other() -> None:
     assert first.outcome == second.outcome == SUCCEEDED
 
 
-def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
+def test_an_unpredicted_violation_stops_the_arm_during_the_motion() -> None:
     bench = make_bench(controllers=HALVES)
     told = half(bench, "upper", 1.0, 3.0)
     # A set-point is good where the other joints are when it comes.
@@ -220,7 +220,7 @@ def test_what_nobody_could_foresee_is_stopped_on_the_way() -> None:
     assert back.outcome == SUCCEEDED
 
 
-def test_a_goal_out_of_the_way_of_another_is_followed_at_once() -> None:
+def test_a_goal_that_cannot_collide_with_another_is_followed_at_once() -> None:
     bench = make_bench(controllers=HALVES)
     raised = half(bench, "upper", 1.0, 3.0)
     bench.until(lambda: raised.ends)
@@ -231,7 +231,7 @@ def test_a_goal_out_of_the_way_of_another_is_followed_at_once() -> None:
     assert back.outcome == told.outcome == SUCCEEDED
 
 
-def test_what_droops_where_it_was_told_to_be_stops_nobody() -> None:
+def test_sag_at_an_allowed_position_does_not_stop_the_arm() -> None:
     bench = make_bench(controllers=SPLIT, check_table=True)
     kinematics = bench.arm.settings.kinematics
     assert kinematics is not None
@@ -250,7 +250,7 @@ def test_what_droops_where_it_was_told_to_be_stops_nobody() -> None:
     assert grip.outcome == SUCCEEDED
 
 
-def test_set_points_do_not_creep_in() -> None:
+def test_repeated_set_points_do_not_creep_into_a_violation() -> None:
     bench = make_bench()
     bench.arm.set_points({"J3": FOLD["J3"]})
     for _ in range(50):
@@ -266,7 +266,7 @@ def test_set_points_do_not_creep_in() -> None:
     assert bench.where("J2") < gate + math.radians(0.3)
 
 
-def test_a_goal_that_would_swing_through_the_gate_as_it_takes_over_is_refused() -> None:
+def test_a_goal_that_would_swing_through_the_coupling_limit_as_it_takes_over_is_refused() -> None:
     bench = make_bench(allow_partial_joints_goal=True)
     raised = bench.command(order((2.0, {"J3": FOLD["J3"]})))
     bench.until(lambda: raised.ends)
@@ -490,7 +490,7 @@ def test_facts() -> None:
     assert diagnose(facts)
 
 
-def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
+def test_enabling_at_the_start_may_fail_and_the_node_continues() -> None:
     bench = make_bench(on=False, enable_on_start=True)
     bench.silence("J3")
     bench.owner.start = lambda controllers: None  # type: ignore[method-assign]  # the test turns
@@ -499,7 +499,7 @@ def test_enabling_at_the_start_may_fail_and_the_node_goes_on() -> None:
     bench.arm.shutdown()
 
 
-def test_limits_are_told_as_such() -> None:
+def test_limits_are_described_as_such() -> None:
     bench = make_bench()
     with pytest.raises(LimitError):
         bench.arm.set_points({"J1": 3.0})
@@ -508,7 +508,7 @@ def test_limits_are_told_as_such() -> None:
 # -- what happens meanwhile --------------------------------------------------------------------------------
 
 
-def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_goal_that_is_checked_while_teach_mode_begins_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make_bench()
     check = bench.controller.check_path
 
@@ -517,12 +517,12 @@ def test_a_goal_that_is_checked_while_a_lesson_begins_is_refused(monkeypatch: py
         bench.ask(bench.arm.teach_start)
 
     monkeypatch.setattr(bench.controller, "check_path", check_path)
-    with pytest.raises(GoalError, match="being taught"):
+    with pytest.raises(GoalError, match="in teach mode"):
         bench.command(order((1.0, {"J1": J1 + 0.3})))
     assert not bench.controller.busy
 
 
-def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_set_points_that_arrive_while_teach_mode_begins_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make_bench()
     locked = bench.owner.locked
 
@@ -532,7 +532,7 @@ def test_set_points_that_come_while_a_lesson_begins_are_refused(monkeypatch: pyt
         return locked()
 
     monkeypatch.setattr(bench.owner, "locked", late)
-    with pytest.raises(UsageError, match="being taught"):
+    with pytest.raises(UsageError, match="in teach mode"):
         bench.arm.set_points({"J1": J1 + 0.1})
     assert not bench.controller.busy
 

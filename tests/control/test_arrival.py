@@ -46,7 +46,7 @@ def test_within_the_grace_time_it_may_still_arrive() -> None:
     assert judged.why == ""
 
 
-def test_without_a_grace_time_it_waits_without_end() -> None:
+def test_without_a_grace_time_it_waits_forever() -> None:
     judged = arrival(0.0)
     assert [judge(judged, now, SHORT) for now in (10.0, 1e6)] == [Verdict.NOT_YET] * 2
 

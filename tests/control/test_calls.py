@@ -106,7 +106,7 @@ def test_a_lost_line_is_the_owners_business_too(error: BaseException) -> None:
     assert second.join().result == 7, "what waits behind is not lost by it"
 
 
-def test_nobody_waits_for_ever_and_what_was_given_up_is_never_done() -> None:
+def test_no_caller_waits_forever_and_a_dropped_call_never_runs() -> None:
     jobs = QueuedCalls(timeout=0.05)
     done: list[int] = []
     caller = Caller(jobs, lambda: done.append(1)).join()

@@ -91,7 +91,7 @@ def test_a_goal_is_accepted_and_reached(goals: Goals) -> None:
     assert not goals.goals.open
 
 
-def test_a_goal_that_is_cancelled_on_its_way_is_held(goals: Goals) -> None:
+def test_a_goal_that_is_cancelled_during_its_path_check_is_held(goals: Goals) -> None:
     goals.goals.start()
     client = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
     wait_for(lambda: client.said)
@@ -156,7 +156,7 @@ def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_key(goals: Goals)
     assert second.said[-1] == ("replaced", "cancelled")
 
 
-def test_a_fault_of_the_program_refuses_its_goal_and_no_other(
+def test_a_programming_error_refuses_its_goal_and_no_other(
     goals: Goals, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     goals.goals.start()

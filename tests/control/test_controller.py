@@ -148,7 +148,7 @@ def test_velocities_that_are_not_known_are_not_judged() -> None:
     assert told.outcome == SUCCEEDED
 
 
-def test_a_success_needs_every_joint_to_have_been_heard_of() -> None:
+def test_a_success_needs_a_new_position_of_every_joint() -> None:
     loop = Loop()
     told = loop.send(order((1.0, {"J1": J1 + 0.3})))
     loop.run(0.9)
@@ -272,7 +272,7 @@ def test_cancel_holds_and_only_for_the_goal_that_is_followed() -> None:
     assert loop.controller.take_ended() == []
 
 
-def test_an_order_without_points_is_no_goal() -> None:
+def test_a_trajectory_without_points_is_not_a_goal() -> None:
     with pytest.raises(GoalError, match="no points"):
         Loop().send(TrajectoryGoal(NAMES, ()))
 
@@ -351,7 +351,7 @@ def test_torque_that_is_taken_away_aborts_and_forgets() -> None:
     assert max(map(abs, loop.speeds("J1")[-115:])) < 0.5
 
 
-def test_a_joint_never_heard_of() -> None:
+def test_a_goal_for_a_joint_without_a_position_is_refused() -> None:
     loop = Loop(allow_partial=True)
     loop.controller.release("")
     nan, inf = math.nan, math.inf
@@ -398,7 +398,7 @@ def test_partial_goals_leave_the_others_where_they_are() -> None:
 # -- set-points --------------------------------------------------------------------------------------------------
 
 
-def test_set_points_preempt_a_goal_and_are_pursued_until_they_stay_away() -> None:
+def test_set_points_preempt_a_goal_and_are_followed_until_they_stop_coming() -> None:
     loop = Loop()
     told = loop.send(order((2.0, {"J1": J1 + 1.0})))
     loop.run(0.5)
@@ -477,7 +477,7 @@ def test_an_emulated_arm_that_meets_something() -> None:
     assert bench.ask(bench.arm.reset).startswith("reset")
 
 
-def test_a_servo_that_is_lost_on_the_way() -> None:
+def test_a_servo_that_is_lost_during_a_motion() -> None:
     bench = enabled()
     told = bench.command(order((5.0, {"J5": 1.2})))
     bench.turn(0.6)

@@ -29,7 +29,7 @@ J1, J2 = HOME["J1"], HOME["J2"]
 # -- stamps ------------------------------------------------------------------------------------------------------
 
 
-def test_a_goal_of_the_future_begins_on_time_while_the_old_motion_goes_on() -> None:
+def test_a_future_goal_begins_on_time_while_the_old_motion_continues() -> None:
     loop = Loop()
     first = loop.send(order((4.0, {"J1": J1 + 1.0})))
     loop.run(0.5)
@@ -179,7 +179,7 @@ def test_a_trajectory_that_takes_for_ever_to_check(seconds: float) -> None:
 
 
 @pytest.mark.parametrize("after", [0.02, 0.2, 0.5, 0.93, 0.97])
-def test_after_a_stall_the_goal_goes_on_and_ends_later(after: float) -> None:
+def test_after_a_stall_the_goal_continues_and_ends_later(after: float) -> None:
     loop = Loop(tolerances=tolerances(path={"J1": Tolerance(0.05)}, goal=0.01, goal_time=0.2))
     told = loop.send(order((1.0, {"J1": J1 + 0.8})))
     loop.run(after)

@@ -285,7 +285,7 @@ def test_rows_are_due_once_a_second() -> None:
     assert len(due) == 11
 
 
-def test_whoever_asks_once_a_period_is_always_told_yes() -> None:
+def test_a_caller_that_asks_once_per_period_is_always_due() -> None:
     watch = ChangeWatch(0.5)
     assert all(watch.due([row()], 0.5 * i + (0.02 if i % 2 else -0.02)) for i in range(100))
 
@@ -308,7 +308,7 @@ def test_a_change_for_a_moment_does_not_flood() -> None:
     assert 10 <= due <= 101
 
 
-def test_a_change_in_the_quiet_tenth_is_told_after_it() -> None:
+def test_a_change_within_a_tenth_of_a_second_is_reported_after_it() -> None:
     watch = ChangeWatch()
     assert watch.due([row()], 5.0)
     assert not watch.due([row("silent")], 5.05)

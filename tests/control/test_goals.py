@@ -67,7 +67,7 @@ def test_a_part_of_the_joints_is_refused_unless_it_is_allowed() -> None:
 # -- points -----------------------------------------------------------------------------------------
 
 
-def test_an_order_without_points_is_the_caller_s_business_but_makes_no_trajectory() -> None:
+def test_a_goal_without_points_passes_the_check_but_cannot_be_planned() -> None:
     check_goal(order(), JOINTS, allow_partial=False)
     with pytest.raises(GoalError, match="no points") as caught:
         Plan(order(), JOINTS, 0.0)
@@ -216,7 +216,7 @@ def outcome(sent: TrajectoryGoal, partial: bool) -> tuple[Spline, float] | GoalE
 
 
 @given(ANY_ORDERS, st.booleans())
-def test_an_order_of_any_shape_is_refused_for_a_reason_or_followed(sent: TrajectoryGoal, partial: bool) -> None:
+def test_a_goal_of_any_shape_is_refused_for_a_reason_or_followed(sent: TrajectoryGoal, partial: bool) -> None:
     result = outcome(sent, partial)
     if isinstance(result, GoalError):
         assert result.reason in {

@@ -82,7 +82,7 @@ def test_targets_of_all_controllers_are_one() -> None:
     assert order.duration == 0.1
 
 
-def test_what_is_not_due_is_judged_all_the_same() -> None:
+def test_states_are_judged_even_if_no_target_is_due() -> None:
     group = make_group()
     go(group, 0, "J1", 0.1)
     assert group.cycle(state(stamp=0.01), STILL, 0.01, 0.1, due=False) is None

@@ -87,7 +87,7 @@ def test_states_that_waited_together_do_not_share_a_stamp() -> None:
     assert take(states, 5.025, (0.3,), board_time=100.020).velocity == pytest.approx((10.0,))
 
 
-def test_states_go_on_after_a_reset_of_the_board() -> None:
+def test_states_continue_after_a_reset_of_the_board() -> None:
     states = StateFilter()
     take(states, 5.0, (0.1,), board_time=100.0)
     assert take(states, 5.5, (0.2,), board_time=0.3).velocity == pytest.approx((0.2,))
@@ -134,7 +134,7 @@ def test_after_a_gap_the_estimate_starts_afresh() -> None:
     assert take(states, 2.3, (0.8,)).velocity == pytest.approx((-1.0,))
 
 
-def test_a_lost_joint_starts_afresh_while_the_others_go_on() -> None:
+def test_a_lost_joint_starts_afresh_while_the_others_continue() -> None:
     states = StateFilter()
     take(states, 1.0, (0.0, 0.0))
     for i in range(1, 16):

@@ -29,7 +29,7 @@ def make(rate: float, time: FakeTime, **options: float) -> RateLoop:
     return RateLoop(rate, clock=time.clock, sleep=time.sleep, **options)
 
 
-def test_cycles_start_on_the_raster_whatever_a_cycle_takes() -> None:
+def test_cycles_start_at_multiples_of_the_period_whatever_a_cycle_takes() -> None:
     time = FakeTime()
     loop = make(10, time)
     starts = []
@@ -90,7 +90,7 @@ def test_how_many_cycles_a_duration_has(duration: float, cycles: int) -> None:
     assert len(list(loop.ticks(duration))) == loop.counters.cycles == cycles
 
 
-def test_it_goes_on_for_ever_if_not_told() -> None:
+def test_without_a_duration_it_continues_forever() -> None:
     time = FakeTime()
     loop = make(1000, time)
     for due in loop.ticks():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -119,7 +120,7 @@ def test_legs_follow_each_other() -> None:
     assert max(middle) == pytest.approx(there.goal[0], abs=1e-6)
 
 
-def test_the_watchdog_stands_by_on_the_way() -> None:
+def test_the_watchdog_is_armed_during_the_motion() -> None:
     bench = Bench()
     armed: list[float] = []
     watched = Watched(lambda state: armed.append(bench.arm.board.state.watchdog_timeout))
@@ -225,14 +226,24 @@ def test_a_joint_that_is_not_ready_after_torque_is_on_is_not_moved(change: dict[
     assert bench.arm.board.state.watchdog_timeout == 0.0
 
 
-def test_a_jam_stops_the_arm() -> None:
+@pytest.mark.parametrize(
+    ("joint", "room", "kind", "says"),
+    [
+        # Its servo reports no load.
+        ("J1", 30, "following", "J1 is .* off its path"),
+        ("J5", 10, "collision", "J5 hit something: load .* off its path"),
+    ],
+)
+def test_a_jam_stops_the_arm_by_load_and_distance_or_by_distance_alone(
+    joint: str, room: int, kind: str, says: str
+) -> None:
     bench = Bench()
-    shaft = bench.arm.board.wire.servos[3].motion
-    shaft.obstacle = (shaft.position - 30, shaft.position + 30)
-    result = run_motion(bench.robot, bench.way(), bench.options())
+    shaft = bench.arm.board.wire.servos[int(joint[1]) - 1].motion
+    shaft.obstacle = (shaft.position - room, shaft.position + room)
+    result = run_motion(bench.robot, bench.way(joint), bench.options())
     assert result.stopped is not None
-    assert result.stopped.kind in {"collision", "following"}
-    assert result.why.startswith("stopped: J4")
+    assert result.stopped.kind == kind
+    assert re.fullmatch(f"stopped: {says}", result.why)
     assert not result.arrived
     assert bench.arm.board.state.stopped
 
@@ -256,7 +267,7 @@ def test_a_joint_that_vanishes_from_the_states_ends_it(what: str, after: int) ->
 
 
 @pytest.mark.parametrize("what", ["way", "target"])
-def test_a_stop_from_elsewhere_ends_it_though_it_is_resumed_at_once(what: str) -> None:
+def test_a_stop_from_elsewhere_ends_the_motion_even_if_resumed_at_once(what: str) -> None:
     bench = Bench()
     motion = bench.way() if what == "way" else bench.target()
 
@@ -299,7 +310,7 @@ def test_an_arm_that_is_stopped_does_not_set_out() -> None:
     bench.robot.stop()
     for motion in (bench.way(), bench.target()):
         result = run_motion(bench.robot, motion, bench.options())
-        assert result.why == "stopped: the board has stopped the arm: it was told to"
+        assert result.why == "stopped: a stop command has stopped the arm"
         assert bench.arm.shaft(3) == pytest.approx(bench.arm.shaft(3))
 
 
@@ -391,7 +402,7 @@ def test_a_target_takes_the_place_of_what_was_ended(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["way", "target"])
-def test_what_takes_its_place_is_void_after_a_stop(what: str) -> None:
+def test_a_replacement_motion_is_void_after_a_stop(what: str) -> None:
     bench = Bench()
 
     def until(state: JointState) -> JointTarget | None:
@@ -473,7 +484,7 @@ def test_options_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None
         MotionOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_torque_for_a_path_is_told() -> None:
+def test_switching_torque_on_for_a_path_is_reported() -> None:
     bench, watched = Bench(), Watched()
     assert run_motion(bench.robot, bench.way(), bench.options(), observer=watched).powered == ("J4",)
     assert watched.said[0] == ("powered", ("J4",))

@@ -11,7 +11,7 @@ from hexwire.control.newest import LatestState
 from hexwire.model.state import JointFlag
 
 
-def test_before_anything_was_heard() -> None:
+def test_before_the_first_state_nothing_is_known() -> None:
     latest = LatestState(100.0)
     assert latest.state is None
     assert latest.age(5.0) == math.inf
@@ -34,7 +34,7 @@ def test_the_newest_state_and_its_speeds() -> None:
     assert latest.age(1.5) == pytest.approx(0.31)
 
 
-def test_states_that_say_nothing_new_are_heard_and_not_published() -> None:
+def test_states_without_a_new_sample_are_counted_but_not_published() -> None:
     latest = LatestState(100.0)
     silent = dict.fromkeys(NAMES, JointFlag.SILENT)
     latest.take(state(stamp=1.0), 1.0)
@@ -72,7 +72,7 @@ def test_fewer_states_than_are_wanted_are_all_published() -> None:
     assert all(latest.take(state(stamp=1.0 + 0.5 * i), 1.0 + 0.5 * i) for i in range(10))
 
 
-def test_a_new_beginning_forgets_the_boards_clock_and_speeds_but_stamps_go_on_rising() -> None:
+def test_a_restart_forgets_the_boards_clock_and_speeds_but_stamps_keep_increasing() -> None:
     latest = LatestState(100.0)
     for i in range(5):
         latest.take(replace(state({"J1": 0.1 * i}, stamp=100.0 + 0.01 * i), velocity=(math.nan,) * 7), 100.0)

@@ -74,7 +74,7 @@ def test_a_low_rate_of_publishing_leaves_watchdog_and_commands_alone() -> None:
     assert told.words == "succeeded: "
 
 
-def test_where_reports_are_unknown_it_asks_as_fast_as_the_line_goes() -> None:
+def test_without_reports_states_are_requested_as_fast_as_the_line_allows() -> None:
     bench = BoardBench(dialect=1, baud=115200)
     bench.owner.connect()
     bench.turn(10.0)
@@ -101,7 +101,7 @@ def test_the_board_is_told_to_end_its_reports_whatever_ends_them() -> None:
     assert bench.board.state.report_due is None
 
 
-def test_reports_that_stay_away_are_asked_for_again() -> None:
+def test_missing_reports_are_requested_again() -> None:
     bench = BoardBench()
     bench.owner.connect()
     bench.turn(0.5)
@@ -184,7 +184,7 @@ def test_a_slow_line_is_not_made_up_for_in_a_burst() -> None:
             "aborted: the board refused a move: J1 has no torque",
         ),
         (LimitError("J1 is outside"), "aborted: J1 is outside"),
-        (StoppedError("a move", 8, "stopped"), "aborted: stopped: the board has stopped the arm"),
+        (StoppedError("a move", 8, "stopped"), "aborted: stopped: a stop command has stopped the arm"),
     ],
 )
 def test_a_target_that_is_refused_ends_the_goal_and_not_the_robot(error: HexwireError, outcome: str) -> None:
@@ -245,7 +245,7 @@ def test_torque_on_in_the_middle_of_a_motion_brakes_nothing() -> None:
     assert told.words == "succeeded: "
 
 
-def test_torque_on_leaves_other_joints_on_their_way_alone() -> None:
+def test_torque_on_does_not_stop_other_joints_that_move() -> None:
     bench = BoardBench(split=True)
     owner, (first, second) = bench.owner, bench.controllers
     owner.connect()
@@ -291,7 +291,7 @@ def test_torque_off_ends_what_was_accepted_that_moment() -> None:
     assert len(bench.writes) == writes
 
 
-def test_a_target_that_the_board_kept_within_its_limits_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_target_that_the_board_clamped_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     bench, told = moving()
     write = bench.robot.write
     bench.robot.write = lambda target: replace(write(target), clamped=("J1",))
@@ -313,7 +313,7 @@ def test_torque_is_not_switched_on_while_the_arm_is_stopped() -> None:
 
 
 @pytest.mark.parametrize("baud", [0, 115200])
-def test_what_was_just_done_is_not_undone_by_reports_from_before(baud: int) -> None:
+def test_older_reports_do_not_override_a_new_change(baud: int) -> None:
     bench = BoardBench(baud=baud)
     owner = bench.owner
     owner.connect()

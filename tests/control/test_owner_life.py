@@ -124,7 +124,7 @@ def test_the_end_at_rest_leaves_the_board_as_it_was() -> None:
         bench.owner.call(lambda: None)
 
 
-def test_the_end_on_the_way_stops_the_arm() -> None:
+def test_a_shutdown_during_a_motion_stops_the_arm() -> None:
     bench, told = moving()
     bench.owner.shutdown()
     assert told.words == "aborted: stopped: the program ends"
@@ -239,7 +239,7 @@ def test_a_stop_of_a_board_that_says_nothing_fails_in_time_and_all_is_stopped(se
     assert not node.owner.alive
 
 
-def test_nobody_waits_for_ever_for_a_board_that_falls_silent(served: Served) -> None:
+def test_no_caller_waits_forever_for_a_board_that_falls_silent(served: Served) -> None:
     node = Threaded(served)
     served.muted.set()
     with pytest.raises(HexwireError):
@@ -259,7 +259,7 @@ def test_the_end_while_the_owner_looks_for_a_robot(served: Served) -> None:
     assert not node.driver.session.is_open
 
 
-def test_a_fault_of_the_program_is_told_and_stops_the_arm(served: Served) -> None:
+def test_a_programming_error_is_reported_and_stops_the_arm(served: Served) -> None:
     broken = threading.Event()
 
     def on_state(state: JointState, published: KnownState) -> None:

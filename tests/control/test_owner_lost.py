@@ -100,7 +100,7 @@ def test_a_robot_that_cannot_be_understood_is_told_to_stop_before_it_is_left() -
     assert bench.board.state.report_due is None
 
 
-def test_a_board_that_is_reset_on_its_way_stops_the_arm() -> None:
+def test_a_board_that_is_reset_during_a_motion_stops_the_arm() -> None:
     bench, told = moving()
     boot = bench.owner.probe.boot_id if bench.owner.probe else None
     bench.board.reset(bench.clock.time)
@@ -152,7 +152,7 @@ def test_a_board_that_is_reset_at_rest_is_only_told_its_watchdog() -> None:
     assert bench.board.state.report_due is not None
 
 
-def test_power_that_fails_on_the_way() -> None:
+def test_a_supply_that_fails_during_a_motion() -> None:
     bench, told = moving(faults=("brownout:2.5:1.0",))
     bench.until(lambda: told.ends)
     assert told.ends[0].outcome is Outcome.ABORTED

@@ -36,7 +36,7 @@ def test_a_stop_and_its_reset(dialect: int, baud: int) -> None:
     assert again.words == "succeeded: "
 
 
-def test_what_waits_for_the_owner_is_void_after_a_stop() -> None:
+def test_calls_that_wait_for_the_owner_are_void_after_a_stop() -> None:
     bench, _ = moving()
     owner = bench.owner
     bench.robot.torque(False)
@@ -125,7 +125,7 @@ def test_a_fault_of_a_joint_at_rest_is_no_stop() -> None:
 
 
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (1, 115200)])
-def test_a_servo_that_falls_silent_on_its_way_stops_the_arm(dialect: int, baud: int) -> None:
+def test_a_servo_that_falls_silent_during_a_motion_stops_the_arm(dialect: int, baud: int) -> None:
     bench, told = moving("J6", dialect=dialect, baud=baud)
     mute(bench, 5)
     bench.until(lambda: told.ends)

@@ -30,7 +30,7 @@ def way(to: Mapping[str, float], seconds: float = 3.0) -> Spline:
     )
 
 
-def test_a_way_is_checked_with_where_the_others_are_and_go() -> None:
+def test_a_path_is_checked_with_the_positions_and_motions_of_other_joints() -> None:
     for joint, other in (("J2", "J3"), ("J3", "J2")):
         mine, theirs = way({joint: FOLD[joint]}), way({other: FOLD[other]})
         CHECK.trajectory(mine, HOME)
@@ -41,7 +41,7 @@ def test_a_way_is_checked_with_where_the_others_are_and_go() -> None:
     BLIND.trajectory(way(FOLD), HOME)
 
 
-def test_a_way_without_end() -> None:
+def test_a_trajectory_that_is_too_long_is_refused() -> None:
     with pytest.raises(GoalError, match="lasts 4000 s; send at most 3600 s at a time"):
         BLIND.trajectory(way({"J1": HOME["J1"] + 0.1}, 4000.0), HOME)
 
@@ -50,7 +50,7 @@ def test_a_way_without_end() -> None:
     ("late", "reason", "why"),
     [(False, Reason.PATH_NOT_ALLOWED, "the path is no longer allowed"), (True, Reason.TOO_LATE, "too late")],
 )
-def test_the_way_to_the_first_point_may_be_too_fast_by_now(late: bool, reason: Reason, why: str) -> None:
+def test_the_path_to_the_first_point_may_have_become_too_fast(late: bool, reason: Reason, why: str) -> None:
     turn = HEX7BOT.joint("J1").max_speed
     CHECK.bridge(way({"J1": HOME["J1"] + 0.5 * turn}, 0.48), HOME, late=late)
     with pytest.raises(GoalError, match=rf"^{why}: before the next point, at .* its limit is") as caught:
@@ -58,7 +58,7 @@ def test_the_way_to_the_first_point_may_be_too_fast_by_now(late: bool, reason: R
     assert caught.value.reason == reason
 
 
-def test_a_takeover_that_swings_through_a_gate() -> None:
+def test_a_takeover_that_swings_through_a_coupling_limit_is_refused() -> None:
     here = {**HOME, "J3": FOLD["J3"]}
     good = [(0.1 * i, {"J2": HOME["J2"] + math.radians(5 * i)}) for i in range(4)]
     bad = [*good, (0.4, {"J2": FOLD["J2"]}), (0.5, {"J2": HOME["J2"]})]
@@ -152,7 +152,7 @@ def test_a_trajectory_may_last_an_hour() -> None:
     assert caught.value.reason == Reason.MALFORMED
 
 
-def test_what_all_controllers_send_together_is_checked_while_it_runs() -> None:
+def test_the_combined_target_of_all_controllers_is_checked_during_the_motion() -> None:
     check, half = PathCheck(HEX7BOT, Hex7BotModel(), None), {"J2": 0.5 * (HOME["J2"] + FOLD["J2"])}
     assert check.running(HOME, {"J3": FOLD["J3"]}) == ""
     assert check.running(HOME, half) == ""

@@ -70,7 +70,7 @@ def test_without_a_position_to_start_from_nothing_begins() -> None:
     assert text == "the position of J2 is unknown; wait for its state"
 
 
-def test_joints_left_out_stand_still_where_they_are() -> None:
+def test_omitted_joints_stay_where_they_are() -> None:
     sent = order(
         Point(1.0, (1.0, 2.0), (0.1, 0.2), (0.3, 0.4)),
         Point(2.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),

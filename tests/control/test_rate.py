@@ -22,14 +22,14 @@ def test_the_first_time_is_at_once_and_then_once_a_period() -> None:
     assert asked(Periodic(), times) == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
-def test_who_comes_a_little_late_does_not_shift_the_raster() -> None:
+def test_a_slightly_late_call_does_not_shift_the_due_times() -> None:
     times = [i * 0.3 for i in range(100)]
     yes = asked(Periodic(), times)
     assert len(yes) == 30
     assert yes[-1] < 29.3
 
 
-def test_what_was_missed_is_not_made_up_for() -> None:
+def test_missed_periods_are_not_made_up_for() -> None:
     periodic = Periodic()
     assert asked(periodic, [0.0, 5.7, 5.8, 6.2, 6.7, 6.8, 7.7]) == [0.0, 5.7, 6.7, 7.7]
 
@@ -96,7 +96,7 @@ def test_a_rate_forgets_what_is_over_without_being_asked() -> None:
     assert len(meter._times) <= 12
 
 
-def test_what_may_come_early_keeps_the_schedule() -> None:
+def test_an_early_action_keeps_the_due_times() -> None:
     schedule = Periodic()
     assert schedule.due(0.0, 1.0)
     assert not schedule.due(0.74, 1.0, 0.25)

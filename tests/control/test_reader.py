@@ -68,7 +68,7 @@ def test_reports_that_end_are_one_none_and_begin_again() -> None:
     read(reader, 3)
 
 
-def test_what_fails_is_told_and_reading_goes_on() -> None:
+def test_a_failed_read_is_reported_and_reading_continues() -> None:
     arm, reader = make()
     read(reader, 3)
     arm.link.lost = True
@@ -89,7 +89,7 @@ def test_a_reader_is_closed_whatever_the_line_says() -> None:
     assert not arm.link.is_open
 
 
-def test_silence_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silence_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     arm, reader = make()
     read(reader, 3)
     monkeypatch.setattr(arm.board.faults, "host_out", lambda data, now: b"")
@@ -123,7 +123,7 @@ def test_reports_that_wait_are_dropped() -> None:
     assert read(reader, 1)[0].board_time >= now
 
 
-def test_where_nothing_is_reported_nothing_is_dropped() -> None:
+def test_without_reports_nothing_is_dropped() -> None:
     arm, reader = make(dialect=1)
     reader.drop_waiting()
     read(reader, 2)

@@ -20,6 +20,8 @@ def shutdown() -> Iterator[Shutdown]:
     """One that may be requested in this process."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
+    # As `nohup make test` leaves it; a program that is started like that does not end by it.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield Shutdown(600.0)
     faulthandler.cancel_dump_traceback_later()
     signal.alarm(0)
@@ -63,7 +65,7 @@ def test_another_thread_ends_the_waits_of_all(shutdown: Shutdown) -> None:
         assert not thread.is_alive()
 
 
-def test_what_can_be_left_is_interrupted(shutdown: Shutdown) -> None:
+def test_interruptible_work_is_interrupted(shutdown: Shutdown) -> None:
     shutdown.listen()
     shutdown.interrupts = True
     with pytest.raises(KeyboardInterrupt):
@@ -71,7 +73,7 @@ def test_what_can_be_left_is_interrupted(shutdown: Shutdown) -> None:
     assert shutdown.wait(0.0)
 
 
-def test_what_nohup_started_lives_on(shutdown: Shutdown) -> None:
+def test_a_program_started_by_nohup_continues(shutdown: Shutdown) -> None:
     for number in (signal.SIGHUP, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
     shutdown.listen()
@@ -81,7 +83,7 @@ def test_what_nohup_started_lives_on(shutdown: Shutdown) -> None:
     assert shutdown.wait(0.01), "roslaunch ends its nodes by it"
 
 
-def test_a_signal_at_any_moment_of_the_wait_is_heard() -> None:
+def test_a_signal_at_any_moment_of_the_wait_ends_it() -> None:
     code = """
 random.seed(1)
 for _ in range(2000):
@@ -94,7 +96,7 @@ for _ in range(2000):
     assert child(code, 0) == ""
 
 
-def test_what_hangs_is_ended_and_says_where() -> None:
+def test_a_hung_program_is_ended_and_says_where() -> None:
     code = """
 def hangs():
     lock = threading.Lock()
@@ -110,7 +112,7 @@ hangs()
 
 
 @pytest.mark.parametrize("trouble", ["sys.stderr = None; os.close(2)", "os.dup2(full(), 2)"])
-def test_what_hangs_and_cannot_say_where_is_ended_all_the_same(trouble: str) -> None:
+def test_a_hung_program_is_ended_even_if_it_cannot_say_where(trouble: str) -> None:
     code = f"""
 import sys
 

@@ -54,7 +54,7 @@ def test_without_early_it_must_be_there_when_its_time_is_over() -> None:
     assert controller.arrived
 
 
-def test_what_falls_short_is_named_after_the_grace_time() -> None:
+def test_joints_that_did_not_arrive_are_named_after_the_grace_time() -> None:
     controller = make()
     write(controller, 10.0)
     assert not see(controller, 11.0, HOME["J1"])
@@ -102,7 +102,7 @@ def test_a_joint_of_unknown_position_is_sent_to_its_end() -> None:
     ("what", "limp", "reason"),
     [
         ({"flags": {"J1": JointFlag(0)}}, ("J1",), None),
-        ({"stopped": True}, (), "the board has stopped the arm: it was told to"),
+        ({"stopped": True}, (), "a stop command has stopped the arm"),
     ],
 )
 def test_lost_torque_and_a_stop_end_it(what: dict[str, Any], limp: tuple[str, ...], reason: str | None) -> None:

@@ -58,7 +58,7 @@ def test_nothing_moves_while_somebody_holds_the_arm() -> None:
         bench.arm.teach_start,
     ]
     for request in requests:
-        with pytest.raises(UsageError, match="the arm is being taught; end that first"):
+        with pytest.raises(UsageError, match="the arm is in teach mode; end teach mode first"):
             request()
     assert not any(bench.torques())
     with pytest.raises(UsageError, match="nothing was taught since"):
@@ -82,7 +82,7 @@ def test_a_moving_arm_is_not_taught() -> None:
         bench.arm.teach_start()
     bench.until(lambda: told.ends)
     assert told.outcome == SUCCEEDED
-    with pytest.raises(UsageError, match="nothing is being taught"):
+    with pytest.raises(UsageError, match="the arm is not in teach mode"):
         bench.arm.teach_stop()
 
 
@@ -105,11 +105,11 @@ def test_a_stop_in_teaching_leaves_the_arm_without_torque() -> None:
     assert bench.arm.stop("test") == "stopped; all joints confirmed it"
     bench.turn(0.5)
     assert not any(bench.torques()), "somebody has a hand in it"
-    with pytest.raises(UsageError, match="nothing is being taught"):
+    with pytest.raises(UsageError, match="the arm is not in teach mode"):
         bench.arm.teach_stop()
     bench.ask(bench.arm.reset)
     bench.turn(0.5)
-    with pytest.raises(UsageError, match="nothing is being taught"):
+    with pytest.raises(UsageError, match="the arm is not in teach mode"):
         bench.arm.teach_stop()
     assert not any(bench.torques())
     bench.ask(lambda: bench.arm.enable(True))
@@ -131,7 +131,7 @@ def test_a_stop_while_teaching_begins() -> None:
     assert not bench.arm.teach_mode._teacher.active
 
 
-def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
+def test_a_recording_is_kept_if_a_joint_gets_no_torque() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)
     guide(bench, "J1", 0.3)
@@ -143,7 +143,7 @@ def test_what_was_taught_is_kept_if_a_joint_gets_no_torque() -> None:
     assert free(bench)
 
 
-def test_what_was_taught_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
+def test_a_recording_is_kept_if_it_cannot_be_saved(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
     bench = make_bench(teach_directory=str(tmp_path / "taken"))
     bench.ask(bench.arm.teach_start)
@@ -206,7 +206,7 @@ def record(arm: EmulatedArm, take: Callable[[JointState], object], **options: An
 
 
 @pytest.mark.parametrize("limp", [False, True])
-def test_a_hand_leads_an_arm_without_torque_that_holds_in_the_end_unless_it_is_left_limp(limp: bool) -> None:
+def test_an_arm_guided_by_hand_holds_at_the_end_unless_torque_stays_off(limp: bool) -> None:
     arm = EmulatedArm(2)
     arm.driver.torque(True)
     started: list[list[bool]] = []
@@ -218,7 +218,7 @@ def test_a_hand_leads_an_arm_without_torque_that_holds_in_the_end_unless_it_is_l
         if len(states) == 3:
             raise KeyboardInterrupt
 
-    record(arm, take, limp=limp, on_start=lambda: started.append(arm.torques()))
+    record(arm, take, torque_off_at_end=limp, on_start=lambda: started.append(arm.torques()))
     assert started == [[False] * 7]
     assert len(states) == 3
     assert arm.torques() == [not limp] * 7
@@ -264,7 +264,7 @@ def test_a_rate_that_makes_no_sense_leaves_the_torque_on() -> None:
 
 
 @pytest.mark.parametrize("limp", [False, True])
-def test_joints_whose_torque_is_unknown_are_not_taken_for_limp(limp: bool) -> None:
+def test_joints_whose_torque_is_unknown_count_as_having_torque(limp: bool) -> None:
     arm = EmulatedArm(1)
     arm.driver.torque(True)
     arm.driver.detach()
@@ -276,7 +276,7 @@ def test_joints_whose_torque_is_unknown_are_not_taken_for_limp(limp: bool) -> No
         stranger,
         lambda state: None,
         duration=1.0,
-        limp=limp,
+        torque_off_at_end=limp,
         on_start=lambda: started.append(arm.torques()),
         clock=lambda: arm.clock.time,
         sleep=arm.wait,

@@ -38,7 +38,7 @@ def test_an_end_without_words() -> None:
         waiter.wait(0.0)
 
 
-def test_who_never_arrives() -> None:
+def test_a_goal_that_is_never_reached_times_out() -> None:
     with pytest.raises(UsageError, match=r"^not arrived after 0 s; the arm holds$"):
         Waiter().wait(0.0)
 

@@ -70,15 +70,22 @@ def test_gearing_signs_and_defaults(tmp_path: Path) -> None:
         ('name = "x"\n' + JOINT + "color = 1\n", r"arm\.toml:9:9: joints\[0\]\.color is an unknown key"),
         (
             'name = "x"\n' + JOINT.replace("servo_id = 1", "servo_id = 300"),
-            r"arm\.toml:5:12: joints\[0\]\.servo_id is 300, and must be 0 to 253",
+            r"arm\.toml:5:12: joints\[0\]\.servo_id is 300, but must be 0 to 253",
         ),
         ('name = "x"\n' + JOINT.replace("sts_sms", "stx"), "of J1: no servo series 'stx'"),
         (
             'name = "x"\n' + JOINT.replace("-90.0", "95.0"),
-            r"joints\[0\]\.minimum_deg is 95, and must be below maximum_deg 90",
+            r"joints\[0\]\.minimum_deg is 95, but must be below maximum_deg 90",
         ),
         ('name = "x"\n' + JOINT + "sign = 2\n", r"arm\.toml:9:8: joints\[0\]\.sign must be 1 or -1"),
-        ('name = "x"\n' + JOINT + JOINT, "share a name or a servo id"),
+        (
+            'name = "x"\n' + JOINT + JOINT.replace("servo_id = 1", "servo_id = 2"),
+            r"arm\.toml:11:8: joints\[1\]\.name is 'J1', as in joints\[0\]; every joint needs its own",
+        ),
+        (
+            'name = "x"\n' + JOINT + JOINT.replace("J1", "J2") + JOINT.replace("J1", "J3"),
+            r"12:12: joints\[1\]\.servo_id is 1, as in joints\[0\].*; .*19:12: joints\[2\]\.servo_id is 1",
+        ),
         ('name = "x"\nbase = "so101"\n' + JOINT, "one of them"),
         ('name = "x"\nbase = "so999"\n', "no arm profile"),
         ("name = ", "not TOML"),

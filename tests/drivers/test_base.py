@@ -135,7 +135,7 @@ def test_what_a_plain_robot_says_of_itself() -> None:
         (lambda robot: robot.ping(1), "the servos of robot plain cannot be pinged one by one"),
     ],
 )
-def test_what_a_plain_robot_cannot_do_is_said_at_the_call(call: Any, words: str) -> None:
+def test_an_unsupported_call_raises_an_error(call: Any, words: str) -> None:
     with pytest.raises(NotSupportedError, match=words):
         call(Plain())
 
@@ -232,7 +232,7 @@ def test_a_robot_that_is_stopped_is_not_watched_and_nothing_begins_without(tripp
         assert robot.armed == 0.5
 
 
-def test_the_first_failure_is_heard_of_not_that_the_watchdog_could_not_be_taken_off() -> None:
+def test_the_first_failure_is_raised_not_the_failure_to_disarm_the_watchdog() -> None:
     robot = Guarded()
 
     def fail() -> None:

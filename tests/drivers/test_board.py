@@ -68,7 +68,9 @@ def test_a_stop_is_a_fact_once_the_board_is_probed(dialect: int) -> None:
         ("ioctl 0x12", lambda board: board.command(0x12, b"")),
     ],
 )
-def test_what_dialect_1_cannot_do_is_said_and_nothing_is_sent(what: str, call: Callable[[Board], object]) -> None:
+def test_requests_that_dialect_1_lacks_are_refused_and_nothing_is_sent(
+    what: str, call: Callable[[Board], object]
+) -> None:
     arm, board = board_of(1)
     said = len(arm.link.written)
     with pytest.raises(NotSupportedError, match=f"{what} needs a board with dialect 2"):

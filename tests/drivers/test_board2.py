@@ -122,7 +122,7 @@ def test_maintenance_lets_settings_be_written_and_nothing_move() -> None:
     assert len(driver.torque(True)) == 7
 
 
-def test_who_has_no_maintenance_says_so() -> None:
+def test_firmware_without_maintenance_is_reported() -> None:
     with pytest.raises(NotSupportedError, match="MAINTENANCE needs a board with dialect 2"):
         Arm(1).driver.maintenance(True)
     board = board_of(Arm(2))

@@ -75,7 +75,7 @@ def test_ages_are_told_at_the_stamp_not_at_sending(sent: tuple[bytes, Frame], re
     assert state.age == pytest.approx((0.01, 0.0, 0.02, 0.03, 0.04, 0.05, math.inf))
 
 
-def test_ages_of_an_arm_that_was_never_heard_stay_infinite(sent: tuple[bytes, Frame]) -> None:
+def test_ages_of_joints_that_were_never_sampled_stay_infinite(sent: tuple[bytes, Frame]) -> None:
     body, sent_frame = sent
     report = JointReport.parse(body)._replace(age=(AGE_NEVER,) * 7)
     state = DECODER.decode(report.serialize(), sent_frame, 100.0)

@@ -80,7 +80,7 @@ def test_orders_stay_due_until_the_board_takes_them() -> None:
 
 
 @pytest.mark.parametrize("lacks", ["has_watchdog", "reports_states"])
-def test_a_board_that_cannot_is_told_of_once(lacks: str) -> None:
+def test_an_unsupported_order_is_reported_once(lacks: str) -> None:
     fake, orders = Fake(dialect=1, **{lacks: False}), BoardOrders()
     orders.watchdog, orders.report, orders.due = (0.5, StopMode.HOLD), (0.02, 7), True
     with pytest.raises(NotSupportedError, match="speaks dialect 1, which has no watchdog and no reports"):

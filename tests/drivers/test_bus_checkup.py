@@ -134,7 +134,7 @@ def test_nothing_behind_the_adapter(echo: bool) -> None:
     assert CABLE in found.advice
 
 
-def test_an_echo_is_told_and_no_fault() -> None:
+def test_an_echo_is_reported_but_is_not_a_fault() -> None:
     opened = bus(echo=True)
     assert explain_missing(opened, ARM, []) == []
     rows = judge_traffic(opened, ARM)

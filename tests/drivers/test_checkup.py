@@ -81,13 +81,13 @@ def test_a_healthy_robot_has_nothing_but_good() -> None:
     assert "temperature: 28 deg C; the limit is 70" in texts
 
 
-def test_what_a_servo_is_called_is_no_fault() -> None:
+def test_a_servos_model_name_is_not_a_fault() -> None:
     assert bad(judge_probe(report(probes(elbow={"model": "sts3215 3.10"})))) == []
     (finding,) = bad(judge_probe(report(probes(elbow={"note": "answers as scs", "model": "scs009 1.0"}))))
     assert (finding.about, finding.text) == ("elbow", "answers as scs")
 
 
-def test_what_was_not_read_is_unknown_and_not_judged() -> None:
+def test_values_that_were_not_read_are_unknown_and_not_judged() -> None:
     findings = judge_state(state((NAN,) * 3, (NAN,) * 3), probes())
     assert bad(findings) == []
     assert [(f.about, f.text) for f in findings if f.level is Level.UNKNOWN] == [

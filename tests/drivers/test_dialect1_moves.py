@@ -16,7 +16,7 @@ CEILINGS = st.builds(lambda high, low: high << 8 | low, st.integers(0, 7), BYTES
 
 
 @given(st.dictionaries(st.integers(0, 6), WORDS, min_size=1), WORDS)
-def test_a_sync_write_gives_way_by_a_count_or_a_millisecond(targets: dict[int, int], run_time: int) -> None:
+def test_a_sync_write_avoids_the_marker_by_a_count_or_a_millisecond(targets: dict[int, int], run_time: int) -> None:
     packet, sent_time, sent = make_legacy_move(targets, run_time)
     assert b"\r\n" not in packet
     assert abs(sent_time - max(run_time, 9)) <= 3
@@ -30,7 +30,7 @@ def test_a_sync_write_gives_way_by_a_count_or_a_millisecond(targets: dict[int, i
 
 
 @given(st.integers(0, 6), WORDS, st.integers(1, 700), CEILINGS)
-def test_a_block_gives_way_by_little_and_never_upward_in_current(
+def test_a_block_avoids_the_marker_by_little_and_never_by_more_current(
     servo_id: int, counts: int, speed: int, ceiling: int
 ) -> None:
     packet, sent = make_hls_block(servo_id, counts, speed, ceiling)

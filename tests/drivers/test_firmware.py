@@ -50,7 +50,7 @@ def test_a_port_is_known_by_any_of_its_names(tmp_path: Path, monkeypatch: pytest
     port = PortInfo(str(device), 0x2341, 0x0042, guess="Arduino Mega 2560", likely_board=True)
     monkeypatch.setattr(firmware, "list_ports", lambda: [port])
     assert firmware.check_board(str(link)) == "Arduino Mega 2560"
-    with pytest.raises(UsageError, match="no USB serial port of this machine"):
+    with pytest.raises(UsageError, match="not a USB serial port of this machine"):
         firmware.check_board(str(tmp_path / "other"))
 
 

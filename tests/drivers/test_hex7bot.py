@@ -164,7 +164,7 @@ def test_stop_resume_and_the_state_says_stopped() -> None:
 
 
 @pytest.mark.parametrize("baud", [0, 115200])
-def test_what_was_sent_is_returned_and_stands_in_the_servos(baud: int) -> None:
+def test_the_sent_target_is_returned_and_is_in_the_servos(baud: int) -> None:
     arm = Arm(2, baud)
     arm.driver.torque(True)
     angles = {"J1": 0.2, "j2": 1.3, "J3": 0.5, "J4": -0.5, "J5": 0.3, "J6": 1.0, "J7": -0.2}
@@ -234,7 +234,7 @@ def test_limits_and_offsets() -> None:
         driver.store_limits([LimitRow(5, 4, 1)] * 7)
 
 
-def test_watchdog_and_stream_refuse_what_makes_no_sense() -> None:
+def test_watchdog_and_stream_refuse_invalid_values() -> None:
     driver = Arm(2).driver
     for seconds in (0.01, 61.0, -1.0, math.nan):
         with pytest.raises(UsageError, match="outside"):
@@ -336,7 +336,7 @@ def test_short_reports_come_more_often_on_a_slow_line_and_lack_nothing_but_veloc
     assert all(math.isnan(value) for state in short for value in state.velocity)
 
 
-def test_who_only_listens_keeps_the_watchdog_quiet() -> None:
+def test_a_program_that_only_reads_reports_feeds_the_watchdog() -> None:
     arm = Arm(2)
     arm.driver.watchdog(0.3)
     stream = arm.driver.stream(0.05)
@@ -372,7 +372,7 @@ def older(arm: Arm) -> None:
     arm.board.dialect2._handlers[Command.WATCHDOG] = forgets  # type: ignore[assignment]  # another firmware
 
 
-def test_the_cause_of_a_stop_outlives_what_makes_an_older_board_forget_it() -> None:
+def test_the_cause_of_a_stop_is_kept_when_an_older_board_forgets_it() -> None:
     arm = Arm(2)
     older(arm)
     arm.driver.watchdog(0.3)
@@ -443,7 +443,7 @@ def test_a_stream_survives_a_reset_and_a_replug() -> None:
 
 
 @DIALECTS
-def test_reads_go_on_after_a_replug_and_a_move_is_not_repeated(dialect: int) -> None:
+def test_reads_continue_after_a_replug_and_a_move_is_not_repeated(dialect: int) -> None:
     arm = Arm(dialect)
     arm.driver.torque(True)
     before = arm.driver.read()

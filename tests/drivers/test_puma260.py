@@ -76,7 +76,7 @@ def test_probe_and_read(bench: Bench) -> None:
     assert all(math.isnan(v) for v in state.current + state.voltage + state.temperature)
 
 
-def test_a_move_and_the_way_there(bench: Bench) -> None:
+def test_a_move_and_the_states_until_its_end(bench: Bench) -> None:
     driver, _, _, clock = bench
     driver.torque(True)
     sent = driver.write(JointTarget.of({"j1": 20 * DEG, "J5": 15 * DEG, "J6": -10 * DEG}, 1.0))
@@ -126,7 +126,7 @@ def test_every_limit_is_kept_and_nothing_is_sent(bench: Bench, name: str, degree
     assert not robot.executed
 
 
-def test_what_makes_no_sense_is_refused_here(bench: Bench) -> None:
+def test_invalid_values_are_refused(bench: Bench) -> None:
     driver, robot, _, _ = bench
     driver.torque(True)
     with pytest.raises(UsageError, match="too early for the speed limits"):

@@ -3,10 +3,12 @@ from __future__ import annotations
 from importlib.metadata import EntryPoint
 
 import pytest
+from tests.drivers.test_base import Guarded
 
 from hexwire.drivers import registry
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.model.state import JointState
 
 
 def test_the_hex7bot_is_there() -> None:
@@ -19,9 +21,9 @@ def test_an_unknown_robot_lists_the_known() -> None:
         registry.load_driver("r2d2")
 
 
-def test_an_arm_on_a_servo_bus_and_one_that_is_none() -> None:
+def test_an_arm_on_a_servo_bus_loads_and_another_robot_is_refused() -> None:
     assert registry.load_bus_arm("so101") is registry.load_driver("so101")
-    with pytest.raises(UsageError, match="puma260 is no arm on a servo bus"):
+    with pytest.raises(UsageError, match="puma260 is not an arm on a servo bus"):
         registry.load_bus_arm("puma260")
 
 
@@ -40,3 +42,23 @@ def test_connect_takes_the_port_given_then_that_of_the_environment(monkeypatch: 
         registry.connect("/dev/given")
     with pytest.raises(UsageError, match="no robot"):
         registry.connect("/dev/given", "r2d2")
+
+
+@pytest.mark.parametrize("name", registry.robot_names())
+def test_a_driver_under_observation_makes_robots_of_its_class(name: str) -> None:
+    usual = registry.load_driver(name)
+    watched = registry.observed(usual, lambda _: None)
+    robot = watched.from_url("tcp://127.0.0.1:9")
+    assert type(robot) is watched
+    assert isinstance(robot, usual)
+    assert (watched.__name__, watched.__doc__) == (usual.__name__, usual.__doc__)
+
+
+def test_an_observer_gets_every_state_that_the_robot_reads_and_no_other_robots() -> None:
+    seen: list[JointState] = []
+    robot, other = registry.observed(Guarded, seen.append)(), Guarded()
+    state = robot.read()
+    other.read()
+    assert seen == [state]
+    with robot.watched(0.5):
+        assert len(seen) == 2

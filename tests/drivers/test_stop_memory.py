@@ -72,7 +72,7 @@ def test_no_link_that_somebody_planted_is_followed(place: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("url", ["", "memory://a", "serial:///dev/not-there", "serial:///dev/null/x", "nonsense"])
-def test_what_is_no_device_has_no_memory(place: Path, url: str) -> None:
+def test_a_link_that_is_not_a_device_has_no_memory(place: Path, url: str) -> None:
     memory = StopMemory(url)
     memory.remember()
     assert not memory.stopped
@@ -80,7 +80,7 @@ def test_what_is_no_device_has_no_memory(place: Path, url: str) -> None:
     assert not place.exists()
 
 
-def test_a_folder_that_cannot_be_made_is_told_and_the_stop_goes_on(
+def test_a_folder_that_cannot_be_made_is_reported_and_the_stop_continues(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").touch()

@@ -51,7 +51,7 @@ def packets(gate: Gate, packet: bytes) -> tuple[bytes, ...]:
 
 @pytest.mark.parametrize("gate", [OPEN, CHAPTER, UPKEEP, Gate(JOINTS, stopped=True)])
 @pytest.mark.parametrize("packet", [sp.make_ping(0), sp.make_read(9, 0x38, 2), sp.make_sync_read(0x38, 15, [4, 5])])
-def test_what_changes_nothing_always_passes(gate: Gate, packet: bytes) -> None:
+def test_packets_that_change_nothing_always_pass(gate: Gate, packet: bytes) -> None:
     assert packets(gate, packet) == (packet,)
 
 
@@ -80,7 +80,7 @@ def test_what_changes_nothing_always_passes(gate: Gate, packet: bytes) -> None:
     ],
 )
 @pytest.mark.parametrize("gate", [OPEN, UPKEEP, Gate(JOINTS, stopped=True)])
-def test_what_is_not_well_formed_is_bad_range_in_whatever_state(gate: Gate, packet: bytes) -> None:
+def test_a_malformed_packet_is_bad_range_in_every_state(gate: Gate, packet: bytes) -> None:
     assert judge(gate, packet) == Status.BAD_RANGE
 
 
@@ -160,7 +160,7 @@ TARGETS = [
 
 
 @pytest.mark.parametrize(("packet", "status"), TARGETS)
-def test_targets_that_do_not_pass(packet: bytes, status: Status) -> None:
+def test_targets_that_the_gate_refuses(packet: bytes, status: Status) -> None:
     assert judge(OPEN, packet) == status
 
 

@@ -132,8 +132,8 @@ def test_obstacles_and_pushes_set_by_hand_work_as_with_the_usual_shafts(monkeypa
     assert pushed < HOME["J1"] - math.radians(0.5)
 
 
-def test_a_payload_must_make_sense() -> None:
-    with pytest.raises(UsageError, match="payload of -1 kg"):
+def test_an_invalid_payload_is_refused() -> None:
+    with pytest.raises(UsageError, match="payload is -1 kg, but must be"):
         PhysicsTwin([], MODEL, payload=-1.0)
 
 

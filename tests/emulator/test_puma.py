@@ -127,7 +127,7 @@ def test_a_stop_is_latched(host: Host, number: int, power: bool) -> None:
     assert bool(host.peer.robot.power) is power
 
 
-def test_teach_mode_is_limp(host: Host) -> None:
+def test_in_teach_mode_the_joints_have_no_torque(host: Host) -> None:
     host.signal(4)
     assert host.ask(Command.ROBOT_MODE, b"\x01").body == bytes((1, tables.ROBOT_FLAGS_CALIBRATED))
     assert host.signal(4) == Status.NOT_SUPPORTED

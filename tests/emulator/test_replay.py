@@ -60,7 +60,7 @@ def test_dialect_1_comes_again_too() -> None:
     assert {state[0] for state in states} <= got
 
 
-def test_what_was_never_asked_is_refused_and_counted() -> None:
+def test_a_request_that_is_not_in_the_recording_is_refused_and_counted() -> None:
     transfers, _ = recorded(2)
     driver, board = replayed(transfers)
     with driver:
@@ -91,7 +91,7 @@ def test_reports_are_sent_again_at_their_pace() -> None:
 
 
 def test_traffic_without_an_answer_is_an_error() -> None:
-    with pytest.raises(UsageError, match="no request"):
+    with pytest.raises(UsageError, match="contains no answered request"):
         ReplayedBoard([RecordedTransfer(True, b"noise", 0.0)])
-    with pytest.raises(UsageError, match="no request"):
+    with pytest.raises(UsageError, match="contains no answered request"):
         ReplayedBoard([])

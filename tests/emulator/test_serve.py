@@ -219,7 +219,7 @@ def test_the_link_of_a_served_terminal_is_not_taken_and_an_old_one_is(tmp_path: 
     server.open()
     assert str(link.readlink()) == server.path
     other = PtyServer(Loopback(), link=link)
-    with pytest.raises(UsageError, match="is served by another emulator"):
+    with pytest.raises(UsageError, match="is in use by another emulator"):
         other.open()
     other.close()
     assert str(link.readlink()) == server.path
@@ -334,7 +334,7 @@ def test_a_program_that_sets_no_rate_is_understood(baud: int) -> None:
             os.close(fd)
 
 
-def test_the_wrong_baud_rate_is_told_as_such() -> None:
+def test_a_wrong_baud_rate_is_named_as_the_cause() -> None:
     board = make_hex7bot_board(baud=115200, start=time.monotonic(), faults=["host.junk:1"])
     with serving(PtyServer(board, baud=115200)) as path:
         driver = Hex7BotDriver.from_url(f"serial://{path}?baud=9600", boot_window=1.5)
@@ -342,7 +342,7 @@ def test_the_wrong_baud_rate_is_told_as_such() -> None:
             driver.attach()
 
 
-def test_unplugging_is_a_lost_link_and_plugging_in_again_goes_on(tmp_path: Path) -> None:
+def test_unplugging_is_a_lost_link_and_a_replug_continues(tmp_path: Path) -> None:
     path = tmp_path / "port"
     board = make_hex7bot_board(start=time.monotonic())
     driver = Hex7BotDriver.from_url(str(path))
@@ -359,7 +359,7 @@ def test_unplugging_is_a_lost_link_and_plugging_in_again_goes_on(tmp_path: Path)
     driver.detach()
 
 
-def test_what_nobody_reads_does_not_pile_up() -> None:
+def test_unread_bytes_do_not_accumulate() -> None:
     board = make_hex7bot_board(start=time.monotonic())
     server = PtyServer(board)
     path = server.open()

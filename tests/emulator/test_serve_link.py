@@ -39,7 +39,7 @@ def test_a_name_that_is_served_is_not_taken_by_any_path(tmp_path: Path, terminal
     # Its access rights are changed: the terminal looks younger than the link.
     Path(terminal).chmod(0o666)
     for path in (link, tmp_path / "alias" / "arm"):
-        with pytest.raises(UsageError, match="is served by another emulator; end that one"):
+        with pytest.raises(UsageError, match="is in use by another emulator; stop that one"):
             TerminalName(path, "/dev/pts/4321")
     assert str(link.readlink()) == terminal
     name.remove()
@@ -70,12 +70,12 @@ def test_a_name_whose_terminal_has_its_number_again_is_taken(tmp_path: Path, ter
 def test_a_living_terminal_of_another_program_keeps_its_name(tmp_path: Path, terminal: str) -> None:
     link = tmp_path / "arm"
     link.symlink_to(terminal)
-    with pytest.raises(UsageError, match=f"leads to {terminal}, which a program of yours holds"):
+    with pytest.raises(UsageError, match=f"leads to {terminal}, which another program of yours has open"):
         TerminalName(link, GONE)
     assert str(link.readlink()) == terminal
 
 
-def test_what_is_not_ours_to_replace(tmp_path: Path, terminal: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_that_must_not_be_replaced(tmp_path: Path, terminal: str, monkeypatch: pytest.MonkeyPatch) -> None:
     file, other = tmp_path / "file", tmp_path / "other"
     file.write_text("precious")
     other.symlink_to(file)
@@ -83,11 +83,11 @@ def test_what_is_not_ours_to_replace(tmp_path: Path, terminal: str, monkeypatch:
     (tmp_path / "tty").symlink_to("/dev/pts/../null")
     before = len(list(Path("/proc/self/fd").iterdir()))
     for link, words in (
-        (file, "exists and is no symbolic link"),
-        (tmp_path, "exists and is no symbolic link"),
-        (other, f"is a link to {file}, no pseudo-terminal"),
-        (tmp_path / "dangling", "no pseudo-terminal"),
-        (tmp_path / "tty", "no pseudo-terminal"),
+        (file, "exists and is not a symbolic link"),
+        (tmp_path, "exists and is not a symbolic link"),
+        (other, f"links to {file}, not to a pseudo-terminal"),
+        (tmp_path / "dangling", "not to a pseudo-terminal"),
+        (tmp_path / "tty", "not to a pseudo-terminal"),
         (tmp_path / "no" / "arm", "there is no such folder"),
         (file / "arm", "Not a directory"),
     ):
@@ -98,7 +98,7 @@ def test_what_is_not_ours_to_replace(tmp_path: Path, terminal: str, monkeypatch:
     link.symlink_to(GONE)
     uid = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: uid + 1)
-    with pytest.raises(UsageError, match="is a link of"):
+    with pytest.raises(UsageError, match="is a link that belongs to"):
         TerminalName(link, terminal)
     assert str(link.readlink()) == GONE
     assert file.read_text() == "precious"

@@ -115,7 +115,7 @@ def test_the_most_silent_host_makes_room(served: Served) -> None:
             link.close()
 
 
-def test_idle_connections_do_not_push_out_the_one_who_commands(served: Served) -> None:
+def test_idle_connections_do_not_displace_the_commander(served: Served) -> None:
     with Puma260Driver.from_url(served.tcp) as driver:
         driver.torque(True)
         half = request(Command.ROBOT_PROBE, 1)[:20]
@@ -171,7 +171,7 @@ def test_another_port_gets_no_answers_and_no_reports_of_the_first(served: Served
         states.close()
 
 
-def test_many_ports_do_not_push_out_the_one_who_commands(served: Served) -> None:
+def test_many_ports_do_not_displace_the_commander(served: Served) -> None:
     with Puma260Driver.from_url(served.udp) as driver:
         driver.torque(True)
         for seq in range(300):

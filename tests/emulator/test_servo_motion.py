@@ -101,7 +101,7 @@ def test_holding_takes_the_torque_of_gravity() -> None:
     assert motion.torque == pytest.approx(0.3)
 
 
-def test_what_the_ceiling_cannot_hold_sags() -> None:
+def test_a_load_above_the_torque_ceiling_sags() -> None:
     motion = Motion(FAST, 500.0)
     motion.gravity = lambda shaft: -0.3
     move_to(motion, 500.0, ceiling=0.2)

@@ -213,6 +213,6 @@ def test_faults_of_the_bus_spoil_requests_and_answers() -> None:
 
 def test_a_fault_of_a_servo_that_is_not_there_is_refused() -> None:
     with pytest.raises(
-        UsageError, match=r"'silent' is for servo 99, which is not there; servos: 0, 1, 2, 3, 4, 5, 6$"
+        UsageError, match=r"'silent' is for servo 99, which is not on the bus; servos: 0, 1, 2, 3, 4, 5, 6$"
     ):
         make_hex7bot_board(faults=["silent:99"])

@@ -80,7 +80,7 @@ def test_nothing_and_inline_tables() -> None:
         ("port = 15030\npeer", 'port = "15030"\npeer', "15:8", "port must be a whole number, not the text '15030'"),
         ("port = 15030\npeer", "port = true\npeer", "15:8", "port must be a whole number, not true"),
         ("port = 15030\npeer", "port = 99999\npeer", "15:8", "bad port '99999'"),
-        ('address = "/joy"', "address = 5", "31:11", "address must be a text, not 5"),
+        ('address = "/joy"', "address = 5", "31:11", "address must be text, not 5"),
         ('address = "/joy"', 'address = "/my joy"', "31:11", "address must be one word"),
         ('address = "/joy"', 'address = ""', "31:11", "address must be one word"),
         ("baud = 1000000", "port = 1000000", "7:8", "baud belongs to SERIAL, port to TCP and UDP"),

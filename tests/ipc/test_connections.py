@@ -35,7 +35,7 @@ def test_random_numbers_fit_and_differ() -> None:
     assert len(set(numbers)) > 90
 
 
-def test_who_is_there_is_asked_again_and_again() -> None:
+def test_identify_is_repeated_eight_times_per_second() -> None:
     ipc = IpcHandle.from_url("udp://127.0.0.1:5")
     made, asking, asked = host_connection(ipc, None, None, None, policy=RetryPolicy(), epoch=0.0), Introduction(), 0
     for tick in range(11):

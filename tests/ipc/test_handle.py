@@ -39,7 +39,7 @@ def test_a_module_that_the_file_does_not_name(tmp_path: Path) -> None:
         IpcHandle(ModuleType.ARM_7BOT_ARDUINO_TRX, file).open()
 
 
-def test_a_file_that_is_not_there_is_told_when_it_is_needed(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_when_it_is_needed(tmp_path: Path) -> None:
     handle = IpcHandle(ModuleType.ROS1_HOST, tmp_path / "nothing.conf")
     handle.close()  # harmless
     with pytest.raises((ConfigError, LinkNotFoundError), match=r"nothing\.conf"):

@@ -109,7 +109,7 @@ def test_header_fields_are_the_chapters_or_the_callers() -> None:
         assert frame.time_sec + frame.time_nsec * 1e-9 == pytest.approx(1_752_865_499.25, abs=1e-3)
 
 
-def test_serial_numbers_go_on_over_a_reopening() -> None:
+def test_sequence_numbers_continue_after_a_reopening() -> None:
     link = board_link()
     session = over(link)
     for _ in range(3):
@@ -152,7 +152,7 @@ def test_a_guard_refuses_before_anything_is_written() -> None:
         assert session.request(Command.STATS).status == 0
 
 
-def test_what_cannot_be_sent_is_refused_and_the_session_goes_on() -> None:
+def test_a_request_that_cannot_be_sent_is_refused_and_the_session_continues() -> None:
     link = board_link(dialect=1)
     with over(link) as session:
         assert session.negotiate().dialect == 1
@@ -260,7 +260,7 @@ def test_noise_looks_like_a_wrong_baud_rate() -> None:
     link = NoisyLink(NoisyDevice(b"\xe1\x87\x99\xfe\x80"), FakeClock())
     with (
         over(link) as session,
-        pytest.raises(ReplyTimeoutError, match=r"are no frame.*baud rate may be wrong"),
+        pytest.raises(ReplyTimeoutError, match=r"are not a frame.*baud rate may be wrong"),
     ):
         session.negotiate(boot_window=1.0)
 
@@ -302,7 +302,7 @@ def lose(link: BoardLink, for_seconds: float) -> None:
     link.open = open_when_back  # type: ignore[method-assign]  # the plug comes back at its time
 
 
-def test_what_may_be_repeated_is_repeated_after_a_reconnection() -> None:
+def test_repeatable_requests_are_repeated_after_a_reconnection() -> None:
     link = board_link()
     with over(link) as session:
         session.negotiate()
@@ -312,7 +312,7 @@ def test_what_may_be_repeated_is_repeated_after_a_reconnection() -> None:
         assert session.dialect == 2
 
 
-def test_what_moves_is_not_repeated_and_the_error_says_so() -> None:
+def test_a_request_that_moves_the_arm_is_not_repeated_and_the_error_says_so() -> None:
     link = board_link()
     with over(link) as session:
         session.negotiate()
@@ -379,7 +379,7 @@ def test_a_board_that_does_not_come_back_leaves_a_closed_session_not_a_guess() -
             session.request(Command.PING, sp.make_ping(0), repeatable=True)
 
 
-def test_a_stream_goes_on_listening_after_a_reconnection() -> None:
+def test_a_stream_continues_after_a_reconnection() -> None:
     link = board_link()
     with over(link) as session:
         session.negotiate()

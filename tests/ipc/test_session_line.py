@@ -65,7 +65,7 @@ def test_the_newest_report_is_taken_without_waiting(ends: tuple[Line, Link]) -> 
     assert line.poll_reports() is None
 
 
-def test_what_answers_nothing_is_kept_apart_and_not_without_end(ends: tuple[Line, Link]) -> None:
+def test_unexpected_frames_are_kept_apart_and_only_the_last_256(ends: tuple[Line, Link]) -> None:
     line, far = ends
     for number in range(300):
         far.write(frame(number & 0xFF, 0x80), soon())

@@ -127,7 +127,7 @@ def test_counting_wraps(stream: Ends) -> None:
         assert stream.receiver.poll() is not None, hex(sn)
 
 
-def test_what_is_no_state_of_the_stick(stream: Ends) -> None:
+def test_frames_that_are_not_joystick_states_are_ignored(stream: Ends) -> None:
     stream.wire.write(frame(1, STATES[1].serialize(), src=2))
     stream.wire.write(frame(2, b"", cmd=Command.IDENTIFY))
     stream.wire.write(frame(3, b"\xff\0\0\0\0"))

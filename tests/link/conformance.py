@@ -85,6 +85,14 @@ class Background:
         assert self._thread.is_alive(), "the call did not wait"
 
 
+@contextlib.contextmanager
+def refused(kind: type[LinkError], link: Link) -> Iterator[None]:
+    """The call fails with an error that names the link."""
+    with pytest.raises(kind) as caught:
+        yield
+    assert caught.value.url == link.url
+
+
 def descriptors() -> int:
     return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 (the descriptor of the listing counts both times)
 
@@ -306,9 +314,9 @@ class LinkConformance:
         near.close()
         near.close()
         assert not near.is_open
-        with pytest.raises(LinkClosedError):
+        with refused(LinkClosedError, near):
             near.read(soon())
-        with pytest.raises(LinkClosedError):
+        with refused(LinkClosedError, near):
             near.write(b"x", soon())
         far.close()
         self.open_pair(near, far)
@@ -343,16 +351,16 @@ class LinkConformance:
         with pytest.raises(LinkLostError):
             reader.outcome()
         assert not near.is_open
-        with pytest.raises(LinkLostError):
+        with refused(LinkLostError, near):
             near.read(soon())
-        with pytest.raises(LinkLostError):
+        with refused(LinkLostError, near):
             near.write(b"x", soon())
 
     def test_the_other_end_goes_while_nobody_looks(self, ends: tuple[Link, Link]) -> None:
         near, far = ends
         far.close()
         if self.detects_loss:
-            with pytest.raises(LinkLostError):
+            with refused(LinkLostError, near):
                 near.read(soon())
         else:
             assert near.read(in_a_moment()) == b""
@@ -388,6 +396,7 @@ class LinkConformance:
                 error = caught
             assert taken < 100_000_000, "the line takes bytes without end"
         assert isinstance(error, TimeoutError)
+        assert error.url == near.url
         assert near.is_open
         assert taken > 0
         if near.kind is LinkKind.STREAM:
@@ -411,7 +420,7 @@ class LinkConformance:
 
     def test_one_object_opens_once(self, ends: tuple[Link, Link]) -> None:
         near, far = ends
-        with pytest.raises(LinkBusyError):
+        with refused(LinkBusyError, near):
             near.open()
         self.greet(near, far)
 
@@ -420,7 +429,7 @@ class LinkConformance:
         second = self.second_owner(near)
         if second is None:
             return
-        with pytest.raises(LinkBusyError):
+        with refused(LinkBusyError, second):
             second.open()
         assert not second.is_open
         self.greet(near, far)

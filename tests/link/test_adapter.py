@@ -24,7 +24,7 @@ def test_a_timer_is_set_low_where_the_system_lets_us(tmp_path: Path) -> None:
     assert (sysfs / "ttyUSB7" / "latency_timer").read_text() == "1\n"
 
 
-def test_a_timer_that_stays_is_reported_with_the_way_to_fix_it(tmp_path: Path) -> None:
+def test_a_timer_that_stays_is_reported_with_its_remedy(tmp_path: Path) -> None:
     sysfs = _sysfs(tmp_path, None)
     # What cannot be written, by root either: a folder whose file is a link to nowhere that may be made.
     timer = sysfs / "ttyUSB7" / "latency_timer"

@@ -73,7 +73,7 @@ def test_an_exchange_is_a_write_and_a_read_each_with_its_deadline() -> None:
     assert before + 5.0 <= read_deadline <= after + 5.0
 
 
-def test_an_exchange_goes_on_reading_until_all_is_there() -> None:
+def test_an_exchange_reads_until_all_has_arrived() -> None:
     link = PlainLink()
     link.clock = lambda: 100.0  # type: ignore[attr-defined]  # as links in simulated time have
     waits = {b"answer": 2.0, b"answeranswer": 0.0}

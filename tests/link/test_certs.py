@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import builtins
+import os
 import stat
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -8,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePublicKey
+from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexwire.errors import UsageError
@@ -109,7 +112,7 @@ def test_other_wrong_wishes(tmp_path: Path) -> None:
         issue_certificate(tmp_path, "arm", "client", hosts=["arm"])
 
 
-def test_an_authority_that_is_none(tmp_path: Path) -> None:
+def test_an_invalid_authority_is_refused(tmp_path: Path) -> None:
     make_authority(tmp_path)
     make_authority(tmp_path / "other")
     (tmp_path / "ca.key").write_bytes((tmp_path / "other" / "ca.key").read_bytes())
@@ -120,7 +123,7 @@ def test_an_authority_that_is_none(tmp_path: Path) -> None:
         issue_certificate(tmp_path, "arm", "server")
 
 
-def test_without_the_package_the_way_out_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def refuse(name: str, *rest: object) -> object:
@@ -131,3 +134,94 @@ def test_without_the_package_the_way_out_is_named(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(UsageError, match=r"pip install 'hexwire\[tls\]'"):
         make_authority(tmp_path)
+
+
+def test_each_certificate_may_do_what_it_is_for_and_nothing_else(tmp_path: Path) -> None:
+    authority = load(make_authority(tmp_path).cert)
+    certificates = [load(issue_certificate(tmp_path, kind, kind).cert) for kind in ("server", "client")]  # type: ignore[arg-type]  # the two kinds
+    for certificate in (authority, *certificates):
+        signs = certificate is authority
+        usage = certificate.extensions.get_extension_for_class(x509.KeyUsage)
+        assert usage.critical
+        value = usage.value
+        assert (value.digital_signature, value.key_cert_sign, value.crl_sign) == (not signs, signs, signs)
+        assert not any(
+            (value.content_commitment, value.key_encipherment, value.data_encipherment, value.key_agreement)
+        )
+        limits = certificate.extensions.get_extension_for_class(x509.BasicConstraints)
+        assert limits.critical
+        assert (limits.value.ca, limits.value.path_length) == ((True, 0) if signs else (False, None))
+        key = certificate.public_key()
+        assert isinstance(key, EllipticCurvePublicKey)
+        assert key.curve.name == "secp256r1"
+        own = certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier)
+        assert own.value == x509.SubjectKeyIdentifier.from_public_key(key)
+        assert not own.critical
+        assert isinstance(certificate.signature_hash_algorithm, SHA256)
+    for certificate in certificates:
+        issuer = certificate.extensions.get_extension_for_class(x509.AuthorityKeyIdentifier)
+        authority_id = authority.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
+        assert issuer.value.key_identifier == authority_id.digest
+        assert not issuer.critical
+        assert not certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).critical
+    names = certificates[0].extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    assert not names.critical
+    with pytest.raises(x509.ExtensionNotFound):
+        certificates[1].extensions.get_extension_for_class(x509.SubjectAlternativeName)
+
+
+def test_a_certificate_can_be_read_by_all_and_is_valid_from_yesterday(tmp_path: Path) -> None:
+    before = datetime.now(UTC)
+    files = make_authority(tmp_path)
+    assert stat.S_IMODE(files.cert.stat().st_mode) & 0o644 == 0o644 & ~current_umask()
+    certificate = load(files.cert)
+    start = certificate.not_valid_before_utc + timedelta(days=1)
+    assert before - timedelta(seconds=1) <= start <= datetime.now(UTC)
+    assert certificate.not_valid_after_utc - start == timedelta(days=3650)
+    arm = load(issue_certificate(tmp_path, "arm", "server").cert)
+    assert arm.not_valid_after_utc - arm.not_valid_before_utc == timedelta(days=826)
+
+
+def current_umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
+
+
+@pytest.mark.parametrize(("days", "possible"), [(0.5, True), (36500, True), (36500.5, False), (-1, False)])
+def test_how_long_a_certificate_may_be_valid(tmp_path: Path, days: float, possible: bool) -> None:
+    if possible:
+        certificate = load(make_authority(tmp_path, days=days, now=NOW).cert)
+        assert certificate.not_valid_after_utc == NOW + timedelta(days=days)
+    else:
+        with pytest.raises(UsageError, match="1 to 36500 days"):
+            make_authority(tmp_path, days=days)
+
+
+@pytest.mark.parametrize(("name", "possible"), [("x" * 64, True), ("x" * 65, False), ("a\nb", False)])
+def test_names_of_an_authority(tmp_path: Path, name: str, possible: bool) -> None:
+    if possible:
+        assert load(make_authority(tmp_path, name=name).cert).subject.rfc4514_string() == f"CN={name}"
+    else:
+        with pytest.raises(UsageError, match="1 to 64 printable characters"):
+            make_authority(tmp_path, name=name)
+
+
+@pytest.mark.parametrize(
+    ("host", "possible"),
+    [
+        ("arm_1.lab", True),
+        ("a" * 63, True),
+        ("a" * 64, False),
+        ("-arm", False),
+        ("arm.-lab", False),
+        ("a..b", False),
+    ],
+)
+def test_names_of_hosts(tmp_path: Path, host: str, possible: bool) -> None:
+    make_authority(tmp_path)
+    if possible:
+        assert names_of(load(issue_certificate(tmp_path, "arm", "server", hosts=[host]).cert)) == ([host], [])
+    else:
+        with pytest.raises(UsageError, match="neither a host name nor an IP address"):
+            issue_certificate(tmp_path, "arm", "server", hosts=[host])

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import LinkPermissionError
+from hexwire.link import diagnose as diagnose_module
+from hexwire.link.adapter import AdapterReport
 from hexwire.link.diagnose import (
     RULE_PATH,
     Level,
@@ -65,12 +67,76 @@ def test_rivals_are_named(ch340: PortInfo, tmp_path: Path) -> None:
     assert diagnose_system([ch340], tmp_path) == []
     process(tmp_path, 7, "ModemManager")
     process(tmp_path, 8, "brltty")
+    assert diagnose_system([PortInfo("/dev/ttyS0")], tmp_path) == [], "neither talks to a port that is not on USB"
     found = {f.about: f for f in diagnose_system([ch340], tmp_path)}
-    assert found["ModemManager"].level is Level.BAD
+    assert sorted(found) == ["ModemManager", "brltty"]
+    assert {f.level for f in found.values()} == {Level.BAD}
+    assert "ModemManager" in found["ModemManager"].advice
     assert "brltty" in found["brltty"].advice
     write_udev_rule([ch340.usb_id], tmp_path)
     found = {f.about: f for f in diagnose_system([ch340], tmp_path)}
-    assert found["ModemManager"].level is Level.OK
+    assert (found["ModemManager"].level, found["ModemManager"].advice) == (Level.OK, "")
+    other = PortInfo("/dev/ttyACM0", 0x2341, 0x0042)
+    found = {f.about: f for f in diagnose_system([ch340, other], tmp_path)}
+    assert found["ModemManager"].level is Level.BAD, "it ignores one of the ports only"
+
+
+def test_a_rule_of_brltty_mistakes_the_port_even_while_it_does_not_run(ch340: PortInfo, tmp_path: Path) -> None:
+    rules = tmp_path / "usr/lib/udev/rules.d"
+    rules.mkdir(parents=True)
+    text = 'ENV{PRODUCT}=="1a86/7523/*", ATTRS{idVendor}=="1A86", ATTRS{idProduct}=="7523"\n'
+    (rules / "90-others.rules").write_text(text)
+    assert diagnose_system([ch340], tmp_path) == []
+    (rules / "85-brltty.rules").write_text("  # " + text)
+    assert diagnose_system([ch340], tmp_path) == [], "that line is a comment"
+    (rules / "85-brltty.rules").write_text("# for readers\n" + text)
+    (found,) = diagnose_system([ch340], tmp_path)
+    assert (found.about, found.level) == ("brltty", Level.BAD)
+
+
+@pytest.mark.parametrize("folder", ["etc", "run", "usr/lib", "lib"])
+def test_a_rule_counts_in_every_folder_of_udev(ch340: PortInfo, tmp_path: Path, folder: str) -> None:
+    rules = tmp_path / folder / "udev/rules.d"
+    rules.mkdir(parents=True)
+    (rules / "10-bad.rules").mkdir()
+    (rules / "20-half.rules").write_text('ATTRS{idVendor}=="1a86"\nATTRS{idProduct}=="7523"\n')
+    (rules / "readme.txt").write_text("1a86 7523")
+    levels = [f.level for f in diagnose_port(ch340, tmp_path)]
+    assert Level.HINT in levels
+    (rules / "30-mine.rules").write_text('ATTRS{idVendor}=="1A86", ATTRS{idProduct}=="7523"\n')
+    found = diagnose_port(ch340, tmp_path)
+    assert Level.HINT not in [f.level for f in found]
+    assert found[-1].text == f"udev rule in {rules / '30-mine.rules'}"
+
+
+def test_the_findings_on_a_port_are_about_it(ch340: PortInfo, tmp_path: Path) -> None:
+    Path(ch340.device).chmod(0o660)
+    first, second, third = diagnose_port(ch340, tmp_path)
+    assert (first.level, first.about, first.text) == (Level.OK, ch340.device, "CH340, USB 1a86:7523")
+    assert (second.level, second.about, second.advice) == (Level.OK, ch340.device, "")
+    assert "-rw-rw----" in second.text
+    assert (third.level, third.about) == (Level.HINT, ch340.device)
+    plain = PortInfo(ch340.device, guess="built-in serial port")
+    said, _ = diagnose_port(plain, tmp_path)  # no rule is needed
+    assert said.text == "built-in serial port"
+
+
+@pytest.mark.parametrize(
+    ("latency", "advice", "level"), [(16, "set it", Level.BAD), (1, "", Level.OK), (None, "", None)]
+)
+def test_a_slow_latency_timer_of_this_machine_is_bad(
+    ch340: PortInfo, latency: int | None, advice: str, level: Level | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def inspect(device: str) -> AdapterReport:
+        asked.append(device)
+        return AdapterReport(device, "ftdi_sio", latency, 0.0, False, advice)
+
+    monkeypatch.setattr(diagnose_module, "inspect_adapter", inspect)
+    found = [f for f in diagnose_port(ch340) if "latency timer" in f.text]
+    assert asked == [ch340.device]
+    assert [(f.level, f.about, f.advice) for f in found] == ([(level, ch340.device, advice)] if level else [])
 
 
 def test_brltty_matters_only_where_a_ch340_is(tmp_path: Path) -> None:
@@ -83,11 +149,14 @@ def test_rights(ch340: PortInfo, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr(os, "access", lambda *_: False)
     found = [f for f in diagnose_port(ch340, tmp_path) if f.level is Level.BAD]
     assert "may not open it" in found[0].text
+    assert found[0].about == ch340.device
     monkeypatch.undo()
     Path(ch340.device).chmod(0o666)
-    assert any("chmod 777" in f.advice for f in diagnose_port(ch340, tmp_path))
+    (open_to_all,) = (f for f in diagnose_port(ch340, tmp_path) if "chmod 777" in f.advice)
+    assert (open_to_all.level, open_to_all.about) == (Level.HINT, ch340.device)
     Path(ch340.device).unlink()
-    assert any("plugged in" in f.advice for f in diagnose_port(ch340, tmp_path))
+    (gone,) = (f for f in diagnose_port(ch340, tmp_path) if "plugged in" in f.advice)
+    assert (gone.level, gone.about) == (Level.BAD, ch340.device)
 
 
 def test_a_user_without_a_name_as_in_a_container(

@@ -308,7 +308,7 @@ def test_a_client_is_not_hurt_by_a_server_that_floods_or_stalls() -> None:
         assert link.is_open or link.read(in_a_moment()) == b""
 
 
-def test_one_host_that_calls_without_end_ends_no_others_handshake(lab: Path) -> None:
+def test_a_host_that_connects_endlessly_ends_no_others_handshake(lab: Path) -> None:
     listener = Listener(tls=files(lab, "server"), max_handshakes=4)
     with listener, socket.socket() as slow:
         slow.bind(("127.0.0.2", 0))

@@ -8,7 +8,7 @@ from conformance import LinkConformance, in_a_moment, soon
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.errors import LinkTimeoutError, UsageError
+from hexwire.errors import LinkClosedError, LinkTimeoutError, UsageError
 from hexwire.link import impair as impair_module
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.impair import NOTHING, ImpairedLink, Impairment, Lane
@@ -275,6 +275,20 @@ def test_time_comes_from_the_inner_links_clock_if_it_has_one() -> None:
     assert link.read(200.0) == b"answer"
     assert line.clock.now == 105.2
     assert ImpairedLink(line, clock=lambda: 7.0).clock() == 7.0
+
+
+def test_what_a_link_refuses_or_ignores_is_no_unit_of_the_line() -> None:
+    near, far = memory_pair(DATAGRAM, max_message=4)
+    link = ImpairedLink(near, sending=Impairment(drop=1.0))
+    with pytest.raises(LinkClosedError):
+        link.write(b"x")
+    with link, far:
+        link.write(b"")
+        with pytest.raises(UsageError, match="at most 4 bytes"):
+            link.write(b"12345")
+        assert link.sent.counters.units == 0
+        link.write(b"1234")
+        assert (link.sent.counters.units, link.sent.counters.dropped) == (1, 1)
 
 
 def test_what_is_late_goes_out_while_somebody_reads() -> None:

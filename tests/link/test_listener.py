@@ -142,10 +142,19 @@ def test_addresses_that_cannot_be_bound() -> None:
         Listener("192.0.2.1", free_port()).open()
     with pytest.raises(LinkNotFoundError, match="there is no host"):
         Listener("x" * 70, 1).open()
-    assert isinstance(explain_bind(PermissionError(errno.EACCES, "x"), "u"), LinkPermissionError)
+    for number, kind in (
+        (errno.EADDRINUSE, LinkBusyError),
+        (errno.EADDRNOTAVAIL, LinkNotFoundError),
+        (errno.EACCES, LinkPermissionError),
+        (errno.EPERM, LinkPermissionError),
+        (errno.EIO, LinkError),
+    ):
+        error = explain_bind(OSError(number, "x"), "u")
+        assert (type(error), error.url) == (kind, "u")
     assert (
         str(explain_bind(OSError(errno.EIO, "Input/output error"), "u")) == "u cannot be opened: Input/output error"
     )
+    assert str(explain_bind(OSError("no number"), "u")) == "u cannot be opened: no number"
     assert descriptors() == before
 
 

@@ -106,7 +106,7 @@ def test_ten_messages_wait_for_a_reader(name: str) -> None:
         assert server.read(in_a_moment()) == b""
 
 
-def test_what_a_closed_client_left_does_not_reach_a_server_started_later(name: str) -> None:
+def test_messages_of_a_closed_client_do_not_reach_a_server_started_later(name: str) -> None:
     with QueueLink(name) as client:
         for number in range(10):
             client.write(bytes([number]), soon())
@@ -269,8 +269,10 @@ def test_what_the_system_says(
     monkeypatch.setattr(mqueue_module, "_SETTINGS", tmp_path)
     monkeypatch.setattr(posix_ipc, "MessageQueue", _Fails(error))
     link = QueueLink(name, depth=5000, size=9_000_000)
-    with pytest.raises(kind, match=words):
+    with pytest.raises(kind, match=words) as caught:
         link.open()
+    if isinstance(caught.value, LinkError):
+        assert caught.value.url == link.url
     assert not link.is_open
 
 
@@ -280,7 +282,7 @@ def test_limits_that_the_system_really_refuses(name: str) -> None:
         QueueLink(name, depth=65536, size=1 << 24).open()
 
 
-def test_without_the_package_the_way_out_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_remedy_is_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def refuse(wanted: str, *rest: object) -> object:

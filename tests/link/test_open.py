@@ -1,11 +1,11 @@
 from __future__ import annotations
 
+import importlib.metadata
 from importlib.metadata import EntryPoint
 
 import pytest
 
 from hexwire.errors import LinkNotFoundError, UsageError
-from hexwire.link import open as open_module
 from hexwire.link.base import Link
 from hexwire.link.memory import memory_pair
 from hexwire.link.open import ENTRY_POINT_GROUP, known_schemes, make_link, open_link
@@ -23,7 +23,9 @@ def other_package(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("radio", f"{__name__}:make_memory", ENTRY_POINT_GROUP)
     monkeypatch.setattr(EntryPoint, "load", lambda self: make_memory)
 
-    monkeypatch.setattr(open_module, "_other_packages", lambda: [point])
+    monkeypatch.setattr(
+        importlib.metadata, "entry_points", lambda group: [point] if group == "hexwire.links" else []
+    )
 
 
 def test_building_opens_nothing() -> None:

@@ -24,7 +24,7 @@ def test_it_is_open_inside_and_closed_behind() -> None:
     assert door.said == ["open", "close"]
 
 
-def test_it_is_closed_after_an_error_which_goes_on() -> None:
+def test_it_is_closed_after_an_error_which_is_passed_on() -> None:
     door = Door()
     with pytest.raises(ValueError, match="mine"), door:
         raise ValueError("mine")

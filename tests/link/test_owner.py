@@ -49,7 +49,7 @@ def test_the_holder_of_a_lock_is_named(tmp_path: Path) -> None:
     assert device_owner(str(path)) == "", "a plain file has no owner but by its lock"
 
 
-def test_without_proc_nothing_can_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_proc_no_cause_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
     real = Path.read_text
 
     def refuse(path: Path, *args: object, **more: object) -> str:

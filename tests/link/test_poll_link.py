@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import signal
 import socket
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from unittest.mock import Mock
 
 import pytest
 from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
@@ -20,6 +22,7 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
+from hexwire.link import base as base_module
 from hexwire.link import poll_link as poll_link_module
 from hexwire.link.base import LinkKind
 from hexwire.link.poll_link import PollLink
@@ -123,7 +126,7 @@ def test_false_alarms_are_waited_out() -> None:
         assert link.given_up == 1
 
 
-def test_a_write_goes_on_where_it_stopped() -> None:
+def test_a_write_continues_where_it_stopped() -> None:
     with ScriptedLink() as link:
         link.takes = 7
         data = bytes(range(100))
@@ -221,7 +224,13 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
     link = ScriptedLink()
     link.open()
     link.takes = 0
-    before = signal.signal(signal.SIGUSR1, lambda *_: link.close())
+    released_by_the_handler: list[int] = []
+
+    def close(*_: object) -> None:
+        link.close()
+        released_by_the_handler.append(link.closed)
+
+    before = signal.signal(signal.SIGUSR1, close)
     timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
     timer.start()
     try:
@@ -230,7 +239,8 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
     finally:
         timer.join(PATIENCE)
         signal.signal(signal.SIGUSR1, before)
-    assert link.closed == 1, "its descriptors are freed by the call that was interrupted"
+    assert released_by_the_handler == [0], "the call that was interrupted still uses its descriptors"
+    assert link.closed == 1, "it frees them"
     assert not link.is_open
 
 
@@ -351,7 +361,7 @@ def test_an_exchange_takes_the_answer_that_is_there_or_comes() -> None:
         assert link.exchange(b"abc", -1.0) == b""
 
 
-def test_an_exchange_goes_on_until_all_is_there_or_nothing_more_comes() -> None:
+def test_an_exchange_continues_until_all_has_arrived_or_nothing_more_comes() -> None:
     pieces, seen = [b"cd", b"ef"], []
 
     def rest(data: bytes) -> float:
@@ -412,6 +422,76 @@ def test_an_exchange_waits_out_false_alarms_and_full_lines(monkeypatch: pytest.M
         link.far.send(b"answer")
         assert link.exchange(b"request", PATIENCE) == b"answer"
         assert link.far.recv(100) == b"request"
+
+
+def test_an_error_of_the_callers_own_ends_an_exchange_and_not_the_link() -> None:
+    def rest(data: bytes) -> float:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with ScriptedLink() as link:
+        link.far.send(b"ab")
+        with pytest.raises(OSError, match="No space left") as caught:
+            link.exchange(b"request", PATIENCE, rest)
+        assert not isinstance(caught.value, LinkLostError)
+        assert link.is_open
+        link.far.send(b"cd")
+        assert link.exchange(b"request", PATIENCE) == b"cd"
+
+
+def test_an_exchange_may_wait_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poll_link_module, "LONGEST_POLL", 0.01)
+    with ScriptedLink() as link:
+        for window in (math.inf, PATIENCE):
+            waiter = Background(lambda window=window: link.exchange(b"request", window, lambda data: 0.0))
+            waiter.let_it_block()
+            link.far.send(b"late")
+            assert waiter.outcome() == b"late"
+        monkeypatch.undo()
+        link.far.send(b"early")
+        assert link.exchange(b"request", math.inf) == b"early"
+        link.far.send(b"more")
+        assert link.exchange(b"request", PATIENCE, lambda data: math.nan if data else 0.0) == b"more"
+
+
+def test_a_packet_without_an_answer_is_written_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ScriptedLink() as link:
+        link.takes = 3
+        link.post(b"packet")
+        assert link.far.recv(100) == b"packet"
+        # While another thread writes, it waits its turn as `write` does.
+        link.takes = 0
+        writer = Background(lambda: link.write(b"first", None))
+        writer.let_it_block()
+        monkeypatch.setattr(base_module, "WRITE_TIME", 0.05)
+        with pytest.raises(LinkTimeoutError, match="none of 6 bytes"):
+            link.post(b"packet")
+        link.takes = 100
+        writer.outcome()
+        assert link.far.recv(100) == b"first"
+
+
+def test_a_packet_without_an_answer_on_a_line_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(poll_link_module, "WRITE_TIME", 0.05)
+    with ScriptedLink() as link:
+        link.takes = 0
+        with pytest.raises(LinkTimeoutError):
+            link.post(b"packet")
+        monkeypatch.setattr(link, "_write_ready", Mock(side_effect=BlockingIOError))
+        with pytest.raises(LinkTimeoutError):
+            link.post(b"packet")
+        assert link.is_open
+
+
+def test_a_packet_without_an_answer_on_a_line_that_is_closed_or_lost() -> None:
+    link = ScriptedLink()
+    with pytest.raises(LinkClosedError):
+        link.post(b"packet")
+    with link:
+        link.write_error = OSError(errno.EIO, "Input/output error")
+        with pytest.raises(LinkLostError, match="look at the cable"):
+            link.post(b"packet")
+        with pytest.raises(LinkLostError, match="look at the cable"):
+            link.post(b"packet")
 
 
 def test_an_exchange_on_a_line_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -480,7 +560,13 @@ def test_an_exchange_waits_its_turn() -> None:
 def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
     link = ScriptedLink()
     link.open()
-    before = signal.signal(signal.SIGUSR1, lambda *_: link.close())
+    released_by_the_handler: list[int] = []
+
+    def close(*_: object) -> None:
+        link.close()
+        released_by_the_handler.append(link.closed)
+
+    before = signal.signal(signal.SIGUSR1, close)
     timer = threading.Timer(0.05, lambda: signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGUSR1))
     timer.start()
     try:
@@ -489,6 +575,7 @@ def test_a_signal_handler_may_close_the_link_during_an_exchange() -> None:
     finally:
         timer.join(PATIENCE)
         signal.signal(signal.SIGUSR1, before)
+    assert released_by_the_handler == [0], "the exchange still uses its descriptors"
     assert link.closed == 1
 
 

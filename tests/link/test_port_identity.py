@@ -58,7 +58,7 @@ def test_a_name_that_leads_elsewhere_meanwhile_is_no_port(pty: tuple[int, int], 
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_a_link_that_another_user_has_put_where_everybody_may_write(
+def test_a_link_that_another_user_put_into_a_shared_folder_is_not_followed(
     shared: bool, pty: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the kernel follows it, as with fs.protected_symlinks=0; his own terminal may stand behind it."""
@@ -136,7 +136,7 @@ def test_our_own_terminal_by_its_other_name() -> None:
         (SERIAL, ""),
     ],
 )
-def test_what_speaks_against_a_port(port: PortIdentity, words: str) -> None:
+def test_signs_that_a_port_is_not_the_device(port: PortIdentity, words: str) -> None:
     problem = why_not(port)
     assert problem.startswith(words)
     assert bool(problem) == bool(words)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hexwire.link.seats import Seats
 
 
-def test_there_is_room_until_there_is_none() -> None:
+def test_clients_are_admitted_until_all_seats_are_taken() -> None:
     seats: Seats[int] = Seats(3, per_host=3)
     assert [seats.admit(key, "a", 0.0) for key in range(3)] == [(True, None)] * 3
     assert len(seats) == 3
@@ -15,7 +15,7 @@ def test_there_is_room_until_there_is_none() -> None:
     assert seats.admit(3, "a", 1.0) == (True, None)
 
 
-def test_who_never_said_anything_of_sense_goes_first_and_the_oldest_of_them() -> None:
+def test_clients_without_a_valid_request_are_dropped_first_oldest_first() -> None:
     seats: Seats[int] = Seats(4, per_host=4)
     for key in range(4):
         seats.admit(key, "a", float(key))
@@ -24,7 +24,7 @@ def test_who_never_said_anything_of_sense_goes_first_and_the_oldest_of_them() ->
     assert seats.admit(5, "a", 6.0) == (True, 2)
 
 
-def test_who_was_heard_of_late_is_not_pushed_out() -> None:
+def test_a_recently_active_client_is_not_displaced() -> None:
     seats: Seats[int] = Seats(2, per_host=2, idle=60.0)
     for key in range(2):
         seats.admit(key, "a", 0.0)
@@ -57,14 +57,14 @@ def test_one_host_takes_from_its_own_only() -> None:
     assert len(seats) == 3
 
 
-def test_who_is_unknown_is_of_no_account() -> None:
+def test_an_unknown_client_is_ignored() -> None:
     seats: Seats[int] = Seats()
     seats.heard(5, 1.0, commanded=True)
     assert len(seats) == 0
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.sampled_from("abc"), st.floats(0.0, 100.0)), max_size=60))
-def test_the_commander_is_never_pushed_out(steps: list[tuple[int, str, float]]) -> None:
+def test_the_commander_is_never_displaced(steps: list[tuple[int, str, float]]) -> None:
     seats: Seats[int] = Seats(5, per_host=3, idle=10.0)
     seats.admit(-1, "a", 0.0)
     seats.heard(-1, 0.0, commanded=True)
@@ -106,7 +106,7 @@ def test_the_longest_silent_goes_not_the_one_that_came_first() -> None:
     assert seats.admit("n", "b", 3.5) == (True, "z")
 
 
-def test_who_commands_no_more_is_no_commander() -> None:
+def test_only_the_last_to_command_counts_as_the_commander() -> None:
     seats: Seats[str] = Seats(2, per_host=2, idle=1.0)
     seats.admit("a", "host a", 0.0)
     seats.heard("a", 0.0, commanded=True)

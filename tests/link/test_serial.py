@@ -8,7 +8,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -123,7 +123,7 @@ def test_a_port_that_keeps_its_own_settings_is_refused(
         SerialLink(device).open()
 
 
-def test_settings_that_fail_are_told(line: PtyEnd, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_that_fail_are_reported(line: PtyEnd, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise termios.error(errno.EIO, "Input/output error")
 
@@ -203,7 +203,7 @@ def test_no_such_port_lists_those_there_are(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/tmp", "{tmp}/plain"])
-def test_what_is_no_serial_port(path: str, tmp_path: Path) -> None:
+def test_a_device_that_is_not_a_serial_port_is_refused(path: str, tmp_path: Path) -> None:
     (tmp_path / "plain").write_bytes(b"text")
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(LinkNotFoundError, match="is not a serial port"):
@@ -241,7 +241,7 @@ class _Status:
     st_mode = 0o020660
 
 
-def test_no_permission_names_the_group_and_the_way_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_permission_names_the_group_and_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     import grp
 
     monkeypatch.setattr(serial_module.os, "open", _deny)
@@ -265,7 +265,7 @@ def test_no_permission_where_no_group_helps(monkeypatch: pytest.MonkeyPatch) -> 
         SerialLink("/dev/ttyUSB0").open()
 
 
-def test_no_permission_and_no_way_to_tell_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_permission_without_a_known_cause(monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown(gid: int) -> object:
         raise KeyError(gid)
 
@@ -436,20 +436,40 @@ def test_wrong_addresses(url: str, words: str) -> None:
 # --- whether it is the port that was meant ------------------------------------------------------------
 
 
+def take_over(leave_one_behind: Callable[[], str]) -> list[int]:
+    """Open terminals until one has the number of a terminal that is gone; returns their descriptors, it last.
+
+    Other programs of this machine open terminals too and may get the number first: then leave another one behind.
+    """
+    for _ in range(20):
+        name = leave_one_behind()
+        time.sleep(0.05)  # the system's file times must differ
+        opened: list[int] = []
+        while len(opened) < 60:
+            opened += os.openpty()
+            if os.ttyname(opened[-1]) == name:
+                return opened
+        for fd in opened:
+            os.close(fd)
+    raise AssertionError("other programs keep taking the terminals' numbers")
+
+
 @pytest.fixture
 def taken_over(tmp_path: Path) -> Iterator[tuple[str, int, int]]:
     """A link that an emulator left behind, and the terminal that has its number now: link, master, slave."""
-    opened: list[int] = []
-    master, slave = os.openpty()
-    name = os.ttyname(slave)
-    (tmp_path / "arm").symlink_to(name)
-    os.close(master)
-    os.close(slave)
-    time.sleep(0.05)
-    while not opened or os.ttyname(opened[-1]) != name:
-        opened += os.openpty()
-        assert len(opened) < 100
-    yield str(tmp_path / "arm"), opened[-2], opened[-1]
+    link = tmp_path / "arm"
+
+    def leave_one_behind() -> str:
+        master, slave = os.openpty()
+        name = os.ttyname(slave)
+        link.unlink(missing_ok=True)
+        link.symlink_to(name)
+        os.close(master)
+        os.close(slave)
+        return name
+
+    opened = take_over(leave_one_behind)
+    yield str(link), opened[-2], opened[-1]
     for fd in opened:
         os.close(fd)
 
@@ -476,27 +496,27 @@ def test_nothing_is_written_to_a_terminal_that_took_over_the_number(taken_over: 
 def test_nor_when_the_line_is_opened_again_after_a_loss(tmp_path: Path) -> None:
     path = tmp_path / "arm"
     link = SerialLink(str(path))
-    with PtyEnd(path) as far, link:
-        name = str(path.readlink())
-        far.write(b"x", soon())
-        assert link.read(soon()) == b"x"
-        far.close()
-        with pytest.raises(LinkLostError):
-            link.read(soon())
-        link.close()
+
+    def lose_it() -> str:
+        path.unlink(missing_ok=True)
+        with PtyEnd(path) as far, link:
+            name = str(path.readlink())
+            far.write(b"x", soon())
+            assert link.read(soon()) == b"x"
+            far.close()
+            with pytest.raises(LinkLostError):
+                link.read(soon())
         path.symlink_to(name)  # as one that was killed leaves it
-        time.sleep(0.05)
-        opened: list[int] = []
-        try:
-            while not opened or os.ttyname(opened[-1]) != name:
-                opened += os.openpty()
-                assert len(opened) < 100
-            with pytest.raises(LinkNotFoundError, match="is stale"):
-                link.open()
-        finally:
-            for fd in opened:
-                os.close(fd)
-        path.unlink()
+        return name
+
+    opened = take_over(lose_it)
+    try:
+        with pytest.raises(LinkNotFoundError, match="is stale"):
+            link.open()
+    finally:
+        for fd in opened:
+            os.close(fd)
+    path.unlink()
     with PtyEnd(path), link:  # the emulator was started anew, with its link
         assert link.is_open
 

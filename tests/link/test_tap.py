@@ -64,7 +64,7 @@ def test_new_links_are_wrapped_only_while_asked_for() -> None:
     assert tapped(near) is near
 
 
-def test_what_an_observer_raises_is_counted_and_goes_no_further() -> None:
+def test_an_observers_exception_is_counted_and_not_passed_on() -> None:
     def observer(passed: Passed) -> None:
         raise ValueError(passed.data.decode())
 

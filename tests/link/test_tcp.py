@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conformance import Background, LinkConformance, in_a_moment, soon
+from conformance import Background, LinkConformance, descriptors, in_a_moment, soon
 from far_ends import free_port
 
 from hexwire.errors import (
@@ -64,8 +64,9 @@ def test_wrong_addresses(url: str, words: str) -> None:
 
 def test_nobody_listens() -> None:
     link = TcpLink("127.0.0.1", free_port())
-    with pytest.raises(LinkNotFoundError, match="no server listens there; start it, or check the port"):
+    with pytest.raises(LinkNotFoundError, match="no server listens there; start it, or check the port") as caught:
         link.open()
+    assert caught.value.url == link.url
     assert not link.is_open
 
 
@@ -98,8 +99,9 @@ def test_what_the_network_says(
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(TcpLink, "_connect", refuse)
-    with pytest.raises(kind, match=words):
+    with pytest.raises(kind, match=words) as caught:
         TcpLink("127.0.0.1", 15030).open()
+    assert caught.value.url == "tcp://127.0.0.1:15030"
 
 
 def test_a_host_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,3 +206,51 @@ def test_closing_ends_a_call_under_way(monkeypatch: pytest.MonkeyPatch) -> None:
         assert time.monotonic() - start < 30.0
         for filler in fillers:
             filler.close()
+
+
+def test_a_system_without_an_option_is_no_reason_not_to_connect(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_option = socket.socket.setsockopt
+
+    def refuse(self: socket.socket, level: int, option: int, value: int) -> None:
+        if option in (socket.TCP_KEEPIDLE, socket.TCP_USER_TIMEOUT) and level == socket.IPPROTO_TCP:
+            raise OSError(errno.ENOPROTOOPT, "Protocol not available")
+        set_option(self, level, option, value)
+
+    monkeypatch.setattr(socket.socket, "setsockopt", refuse)
+    with Listener() as listener, TcpLink("127.0.0.1", listener.port) as link:
+        with socket.socket(fileno=os.dup(link.fileno())) as view:
+            assert view.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL) == 2, "the others are set"
+            assert view.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT) == 3
+        peer = listener.accept(soon())
+        assert peer is not None
+        peer.close()
+
+
+def test_an_opening_that_fails_leaves_no_descriptor(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = descriptors()
+    with pytest.raises(LinkNotFoundError):
+        TcpLink("127.0.0.1", free_port()).open()
+
+    def broken(*_: object) -> None:
+        raise ValueError("a fault of the program")
+
+    monkeypatch.setattr(tcp_module, "prepare", broken)
+    with pytest.raises(ValueError, match="a fault"):
+        TcpLink("127.0.0.1", 15030).open()
+    assert descriptors() == before
+
+
+def test_a_name_without_any_address_is_no_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tcp_module, "find_addresses", lambda *_: [])
+    with pytest.raises(LinkNotFoundError, match=r"no route to that host \(no address\)"):
+        TcpLink("localhost", 15030).open()
+
+
+def test_an_accepted_link_that_is_closed_frees_its_socket() -> None:
+    before = descriptors()
+    near, far = socket.socketpair()
+    link = PeerLink("tcp-listen://x", PlainStream(near), "10.0.0.9:5")
+    link.close()
+    assert far.recv(1) == b""
+    far.close()
+    assert descriptors() == before

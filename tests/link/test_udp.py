@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conformance import LinkConformance, in_a_moment, soon
+from conformance import LinkConformance, descriptors, in_a_moment, refused, soon
 from far_ends import free_port
 
 from hexwire.errors import (
@@ -18,9 +18,10 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
+from hexwire.link import udp as udp_module
 from hexwire.link.base import Link
 from hexwire.link.open import make_link
-from hexwire.link.udp import MAX_DATAGRAM, UdpLink, UdpListenLink
+from hexwire.link.udp import MAX_DATAGRAM, UdpLink, UdpListenLink, bind_udp
 
 
 class TestUdp(LinkConformance):
@@ -219,7 +220,7 @@ def test_network_errors_that_are_no_absence_are_a_loss(monkeypatch: pytest.Monke
         assert near.is_open
 
 
-def test_what_is_too_long_to_be_ours_is_dropped_and_counted() -> None:
+def test_a_datagram_that_is_too_long_is_dropped_and_counted() -> None:
     with UdpListenLink() as near, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as caller:
         caller.sendto(bytes(MAX_DATAGRAM + 1), ("127.0.0.1", near.port))
         caller.sendto(b"", ("127.0.0.1", near.port))
@@ -248,3 +249,84 @@ def test_a_deadline_in_the_past_still_takes_what_is_there() -> None:
         caller.write(b"2", time.monotonic() - 1.0)
         assert near.read(soon()) == b"1"
         assert near.read(0.0) == b"2"
+
+
+@pytest.mark.parametrize(
+    ("peer", "bind", "own", "family"),
+    [
+        ("127.0.0.1", "", "127.0.0.1", socket.AF_INET),
+        ("127.0.0.9", "", "127.0.0.1", socket.AF_INET),
+        ("192.0.2.7", "", "0.0.0.0", socket.AF_INET),
+        ("192.0.2.7", "192.0.2.1", "192.0.2.1", socket.AF_INET),
+        ("::1", "", "::1", socket.AF_INET6),
+        ("2001:db8::7", "", "::", socket.AF_INET6),
+    ],
+)
+def test_the_own_address_is_loopback_only_if_the_peer_is_there(
+    peer: str, bind: str, own: str, family: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bound: list[tuple[object, ...]] = []
+
+    def note(*args: object) -> None:
+        bound.append(args)
+        raise LinkNotFoundError("not in this test")
+
+    monkeypatch.setattr(udp_module, "bind_udp", note)
+    link = UdpLink(peer, 9, bind=bind, bind_port=5)
+    with pytest.raises(LinkNotFoundError):
+        link.open()
+    assert bound == [(own, 5, link.url, family)]
+
+
+def test_errors_of_opening_name_the_link_and_leave_no_descriptor() -> None:
+    before = descriptors()
+    for link in (
+        UdpLink("127.0.0.1", 9, bind="192.0.2.1"),
+        UdpLink("x" * 70, 9),
+        UdpLink("192.0.2.7", 9, bind="127.0.0.1"),
+        UdpListenLink("192.0.2.1", 9, peer="127.0.0.1"),
+    ):
+        with refused(LinkNotFoundError, link):
+            link.open()
+    with UdpListenLink() as near:
+        second = UdpListenLink(port=near.port)
+        with refused(LinkBusyError, second):
+            second.open()
+        with refused(LinkTimeoutError, near):
+            near.write(b"x", 0.0)
+    assert descriptors() == before
+
+
+def test_the_socket_has_room_for_a_burst_and_ipv6_leaves_ipv4_alone() -> None:
+    with bind_udp("127.0.0.1", 0, "udp-listen://x") as made:
+        limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
+        assert made.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= min(1 << 20, limit)
+        assert not made.getblocking()
+    with bind_udp("::1", 0, "udp-listen://x") as made:
+        assert made.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY) == 1
+
+
+def test_a_peer_by_name_and_a_second_opening() -> None:
+    with UdpListenLink("127.0.0.1", peer="localhost") as near:
+        for _ in range(2):
+            with UdpLink("127.0.0.1", near.port) as caller:
+                caller.write(b"x", soon())
+                assert near.read(soon()) == b"x"
+            near.close()
+            near.open()
+            # Whoever was the peer of the line before is not the peer of this one.
+            with pytest.raises(LinkTimeoutError, match="has not sent anything yet"):
+                near.write(b"y", soon())
+            near.confirm()
+
+
+def test_addresses_give_all_their_parts() -> None:
+    link = make_link("udp://127.0.0.1:15030?bind=[::1]:15031")
+    assert isinstance(link, UdpLink)
+    assert (link._host, link._port, link._bind, link._bind_port) == ("127.0.0.1", 15030, "::1", 15031)
+    plain = make_link("udp://127.0.0.1:15030")
+    assert isinstance(plain, UdpLink)
+    assert (plain._bind, plain._bind_port) == ("", 0)
+    for url in ("udp://h:1/x", "udp-listen://:5?peers=x"):
+        with pytest.raises(UsageError):
+            make_link(url)

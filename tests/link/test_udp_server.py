@@ -52,7 +52,7 @@ def test_other_hosts_are_dropped_and_counted() -> None:
         assert take(server)[1] == b"hello"
 
 
-def test_what_is_no_datagram_of_ours_is_dropped_and_counted() -> None:
+def test_a_datagram_that_is_not_a_frame_is_dropped_and_counted() -> None:
     with UdpServer() as server, caller(server) as one:
         for size in (0, MAX_DATAGRAM + 1):
             one.send(bytes(size))
@@ -72,6 +72,34 @@ def test_an_answer_to_one_who_is_gone_ends_nothing() -> None:
             server.send(peer, b"answer")
         assert server.receive() is None
         assert not server.send(peer, bytes(100_000)), "too long for any datagram"
+        assert server.dropped == 0
+
+
+@pytest.mark.parametrize(
+    "number", [errno.EAGAIN, errno.ENOBUFS, errno.EPERM, errno.EMSGSIZE, errno.ECONNREFUSED, errno.EHOSTUNREACH]
+)
+def test_a_datagram_that_does_not_get_out_is_lost_and_nothing_else(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full:
+        def sendto(self, *_: object) -> int:
+            raise OSError(number, os.strerror(number))
+
+    with UdpServer() as server, monkeypatch.context() as patch:
+        patch.setattr(server, "_socket", Full())
+        assert not server.send(("127.0.0.1", 9), b"x")
+
+
+@pytest.mark.parametrize("number", [errno.ECONNREFUSED, errno.EHOSTUNREACH])
+def test_an_error_about_an_earlier_datagram_is_no_datagram(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Away:
+        def recvfrom(self, size: int) -> object:
+            raise OSError(number, os.strerror(number))
+
+    with UdpServer() as server, monkeypatch.context() as patch:
+        patch.setattr(server, "_socket", Away())
+        assert server.receive() is None
+        assert server.dropped == 0
 
 
 class _Broken:
@@ -81,7 +109,7 @@ class _Broken:
     recvfrom = sendto
 
 
-def test_other_errors_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_errors_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with UdpServer() as server:
         real = server._socket
         monkeypatch.setattr(server, "_socket", _Broken())
@@ -95,8 +123,14 @@ def test_other_errors_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_cannot_be_bound() -> None:
     with pytest.raises(UsageError, match=r"name the host to accept, as in \?peer=192.168.1.20"):
         UdpServer("0.0.0.0", 5)
-    with pytest.raises(LinkNotFoundError, match="no such address"):
-        UdpServer("192.0.2.1", 9, peer="127.0.0.1").open()
+    away = UdpServer("192.0.2.1", 9, peer="127.0.0.1")
+    with pytest.raises(LinkNotFoundError, match="no such address") as caught:
+        away.open()
+    assert caught.value.url == away.url == "udp-listen://192.0.2.1:9?peer=127.0.0.1"
+    unknown = UdpServer(peer="x" * 70)
+    with pytest.raises(LinkNotFoundError, match="there is no host") as caught:
+        unknown.open()
+    assert caught.value.url == unknown.url
     server = UdpServer()
     with pytest.raises(LinkClosedError):
         server.receive()

@@ -114,3 +114,39 @@ def test_closed_in_the_middle_of_its_use(use: Callable[[Waker], None], monkeypat
     assert waker.fileno() == -1
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(fd)
+
+
+@pytest.mark.parametrize("use", [Waker.set, Waker.clear])
+@pytest.mark.parametrize("inner", [Waker.set, Waker.clear])
+def test_used_and_closed_in_the_middle_of_its_use(
+    use: Callable[[Waker], None], inner: Callable[[Waker], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a signal handler that wakes a link and closes it: the interrupted call needs the descriptor."""
+    waker = Waker()
+    waker.open()
+    fd = waker.fileno()
+    real, handled = {"write": os.write, "read": os.read}, []
+
+    def interrupted(name: str) -> Callable[..., object]:
+        def call(*args: Any) -> object:
+            if not handled:
+                handled.append(name)
+                inner(waker)
+                waker.close()
+                assert os.fstat(fd), "it is still in use"
+            return real[name](*args)
+
+        return call
+
+    for name in real:
+        monkeypatch.setattr(waker_module.os, name, interrupted(name))
+    use(waker)
+    assert handled
+    assert waker.fileno() == -1
+    # A waker that was closed like this works again.
+    waker.open()
+    waker.set()
+    assert is_set(waker)
+    waker.clear()
+    waker.close()
+    assert waker.fileno() == -1

@@ -53,7 +53,9 @@ def test_every_count_inside_the_limits_is_allowed(model: JointModel) -> None:
 
 
 @given(JOINTS, st.floats(-4, 4))
-def test_what_passes_the_check_is_at_most_a_count_beyond(model: JointModel, angle: float) -> None:
+def test_a_target_that_passes_the_check_is_at_most_one_count_beyond_the_limit(
+    model: JointModel, angle: float
+) -> None:
     low, high = model.count_limits
     try:
         model.check(angle)

@@ -62,18 +62,18 @@ LEROBOT_ROW = '"drive_mode": 0, "homing_offset": 0, "range_min": 1, "range_max":
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("", ":1:1: no JSON"),
+        ("", ":1:1: not JSON"),
         ("[]", ": must be a table, not the list"),
         ("{}", ": is not a LeRobot calibration: it has no joint"),
         ('{"a": 3}', ": a must be a table, not 3"),
         ('{"a": {"id": 1}}', r": a\.drive_mode is missing"),
         (f'{{"a": {{"id": "x", {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not the text 'x'"),
-        (f'{{"a": {{"id": 254, {LEROBOT_ROW}}}}}', r": a\.id is 254, and must be 0 to 253"),
+        (f'{{"a": {{"id": 254, {LEROBOT_ROW}}}}}', r": a\.id is 254, but must be 0 to 253"),
         (f'{{"a": {{"id": 1e3, {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not 1000"),
         (f'{{"a": {{"id": {"9" * 5000}, {LEROBOT_ROW}}}}}', r": a\.id must be a whole number, not inf"),
-        (f'{{"a": {{"id": 1, {LEROBOT_ROW}}}, "a": {{}}}}', ": the key 'a' stands twice in one table"),
+        (f'{{"a": {{"id": 1, {LEROBOT_ROW}}}, "a": {{}}}}', ": the key 'a' occurs twice in one table"),
         (f'{{"a\\n": {{"id": 1, {LEROBOT_ROW}}}}}', ": a joint's name has characters that cannot be printed"),
-        ("[" * 100_000, ": no JSON for us: brackets within brackets"),
+        ("[" * 100_000, ": brackets are nested too deeply"),
     ],
 )
 def test_no_lerobot_file(text: str, named: str) -> None:
@@ -85,7 +85,7 @@ def test_no_lerobot_file(text: str, named: str) -> None:
     ("text", "named"),
     [
         ("arm = 3", "taken is missing"),
-        ('arm = 3\ntaken = ""\njoints = []', "arm must be a text, not 3"),
+        ('arm = 3\ntaken = ""\njoints = []', "arm must be text, not 3"),
         ('arm = "x"', "taken is missing"),
         ('arm = "x"\ntaken = ""\njoints = [3]', r"joints\[0\] must be a table, not 3"),
         ('arm = "x"\ntaken = ""\ncolor = 1\njoints = []', "color is an unknown key"),

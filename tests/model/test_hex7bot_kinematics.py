@@ -178,7 +178,7 @@ def test_best_turns_the_joints_least() -> None:
 
 
 @pytest.mark.parametrize("t1_t2", [(80, 80), (90, 90), (91, 91), (100, 155)])
-def test_no_gate_where_the_elbow_is_well(t1_t2: tuple[float, float]) -> None:
+def test_no_coupling_violation_while_the_elbow_is_within_its_limits(t1_t2: tuple[float, float]) -> None:
     # Among them the poses at which the library's own line rule changes its mind.
     assert A.violations(rad([90, *t1_t2, 90, 90, 90])) == ()
 
@@ -193,7 +193,7 @@ def test_no_gate_where_the_elbow_is_well(t1_t2: tuple[float, float]) -> None:
         ("B", (140, 60), "arm raised 10.2 deg too far: 88.19 deg from shoulder to wrist, 78 deg allowed"),
     ],
 )
-def test_gates(name: str, t1_t2: tuple[float, float], words: str) -> None:
+def test_poses_beyond_the_joint_coupling_limit(name: str, t1_t2: tuple[float, float], words: str) -> None:
     found = MODELS[name].violations(rad([90, *t1_t2, 90, 90, 90]))
     assert len(found) == 1
     assert words in found[0]
@@ -202,11 +202,11 @@ def test_gates(name: str, t1_t2: tuple[float, float], words: str) -> None:
     assert excess == pytest.approx(float(found[0].split(" deg")[0].split()[-1]), abs=0.06)
 
 
-def test_no_gate_no_excess() -> None:
+def test_without_a_coupling_violation_the_excess_is_zero() -> None:
     assert A.coupling_excess(rad([90] * 6)) == 0.0
 
 
-def test_set_bs_neutral_passes_its_own_gate() -> None:
+def test_the_neutral_pose_of_set_b_keeps_its_own_coupling_limit() -> None:
     model = MODELS["B"]
     assert model.violations(rad([90] * 6)) == ()
     gate = model.links.elevation
@@ -274,7 +274,7 @@ def test_wrong_number_of_angles() -> None:
         A.forward([1.0, 1.0, 1.0, math.nan, 1.0, 1.0])
 
 
-def test_the_further_in_the_gate_the_larger_its_excess() -> None:
+def test_the_excess_grows_with_the_coupling_violation() -> None:
     for t2 in (120.0, 150.0):
         rows = [A.coupling_excess([math.radians(d) for d in (90, t1, t2, 90, 90, 90)]) for t1 in range(100, 180)]
         steps = [b - a for a, b in itertools.pairwise(rows)]

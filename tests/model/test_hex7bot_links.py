@@ -55,7 +55,7 @@ def test_own_limits() -> None:
         ("[12, 160]", "[160, 12]", "bench.toml:11: elbow must be a pair of degrees"),
         ("[12, 160]", "3", "bench.toml:11: elbow must be a pair of degrees"),
         ("[12, 160]", "[10, 165]\nlimits = [[1, 2]]", "bench.toml:12: limits must be six pairs"),
-        ('"bench"', "7", "bench.toml:1: name must be a text"),
+        ('"bench"', "7", "bench.toml:1: name must be text"),
         ("a = 120", "a = = 1", "bench.toml:2:5: not TOML"),
     ],
 )

@@ -100,7 +100,7 @@ def test_any_flag_byte_has_words(value: int) -> None:
         (((1, 0.0),), 1.0, "names joints by text"),
     ],
 )
-def test_targets_that_make_no_sense(positions: Any, duration: Any, reason: str) -> None:
+def test_invalid_targets_are_refused(positions: Any, duration: Any, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
         JointTarget(positions, duration)
 
@@ -122,7 +122,7 @@ def test_a_target_is_made_of_a_mapping_and_its_numbers_become_floats() -> None:
 @given(
     st.lists(st.tuples(st.text() | st.none(), st.from_type(object) | st.floats()), max_size=3), st.from_type(object)
 )
-def test_any_target_is_finite_or_refused_in_one_way(positions: Any, duration: Any) -> None:
+def test_any_target_is_finite_or_refused_by_one_error(positions: Any, duration: Any) -> None:
     try:
         target = JointTarget(tuple(positions), duration)
     except UsageError:

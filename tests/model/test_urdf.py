@@ -58,7 +58,7 @@ def test_pinocchio_agrees_on_the_puma() -> None:
 
 
 @pytest.mark.parametrize("model", [*SEVEN[:1], Puma260Model()], ids=lambda m: m.name)
-def test_joints_limits_and_inertias_make_sense(model: KinematicModel) -> None:
+def test_joints_limits_and_inertias_are_plausible(model: KinematicModel) -> None:
     root = ElementTree.fromstring(make_urdf(model))
     names = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
     arm = HEX7BOT if model.name == "hex7bot" else PUMA260

@@ -46,7 +46,7 @@ def test_every_kind_is_found_with_its_time_before_anything_moves() -> None:
         report.require()
 
 
-def test_gate_of_a_pose_in_the_middle_is_found() -> None:
+def test_a_coupling_limit_violated_in_the_middle_is_found() -> None:
     # Start and goal are good; the way between folds the arm. Both ends checked alone would let it pass.
     good = (90, 100, 130, 90, 90, 90)
     folded = check_trajectory(through(good, (90, 150, 130, 90, 90, 90), good), HEX7BOT, A)
@@ -77,7 +77,7 @@ def test_an_arm_below_the_table_may_leave_but_not_come_back() -> None:
     assert [f.time < 0.1 for f in deeper.findings] == [True]
 
 
-def test_an_arm_beyond_the_gate_may_leave_but_not_come_back() -> None:
+def test_an_arm_beyond_the_coupling_limit_may_leave_but_not_come_back() -> None:
     folded, good = (90, 150, 120, 90, 90, 90), (90, 100, 120, 90, 90, 90)
     assert check_trajectory(through(folded, good), HEX7BOT, A).findings == ()
     back = check_trajectory(through(folded, good, folded), HEX7BOT, A)
@@ -90,7 +90,7 @@ def test_a_joint_outside_its_limits_at_the_start_is_to_be_brought_back() -> None
     assert "bring it back first: hexwire move J1=" in report.findings[0].text
 
 
-def test_joints_that_stay_count_for_the_gates() -> None:
+def test_joints_that_stay_count_for_the_coupling_limits() -> None:
     spline = Spline(("J2",), [Waypoint(0.0, (NEUTRAL["J2"],)), Waypoint(1.0, (NEUTRAL["J2"] - math.radians(50),))])
     still = check_trajectory(spline, HEX7BOT, A, others=NEUTRAL)
     assert still.findings == ()
@@ -123,7 +123,7 @@ def one(joint: str, degrees: float, seconds: float) -> Spline:
     return Spline((joint,), [Waypoint(0.0, (here,)), Waypoint(seconds, (here + math.radians(degrees),))])
 
 
-def test_what_others_do_meanwhile_counts_for_the_gates() -> None:
+def test_other_controllers_motions_count_for_the_coupling_limits() -> None:
     upper, fore = one("J2", 60, 2.0), one("J3", 40, 4.0)
     for way in (upper, fore):
         assert check_trajectory(way, HEX7BOT, A, others=NEUTRAL, table=None).findings == ()
@@ -136,7 +136,7 @@ def test_what_others_do_meanwhile_counts_for_the_gates() -> None:
     assert late.duration == upper.duration
 
 
-def test_joints_that_the_model_does_not_know_have_no_gates() -> None:
+def test_joints_that_the_model_does_not_know_have_no_coupling_limits() -> None:
     spline = Spline(("J7",), [Waypoint(0.0, (NEUTRAL["J7"],)), Waypoint(1.0, (NEUTRAL["J7"] + 0.1,))])
     unknown = {**NEUTRAL, "J2": math.nan}
     assert check_trajectory(spline, HEX7BOT, A, others=unknown).findings == ()
@@ -144,7 +144,7 @@ def test_joints_that_the_model_does_not_know_have_no_gates() -> None:
         check_trajectory(one("J3", 5, 1.0), HEX7BOT, A, others=unknown)
 
 
-def test_a_single_move_is_checked_on_its_straight_way() -> None:
+def test_a_single_move_is_checked_along_its_straight_path() -> None:
     fold = {"J2": NEUTRAL["J2"] + math.radians(60)}
     raised = {**NEUTRAL, "J3": NEUTRAL["J3"] + math.radians(40)}
     check_move(NEUTRAL, fold, A)
@@ -162,7 +162,7 @@ def test_a_single_move_is_checked_on_its_straight_way() -> None:
 
 
 @pytest.mark.parametrize("beyond", [5, 15, 30, 60])
-def test_out_of_a_fold_there_is_a_way_and_further_in_there_is_none(beyond: float) -> None:
+def test_a_folded_arm_may_unfold_but_not_fold_further(beyond: float) -> None:
     folded = {**NEUTRAL, "J2": NEUTRAL["J2"] + math.radians(50), "J3": NEUTRAL["J3"] + math.radians(30 + beyond)}
     check_move(folded, {"J3": NEUTRAL["J3"]}, A, None)
     for further in (0.4, 2.0):
@@ -172,7 +172,7 @@ def test_out_of_a_fold_there_is_a_way_and_further_in_there_is_none(beyond: float
 
 @pytest.mark.parametrize("duration", [1e-300, 1e-9, 1e-3])
 @pytest.mark.parametrize("rest", [None, (0.0,)])
-def test_a_way_that_takes_no_time_is_too_fast(duration: float, rest: tuple[float, ...] | None) -> None:
+def test_a_path_that_takes_no_time_is_too_fast(duration: float, rest: tuple[float, ...] | None) -> None:
     points = [Waypoint(0.0, (0.0,), rest), Waypoint(duration, (0.2,), rest)]
     report = check_trajectory(Spline(("J1",), points), HEX7BOT)
     with pytest.raises(LimitError, match="J1 would turn at"):

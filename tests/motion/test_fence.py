@@ -29,7 +29,7 @@ GOOD, FOLDED, DEEPER = posture(100, 120), posture(148, 120), posture(150, 120)
 UP, LOW = posture(90, 110), posture(60, 155)
 
 
-def test_each_kind_is_told_in_words() -> None:
+def test_each_kind_is_described_in_words() -> None:
     fence = Fence(A, lowest(LOW) + 0.01)
     fence.begin(UP)
     assert fence.check(GOOD) == {}
@@ -40,14 +40,14 @@ def test_each_kind_is_told_in_words() -> None:
     assert fence.check(UP) == {}
 
 
-def test_without_a_table_there_is_none() -> None:
+def test_without_a_table_there_is_no_table_check() -> None:
     fence = Fence(A, None)
     fence.begin(UP)
     assert fence.check(LOW) == {}
     assert fence.lowest == lowest(LOW)
 
 
-def test_who_begins_outside_may_leave_but_not_get_further_in_or_come_back() -> None:
+def test_an_arm_that_begins_outside_may_leave_but_not_go_deeper_or_come_back() -> None:
     fence = Fence(A)
     fence.begin(FOLDED)
     assert fence.check(FOLDED) == {}
@@ -73,7 +73,7 @@ def test_an_arm_in_motion_has_a_little_more_room_than_a_plan(depth: float, plan:
         assert (fence.check(LOW) == {}) is good
 
 
-def test_a_joint_that_nobody_has_heard_of_opens_nothing() -> None:
+def test_a_joint_without_a_position_disables_no_check() -> None:
     unknown = {**UP, "J2": math.nan}
     with pytest.raises(UsageError, match=r"^the position of J2 is unknown, so the path cannot be checked$"):
         Fence(A).begin(unknown)
@@ -131,7 +131,7 @@ def test_an_arm_that_leans_on_the_table_sets_out_from_where_it_was_told_to_be() 
     assert "below the table" in fence.follow(here, low)
 
 
-def test_nobody_creeps_in() -> None:
+def test_an_arm_beyond_a_limit_may_not_stay_deeper_than_before() -> None:
     here, deeper = FOLDED, posture(148.3, 120)
     fence = Fence(A)
     fence.begin(here)

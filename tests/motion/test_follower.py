@@ -82,7 +82,7 @@ def test_replacing_a_trajectory_blends_without_a_jump() -> None:
     assert both[-1][1] == J1 - 0.5
 
 
-def test_after_a_stall_the_trajectory_goes_on_where_it_was() -> None:
+def test_after_a_stall_the_trajectory_continues_where_it_was() -> None:
     follower = started()
     follower.follow(way(J1, J1 + 1.0), 0.0)
     before = run(follower, 0.0, 1.0)
@@ -112,7 +112,7 @@ def test_desired_is_the_trajectory_while_it_runs_and_the_last_command_after() ->
     assert follower.desired(("J1",), 3.0).velocity == (0.0,)
 
 
-def test_what_replaces_a_motion_is_meant_only_from_when_it_begins() -> None:
+def test_a_replacement_motion_counts_only_from_its_beginning() -> None:
     follower = started()
     old = way(J1, J1 + 1.0)
     follower.follow(old, 0.0)
@@ -168,7 +168,7 @@ def test_latest_set_point_wins_and_the_overtaken_are_counted() -> None:
     assert (follower.counters.set_points, follower.counters.replaced) == (3, 2)
 
 
-def test_set_points_are_pursued_within_the_speed_limit() -> None:
+def test_set_points_are_followed_within_the_speed_limit() -> None:
     follower = started()
     last, speed = J1, HEX7BOT.joint("J1").max_speed
     for i in range(20):

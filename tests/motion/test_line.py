@@ -63,7 +63,7 @@ def test_tool_turns_evenly() -> None:
     assert middle.position == pytest.approx(here.position, abs=1e-9)
 
 
-def test_no_way_is_a_line_of_no_time() -> None:
+def test_a_line_without_length_takes_no_time() -> None:
     line = Line(A, START, A.forward(START))
     assert line.duration == 0
     assert line.sample(0.0).position == pytest.approx(START, abs=1e-9)
@@ -116,7 +116,7 @@ def test_the_puma_draws_lines_too() -> None:
 
 @pytest.mark.parametrize("name", ["speed", "acceleration", "turn_speed"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
-def test_speeds_must_make_sense(name: str, value: float) -> None:
+def test_an_invalid_speed_is_refused(name: str, value: float) -> None:
     with pytest.raises(UsageError, match=f"speeds and accelerations must be finite and above 0, not {value:g}"):
         Line(A, START, moved(0.01, 0, 0), **{name: value})
 

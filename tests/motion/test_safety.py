@@ -42,7 +42,7 @@ def test_following_error_must_last() -> None:
     assert "13.0 deg off its path" in str(found)
 
 
-def test_being_late_is_no_following_error() -> None:
+def test_a_delay_is_not_a_following_error() -> None:
     guard = Guard(LIMITS)
     # 90 deg/s: a servo 0.2 s behind is 18 deg off the newest command, and well.
     speed, t = math.radians(90), 0.0
@@ -53,7 +53,7 @@ def test_being_late_is_no_following_error() -> None:
         t += 0.05
 
 
-def test_standing_still_while_told_to_move_is_one() -> None:
+def test_not_moving_on_command_is_a_following_error() -> None:
     guard = Guard(LIMITS)
     t = 0.0
     while t < 3.0:
@@ -84,14 +84,14 @@ def test_load_and_error_together_are_a_collision_at_once() -> None:
     assert judged(commanded(), 2.0, load={"J3": 0.6}) is None
 
 
-def test_what_is_over_does_not_count_on() -> None:
+def test_an_ended_deviation_does_not_keep_counting() -> None:
     guard = commanded()
     for start in (0.0, 1.0, 2.0):
         assert judged(guard, 0.5, start=start, load={"J2": 0.95}) is None
         assert guard.judge(state(), start + 0.6) is None
 
 
-def test_time_in_which_nobody_looked_is_no_proof() -> None:
+def test_time_without_measurements_does_not_count_as_a_fault() -> None:
     guard = commanded()
     off, push = {"J5": HOME["J5"] + math.radians(6)}, {"J5": 0.8}
     assert guard.judge(state(off, load=push), 0.0) is None
@@ -158,7 +158,7 @@ def test_a_slow_line_makes_states_old_and_commands_late() -> None:
     assert slow.following_error == LIMITS.following_error
 
 
-def test_what_was_chosen_is_not_widened() -> None:
+def test_given_thresholds_are_not_widened() -> None:
     limits = SafetyLimits.at_period(1.0, max_age=0.7, load=0.6)
     assert (limits.lag, limits.max_age, limits.load) == (2.5, 0.7, 0.6)
 
@@ -174,7 +174,7 @@ def test_a_chosen_threshold_must_be_above_zero_too() -> None:
         SafetyLimits.at_period(0.05, load=-1)
 
 
-def test_a_joint_that_does_not_say_where_it_is_has_not_been_heard_of() -> None:
+def test_a_joint_without_a_position_counts_as_silent() -> None:
     found = judged(commanded(), 5.0, positions={"J2": math.nan})
     assert found is not None
     assert (found.kind, found.joint) == ("lost", "J2")
@@ -214,7 +214,7 @@ def test_thresholds_themselves_are_allowed(options: dict[str, object]) -> None:
     assert judged(commanded(), 5.0, **options) is None
 
 
-def test_what_was_commanded_within_the_lag_counts_and_what_is_older_does_not() -> None:
+def test_commands_within_the_lag_count_and_older_ones_do_not() -> None:
     limits = SafetyLimits(lag=0.25, following_error=0.1, following_time=1e-9)
     # The command of 0.5 s is in force until 1 s, and counts for as long as the lag after that.
     for when, good in ((1.125, True), (1.247, True), (1.25, False)):
@@ -290,7 +290,7 @@ def test_a_stall_counts_as_one_cycle_for_every_condition() -> None:
 def test_a_board_that_was_told_to_stop() -> None:
     found = commanded().judge(state(stopped=True), 0.0)
     assert found is not None
-    assert found.text == "the board has stopped the arm: it was told to"
+    assert found.text == "a stop command has stopped the arm"
     assert commanded().judge(state(watchdog_tripped=True), 0.0) is None
 
 

@@ -247,7 +247,7 @@ def test_the_mode_changes_only_while_nothing_moves() -> None:
     assert hand.rules.mode is JogMode.JOINT
 
 
-def test_what_makes_no_sense() -> None:
+def test_invalid_values_are_refused() -> None:
     for share in (0.0, 1.1, -1.0, math.nan):
         with pytest.raises(UsageError):
             Teleop(PUMA260, share=share)
@@ -283,7 +283,7 @@ def test_any_stick_keeps_the_rules(mode: JogMode, steps: list[tuple[list[float],
             positions = dict(jog.positions)
 
 
-def test_the_arm_as_a_whole_stays_out_of_its_gate_and_can_be_led_back() -> None:
+def test_the_arm_keeps_its_coupling_limit_and_can_be_led_back() -> None:
     model = Hex7BotModel()
     start = {joint.name: joint.offset for joint in HEX7BOT.joints} | {"J3": HEX7BOT.joint("J3").offset + 0.7}
 
@@ -380,6 +380,18 @@ def test_the_gripper_opens_and_closes_between_its_limits() -> None:
         hand.cycle(buttons=open_)
         assert hand.positions["J7"] == joint.minimum
         assert {name: hand.positions[name] for name in HEX7BOT.names[:6]} == {n: home[n] for n in HEX7BOT.names[:6]}
+
+
+@pytest.mark.parametrize(("close", "open_"), [(0, 1), (2, 3), (9, 8)])
+def test_any_two_buttons_may_be_those_of_the_gripper(close: int, open_: int) -> None:
+    home = {each.name: each.offset for each in HEX7BOT.joints}
+    hand = Hand(Teleop(HEX7BOT, None, stick=StickMap(close=close, open=open_)), home)
+    hand.begin()
+    for button in (close, open_, 5):
+        before = hand.positions["J7"]
+        hand.cycle(buttons=DEAD_MAN | 1 << button)
+        moved = hand.positions["J7"] - before
+        assert (moved > 0, moved < 0) == (button == close, button == open_)
 
 
 def test_a_tool_whose_joint_lags_stays_on_its_line() -> None:

@@ -23,12 +23,12 @@ def test_it_starts_at_the_start_and_ends_exactly_at_the_goal(start: tuple[float,
     assert way.position(duration + 1e9) == goal
 
 
-def test_half_way_in_half_the_time() -> None:
+def test_half_the_path_takes_half_the_time() -> None:
     assert Quintic((0.0, 10.0), (1.0, -10.0), 4.0).position(2.0) == pytest.approx((0.5, 0.0))
 
 
 @given(st.floats(-4, 4), st.floats(-4, 4), st.lists(st.floats(0, 1), min_size=2, max_size=50))
-def test_it_never_turns_back_nor_leaves_the_way(a: float, b: float, shares: list[float]) -> None:
+def test_it_never_turns_back_nor_leaves_the_path(a: float, b: float, shares: list[float]) -> None:
     way = Quintic((a,), (b,), 1.0)
     places = [way.position(t)[0] for t in sorted(shares)]
     assert all(min(a, b) - 1e-9 <= place <= max(a, b) + 1e-9 for place in places)

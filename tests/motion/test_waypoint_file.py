@@ -40,17 +40,17 @@ def test_what_people_and_ros_write(as_bytes: bool) -> None:
 @pytest.mark.parametrize(
     ("content", "place"),
     [
-        ("", ":1:1: no JSON"),
-        ("{", ":1:2: no JSON"),
-        ("[1,", ":1:4: no JSON"),
+        ("", ":1:1: not JSON"),
+        ("{", ":1:2: not JSON"),
+        ("[1,", ":1:4: not JSON"),
         (b"\xff\xfe{}", ":1:1: is UTF-16 text"),
         (b'{"a\xff"', ":1:4: not UTF-8 text"),
         (b"{}\n\0", ":2:1: not UTF-8 text"),
-        ("[" * 100_000, ": no JSON for us: brackets"),
-        ('{"points": 1, "points": 2}', ": the key 'points' stands twice"),
+        ("[" * 100_000, ": brackets are nested too deeply"),
+        ('{"points": 1, "points": 2}', ": the key 'points' occurs twice"),
     ],
 )
-def test_what_is_no_json(content: str | bytes, place: str) -> None:
+def test_invalid_json_is_refused(content: str | bytes, place: str) -> None:
     with pytest.raises(ConfigError, match=rf"^way\.json{place}"):
         parse_waypoints(content, "way.json")
 
@@ -62,7 +62,7 @@ def test_what_is_no_json(content: str | bytes, place: str) -> None:
         ("[]", "must be a table, not the list []"),
         ("{}", "joint_names is missing"),
         ('{"joint_names": 7, "points": []}', "joint_names must be a list, not 7"),
-        ('{"joint_names": [], "points": []}', "joint_names has 0 values, and 1 to 253 are wanted"),
+        ('{"joint_names": [], "points": []}', "joint_names has 0 values, but must have 1 to 253"),
         ('{"joint_names": ["J1", "J1"], "points": []}', "joint_names name a joint twice"),
         ('{"joint_names": ["J1"]}', "points is missing"),
         ('{"joint_names": ["J1"], "points": [7]}', "points[0] must be a table, not 7"),
@@ -71,17 +71,17 @@ def test_what_is_no_json(content: str | bytes, place: str) -> None:
         (_point("0", ["x"]), "points[0].positions[0] must be a number, not the text 'x'"),
         (_point("[]", [0]), "points[0].time_from_start must be a number, not the list []"),
         (_point('{"secs": "x"}', [0]), "points[0].time_from_start.secs must be a number, not the text 'x'"),
-        (_point("1e308", [0]), "points[0].time_from_start is 1e+308, and must be 0 to 3600 s"),
-        (_point("1e999", [0]), "points[0].time_from_start is not a number that makes sense here"),
-        (_point("9" * 5000, [0]), "points[0].time_from_start is not a number that makes sense here"),
-        (_point("-1", [0]), "points[0].time_from_start is -1, and must be 0 to 3600 s"),
+        (_point("1e308", [0]), "points[0].time_from_start is 1e+308, but must be 0 to 3600 s"),
+        (_point("1e999", [0]), "points[0].time_from_start must be a finite number"),
+        (_point("9" * 5000, [0]), "points[0].time_from_start must be a finite number"),
+        (_point("-1", [0]), "points[0].time_from_start is -1, but must be 0 to 3600 s"),
         (_point("true", [0]), "points[0].time_from_start must be a number, not true"),
-        (_point("0", [1e5]), "points[0].positions[0] is 100000, and must be -10000 to 10000"),
-        (_point("0", [math.nan]), "points[0].positions[0] is not a number that makes sense here"),
+        (_point("0", [1e5]), "points[0].positions[0] is 100000, but must be -10000 to 10000"),
+        (_point("0", [math.nan]), "points[0].positions[0] must be a finite number"),
         (_point("0", [None]), "points[0].positions[0] must be a number, not nothing"),
     ],
 )
-def test_what_is_no_trajectory(content: str, error: str) -> None:
+def test_values_that_are_not_a_trajectory_are_refused(content: str, error: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_waypoints(content, "way.json")
     assert str(caught.value) == f"way.json: {error}"
@@ -96,7 +96,7 @@ def test_what_is_no_trajectory(content: str, error: str) -> None:
         ([{"time_from_start": 0, "positions": [0]}] * 2, "not after the one before"),
     ],
 )
-def test_points_that_make_no_trajectory(points: list[Any], error: str) -> None:
+def test_invalid_points_are_refused(points: list[Any], error: str) -> None:
     with pytest.raises(UsageError, match=error):
         parse_waypoints(json.dumps({"joint_names": ["J1"], "points": points}), "way.json")
 

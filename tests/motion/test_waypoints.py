@@ -100,7 +100,7 @@ def test_one_point_is_a_pose_to_hold() -> None:
         ([Waypoint(0.0, (0.0,), None, (0.0,))], "point 1 has accelerations but no velocities"),
     ],
 )
-def test_waypoints_that_make_no_sense(points: list[Waypoint], words: str) -> None:
+def test_invalid_waypoints_are_refused(points: list[Waypoint], words: str) -> None:
     with pytest.raises(UsageError, match=words):
         Spline(("a",), points)
 
@@ -132,7 +132,7 @@ def test_from_rest_to_rest_is_the_quintic() -> None:
     derivatives_agree(way, 0.7)
 
 
-def test_scaled_runs_the_same_way_faster() -> None:
+def test_a_scaled_trajectory_follows_the_same_path_faster() -> None:
     way = rest_to_rest(("a",), (0.0,), (1.0,), 2.0)
     fast = Scaled(way, 2.0)
     assert fast.duration == 1.0

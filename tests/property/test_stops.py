@@ -38,7 +38,7 @@ RAW = ("raw_move", "sent_move", "raw_resume")
 @pytest.mark.parametrize(
     ("dialect", "what"), [(d, w) for d in (1, 2) for w in BOTH] + [(2, w) for w in RAW], ids=lambda p: str(p)
 )
-def test_what_waits_for_the_line_is_void_after_a_stop(dialect: int, what: str) -> None:
+def test_calls_that_wait_for_the_line_are_void_after_a_stop(dialect: int, what: str) -> None:
     with bench(dialect) as b:
         if "resume" in what:
             b.stop()
@@ -85,7 +85,7 @@ def test_what_waits_for_the_line_is_void_after_a_stop(dialect: int, what: str) -
 
 
 @pytest.mark.parametrize("deed", ["write", "torque", "resume", "raw"])
-def test_what_waits_for_a_servo_bus_is_void_after_a_stop(deed: str) -> None:
+def test_calls_that_wait_for_a_servo_bus_are_void_after_a_stop(deed: str) -> None:
     robot, judge, _, _ = fresh("bus")
     assert isinstance(robot, SevenBotArm)
     robot.torque(deed != "torque")
@@ -133,7 +133,7 @@ def test_what_waits_for_a_servo_bus_is_void_after_a_stop(deed: str) -> None:
 @pytest.mark.timeout(600)  # the first one builds the firmware
 @pytest.mark.parametrize("kind", ["emulator", "core"])
 @pytest.mark.parametrize("dialect", [1, 2])
-def test_threads_that_do_anything_do_nothing_after_a_stop(dialect: int, kind: str) -> None:
+def test_no_earlier_call_of_any_thread_acts_after_a_stop(dialect: int, kind: str) -> None:
     moved = seed = 0
     # A busy machine may let no move through for a while, and runs in which nothing moves prove nothing.
     while seed < RUNS or (not moved and seed < 10 * RUNS):
@@ -191,7 +191,7 @@ def test_a_move_that_was_judged_gives_no_torque_back_on_a_servo_bus() -> None:
     assert robot.bus.read(0, "torque_enable").raw == 0
 
 
-def test_the_judge_sees_what_a_stop_should_have_voided() -> None:
+def test_the_judge_detects_requests_that_a_stop_should_have_voided() -> None:
     judge = Judge()
     with judge.call("torque"):
         judge.seen("torque")

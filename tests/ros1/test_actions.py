@@ -98,7 +98,7 @@ def test_a_goal_is_accepted_and_reached(actions: Actions) -> None:
     assert not actions.goals.open
 
 
-def test_a_goal_that_is_cancelled_on_its_way_is_preempted(actions: Actions) -> None:
+def test_a_goal_that_is_cancelled_during_its_path_check_is_preempted(actions: Actions) -> None:
     actions.goals.start()
     handle = actions.send(Handle("one", {"J1": HOME["J1"] + 0.5}, 5.0))
     wait_for(lambda: handle.said)

@@ -156,7 +156,7 @@ def test_pose_is_gone_to_and_stop_ends_that(arm: Arm) -> None:
 
 def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     arm.trigger("go_to/home")
-    assert "nothing is being taught" in arm.refused("teach/stop")
+    assert "the arm is not in teach mode" in arm.refused("teach/stop")
     assert "no torque" in arm.trigger("teach/start")
     assert not any(servo.torque_on for servo in arm.board.board.wire.servos)
     arm.send("one", {"J1": 0.0}, 1.0)
@@ -177,7 +177,7 @@ def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     assert near(led_to, arm.board.positions)
 
 
-def test_teaching_without_a_motion_is_told_and_the_arm_is_held_again(arm: Arm) -> None:
+def test_teaching_without_a_motion_is_reported_and_the_arm_is_held_again(arm: Arm) -> None:
     arm.trigger("teach/start")
     assert "move" in arm.refused("teach/stop")
     assert all(servo.torque_on for servo in arm.board.board.wire.servos)

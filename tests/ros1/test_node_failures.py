@@ -171,7 +171,7 @@ def test_servo_lost_during_a_move_stops_the_arm(arm: Arm) -> None:
     assert arm.result("after")["state"] == "SUCCEEDED"
 
 
-def test_servo_lost_at_rest_is_told_and_the_others_go_on(arm: Arm) -> None:
+def test_servo_lost_at_rest_is_reported_and_the_others_continue(arm: Arm) -> None:
     arm.board.faults("silent:5")
     until(lambda: _published(arm) == set(JOINTS) - {"J6"}, "J6 is left out", arm.node.report)
     arm.diagnosed("J6 (servo 5)", 2)
@@ -230,7 +230,7 @@ def test_without_a_master_it_ends_with_a_line(world: World) -> None:
     assert "roscore" in line
 
 
-def test_master_that_never_answers_is_none(world: World) -> None:
+def test_a_master_that_never_answers_counts_as_absent(world: World) -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
         uri = f"http://127.0.0.1:{mute.getsockname()[1]}"
         program = world.run(*NODE, f"_port:={world.folder / 'none'}", status=1, ROS_MASTER_URI=uri)
@@ -251,7 +251,7 @@ def test_refused_command_line_is_forgotten_by_the_master(world: World) -> None:
     world.run(*node, status=1)
 
 
-def test_address_that_is_none_of_this_machine_is_told(world: World) -> None:
+def test_an_address_of_another_machine_is_reported(world: World) -> None:
     port = world.folder / "elsewhere"
     board = world.board(port)
     node = world.start(*NODE, "__ns:=elsewhere", f"_port:={port}", ROS_IP="192.0.2.7")
@@ -271,7 +271,7 @@ def test_wrong_port_ends_with_a_line(world: World) -> None:
     assert port in _one_line(program.err)
 
 
-def test_all_wrong_parameters_are_told_at_once(world: World) -> None:
+def test_all_wrong_parameters_are_reported_at_once(world: World) -> None:
     program = world.run(
         *NODE,
         *("__ns:=wrong", "_port:=/dev/null", "_watchdog:=-1", "_publish_rat:=5", "_joints:=[J9]"),

@@ -267,7 +267,7 @@ def test_frames_of_two_arms_can_be_told_apart(ros: dict[str, str]) -> None:
     assert prefix not in _params(ros, "hardware.launch", "sim:=true")
 
 
-def test_what_ends_is_not_started_again_unasked() -> None:
+def test_a_node_that_ends_is_not_restarted_unasked() -> None:
     for node in ET.parse(PACKAGE / "launch" / "hardware.launch").getroot().iter("node"):
         assert node.get("respawn", "false") in ("false", "$(arg respawn)"), node.get("name")
 

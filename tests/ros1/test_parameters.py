@@ -81,7 +81,7 @@ def test_the_only_likely_board(boards: list[str]) -> None:
     assert "--port" not in text
 
 
-def test_no_board_is_told_only_if_all_else_is_right() -> None:
+def test_a_missing_board_is_reported_only_if_all_else_is_right() -> None:
     assert faults(port="", pose_speed=2) == ["~pose_speed: 2 must be above 0 and at most 1"]
     assert faults(port="", poses={"up": {"J8": 0}}) == [f"~poses/up/J8: no joint 'J8', there are {', '.join(ALL)}"]
     with pytest.raises(LinkNotFoundError, match="no serial port on this machine") as told:
@@ -192,7 +192,7 @@ def test_texts_name_other_parameters_as_ros_does() -> None:
     assert text.startswith("~watchdog: 0.5 s is less than two periods of ~command_rate 2 Hz, 1 s")
 
 
-def test_what_is_no_table_is_told() -> None:
+def test_a_value_that_is_not_a_table_is_reported() -> None:
     assert faults(poses=1, controllers=2) == [
         "~poses: must be a table of names and values, not 1",
         "~controllers: must be a table of names and values, not 2",

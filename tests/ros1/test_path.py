@@ -55,7 +55,7 @@ def test_twice_is_once(tmp_path: Path) -> None:
     assert sys.path == before
 
 
-def test_half_an_installation_is_none(tmp_path: Path) -> None:
+def test_an_incomplete_installation_does_not_count(tmp_path: Path) -> None:
     before = list(sys.path)
     assert not find_ros([(installed(tmp_path / "usr", "rospy", "yaml"),)])
     assert not find_ros([(tmp_path / "none",)])

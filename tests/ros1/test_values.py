@@ -67,7 +67,7 @@ def _commands(names: list[str], **fields: list[float]) -> Any:
     return SimpleNamespace(**{**dict.fromkeys(COMMAND_ARRAYS, ()), "name": names, **fields})
 
 
-def test_set_points_are_the_positions_and_other_fields_are_told() -> None:
+def test_set_points_are_the_positions_and_other_fields_are_reported() -> None:
     names = [line.split()[1] for line in _OSRF["JointCommands"][1].splitlines()]
     assert names == ["header", "name", *COMMAND_ARRAYS], "every field of the message"
     message = _commands(["J4", "J1"], position=[0.5, 0.1], effort=[0.0, 0.0], kp_position=[9.0, 9.0])

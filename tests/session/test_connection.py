@@ -94,7 +94,7 @@ def test_the_sn_wraps() -> None:
     [{"seq": 77}, {"cmd": Command.STOP}, {"src": 3}, {"dst": 0}, {"cmd_ext": 0}],
     ids=lambda changes: next(iter(changes)),
 )
-def test_what_is_no_answer_is_stale(changes: dict[str, int]) -> None:
+def test_a_frame_that_is_not_an_answer_is_stale(changes: dict[str, int]) -> None:
     h = host()
     h.request(Command.STATS, b"", 0.0)
     (request,) = sent(h)
@@ -706,7 +706,7 @@ def test_the_next_deadline_is_the_first_of_all() -> None:
     assert h.next_timeout() == 4.0
 
 
-def test_what_came_instead_is_told_of_every_request_that_waits() -> None:
+def test_bytes_received_instead_are_reported_for_every_waiting_request() -> None:
     h = host(policy=RetryPolicy(attempts=1))
     for _ in range(2):
         h.request(Command.STATS, b"", 0.0)
@@ -745,7 +745,7 @@ def test_what_may_not_come_in_fragments(cmd: int) -> None:
     assert b.counters.stale == 1
 
 
-def test_who_asks_a_host_or_answers_a_board_is_not_listened_to() -> None:
+def test_requests_to_a_host_and_replies_to_a_board_are_ignored() -> None:
     h, b = host(), board()
     request = request_frame(src=8, dst=7)
     h.receive(request, 0.0)

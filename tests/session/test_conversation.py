@@ -183,14 +183,14 @@ def test_old_answers_are_not_taken_for_new_ones(talk: Talk) -> None:
 
 
 @pytest.mark.parametrize(("late", "done"), [(0.0, True), (0.9, True), (1.1, False), (3600.0, False)])
-def test_a_command_held_up_on_the_way_is_not_executed(talk: Talk, late: float, done: bool) -> None:
+def test_a_delayed_command_is_not_executed(talk: Talk, late: float, done: bool) -> None:
     (data,) = talk.frames(Command.TORQUE, ON)
     talk.now += late
     talk.to_board(data)
     assert talk.done == ([(Command.TORQUE, ON)] if done else [])
 
 
-def test_an_answer_held_up_on_the_way_is_taken_while_it_is_waited_for_a_report_is_not(talk: Talk) -> None:
+def test_a_delayed_answer_is_taken_while_awaited_but_a_delayed_report_is_not(talk: Talk) -> None:
     (data,) = talk.frames(Command.STATS, b"x", window=30.0)
     (answer,) = talk.to_board(data)
     talk.board.report(Command.JOINT_STATE, b"old", talk.now)
@@ -577,7 +577,7 @@ def test_a_board_keeps_its_last_sixteen_offers_and_takes_up_any_of_them() -> Non
     assert conversations.take(of(102)._replace(type=1005), 0.0) == "it is of another conversation"
 
 
-def test_news_is_what_was_not_refused() -> None:
+def test_only_accepted_frames_count_as_news() -> None:
     conversations = Conversations(iter(range(1000, 2000)).__next__, host=False)
     conversations.offer(of(5, cmd=Command.IDENTIFY), 0.0)
     assert conversations.take(of(6)._replace(type=1001), 0.0) == ""

@@ -157,7 +157,7 @@ def test_what_is_not_free_is_refused(changes: dict[str, Any]) -> None:
         (Command.SYNC_WRITE, sp.make_sync_write(0x2A, {i: bytes(4) for i in range(41)}), "208 is the most"),
     ],
 )
-def test_what_an_old_board_would_not_survive_is_refused(cmd: Command, packet: bytes, reason: str) -> None:
+def test_requests_that_would_harm_an_old_board_are_refused(cmd: Command, packet: bytes, reason: str) -> None:
     with pytest.raises(LocalProtocolError, match=reason):
         Pending1(1, cmd, packet, 0.2, 3)
 
@@ -259,7 +259,7 @@ def test_wherever_the_exchanged_bytes_lie_the_value_is_right(junk: int, echo: by
         assert match_reply(only_echo, Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)) is None
 
 
-def test_what_is_followed_by_bytes_that_make_no_sense_is_believed_the_second_time() -> None:
+def test_an_answer_followed_by_noise_is_accepted_the_second_time() -> None:
     pending = Pending1(1, Command.READ, LEGACY_READ, 0.2, 3)
     assert match_reply(LITTLE_ENDIAN + bytes(3), pending) is None
     assert match_reply(LITTLE_ENDIAN + bytes(3), pending) == LITTLE_ENDIAN

@@ -57,7 +57,7 @@ def test_dialect_1(cmd: int, body: bytes, effect: Effect) -> None:
     assert effect_of(1, cmd, body) is effect
 
 
-def test_what_only_asks_whatever_it_carries() -> None:
+def test_requests_that_only_read_whatever_their_body() -> None:
     names = {
         "IDENTIFY", "JOINT_STATE", "REPORT", "WATCHDOG", "STATS", "ROBOT_PROBE", "JOINT_STATES", "JOYSTICK",
     }  # fmt: skip

@@ -89,7 +89,7 @@ def test_as_a_list_that_holds_64_reports(steps: list[tuple[str, int]]) -> None:
     assert (counters.reports_dropped, counters.events_dropped) == (dropped, 0)
 
 
-def test_where_only_outcomes_wait_nothing_gives_way() -> None:
+def test_outcomes_are_never_dropped_from_the_queue() -> None:
     counters = ConnectionCounters()
     queue = EventQueue(counters)
     outcomes: list[Event] = [TimedOut(i, 2, 3, "") for i in range(4100)]
@@ -99,7 +99,7 @@ def test_where_only_outcomes_wait_nothing_gives_way() -> None:
     assert counters.events_dropped == 0
 
 
-def test_one_event_gives_way_for_each_over_4096_the_oldest_first() -> None:
+def test_above_4096_events_the_oldest_is_dropped_first() -> None:
     counters = ConnectionCounters()
     queue = EventQueue(counters)
     for i in range(4096):

@@ -303,7 +303,7 @@ def test_a_bare_answer_to_the_ping_is_a_servos(status: bytes, cut: int) -> None:
 @pytest.mark.parametrize(
     "data", [sp.make_ping(3), sp.make_status(4), b"\xff\xff\x03\x02\x00\x00", b"." + sp.make_status(3)]
 )
-def test_what_is_no_servos_answer(data: bytes) -> None:
+def test_packets_that_are_not_a_servos_answer(data: bytes) -> None:
     bare = Bare()
     bare.let_pass(3)
     bare.hear(data)
@@ -394,7 +394,7 @@ def test_one_dialect_only() -> None:
     assert {i for _, p, i in Schedule(boot_window=1.0, ping_ids=()).asked if p == 1} == {0}
 
 
-def test_what_was_heard_before_does_not_count() -> None:
+def test_bytes_received_before_do_not_count() -> None:
     h, b = host(), board()
     b.report(Command.JOINT_STATE, b"x", 0.0)
     (report,) = b.data_to_send()
@@ -411,7 +411,7 @@ def test_what_was_heard_before_does_not_count() -> None:
     ("failed", "words"),
     [
         (NegotiationFailed(5, 0, 0), "check the port, the rate, and the board's power"),
-        (NegotiationFailed(5, 7, 0), "7 bytes that are no frame.*baud rate may be wrong"),
+        (NegotiationFailed(5, 7, 0), "7 bytes that are not a frame.*baud rate may be wrong"),
         (NegotiationFailed(5, 70, 3, None, 2), "2 of our own frames.*only echoes"),
         (NegotiationFailed(5, 70, 3), "3 frames that answer no request.*another program"),
     ],

@@ -68,7 +68,7 @@ def test_by_number() -> None:
     assert store.find_by_number(8, 1, 0x13, 1.0) == []
 
 
-def test_what_a_stop_made_void_is_remembered_however_much_it_was() -> None:
+def test_voided_requests_are_remembered_however_many_they_are() -> None:
     store = ReplyStore()
     for seq in range(30):
         store.asked(frame(seq), 0.0)
@@ -124,7 +124,7 @@ def test_as_plain_lists_of_what_was_answered(steps: list[tuple[str, int, int, fl
 
 
 @pytest.mark.parametrize("pause", [0.5, 1.99])
-def test_what_lasts_is_refused_after_a_stop_for_as_long_as_it_would_have_been_repeated(pause: float) -> None:
+def test_lasting_requests_are_refused_after_a_stop_within_the_repeat_window(pause: float) -> None:
     store = ReplyStore()
     lasting = (Command.RESUME, Command.TORQUE, Command.MAINTENANCE)
     for seq, cmd in enumerate((*lasting, Command.JOINT_MOVE)):

@@ -112,7 +112,7 @@ def test_the_echo_of_any_read_is_no_answer_but_says_that_one_may_have_come() -> 
     assert read(make_status(1, 2, b"\x38\x00")).answers[1].error == 2
 
 
-def test_what_was_sent_lately_is_no_answer_whatever_it_was() -> None:
+def test_a_recently_sent_packet_is_never_an_answer() -> None:
     ping, write = make_ping(1), make_write(1, 40, b"\x01")
     pinged = AnswerCollector(make_write(1, 42, b"\0\0"), (1,), 0, sent=(ping,))
     pinged.receive(ping)
@@ -165,7 +165,7 @@ def test_two_answers_of_one_servo_that_differ_are_none() -> None:
     assert read(ANSWER + ANSWER).answers[1].params == b"\x05\x06"
 
 
-def test_what_is_known_by_another_length_is_kept_apart() -> None:
+def test_answers_known_by_another_length_are_kept_apart() -> None:
     longer = make_status(1, 0, b"\x05\x06\x07")
     collector = read(longer)
     assert collector.answers == {}
@@ -194,7 +194,7 @@ def test_any_echoes_in_any_pieces_give_the_value_and_nothing_else(
 
 
 @pytest.mark.parametrize("echo", [False, True])
-def test_the_wait_goes_on_until_there_are_bytes_enough_for_every_answer(echo: bool) -> None:
+def test_the_wait_lasts_until_there_are_enough_bytes_for_every_answer(echo: bool) -> None:
     """Without the echo that is expected, as many bytes more may be its damaged remains."""
     more = len(REQUEST) if echo else 0
     for heard, wanted in ((b"", 24 + more), (REQUEST, 24)):
@@ -216,15 +216,17 @@ def test_who_may_still_answer(heard: tuple[int, ...], due: int, missing: tuple[i
     assert (collector.due, collector.missing) == (due, missing)
 
 
-def test_where_nobody_is_asked_nothing_is_waited_for() -> None:
+def test_a_packet_to_no_servo_waits_for_no_answer() -> None:
     assert AnswerCollector(make_write(254, 40, b"\1"), (), 0).receive(b"") is Outlook.DONE
 
 
 def test_what_came_instead_in_words() -> None:
     collector = read(make_status(7, 0, b"\1\2") + make_status(9, 0, b"\1\2") + make_status(7, 0, b""))
     assert collector.in_words() == "an answer of servo 7, 9"
-    assert read(bytes(range(1, 21))).in_words() == f"20 bytes that are no answer: {bytes(range(1, 17)).hex(' ')}"
-    assert read(make_status(1, 0, b"\5")).in_words().startswith("7 bytes that are no answer: ff ff 01")
+    assert (
+        read(bytes(range(1, 21))).in_words() == f"20 bytes that are not an answer: {bytes(range(1, 17)).hex(' ')}"
+    )
+    assert read(make_status(1, 0, b"\5")).in_words().startswith("7 bytes that are not an answer: ff ff 01")
 
 
 def test_a_packet_to_all_servos_is_an_echo() -> None:
@@ -233,7 +235,7 @@ def test_a_packet_to_all_servos_is_an_echo() -> None:
     assert collector.strays == []
 
 
-def test_where_every_read_that_was_sent_is_known_another_is_an_answer() -> None:
+def test_if_every_sent_read_is_known_any_other_packet_is_an_answer() -> None:
     looks_like_a_read = make_read(1, 42, 2)
     for all_sent, found in ((True, {1}), (False, set())):
         collector = AnswerCollector(READ, (1,), 2, all_sent=all_sent)

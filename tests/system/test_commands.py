@@ -122,7 +122,7 @@ def test_a_port_that_answers_nothing(tmp_path: Path) -> None:
     assert "hexwire ports" in text
 
 
-def test_a_person_is_told_what_is_waited_for(tmp_path: Path) -> None:
+def test_the_user_is_told_what_the_command_waits_for(tmp_path: Path) -> None:
     with mute_port(tmp_path / "ttyUSB0") as path, Terminal("probe", "--port", path, "--timeout", "3") as terminal:
         assert terminal.wait() == 1
         lines = terminal.plain.splitlines()
@@ -154,7 +154,7 @@ def test_a_wrong_rate() -> None:
 
 
 @pytest.mark.parametrize("rate", ["0", "x", "-1"])
-def test_a_rate_that_is_none(rate: str) -> None:
+def test_an_invalid_rate_is_refused(rate: str) -> None:
     fails(2, "probe", "--port", "/dev/ttyNOSUCH", "--baud", rate)
 
 
@@ -278,7 +278,7 @@ def test_a_board_ends_with_its_standard_input() -> None:
         ["--link", "/etc/passwd"],
     ],
 )
-def test_a_board_that_makes_no_sense(words: list[str]) -> None:
+def test_invalid_board_options_are_refused(words: list[str]) -> None:
     fails(2, "sim", "board", *words)
 
 

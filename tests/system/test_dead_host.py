@@ -157,7 +157,7 @@ def test_teleop_that_is_killed_with_the_stick_pushed_leaves_an_arm_that_is_stopp
 
 
 @pytest.mark.system
-def test_teleop_that_stalls_stays_stopped_when_it_goes_on_with_the_stick_pushed(port: str) -> None:
+def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushed(port: str) -> None:
     channel = free_port(socket.SOCK_DGRAM)
     program = DIES.format(after=80, signal=19) + CLI
     with pushed_stick(channel):
@@ -178,7 +178,7 @@ def test_teleop_that_stalls_stays_stopped_when_it_goes_on_with_the_stick_pushed(
 
 
 @pytest.mark.system
-def test_a_command_that_is_stopped_says_why_when_it_goes_on(port: str) -> None:
+def test_a_suspended_command_that_continues_says_why_the_arm_is_stopped(port: str) -> None:
     process = start(port, DIES.format(after=10, signal=19) + CLI, "move", "J4=70", "--duration", "8", "--wait")
     try:
         os.waitpid(process.pid, os.WUNTRACED)

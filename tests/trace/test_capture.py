@@ -135,7 +135,7 @@ def test_damage_anywhere_gives_messages_or_one_error(
             read(io.BytesIO(bytes(spoilt)))
 
 
-def test_what_a_signal_handler_tells_in_the_middle_is_refused_and_does_not_wait(
+def test_a_record_from_a_signal_handler_in_the_middle_is_refused_and_does_not_wait(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     capture = Capture(tmp_path / "a.mcap", offset=0.0)

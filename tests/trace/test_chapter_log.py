@@ -50,7 +50,7 @@ def test_the_chapters_own_text_is_read() -> None:
     assert transfers[0] == Passed(Direction.SENT, REQUEST, 0.0, "")
 
 
-def test_missing_bytes_are_told_and_the_rest_is_read() -> None:
+def test_missing_bytes_are_reported_and_the_rest_is_read() -> None:
     text = CHAPTER.replace("14 22 0D 0A", "14 22 0D")
     remark, transfer, *_ = parse_log(text.splitlines())
     assert remark == "the log says 52 bytes, but has 51"

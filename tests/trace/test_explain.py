@@ -76,7 +76,7 @@ def test_a_cooked_port_is_recognised_and_the_frame_explained_all_the_same() -> N
     assert explained.data.endswith(b"\n\n")
 
 
-def test_what_is_corrupt_stands_where_it_is_and_explaining_goes_on() -> None:
+def test_corrupt_bytes_are_shown_in_place_and_explaining_continues() -> None:
     good = frame(2, Command.STATS, b"", seq=1)
     flipped = bytearray(frame(2, Command.JOINT_STATE, b"\x3f", seq=2))
     flipped[40] ^= 1

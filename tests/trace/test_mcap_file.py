@@ -90,7 +90,7 @@ def test_messages_within_and_without_chunks_of_every_kind() -> None:
         (bytes((5,)) + (1 << 40).to_bytes(8, "little"), "its length is 1099511627776 bytes"),
     ],
 )
-def test_damage_is_told_with_its_place_and_what_stands_before_is_given(spoilt: bytes, words: str) -> None:
+def test_damage_is_reported_with_its_place_after_the_messages_before_it(spoilt: bytes, words: str) -> None:
     begin = len(MAGIC) + len(GOOD)
     data, remark = read(GOOD + spoilt + message(b"behind"))
     assert data == [b"{}"]

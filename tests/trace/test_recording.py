@@ -73,7 +73,7 @@ def test_a_file_that_was_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
     assert 1000 < len(rows) < 4000
 
 
-def test_what_is_no_recording_is_said_so(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"hello, world, this is not a recording")
     with pytest.raises(UsageError, match=r"a\.mcap is not a recording"):
         list(read_joint_states(tmp_path / "a.mcap"))
@@ -84,7 +84,7 @@ def test_what_is_no_recording_is_said_so(tmp_path: Path) -> None:
 
 @settings(max_examples=200)
 @given(data=st.data())
-def test_damaged_files_end_in_one_way(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+def test_damaged_files_give_one_error(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.mktemp("r") / "a.mcap"
     write(path, 40)
     content = bytearray(path.read_bytes())
@@ -98,7 +98,7 @@ def test_damaged_files_end_in_one_way(tmp_path_factory: pytest.TempPathFactory, 
     assert len(rows) <= 40
 
 
-def test_a_joint_state_that_is_none(tmp_path: Path) -> None:
+def test_an_invalid_joint_state_is_refused(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "a.mcap") as recording:
         recording.message(JOINT_STATES, "foxglove.JointStates", 1.0, {"joints": 7})
     with pytest.raises(UsageError, match=r"a\.mcap: joint state 1\.joints must be a list, not 7"):

@@ -137,12 +137,12 @@ def test_si_values(series: Series, name: str, raw: int, value: float, unit: str)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e9])
-def test_what_no_register_holds(value: float) -> None:
+def test_values_that_do_not_fit_a_register_are_refused(value: float) -> None:
     with pytest.raises(UsageError, match="cannot hold"):
         Series.HLS.register("goal_position").from_si(value)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_a_value_that_does_not_fit_is_refused() -> None:
     for register, value in (("goal_position", 32768), ("goal_position", -32768), ("id", 256), ("id", -1)):
         with pytest.raises(UsageError, match=register):
             Series.HLS.register(register).encode(value)

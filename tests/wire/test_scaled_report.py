@@ -41,7 +41,7 @@ REPORTS = st.builds(
 
 
 @given(REPORTS)
-def test_it_is_the_long_way_times_the_factors(report: JointReport) -> None:
+def test_it_gives_the_same_as_the_full_parser_times_the_factors(report: JointReport) -> None:
     read = ReportScaler(**FACTORS, age=AGE).parse(report.serialize())
     assert read is not None
     time_us, flags, columns = read
@@ -56,7 +56,7 @@ def test_it_is_the_long_way_times_the_factors(report: JointReport) -> None:
 
 
 @given(st.binary(max_size=200))
-def test_any_other_body_is_left_to_the_long_way(body: bytes) -> None:
+def test_any_other_body_is_left_to_the_full_parser(body: bytes) -> None:
     scaler = ReportScaler(**FACTORS, age=AGE)
     read = scaler.parse(body)
     if read is not None:

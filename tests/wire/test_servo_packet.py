@@ -366,7 +366,7 @@ def test_a_run_of_ff_hides_nothing(run: int, case: tuple[StatusPacket, bytes], a
 @pytest.mark.parametrize(
     "packet", [sp.make_status(1, 0, b"\5\6"), sp.make_status(0), sp.make_legacy_ping_status(2)]
 )
-def test_what_begins_like_a_packet_hides_none_and_a_part_is_none(before: bytes, packet: bytes) -> None:
+def test_the_start_of_a_packet_hides_no_other_and_a_part_is_not_a_packet(before: bytes, packet: bytes) -> None:
     status = sp.parse_status(packet)
     for after in (b"", b"\xff", b"\xff\xff", packet[:-1]):
         assert list(sp.iter_status(before + packet + after)) == [status]

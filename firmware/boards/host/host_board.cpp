@@ -8,7 +8,7 @@ namespace hexwire {
 
 namespace {
 
-const uint32_t kStorageByteUs = 3300;  // what the EEPROM of the Mega needs
+const uint32_t kStorageByteUs = 3300;  // write time of the Mega's EEPROM
 
 uint16_t take(std::vector<uint8_t>& from, uint8_t* into, uint16_t room) {
   const size_t count = std::min<size_t>(room, from.size());
@@ -90,7 +90,7 @@ uint32_t hexwire_bus_out(HostBoard* b, uint8_t* into, uint32_t room) {
   return hexwire::take(b->to_bus, into, static_cast<uint16_t>(room));
 }
 
-// When the last byte handed to the bus has left.
+// When the last byte given to the bus is sent.
 uint64_t hexwire_bus_free(HostBoard* b) { return b->bus_free_us; }
 uint8_t* hexwire_storage(HostBoard* b) { return b->storage.data(); }
 void hexwire_storage_broken(HostBoard* b, int broken) { b->storage_broken = broken != 0; }

@@ -1,5 +1,5 @@
-// The core as a program: the host line is a pseudo-terminal whose name is printed first, the servo line is
-// another, or a serial port named with --bus. It makes a controller out of a computer with a bus adapter.
+// The core as a program: the host line is a pseudo-terminal whose name is printed first; the servo line is another
+// one, or the serial port given with --bus. With a bus adapter, a computer becomes the controller.
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
@@ -25,7 +25,7 @@ uint64_t now_us() {
   return static_cast<uint64_t>(t.tv_sec) * 1000000u + static_cast<uint64_t>(t.tv_nsec) / 1000u;
 }
 
-// The slave stays open here, so that a host that closes the port does not end the line.
+// The slave stays open here, so that the line survives a host that closes the port.
 int open_pty(const char* what) {
   int master;
   int slave;
@@ -34,7 +34,7 @@ int open_pty(const char* what) {
   memset(&raw, 0, sizeof(raw));
   cfmakeraw(&raw);
   if (openpty(&master, &slave, name, &raw, nullptr) != 0) {
-    fprintf(stderr, "no pseudo-terminal: %s\n", strerror(errno));
+    fprintf(stderr, "cannot open a pseudo-terminal: %s\n", strerror(errno));
     return -1;
   }
   printf("%s %s\n", what, name);
@@ -46,7 +46,7 @@ int open_port(const char* name) {
   const int fd = open(name, O_RDWR | O_NOCTTY | O_NONBLOCK);
   termios raw;
   if (fd < 0 || tcgetattr(fd, &raw) != 0) {
-    fprintf(stderr, "%s: %s\n", name, strerror(errno));
+    fprintf(stderr, "cannot open %s: %s\n", name, strerror(errno));
     return -1;
   }
   cfmakeraw(&raw);
@@ -85,7 +85,7 @@ int main(int argc, char** argv) {
   fflush(stdout);
 
   hexwire::HostBoard board;
-  // A terminal takes no time: an answer may be there at once.
+  // A pseudo-terminal takes no time: an answer may arrive at once.
   if (!bus_name) board.bus_byte_us = 0;
   const uint64_t start = now_us();
   board.board.begin(static_cast<uint32_t>(time(nullptr)), 0);

@@ -1,5 +1,5 @@
 // The Hex7Bot controller on an Arduino Mega 2560. Open this folder in the Arduino IDE, or run
-// `make -C firmware mega2560`. What the board does is in src/core; here is only what the chip needs.
+// `make -C firmware mega2560`. The board's behaviour is in src/core; this file has only what the chip needs.
 // Wiring and flashing: docs/firmware.md.
 
 #include <avr/eeprom.h>
@@ -64,8 +64,8 @@ uint8_t reset_cause __attribute__((section(".noinit")));
 
 }  // namespace
 
-// After a reset by the watchdog it is still running, with its shortest time: stop it before anything else.
-// A boot loader may have cleared MCUSR by then; the cause is then unknown.
+// After a watchdog reset the watchdog is still running, with its shortest time-out: stop it before anything else.
+// If a boot loader has cleared MCUSR by then, the cause is unknown.
 void note_reset() __attribute__((naked, used, section(".init3")));
 void note_reset() {
   reset_cause = MCUSR;
@@ -73,7 +73,7 @@ void note_reset() {
   wdt_disable();
 }
 
-// A millisecond tick beside the Arduino core's own (1.024 ms both): time-outs and reports are due by it.
+// A second tick of 1.024 ms, beside the Arduino core's: it wakes the loop for time-outs and reports.
 ISR(TIMER0_COMPA_vect) { uart_work = true; }
 
 void setup() {
@@ -95,8 +95,8 @@ void setup() {
 void loop() {
   wdt_reset();
   if (!board.poll()) return;
-  // Asleep until there is work. The instruction after sei() is always executed before an interrupt, so none
-  // can slip in between the look and the sleep.
+  // Sleep until there is work. The instruction after sei() is always executed before an interrupt, so none
+  // can occur between the check and the sleep.
   cli();
   while (!uart_work) {
     sleep_enable();

@@ -28,7 +28,7 @@ volatile uint8_t bus_in_tail;
 volatile uint8_t host_in_wanted;
 volatile uint8_t bus_in_wanted;
 
-// The program is told when the host line has only so many bytes left to send.
+// The program is notified when this many bytes are left to send on the host line.
 constexpr uint8_t kNearlyFree = 16;
 
 const uint8_t* volatile bus_out;
@@ -44,7 +44,7 @@ uint16_t host_out_used() {
 
 }  // namespace
 
-// A byte that finds its ring full is lost; the frame check or the servo checksum tells.
+// A byte that arrives while its ring is full is lost; the frame check or the servo checksum detects that.
 ISR(USART0_RX_vect) {
   const uint8_t byte = UDR0;
   const uint16_t head = host_in_head;
@@ -87,8 +87,8 @@ ISR(USART1_UDRE_vect) {
   UDR1 = *p;
   bus_out = p + 1;
   if (--bus_out_left == 0) {
-    // The line is busy until the last stop bit: the transmit-complete interrupt tells. What it may say about the
-    // byte before is cleared, after the last one is in the chip's hands.
+    // The line is busy until the last stop bit, when the transmit-complete interrupt comes. Its flag may still be set
+    // from an earlier byte, so it is cleared once the last byte is in the data register.
     UCSR1A |= _BV(TXC1);
     UCSR1B = static_cast<uint8_t>((UCSR1B & ~_BV(UDRIE1)) | _BV(TXCIE1));
   }
@@ -167,7 +167,7 @@ void bus_uart_write(const uint8_t* data, uint8_t size) {
 
 bool bus_uart_sending() { return bus_out_busy; }
 
-// What is in the ring already counts.
+// Bytes that are already in the ring count.
 void host_uart_expect(uint8_t bytes) {
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
     const uint16_t held = (host_in_head - host_in_tail) & (kHostIn - 1);

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 from hexwire.epochs import Epochs
 from hexwire.errors import NotSupportedError, PreemptedError, UsageError
 from hexwire.session.effects import packet_only_reads
+from hexwire.wire.servo_packet import BROADCAST_ID
 
 from .machine import ADAPTER_TIME, MEASURED_EVERY, BusMachine, Conversation, Heard, Interrupted, Send
 
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = ["BusLine"]
 
-_WRITE_TIME = 1.0
-"""Seconds to wait for a line that accepts no bytes."""
 _WHAT = "a servo packet"
 _T = TypeVar("_T")
 
@@ -61,6 +60,7 @@ class BusLine:
         self.lock = threading.RLock()
         self.clock: Callable[[], float] = getattr(link, "clock", monotonic)
         self.exchange = link.exchange
+        self._post = link.post
         self._own_baud = baud
 
     # --- opening ----------------------------------------------------------------------------------------------
@@ -190,11 +190,17 @@ class BusLine:
             PreemptedError: The arm was stopped while the packet was sent.
         """
         epochs = self.epochs
-        if token is not None:
+        if token is not None and not epochs.holds(token):
             epochs.check(token, _WHAT)
-        now = self.clock()
-        self.machine.posted(packet, now)
-        self.link.write(packet, now + _WRITE_TIME)
+        machine = self.machine
+        if packet[2] != BROADCAST_ID:
+            # Its echo may pass for an answer.
+            machine.sent.add(packet, self.clock())
+        try:
+            self._post(packet)
+        finally:
+            # The rest of the record afterwards, while the packet is on the wire.
+            machine.posted(packet, self.clock())
         if token is not None and not epochs.holds(token):
             raise PreemptedError("a stop came while a servo packet was sent; the servo may have executed it")
 

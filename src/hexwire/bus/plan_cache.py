@@ -41,13 +41,17 @@ class PlanCache:
     Attributes:
         reads: Plan and register of a single read, by servo and register name.
         syncs: Plan of a sync read, by register name and ids; None if single reads are needed.
-    sync_writes: Plan of a sync write, by register name and ids.
+        sync_writes: Plan of a sync write, by register name and ids.
+        newest_sync: Newest plan of a sync read, by register name: a control loop repeats one.
+        newest_write: The same of a sync write.
     """
 
     def __init__(self, servos: KnownServos, timing: LineTiming) -> None:
         self.reads: dict[tuple[int, str], tuple[ReadPlan, Register]] = {}
         self.syncs: dict[tuple[str, tuple[int, ...]], SyncReadPlan | None] = {}
         self.sync_writes: dict[tuple[str, tuple[int, ...]], SyncWritePlan] = {}
+        self.newest_sync: dict[str, SyncReadPlan] = {}
+        self.newest_write: dict[str, SyncWritePlan] = {}
         self._blocks: dict[tuple[int, int, tuple[int, ...]], SyncReadPlan] = {}
         self._servos = servos
         self._timing = timing
@@ -58,6 +62,8 @@ class PlanCache:
         self.reads.clear()
         self.syncs.clear()
         self.sync_writes.clear()
+        self.newest_sync.clear()
+        self.newest_write.clear()
         self._blocks.clear()
 
     def read(self, servo_id: int, name: str) -> tuple[ReadPlan, Register]:

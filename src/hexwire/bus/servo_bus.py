@@ -70,6 +70,8 @@ class ServoBus(Openable):
         self._plans = self._machine.plans
         self._recent = RecentValues()
         self._newest = self._recent.syncs
+        self._newest_sync = self._plans.newest_sync
+        self._newest_write = self._plans.newest_write
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:
@@ -254,13 +256,14 @@ class ServoBus(Openable):
             UsageError: A servo's series has no such register, or no servo is named.
             LinkError: The line has a fault.
         """
-        ids = servo_ids if type(servo_ids) is tuple else tuple(servo_ids)
-        plan = self._plans.syncs.get((name, ids))
-        if plan is None:
-            plan = self._plans.sync(name, ids)
+        plan = self._newest_sync.get(name)
+        if plan is None or plan.ids is not servo_ids:
+            ids = tuple(servo_ids)
+            plan = self._plans.syncs.get((name, ids)) or self._plans.sync(name, ids)
             if plan is None:
                 return self._read_mixed(name, ids)
-        register = plan.register
+            self._newest_sync[name] = plan
+        register, ids = plan.register, plan.ids
         assert register is not None
         line, machine = self._line, self._machine
         with self._lock:
@@ -330,12 +333,13 @@ class ServoBus(Openable):
 
     def sync_write_raw(self, name: str, values: Mapping[int, int]) -> None:
         """Write raw values of a register of several servos. See `sync_write`."""
-        key = (name, tuple(values))
-        plan = self._plans.sync_writes.get(key)
-        if plan is None:
-            plan = self._plans.sync_write(*key)
+        ids = tuple(values)
+        plan = self._newest_write.get(name)
+        if plan is None or plan.ids != ids:
+            plan = self._plans.sync_writes.get((name, ids)) or self._plans.sync_write(name, ids)
             if plan is None:
                 return writes.sync_write_each(self._line, name, values)
+            self._newest_write[name] = plan
         packet = plan.serialize(tuple(values.values()))
         line = self._line
         token = line.epochs.token(name)

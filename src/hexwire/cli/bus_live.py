@@ -1,7 +1,7 @@
 """The `bus` commands that run for a while: monitor, wave, stress.
 
-Owns their loops, plots and files. A wave moves a servo, so it is confirmed first, bounded by the servo's own
-limits, stopped by any key, and ends at its starting position.
+Owns what they show and save, and the loops of those that only read; `hexwire.control` moves the servo of a wave.
+A wave is confirmed first, bounded by the servo's own limits, stopped by any key, and ends at its starting position.
 """
 
 from __future__ import annotations
@@ -176,12 +176,17 @@ def wave(
         confirm(f"Servo {servo_id} will move {amplitude:g} deg to either side. Is it free to move?", yes)
         with _one_servo(servo_id, amplitude, options) as arm:
             joint = _standing(arm, servo_id)
-            had_torque = bool(arm.read().torque_on)
             if not arm.torque(True):
                 raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
-            with _brought_back(arm, joint, keep_torque=had_torque):
+            with _brought_back(arm, joint, keep_torque=bool(joint.flags & JointFlag.TORQUE_ON)):
                 try:
-                    _wave(arm, joint, (shape, math.radians(amplitude), period), seconds, samples)
+                    _wave(
+                        arm,
+                        joint,
+                        lambda t: wave_angle(shape, math.radians(amplitude), period, t),
+                        seconds,
+                        samples,
+                    )
                 except KeyboardInterrupt:
                     note("stopped")
     if samples:
@@ -248,37 +253,38 @@ def _standing(arm: BusArm, servo_id: int) -> JointReading:
 
 
 def _wave(
-    arm: BusArm, start: JointReading, shape: tuple[str, float, float], seconds: float, samples: list[Row]
+    arm: BusArm, start: JointReading, shape: Callable[[float], float], seconds: float, samples: list[Row]
 ) -> None:
     """Move the servo and collect samples.
 
     Raises:
-        ServoError: The servo has a fault, or is silent for too long.
+        ServoError: The servo has a fault, is silent for too long, or was stopped.
     """
-    from hexwire.model.state import JointTarget
+    from hexwire.control.owner import RobotOwner
+    from hexwire.control.wave import WaveController
 
     servo_id = arm.model.joint(start.name).servo_id
-    silent = missed = 0
-    begin = time.monotonic()
-    with _any_key() as pressed:
-        while (t := time.monotonic() - begin) < seconds and not pressed():
-            target = start.position + wave_angle(*shape, t)
-            arm.write(JointTarget.of({start.name: target}, duration=1 / _WAVE_RATE))
-            joint = arm.read()[start.name]
-            # Noise destroys an answer now and then; that is no reason to stop.
-            silent = silent + 1 if joint.flags & JointFlag.SILENT else 0
-            missed += bool(silent)
-            if silent >= _MOST_SILENT:
-                raise ServoError(
-                    f"servo {servo_id} fell silent: {silent} samples in a row are missing; check cable and power",
-                    servo_id=servo_id,
-                )
-            if faults := joint.flags.faults & ~JointFlag.SILENT:
-                raise ServoError(f"servo {servo_id} stopped: {faults}", servo_id=servo_id)
-            if not silent:
-                samples.append((t, float(servo_id), target, joint.position, joint.velocity, joint.load))
-            time.sleep(max(0.0, begin + t + 1 / _WAVE_RATE - time.monotonic()))
-    if missed:
+
+    def sample(t: float, target: float, joint: JointReading) -> None:
+        samples.append((t, float(servo_id), target, joint.position, joint.velocity, joint.load))
+
+    controller = WaveController(
+        start, shape, seconds, period=1 / _WAVE_RATE, most_silent=_MOST_SILENT, on_sample=sample
+    )
+    # After a failure the servo is brought back, and not stopped where it is.
+    owner = RobotOwner(
+        arm, borrowed=True, command_rate=_WAVE_RATE, stop_on_failure=False, clock=time.monotonic, sleep=time.sleep
+    )
+    with _any_key() as pressed, owner:
+        owner.group.members = (controller,)
+        while not controller.over and not pressed():
+            owner.turn()
+        stopped = controller.reason
+    if controller.fault:
+        raise ServoError(f"servo {servo_id} {controller.fault}", servo_id=servo_id)
+    if stopped is not None:
+        raise ServoError(f"stopped: {stopped}; clear it with 'hexwire resume'", servo_id=servo_id)
+    if missed := controller.missed:
         note(f"warning: {missed} sample{'s' if missed > 1 else ''} missing: the servo did not answer")
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "name_of",
     "number_option",
     "numbers_argument",
+    "observed_driver",
     "observing_states",
     "on_terminal",
     "open_robot",
@@ -58,6 +59,7 @@ __all__ = [
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+_R = TypeVar("_R", bound="RobotDriver")
 
 DEFAULT_ROBOT = "hex7bot"
 _TYPED = click.core.ParameterSource.COMMANDLINE
@@ -304,7 +306,7 @@ def make_robot(options: RobotOptions) -> RobotDriver:
     given = {name: value for name, value in wanted.items() if value is not None}
     if options.port and is_address(options.port) and (given or options.baud is not None):
         raise UsageError("--baud, --dialect and --timeout belong to a port; a shared arm's server has them")
-    return make_driver(resolve_url(options.port, options.baud), options.robot, **given)
+    return make_driver(resolve_url(options.port, options.baud), options.robot, prepare=observed_driver, **given)
 
 
 @contextmanager
@@ -330,7 +332,6 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
         robot.attach()
     finally:
         patience.cancel()
-    _show_states(robot)
     try:
         yield robot
     finally:
@@ -339,7 +340,7 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
 
 @contextmanager
 def observing_states(observer: _StateObserver) -> Iterator[None]:
-    """In this context every state that an attached robot reads also goes to `observer`, in the reader's thread.
+    """In this context every state that a robot of an `observed_driver` reads also goes to `observer`.
 
     `observer` must not fail: see `hexwire.link.tap.Missed.guard`.
     """
@@ -350,17 +351,12 @@ def observing_states(observer: _StateObserver) -> Iterator[None]:
         _state_observer.reset(token)
 
 
-def _show_states(robot: RobotDriver) -> None:
-    observer, read = _state_observer.get(), robot.read
-    if observer is None:
-        return
+def observed_driver(driver: type[_R]) -> type[_R]:
+    """The class from which a command makes its robot, see `observing_states`."""
+    from hexwire.drivers.registry import observed
 
-    def read_and_show() -> JointState:
-        state = read()
-        observer(state)
-        return state
-
-    robot.read = read_and_show  # type: ignore[method-assign]  # a driver has no other hook for an observer
+    observer = _state_observer.get()
+    return driver if observer is None else observed(driver, observer)
 
 
 # -- output ---------------------------------------------------------------------------------------------

@@ -17,7 +17,15 @@ import click
 from hexwire.errors import HexwireError, ServoError, UsageError
 
 from .board_process import board_process
-from .common import attached, early_port, number_option, on_terminal, raise_if_silent, resolve_url
+from .common import (
+    attached,
+    early_port,
+    number_option,
+    observed_driver,
+    on_terminal,
+    raise_if_silent,
+    resolve_url,
+)
 from .demo_view import PlainView, Sample, View, in_degrees
 from .exits import note, shielded
 
@@ -109,7 +117,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
 def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: View) -> None:
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
-    robot = Hex7BotDriver.from_url(url, dialect=dialect)
+    robot = observed_driver(Hex7BotDriver).from_url(url, dialect=dialect)
     with attached(robot):
         report = robot.probe()
         who = f", firmware {report.firmware}" if report.firmware else ", the chapter's"
@@ -181,7 +189,7 @@ def _move(
         tolerance=_BACK_WITHIN,
         grace=max(_SETTLE, 3 / rate),
         rate=rate,
-        # What goes wrong is to be seen, and told in the end.
+        # Faults must be visible during the demo, and reported at its end.
         limits=SafetyLimits(
             following_error=math.inf,
             load=math.inf,

@@ -307,7 +307,7 @@ def teach(
                     lambda state: recording.joint_state(state, time.time() - (time.monotonic() - state.stamp)),
                     rate=rate or 0.0,
                     duration=math.inf if duration is None else duration,
-                    limp=limp,
+                    torque_off_at_end=limp,
                     on_start=lambda: note(
                         "recording; Ctrl-C ends it" if duration is None else f"recording for {duration:g} s"
                     ),

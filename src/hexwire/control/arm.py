@@ -108,7 +108,7 @@ class Arm:
         }
 
     def start(self) -> None:
-        """Start to read states and to accept motions."""
+        """Start reading states and accepting motions."""
         self.owner.start(tuple(self.controllers.values()))
         if self.settings.enable_on_start:
             try:

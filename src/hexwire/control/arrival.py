@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Arrival", "Deviation", "Tolerance", "Verdict", "deviations", "in_words"]
 
 _SHOWN = 5
-"""Deviations that a text lists at most."""
+"""Most deviations listed in a text."""
 
 
 @dataclass(frozen=True, slots=True)

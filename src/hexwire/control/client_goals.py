@@ -114,7 +114,7 @@ class ClientGoals(Generic[_C]):
         self._worker = threading.Thread(target=self._do_work, name="goals", daemon=True)
 
     def start(self) -> None:
-        """Start to handle goals."""
+        """Start handling goals."""
         self._worker.start()
 
     def close(self, patience: float = 1.0) -> None:

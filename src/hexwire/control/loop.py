@@ -51,11 +51,11 @@ def check_rate(rate: float) -> None:
 class RateLoop:
     """Start cycles at multiples of a period after the first; errors do not add up.
 
-    A cycle that overruns its period is not made up for in a burst, which would send set-points faster than the
-    arm was promised: the deadlines it ran over are skipped and counted, and the loop keeps its grid of deadlines.
+    A cycle that overruns its period is not made up for in a burst, which would send set-points faster than planned:
+    the deadlines it missed are skipped and counted, and the following ones stay multiples of the period.
 
     Args:
-        rate: Cycles a second.
+        rate: Cycles per second.
         clock: Monotonic seconds.
         sleep: Waits for a number of seconds.
         tolerance: Seconds after its deadline from which a cycle counts as late; a tenth of the period if None.

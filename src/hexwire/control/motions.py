@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 __all__ = ["CheckedPath", "MotionObserver", "MotionOptions", "MotionResult", "check_path", "run_motion"]
 
 Until = Callable[["JointState"], bool | JointTarget | None]
-"""Asked with every state whether a motion shall end; a target is sent in its place."""
+"""Called with every state: whether the motion is to end now, or a target that replaces it."""
 
 _LOOK = 0.1
 """Seconds between two states that show whether a joint is moving."""
@@ -87,7 +87,7 @@ class MotionOptions:
     sleep: Callable[[float], object] = time.sleep
 
     def __post_init__(self) -> None:
-        # A tolerance or a grace of 0 would mean "not checked" and "for ever" to whoever judges the arrival.
+        # To the check of arrival, a tolerance of 0 means "not checked", and a grace of 0 means "forever".
         for name in ("tolerance", "grace"):
             if not 0.0 < (value := getattr(self, name)) < math.inf:
                 raise UsageError(f"{name} must be finite and above 0, not {value:g}")
@@ -264,7 +264,7 @@ def run_motion(
         StoppedError: The arm was stopped before the motion started.
         HexwireError: The robot failed or refused; the arm was stopped if it could be reached.
     """
-    # Whatever takes its time from here on, a stop that comes meanwhile voids the motion.
+    # From here on a stop voids the motion, however long the steps before it take.
     asked = robot.epochs.mark()
     options, observer = options or MotionOptions(), observer or MotionObserver()
     if isinstance(motion, JointTarget):
@@ -275,10 +275,10 @@ def run_motion(
 
 @contextmanager
 def _asked_then(robot: RobotDriver, asked: Token) -> Iterator[None]:
-    """What is sent inside was asked for then.
+    """Requests inside the block count as made at the time `asked`, so that a later stop voids them.
 
     Raises:
-        StoppedError: A stop came since.
+        StoppedError: There was a stop since then.
     """
     robot.epochs.check(asked, "the motion")
     with robot.epochs.using(asked):
@@ -328,9 +328,9 @@ def _turn_until(
 def _end_at(
     owner: RobotOwner, end: JointTarget | Literal[True], joints: Collection[str], asked: Token
 ) -> StopReason | None:
-    """Send what takes the place of a motion that was ended; the reason if the arm is stopped."""
+    """Send what replaces an ended motion; returns the reason if the arm is stopped."""
     robot = owner.robot
-    # What was sent already would be done to its end: all of a target, more than a second of dialect 1.
+    # Otherwise the robot completes what was sent: all of a target, or more than a second with dialect 1.
     target = end if isinstance(end, JointTarget) else holding(robot.model, owner.state or read_state(robot), joints)
     try:
         with _asked_then(robot, asked):

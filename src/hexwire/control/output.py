@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from hexwire.errors import CommandRefusedError, StoppedError, UsageError
 from hexwire.model.state import JointFlag, JointTarget
-from hexwire.motion.safety import StopReason, board_stop
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
 from .rate import Periodic
 
@@ -105,7 +105,7 @@ class Output:
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.
-            self._group.stop(board_stop(self._robot.read()) or StopReason("board", "the board has stopped the arm"))
+            self._group.stop(board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND))
         except (CommandRefusedError, UsageError) as error:
             if self._borrowed:
                 raise

@@ -64,7 +64,7 @@ _FRESH = 1.0
 _SILENT = 0.5
 """Seconds for which a silent joint is still published; on a slow line, three command periods."""
 _PATIENCE, _PATIENCE_LOST = 5.0, 2.0
-"""Seconds at the shutdown until the owner's link is aborted: if connected, and while reconnecting."""
+"""Seconds at shutdown until the owner's link is aborted: if connected, and while reconnecting."""
 
 
 class RobotOwner:
@@ -343,10 +343,14 @@ class RobotOwner:
 
         Raises:
             LinkLostError: The robot is not connected.
+            DeviceError: The watchdog is not armed yet, right after the robot was connected.
             StoppedError: The arm is stopped, or was stopped since.
             HexwireError: As `RobotDriver.write`.
         """
         self._check_reachable()
+        if self._wanted_watchdog and self.robot.has_watchdog and not self._covered:
+            # The owner's thread arms it in its first cycle. Do not wait for it: the caller may hold `deciding`.
+            raise DeviceError("the watchdog is not armed yet; try again in a moment")
         return self._output.send(target, asked)
 
     def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:

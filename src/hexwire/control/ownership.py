@@ -1,6 +1,6 @@
 """At most one owner of a robot in a program: two would send targets in turn and disarm each other's watchdog.
 
-Owns who owns which robot. Must not know what an owner does.
+Owns the record of robots and their owners. Must not know what an owner does.
 """
 
 from __future__ import annotations

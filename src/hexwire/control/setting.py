@@ -120,7 +120,7 @@ class Faults:
         return self.table(row.name, value)
 
     def number(self, name: str, value: object, row: Setting) -> float:
-        """A finite number within the row's bounds; not a text or a boolean."""
+        """A finite number within the row's bounds; not text or a boolean."""
         default = row.default if isinstance(row.default, float) else 0.0
         try:
             number = Item(value).number()
@@ -133,7 +133,7 @@ class Faults:
         return number
 
     def text(self, name: str, value: object, default: str = "") -> str:
-        """A text."""
+        """Text."""
         if isinstance(value, str):
             return value
         if isinstance(value, int | float) and not isinstance(value, bool):

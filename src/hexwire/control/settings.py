@@ -53,7 +53,7 @@ class Settings:
         command_timeout: Silence after which joints that follow set-points hold; 0 for never.
         table: Height of the table that must not be touched; None for no check.
         enable_on_start: Switch torque on at the start.
-        torque_off_at_exit: Switch torque off at the shutdown.
+        torque_off_at_exit: Switch torque off at shutdown.
         poses: Name of a pose -> joint -> angle.
         pose_speed: Fraction of the speed limits used when moving to a pose.
         teach_directory: Folder for taught motions; empty for none.
@@ -121,7 +121,7 @@ SETTINGS = (
     Setting("table_height", 0.0, "height of the table above the arm's base", "m", low=-2.0, high=2.0),
     Setting("check_table", True, "refuse a trajectory that would touch the table"),
     Setting("enable_on_start", False, "switch torque on at the start; this moves nothing"),
-    Setting("torque_off_at_exit", False, "switch torque off at the shutdown: the arm may fall"),
+    Setting("torque_off_at_exit", False, "switch torque off at shutdown: the arm may fall"),
     Setting("poses", {}, "poses by name, each with angles by joint", "rad"),
     Setting(
         "pose_speed", 0.3, "speed when moving to a pose, as a fraction of the limits", low=0.0, high=1.0, above=True

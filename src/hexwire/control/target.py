@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["TargetController", "holding"]
+__all__ = ["SingleMotion", "TargetController", "holding"]
 
 _AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
@@ -45,7 +45,51 @@ def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = N
     return JointTarget.of(inside, _SETTLE) if inside else None
 
 
-class TargetController:
+class SingleMotion:
+    """What the controllers of one motion share: it ends once, and never begins again.
+
+    Args:
+        joints: Names.
+
+    Attributes:
+        joints: As given.
+        over: The motion has ended.
+        reason: Why it was stopped, or None.
+    """
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self.joints, self.over = joints, False
+        self.reason: StopReason | None = None
+        self._begun = -math.inf
+
+    @property
+    def busy(self) -> bool:
+        """The motion has not ended."""
+        return not self.over
+
+    @property
+    def moving(self) -> bool:
+        """The motion has begun and not ended."""
+        return self._begun > -math.inf and not self.over
+
+    def stop(self, reason: StopReason) -> None:
+        """End the motion."""
+        if not self.over:
+            self.reason, self.over = reason, True
+
+    def reset(self) -> None:
+        """Do nothing: an ended motion does not continue."""
+
+    def release(self, why: str) -> None:
+        """End the motion."""
+        self.over = True
+
+    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
+        """Return nothing: the caller reads the attributes."""
+        return []
+
+
+class TargetController(SingleMotion):
     """Moves joints to one target, once.
 
     Args:
@@ -58,7 +102,6 @@ class TargetController:
 
     Attributes:
         sent: The target as sent, once all of it was sent; or None.
-        over: The motion has ended.
         arrived: The joints are at the target.
         off: Joints that are not, as of the last state.
         without_torque: Joints that have lost torque.
@@ -74,40 +117,20 @@ class TargetController:
         step: float | None = None,
         early: bool = True,
     ) -> None:
+        goal = dict(target.positions)
+        super().__init__(tuple(goal))
         self.sent: SentTarget | None = None
-        self.over = self.arrived = False
+        self.arrived = False
         self.off: tuple[Deviation, ...] = ()
         self.without_torque: tuple[str, ...] = ()
         self._target, self._tolerances, self._grace, self._early = target, tolerances, grace, early
         self._step = step
-        goal = dict(target.positions)
         # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
         self._start = {name: here[name] if math.isfinite(here[name]) else goal[name] for name in goal}
-        self._begun = self._now = -math.inf
+        self._now = -math.inf
         self._last = False
         self._silent: dict[str, None] = {}
         self._arrival: Arrival | None = None
-        self._reason: StopReason | None = None
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names."""
-        return tuple(self._start)
-
-    @property
-    def busy(self) -> bool:
-        """The motion has not ended."""
-        return not self.over
-
-    @property
-    def moving(self) -> bool:
-        """The motion has begun and not ended."""
-        return self._begun > -math.inf and not self.over
-
-    @property
-    def reason(self) -> StopReason | None:
-        """Why it was stopped, or None."""
-        return self._reason
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Check the arrival."""
@@ -128,10 +151,10 @@ class TargetController:
         self.off = self._arrival.off
         self.arrived = verdict is Verdict.ARRIVED
         if not self.arrived:
-            self._reason = board_stop(state)
+            self.reason = board_stop(state)
             self.without_torque = tuple(name for name in names if name not in state.torque_on)
         self.over = (
-            self.arrived or verdict is Verdict.MISSED or self._reason is not None or bool(self.without_torque)
+            self.arrived or verdict is Verdict.MISSED or self.reason is not None or bool(self.without_torque)
         )
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
@@ -158,19 +181,3 @@ class TargetController:
             self.sent = SentTarget(sent.positions, duration, sent.clamped, tuple(self._silent))
             ends = self._now + (duration if self._step is None else 0.0)
             self._arrival = Arrival(self._tolerances, ends, self._grace, early=self._early)
-
-    def stop(self, reason: StopReason) -> None:
-        """End the motion."""
-        if not self.over:
-            self._reason, self.over = reason, True
-
-    def reset(self) -> None:
-        """Do nothing: an ended motion does not continue."""
-
-    def release(self, why: str) -> None:
-        """End the motion."""
-        self.over = True
-
-    def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Return nothing: the caller reads the attributes."""
-        return []

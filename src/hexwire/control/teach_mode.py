@@ -1,7 +1,7 @@
 """Teach mode: switches torque off, records the motion of the arm by hand, and switches torque on again.
 
-Owns when an arm is in somebody's hands, the recording meanwhile, and what was taught last. Must not know who wants
-the arm otherwise: that is the owner's business, who asks here first.
+Owns when an arm is guided by hand, the recording of that motion, and the last result. Must not know what else moves
+the arm: that belongs to its owner, which asks here first.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ _TREMOR = 0.1
 
 
 class Recorder(Protocol):
-    """What takes down the states of an arm that a hand guides."""
+    """Records the states of an arm that is guided by hand."""
 
     def start(self, names: Sequence[str], now: float) -> None:
-        """Begin with these joints; `now` is the clock of the states' `stamp`."""
+        """Start recording these joints; `now` is the clock of the states' `stamp`."""
 
     def take(self, state: JointState) -> None:
         """Take a state; harmless when not recording."""
 
 
 class HandGuiding:
-    """Joints that a hand guides: without torque, recorded meanwhile, and held afterwards.
+    """Joints guided by hand: without torque and recorded meanwhile, held afterwards.
 
     Any thread may call these; `start` and `stop` one at a time.
 
     Args:
-        owner: The robot.
-        recorder: Takes its states.
+        owner: Owner of the robot.
+        recorder: Takes the robot's states.
 
     Attributes:
-        active: The joints are, or are about to be, in somebody's hands. Set under the controllers' lock.
-        power: Held by whoever switches torque and looks first whether that is right.
+        active: The joints are guided by hand, or are about to be. Set under the controllers' lock.
+        power: Held while torque is switched and while it is checked that this is allowed.
     """
 
     def __init__(self, owner: RobotOwner, recorder: Recorder) -> None:
@@ -69,16 +69,16 @@ class HandGuiding:
         """Refuse motion and torque while the arm is in teach mode.
 
         Raises:
-            UsageError: Somebody does.
+            UsageError: The arm is in teach mode.
         """
         if self.active:
-            raise UsageError("the arm is being taught; end that first")
+            raise UsageError("the arm is in teach mode; end teach mode first")
 
     def start(self, names: Sequence[str]) -> None:
-        """Take the torque of joints away and record where a hand leads them.
+        """Switch the torque of joints off and record their motion by hand.
 
         Raises:
-            HexwireError: Something moves, or the arm is stopped or cannot be reached, or a joint kept its torque.
+            HexwireError: The arm moves, is stopped or cannot be reached, or a joint kept its torque.
         """
         owner = self._owner
         with self.power:
@@ -92,7 +92,7 @@ class HandGuiding:
                     raise UsageError("the arm is moving; wait, or cancel the goal first")
                 # From here on, motions are refused.
                 self.active = True
-            # Where nobody has told it, a joint may have torque.
+            # A joint whose torque is unknown may have torque.
             self._had_torque = tuple(name for name in names if state[name].flags & _MAY_HAVE_TORQUE)
             try:
                 if self._had_torque:
@@ -104,42 +104,42 @@ class HandGuiding:
             except BaseException:
                 self.abandon()
                 if self._had_torque:
-                    # Refused if a stop is why.
+                    # Refused if a stop is the cause.
                     with suppress(HexwireError):
                         owner.torque(True, self._had_torque)
                 raise
 
     def stop(self, end: Callable[[], object], hold: Sequence[str] | None = None) -> None:
-        """End it: joints hold where they are now, whatever was recorded.
+        """End hand guiding: joints hold their present position, whatever was recorded.
 
         Args:
             end: Ends the recording.
-            hold: These joints; those that had torque before if None.
+            hold: Joints that hold; if None, those that had torque before.
 
         Raises:
-            HexwireError: Nobody holds the arm, or a joint got no torque.
+            HexwireError: The arm is not in teach mode, or a joint got no torque.
         """
         with self.power:
             if not self.active:
-                raise UsageError("nothing is being taught; start that first")
+                raise UsageError("the arm is not in teach mode; start teach mode first")
             end()
             hold = self._had_torque if hold is None else hold
             try:
                 if hold:
-                    # The arm must not go on hanging on somebody's hands.
+                    # Whatever happened, nobody should have to go on holding the arm.
                     switch_torque(self._owner, True, hold)
             finally:
                 self.active = False
 
     def abandon(self) -> bool:
-        """As after a stop: it is over, and the torque stays away; whether it was active."""
+        """End hand guiding because of a stop: torque stays off. Returns whether it was active."""
         with self._owner.locked():
             was, self.active = self.active, False
         return was
 
 
 class _Passing:
-    """Passes every state on, unless it is not to record."""
+    """Passes every state on between `start` and `stop`."""
 
     def __init__(self, record: Callable[[JointState], object]) -> None:
         self._record, self._active = record, False
@@ -161,21 +161,22 @@ def record_by_hand(
     *,
     rate: float = 0.0,
     duration: float = math.inf,
-    limp: bool = False,
+    torque_off_at_end: bool = False,
     on_start: Callable[[], object] = lambda: None,
     clock: Callable[[], float] | None = None,
     sleep: Callable[[float], object] = time.sleep,
 ) -> None:
-    """Take the torque of an arm away and record its states until a time is over or Ctrl-C; then it holds.
+    """Switch an arm's torque off, record its states for a time or until Ctrl-C, then hold the arm.
 
-    Whatever ends it, the torque comes back. Somebody must hold the arm.
+    Torque is switched on again however the recording ends. Somebody must hold the arm meanwhile.
 
     Args:
-        robot: Attached, and nobody else's.
+        robot: Attached, without another owner.
         record: Called with every state.
-        rate: States a second; what the robot takes if 0.
+        rate: States per second; 0 for the robot's command rate.
         duration: Seconds.
-        limp: Leave the torque off at the end; else all joints hold where they are then, also those that had none.
+        torque_off_at_end: Leave the torque off at the end. Otherwise all joints hold their position then, also
+            those that had no torque before.
         on_start: Called once the arm has no torque.
         clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for so many seconds.
@@ -184,14 +185,14 @@ def record_by_hand(
         HexwireError: A joint kept its torque, or got none at the end, or the robot failed.
     """
     names = robot.model.names
-    # A failure is no reason to latch a stop, which would refuse the torque.
+    # A failure must not latch a stop, which would refuse the torque.
     owner = RobotOwner(
         robot, borrowed=True, command_rate=rate, watchdog=0.0, stop_on_failure=False, clock=clock, sleep=sleep
     )
     passing = _Passing(record)
     guiding = HandGuiding(owner, passing)
     with owner:
-        # A rate that makes no sense is refused while the arm still has its torque.
+        # An invalid rate is refused while the arm still has its torque.
         owner.turn()
         guiding.start(names)
         try:
@@ -199,32 +200,32 @@ def record_by_hand(
             with suppress(KeyboardInterrupt):
                 _turn_for(owner, duration)
         finally:
-            # It may answer again.
+            # A robot that failed may answer again.
             owner.connect()
-            guiding.stop(passing.stop, () if limp else names)
+            guiding.stop(passing.stop, () if torque_off_at_end else names)
 
 
 def _turn_for(owner: RobotOwner, duration: float) -> None:
-    """Turn on the loop's deadlines for so many seconds, at least once."""
+    """Run the owner's loop for so many seconds, at least one turn."""
     timing = owner.timing
     owner.turn()
-    # A hair less, so that 0.3 s of 0.1 s periods are three states and not four.
+    # Slightly less, so that 0.3 s of 0.1 s periods are three states and not four.
     end = timing.due + duration - (1.0 + 1e-6) * timing.period
     while timing.due < end:
         owner.turn()
 
 
 class TeachMode:
-    """What hands teach an arm. Any thread may call these; `start` and `stop` one at a time.
+    """Teach mode of an arm. Any thread may call these; `start` and `stop` one at a time.
 
     Args:
-        owner: The robot.
-        folder: Where to save what is taught; empty for nowhere.
-        on_taught: Called with what was taught, in the thread that ended it.
+        owner: Owner of the robot.
+        folder: Folder for recordings; empty to save none.
+        on_taught: Called with each recording, in the thread that ended it.
 
     Attributes:
-        taught: What was taught last, or None.
-        hand: Whether somebody holds the arm, and the lock for torque.
+        taught: The last recording, or None.
+        hand: The hand guiding, which has the lock for torque.
     """
 
     def __init__(self, owner: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
@@ -241,11 +242,11 @@ class TeachMode:
         """End teach mode; joints that had torque before hold their present position.
 
         Returns:
-            What was taught, for people.
+            A description of the recording, for people.
 
         Raises:
             HexwireError: Not in teach mode, nothing was recorded, a joint has no torque, or the file cannot be
-                written. What was recorded is kept all the same.
+                written. The recording is kept all the same.
         """
         faults: list[str] = []
         words = ""
@@ -259,7 +260,7 @@ class TeachMode:
         return words
 
     def abandon(self) -> None:
-        """As after a stop: the recording is over, and the torque stays away."""
+        """End teach mode because of a stop: the recording ends, and torque stays off."""
         if self.hand.abandon():
             with suppress(UsageError):
                 self._teacher.finish()
@@ -280,7 +281,7 @@ class TeachMode:
         return taught[0] if taught else None
 
     def _keep(self, taught: Taught) -> str:
-        # A hand trembles.
+        # Remove the tremor of the hand.
         taught = self.taught = taught.without_stillness().smoothed(_TREMOR)
         self._on_taught(taught)
         words = f"taught {taught.duration:.1f} s, {len(taught.times)} points"

@@ -27,7 +27,7 @@ from .known_state import SampleClock
 __all__ = ["TOLERANCE", "Teacher", "save", "to_points", "tolerance_of"]
 
 TOLERANCE = math.radians(0.2)
-"""Radians by which a simplified trajectory may miss a sample: two counts of a servo with 4096 a turn."""
+"""Radians by which a simplified trajectory may miss a sample: two counts of a servo with 4096 per turn."""
 
 _RATE = 50
 """Samples per second: the motion of a hand has no components above 10 Hz."""
@@ -36,7 +36,7 @@ _DIGITS = 6
 
 
 class Teacher:
-    """Records the states of an arm that a hand guides, at most 50 a second.
+    """Records the states of an arm that is guided by hand, at most 50 per second.
 
     One thread may pass states while others start and finish the recording.
 
@@ -79,7 +79,7 @@ class Teacher:
             self._clock, self._slot, self._samples = SampleClock(), -math.inf, []
 
     def take(self, state: JointState) -> None:
-        """Take a state; harmless when not recording. One that does not know all the joints is passed over.
+        """Take a state; harmless when not recording. A state that lacks one of the joints is skipped.
 
         Its time is that of its newest sample. Of several states within a fiftieth of a second the first is kept.
         """
@@ -137,11 +137,11 @@ def to_points(taught: Taught, tolerance: float = TOLERANCE) -> tuple[Point, ...]
     """Points of a trajectory that is linear between them and misses no sample by more than `tolerance`.
 
     Ten minutes of samples are 30,000 points: more than a viewer or a controller's goal should have to carry, and
-    most of them lie on the line between their neighbours. Which ones are left is found in one pass: from the last
-    point kept, each sample leaves a cone of slopes that pass it closely enough, and a sample outside of a joint's
-    cone means that the one before it must be kept. That takes the same time for every sample, where Ramer, Douglas
-    and Peucker's division takes the square of their number for some motions, and holds the same tolerance with
-    somewhat more points.
+    most of them lie on the line between their neighbours. The points to keep are found in one pass: from the last
+    point kept, each sample leaves a cone of slopes that pass it closely enough, and a sample outside a joint's cone
+    means that the one before it must be kept. This takes the same time for every sample, whereas the algorithm of
+    Ramer, Douglas and Peucker takes the square of their number for some motions; it keeps the same tolerance with
+    slightly more points.
 
     The points have no velocities: through points so far apart, a cubic would swing beyond the tolerance.
 

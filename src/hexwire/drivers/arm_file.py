@@ -89,10 +89,15 @@ def _parse(text: str, file: str) -> BusArmFile:
     root = parse_toml(text, file)
     arm = root.table(_ARM_KEYS, ("name",))
     name = arm["name"].text(_LONGEST_NAME, least=1)
-    joints, faults = [], Faults(file)
+    joints, faults, taken = list[JointModel](), Faults(file), dict[object, str]()
     for item in arm["joints"].rows(_MOST_JOINTS) if "joints" in arm else ():
         with faults:
-            joints.append(_joint(item))
+            joint = _joint(item)
+            joints.append(joint)
+            for key in ("name", "servo_id"):
+                place = item.table()[key]
+                if (first := taken.setdefault((key, place.value), item.where)) != item.where:
+                    raise place.fault(f"is {place.value!r}, as in {first}; every joint needs its own")
     faults.check()
     if ("base" in arm) == bool(joints):
         raise root.fault(
@@ -136,7 +141,7 @@ def _joint(item: Item) -> JointModel:
         raise row["sign"].fault("must be 1 or -1")
     low, high = number("minimum_deg", 0.0), number("maximum_deg", 0.0)
     if low >= high:
-        raise row["minimum_deg"].fault(f"is {low:g}, and must be below maximum_deg {high:g}")
+        raise row["minimum_deg"].fault(f"is {low:g}, but must be below maximum_deg {high:g}")
     per_count = number("degrees_per_count", series.range_deg / series.counts_per_rev, 1e-6, 360.0)
     return JointModel(
         name=name,

@@ -120,7 +120,7 @@ def _explain_noise(bus: ServoBus, model: ArmModel) -> Finding | None:
             noises.append(data)
     if len(noises) < min(_NOISE_PINGS, len(model.joints)):
         return None
-    text = f"the device that answers is no servo: a ping returned {_shown(noises[0])}"
+    text = f"the device that answers is not a servo: a ping returned {_shown(noises[0])}"
     return Finding(Level.BAD, "device", text, "another device is on this port: give the right --port")
 
 

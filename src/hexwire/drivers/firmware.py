@@ -147,9 +147,9 @@ def check_board(device: str) -> str:
         if os.path.realpath(port.device) != real:
             continue
         if not port.likely_board:
-            raise UsageError(f"{device} is no Mega 2560 but {port.guess}; use --any-port if you know better")
+            raise UsageError(f"{device} is not a Mega 2560 but {port.guess}; use --any-port if you know better")
         return port.guess
-    raise UsageError(f"{device} is no USB serial port of this machine; use --any-port if you know better")
+    raise UsageError(f"{device} is not a USB serial port of this machine; use --any-port if you know better")
 
 
 def flash_command(device: str, hex_file: Path, *, verify: bool = True) -> list[str]:
@@ -182,7 +182,9 @@ def run_flash(command: Sequence[str]) -> None:
             r"[Dd]evice signature = (?:0x)?([0-9A-Fa-f]{2}) ?([0-9A-Fa-f]{2}) ?([0-9A-Fa-f]{2})", said
         )
         chip = " ".join(found.groups()) if found else "another one"
-        raise DeviceError(f"the chip is no {PART}: its signature is {chip}, not {_SIGNATURE}; nothing was written")
+        raise DeviceError(
+            f"the chip is not an {PART}: its signature is {chip}, not {_SIGNATURE}; nothing was written"
+        )
     if any(sign in said for sign in ("timeout", "stk500v2_getsync", "not responding", "programmer is not")):
         raise DeviceError(
             "the boot loader does not answer: is it a Mega 2560, is the port free, is there a capacitor at RESET? "

@@ -6,14 +6,17 @@ Owns the lookup. A package that adds a robot names its `RobotDriver` class there
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.errors import UsageError
 
 from .base import RobotDriver
 
 if TYPE_CHECKING:
+    from hexwire.model.state import JointState
+
     from .bus_arm import BusArm
 
 __all__ = [
@@ -24,8 +27,11 @@ __all__ = [
     "load_bus_arm",
     "load_driver",
     "make_driver",
+    "observed",
     "robot_names",
 ]
+
+_R = TypeVar("_R", bound=RobotDriver)
 
 PORT_VARIABLE = "HEXWIRE_PORT"
 """Environment variable with the default port."""
@@ -66,6 +72,22 @@ def load_driver(name: str) -> type[RobotDriver]:
     raise UsageError(f"no robot {name!r}; installed are {', '.join(robot_names()) or 'none'}")
 
 
+def observed(driver: type[_R], observer: Callable[[JointState], object]) -> type[_R]:
+    """Make the class of a driver whose every state that `read` returns also goes to an observer.
+
+    Args:
+        driver: The class; its `from_url` makes robots of the class that it is called on, as the contract says.
+        observer: Is called in the thread that reads. It must not fail: see `hexwire.link.tap.Missed.guard`.
+    """
+
+    def read(robot: _R) -> JointState:
+        state = driver.read(robot)
+        observer(state)
+        return state
+
+    return type(driver.__name__, (driver,), {"read": read, "__doc__": driver.__doc__})
+
+
 def load_bus_arm(name: str) -> type[BusArm]:
     """Load the driver class of an arm on a servo bus; arguments and errors as `load_driver`.
 
@@ -76,16 +98,23 @@ def load_bus_arm(name: str) -> type[BusArm]:
 
     driver = load_driver(name)
     if not issubclass(driver, BusArm):
-        raise UsageError(f"{name} is no arm on a servo bus")
+        raise UsageError(f"{name} is not an arm on a servo bus")
     return driver
 
 
-def make_driver(port: str, robot: str | None = None, **options: Any) -> RobotDriver:
+def make_driver(
+    port: str,
+    robot: str | None = None,
+    *,
+    prepare: Callable[[type[RobotDriver]], type[RobotDriver]] = lambda driver: driver,
+    **options: Any,
+) -> RobotDriver:
     """Make the driver for a port or an address; it is not attached yet.
 
     Args:
         port: As for `connect`. An address that names a robot, as in ``zenoh:lab/arm1``, is asked which robot it is.
         robot: Name of the robot; for a port, `DEFAULT_ROBOT` if None.
+        prepare: Changes the driver's class before a robot is made of it, such as `observed`.
         **options: Passed to the driver's `from_url`.
 
     Raises:
@@ -94,9 +123,8 @@ def make_driver(port: str, robot: str | None = None, **options: Any) -> RobotDri
     """
     if is_address(port):
         point = next(point for point in entry_points(group=_ADDRESSES) if point.name == port.partition(":")[0])
-        driver: RobotDriver = point.load().from_url(port, robot=robot, **options)
-        return driver
-    return load_driver(robot or DEFAULT_ROBOT).from_url(port, **options)
+        return prepare(point.load()).from_url(port, robot=robot, **options)
+    return prepare(load_driver(robot or DEFAULT_ROBOT)).from_url(port, **options)
 
 
 def is_address(port: str) -> bool:

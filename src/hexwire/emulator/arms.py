@@ -38,7 +38,7 @@ def make_hex7bot_servos(*, seed: int = 0, start: float = 0.0) -> list[EmulatedSe
     """The seven servos of a Hex7Bot: ids 0..3 legacy, 4..6 HLS at 115200 baud, torque off.
 
     Args:
-        seed: Of the noise, where a servo has some.
+        seed: Seed of the servos' noise.
         start: The time of power-up.
     """
     servos = []

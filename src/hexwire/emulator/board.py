@@ -4,9 +4,9 @@ Owns the board's scheduler (one bus transaction at a time, stop first), what a s
 watchdog and reports, and both dialects' dispatch. Time comes in as `now`; nothing here waits. Must not know links
 or ptys: bytes go through `receive` and `data_to_send`.
 
-With `dialect=1` it is the chapter's board, which knows nothing else: same bytes, same order, the delays of its
-sketch when the bus is paced. With `dialect=2` it is hexwire's firmware, which also answers dialect 1, without the
-chapter's hazards.
+With `dialect=1` it acts as the chapter's board: the same bytes in the same order and, when the bus is paced, with
+the delays of its sketch. With `dialect=2` it acts as hexwire's firmware, which also answers dialect 1, but without
+the hazards of the chapter's board.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .sketch import SketchReceiver
 __all__ = ["EmulatedBoard", "make_hex7bot_board"]
 
 _POLL_PAUSE = 0.0005
-"""Seconds between two background polls of a paced bus: what the firmware's own loop costs."""
+"""Seconds between two background polls of a paced bus: the time of one pass of the firmware's loop."""
 _MAX_QUEUE = 24
 _BITS = 10
 _TURNAROUND = 0.001
@@ -57,14 +57,14 @@ class _Task:
 
 
 class EmulatedBoard:
-    """One board.
+    """One emulated board.
 
     Args:
         wire: The servo bus with its servos.
         dialect: 1 for the chapter's board, 2 for hexwire's.
         faults: Scripted faults; none if None.
-        max_frame: Longest frame it takes, in bytes.
-        start: The time of its start.
+        max_frame: Longest frame it accepts, in bytes.
+        start: The time at which it starts.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class EmulatedBoard:
         return self.faults.host_out(b"".join(frames), self._now)
 
     def next_event_time(self) -> float | None:
-        """When `step` has something to do without bytes arriving; None if never."""
+        """When `step` must be called next if no bytes arrive; None if never."""
         times = [t for t in (self.state.report_due, self.state.watchdog_due) if t is not None]
         if self._busy:
             times.append(self._busy_until)
@@ -153,7 +153,7 @@ class EmulatedBoard:
         return self.time
 
     def reset(self, now: float) -> None:
-        """Start again, as after power-up or the reset button. No servo moves."""
+        """Restart, as after power-up or the reset button. No servo moves."""
         self.resets += 1
         self.time = now
         # Differs after every reset and every start of the emulator: the time differs, or the number of resets.
@@ -244,7 +244,7 @@ class EmulatedBoard:
             self.stops.put_back()
 
     def _cut(self) -> _Task:
-        """End the current job; the packet on the bus is completed, and no answer is awaited."""
+        """End the current job: its packet on the bus is completed, but the answer is not awaited."""
         task, self._task = self._task, None
         assert task is not None
         if self._busy:
@@ -284,7 +284,7 @@ class EmulatedBoard:
                 # Nothing was sent if the host switched the reports off meanwhile.
                 self._report_unsent |= self.state.report_due is not None
             if self._sketch is not None:
-                # The sketch has one buffer for replies: what was not sent yet is lost.
+                # The sketch has one buffer for replies: a reply that is not sent yet is lost.
                 self._sketch_reply = b"".join(self.connection.data_to_send()) or self._sketch_reply
             self._task = None
             self._next_poll = self.time + _POLL_PAUSE
@@ -356,10 +356,10 @@ def make_hex7bot_board(
 
     Args:
         dialect: 1 for the chapter's board, 2 for hexwire's.
-        baud: Rate of the servo bus; 0 costs no time.
+        baud: Rate of the servo bus; with 0, bytes take no time.
         faults: Fault specifications, see `faults`.
-        seed: Of all random numbers.
-        start: The time of its start.
+        seed: Seed of all random numbers.
+        start: The time at which it starts.
     """
     plan = FaultPlan.parse(faults, seed=seed, start=start)
     wire = ServoWire(make_hex7bot_servos(seed=seed, start=start), baud=baud, faults=plan)

@@ -1,4 +1,4 @@
-"""The emulated board's side of the servo bus: ask, verify, ask again; keep the joints up to date.
+"""The emulated board's side of the servo bus: ask, verify, retry, and keep the joints up to date.
 
 Owns the jobs that talk to servos. Knows nothing of frames.
 """
@@ -57,7 +57,7 @@ class BoardBus:
     Args:
         state: What the board knows; the jobs keep its joints up to date.
         clock: The board's time.
-        paced: The bus takes its time, and joints are polled in the background.
+        paced: Bytes take as long as on a real bus, and joints are polled in the background.
     """
 
     def __init__(self, state: BoardState, clock: Clock, *, paced: bool) -> None:
@@ -89,7 +89,7 @@ class BoardBus:
         return None
 
     def ask_all(self, passed: Passed) -> Several:
-        """Send what the gate let through; returns the answers of all addressed servos. A write is sent once."""
+        """Send what the gate let through; returns the answers of all addressed servos. A write is not retried."""
         yield from self._send_first(passed)
         packet = passed.packets[-1]
         request = parse_packet(packet)
@@ -110,9 +110,9 @@ class BoardBus:
         return strip_echo(answer or b"", passed.packets[-1])
 
     def _send_first(self, passed: Passed) -> Job:
-        """Note what the packets change, and send all but the last.
+        """Record what the packets change, then send all but the last.
 
-        It is noted before they are sent: a stop may come between a packet and its answer.
+        It is recorded before they are sent: a stop may come between a packet and its answer.
         """
         for packet in passed.packets:
             for servo_id in written_ids(parse_packet(packet)):
@@ -127,9 +127,9 @@ class BoardBus:
             yield Transaction(packet, 0)
 
     def discover(self) -> Job:
-        """Find out at the start which servos answer, where they are and which have torque; hold those.
+        """At start, find which servos answer, their positions and which have torque; hold those that have it.
 
-        After a stop that came meanwhile nothing is written: the stop has held them.
+        If a stop comes meanwhile, nothing is written: the stop holds them.
         """
         for joint in self._joints:
             status = yield from self.ask(make_ping(joint.servo_id))
@@ -145,7 +145,7 @@ class BoardBus:
     def recheck(self, joint: JointSlot) -> Job:
         """Read what the board must know before it writes a target: torque and mode, an HLS servo's ceiling.
 
-        A joint that has torque in a mode other than position loses it.
+        A joint that has torque in a mode other than position mode loses it.
         """
         yield from self.read_switches(joint)
         if joint.torque_on and joint.mode:
@@ -190,7 +190,7 @@ class BoardBus:
         yield from self._poll_hls()
 
     def refresh(self) -> Job:
-        """Sample every joint once where nothing polls in the background."""
+        """Sample every joint once, unless joints are polled in the background."""
         if not self._paced:
             yield from self.poll_all()
 
@@ -271,7 +271,7 @@ class BoardBus:
     # -- motion -------------------------------------------------------------------------------------
 
     def move(self, targets: Iterable[tuple[JointSlot, int]], duration_ms: int) -> Job:
-        """Write target positions, in the block that each series wants."""
+        """Write target positions, in the block of registers of each series."""
         legacy, hls = {}, {}
         for joint, position in targets:
             # A target may switch torque on, and a stop may come before the board knows it.

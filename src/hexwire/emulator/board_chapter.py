@@ -1,7 +1,7 @@
 """Dialect 1 on the chapter's board: its `decode()` and what it calls.
 
 Owns the replies of the chapter's sketch, byte for byte, and its delays when the bus is paced. It verifies nothing,
-and hands on whatever is in the serial buffer of the bus. Knows nothing of links.
+and passes on whatever is in the serial buffer of the bus. Knows nothing of links.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ChapterDialect:
     """Dispatch of the chapter's board.
 
     Args:
-        state: What the board knows: which joints there are.
+        state: What the board knows, here of its joints.
         buffer: The serial buffer of its bus.
         clock: The board's time.
         connection: Where answers go.
@@ -86,8 +86,8 @@ class ChapterDialect:
                 polls += 1
                 yield Delay(_READ_POLL)
             while data := self._read_bus():
-                # The sketch's buffer has 8 bytes; what is longer runs over its stack, and on the simulated chip an
-                # echo and an answer do so without harm. Here the stack has 16.
+                # The sketch's buffer has 8 bytes; a longer answer overwrites the stack. On the simulated chip the
+                # 16 bytes of an echo and an answer do no harm, so 16 are kept here.
                 buffer[count : count + len(data)] = data
                 count += len(data)
                 yield Delay(_BYTE_WAIT * len(data))

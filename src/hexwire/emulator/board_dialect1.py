@@ -1,7 +1,7 @@
-"""Dialect 1 on hexwire's board: the chapter's commands, verified, judged and kept to the joints' limits.
+"""Dialect 1 on hexwire's board: the chapter's commands, verified, checked by the gate and kept within joint limits.
 
-Owns its answers: to a correct client the same as the chapter's board, whose own are in `board_chapter`. Knows
-nothing of links.
+Owns its answers: a correct client gets the same as from the chapter's board, whose answers are in `board_chapter`.
+Knows nothing of links.
 """
 
 from __future__ import annotations

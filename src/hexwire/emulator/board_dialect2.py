@@ -89,7 +89,7 @@ class Dialect2:
 
     @staticmethod
     def stop_mode(frame: Frame) -> int | None:
-        """The mode of a valid STOP, which goes before everything in the queue; None for any other frame."""
+        """The mode of a valid STOP, which goes ahead of everything in the queue; None for any other frame."""
         sound = frame.cmd == Command.STOP and frame.body in (b"\0", b"\1")
         return frame.body[0] if sound else None
 
@@ -123,7 +123,7 @@ class Dialect2:
         self._connection.reply(request, status, b"", self._clock(), voided=voided)
 
     def stop_job(self, mode: int) -> Job:
-        """One stop; all requests for it that arrive meanwhile get the same answer."""
+        """Carry out one stop; all requests for it that arrive meanwhile get the same answer."""
         joints = self._state.joints
         stopped = yield from Stopping(joints, self._bus, self._clock).run(mode)
         status = Status.SERVO_FAULT if stopped.taken else Status.OK
@@ -144,12 +144,12 @@ class Dialect2:
             raise RefusedError(Status.BAD_LENGTH)
         return body
 
-    # -- who and how --------------------------------------------------------------------------------
+    # -- identity, states, counters -----------------------------------------------------------------
 
     def _identify(self, request: Request) -> Job:
         self._body(request, 0)
         state = self._state
-        # A host that identifies itself again has not asked for reports yet.
+        # A host that sends IDENTIFY again has not asked for reports yet.
         state.report_due, state.report_period = None, 0.0
         rows = tuple(JointRow(j.servo_id, j.series.code, j.present) for j in state.joints)
         identity = Identity(
@@ -248,7 +248,7 @@ class Dialect2:
         self._reply(request, status, make_stop_reply(on, confirmed))
 
     def _bad_stop(self, request: Request) -> Job:
-        """A valid STOP never gets here: it goes before all others."""
+        """Refuse a malformed STOP; a valid one does not go through the queue."""
         self._body(request, 1)
         yield from ()
         raise RefusedError(Status.BAD_RANGE)
@@ -306,7 +306,7 @@ class Dialect2:
     # -- servo packets ------------------------------------------------------------------------------
 
     def _packet(self, request: Request) -> Job:
-        """PING and READ in a dialect-2 frame: as dialect 1, but a silent servo is a status."""
+        """PING and READ in a dialect-2 frame: as in dialect 1, but a silent servo gives a status."""
         packet = check_packet(request.frame.body)
         passed = yield from self._orders.let_through(packet, chapter=False)
         answers = yield from self._bus.ask_all(passed)

@@ -1,7 +1,7 @@
 """What a job of an emulated board waits for, and the serial buffer it may read.
 
 Owns the values that a job yields to the board's scheduler. A job is a generator; it is resumed with the answer when
-the wait is over. Knows nothing of frames, nor of what a packet says.
+the wait is over. Knows nothing of frames or the contents of packets.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ BUS_TIMEOUT = 0.005
 """Seconds for a servo to begin its answer."""
 
 Clock = Callable[[], float]
-"""The board's time, seconds; it moves on while a job waits."""
+"""The board's time, seconds; it advances while a job waits."""
 
 
 class Transaction(NamedTuple):
     """Empty the buffer and put a packet on the bus; the job is resumed with the bytes that come back.
 
-    The wait ends with the whole answer, or `timeout` seconds after the packet and the answer could have been sent.
+    The wait ends with the whole answer, or `timeout` seconds after the time that packet and answer take.
     """
 
     packet: bytes
@@ -36,13 +36,13 @@ class Send(NamedTuple):
 
 
 class Delay(NamedTuple):
-    """Time that the board's program takes; none on a bus that is not paced. The job is resumed with nothing."""
+    """Time that the board's program takes; skipped if the bus is not paced. The job is resumed without data."""
 
     seconds: float
 
 
 class Pause(NamedTuple):
-    """Let the servos go on for this time, paced or not. The job is resumed with nothing."""
+    """Let this much time pass for the servos, paced or not. The job is resumed without data."""
 
     seconds: float
 
@@ -52,13 +52,13 @@ Job = Generator[Wait, bytes | None, None]
 
 
 class BusBuffer:
-    """The serial buffer of the servo bus: bytes that have arrived, and bytes on their way with their time."""
+    """The serial buffer of the servo bus: bytes that have arrived, and bytes still to come with their times."""
 
     def __init__(self) -> None:
         self._input: list[tuple[float, bytes]] = []
 
     def put(self, data: bytes, when: float) -> None:
-        """Add bytes that can be read from a certain time on."""
+        """Add bytes that can be read from the time `when` on."""
         self._input.append((when, data))
 
     def waiting(self, now: float) -> int:
@@ -66,7 +66,7 @@ class BusBuffer:
         return sum(len(data) for when, data in self._input if when <= now)
 
     def read(self, now: float) -> bytes:
-        """Take what has arrived."""
+        """Remove and return the bytes that have arrived."""
         data = b"".join(data for when, data in self._input if when <= now)
         self._input = [(when, data) for when, data in self._input if when > now]
         return data

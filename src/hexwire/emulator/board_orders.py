@@ -1,6 +1,6 @@
-"""What a host asks of servos, in either dialect: judged by the gate, limited, and done.
+"""What a host asks of servos, in either dialect: checked by the gate, limited, and carried out.
 
-Owns what is refused, clamped and looked up before it goes to the bus. Knows neither frames nor who asks.
+Owns what is refused, clamped and read first before anything goes to the bus. Knows neither frames nor who asks.
 """
 
 from __future__ import annotations
@@ -37,40 +37,40 @@ class BoardOrders:
         self._clock = clock
 
     def refuse_if_stopped(self) -> None:
-        """A stop is latched.
+        """Refuse the request while a stop is latched.
 
         Raises:
-            RefusedError: It is.
+            RefusedError: A stop is latched.
         """
         if self._state.stopped:
             raise RefusedError(Status.STOPPED)
 
     def refuse_motion(self) -> None:
-        """A stop is latched, or settings of servos are being written.
+        """Refuse motion while a stop is latched or the board is in maintenance.
 
         Raises:
-            RefusedError: It is so.
+            RefusedError: A stop is latched, or the board is in maintenance.
         """
         self.refuse_if_stopped()
         if self._state.maintenance:
             raise RefusedError(Status.FORBIDDEN)
 
     def clamp(self, joint: JointSlot, position: int) -> int:
-        """A position inside the joint's stored limits; notes whether that changed it."""
+        """Clamp a position to the joint's stored limits; records whether that changed it."""
         inside = clamp(self._state.facts(self._clock())[joint.servo_id], position)
         joint.clamped = inside != position
         return inside
 
     def slowest(self, targets: list[tuple[JointSlot, int]]) -> int:
-        """Milliseconds that the speed limits ask for."""
+        """Shortest duration of a move that the speed limits allow, milliseconds."""
         facts = self._state.facts(self._clock())
         return max((time_needed(facts[joint.servo_id], position) for joint, position in targets), default=0)
 
     def chapter_move(self, rows: list[ChapterRow], *, chapter: bool) -> Found:
-        """The chapter's sync write: id, position and run time a row; judged like JOINT_MOVE.
+        """The chapter's sync write: id, position and run time per row; checked like JOINT_MOVE.
 
         Returns:
-            Whether every joint could be sent.
+            Whether a target could be sent to every joint.
 
         Raises:
             RefusedError: Stopped, in maintenance, or in dialect 2 a joint has no torque.
@@ -87,16 +87,16 @@ class BoardOrders:
             groups.setdefault(run_time, []).append((joint, self.clamp(joint, position)))
         for run_time, group in groups.items():
             for joint, _ in group:
-                # The servo switches it on by a target; it is read back all the same.
+                # A target makes the servo switch its torque on; the switch is read back all the same.
                 joint.torque_on = joint.unsure = True
             yield from self._bus.move(group, max(run_time, self.slowest(group)))
         return len(able) == len(named)
 
     def let_through(self, packet: ServoPacket, *, chapter: bool) -> Passing:
-        """Judge a well-formed packet of the host by the gate; returns what may go to the bus now.
+        """Check a well-formed packet of the host by the gate; returns what may go to the bus now.
 
         Raises:
-            RefusedError: Nothing of it may.
+            RefusedError: No part of it may.
         """
         state = self._state
         written = written_ids(packet)
@@ -104,7 +104,7 @@ class BoardOrders:
             yield from self.look_at([j for j in state.joints if j.servo_id in written])
         passed = self._gate(chapter=chapter).judge(packet)
         if passed.hold:
-            # Where it stands is what it holds, not where it is sent: a target would move it at once.
+            # A joint that gets torque must hold its present position: an older target would move it at once.
             yield from self._bus.poll_all()
             passed = self._gate(chapter=chapter).judge(packet)
             yield from self._bus.hold([j for j in state.joints if j.servo_id in passed.hold])
@@ -117,7 +117,7 @@ class BoardOrders:
         )
 
     def look_at(self, joints: list[JointSlot]) -> Job:
-        """Bring what the board knows of joints up to date before it judges a target for them."""
+        """Update what the board knows of joints before it checks a target for them."""
         yield from self._bus.refresh()
         for joint in joints:
             if joint.present and joint.unsure:

@@ -16,7 +16,7 @@ from .gate import JointFacts
 __all__ = ["SERVO_BITS", "BoardState", "JointSlot", "Settings"]
 
 SERVO_BITS = sum(tables.STATUS_BITS.values())
-"""The bits of a servo's error byte that mean something; the others are the board's own flags."""
+"""The bits of a servo's error byte that have a meaning; the board uses the others for its own flags."""
 _ARRIVED = 4
 
 
@@ -27,7 +27,7 @@ class JointSlot:
     Attributes:
         ceiling: Current ceiling of an HLS servo; 0 is unknown.
         mode: Operating mode as last read; 0 is position.
-        unsure: Its torque switch or mode may have changed: they are read before a target is written to it.
+        unsure: Its torque switch or mode may have changed; both are read before a target is written to it.
         target: The last target written to it; None if there is none.
     """
 
@@ -72,7 +72,7 @@ class JointSlot:
 
 @dataclass(slots=True)
 class Settings:
-    """Settings that the board's EEPROM keeps over a reset; None where nothing is stored."""
+    """Settings that the board's EEPROM keeps through a reset; None where nothing is stored."""
 
     limits: list[LimitRow] | None = None
     offsets: list[OffsetRow] | None = None
@@ -151,14 +151,14 @@ class BoardState:
         }
 
     def latch(self, *, torque_off: bool) -> None:
-        """A stop arrived, or the watchdog tripped: the stop holds until RESUME."""
+        """Latch a stop until RESUME: STOP arrived, or the watchdog tripped."""
         self.stopped = True
         self.torque_off_stop |= torque_off
         self.maintenance = False
         self.watchdog_due = None
 
     def feed_watchdog(self, now: float) -> None:
-        """A valid frame arrived."""
+        """Restart the watchdog's time-out, as a valid frame arrived."""
         if self.watchdog_timeout and not self.watchdog_tripped:
             self.watchdog_due = now + self.watchdog_timeout
 

@@ -1,7 +1,7 @@
 """The stops of an emulated board: which goes first, what a hold does, and whether the joints are at rest.
 
-Owns PROTOCOL.md section 6.3 STOP and the last paragraph of 6.5. Knows requests only as what is answered at the end;
-what a stop voids is the board's.
+Implements STOP of PROTOCOL.md section 6.3 and the last paragraph of 6.5. Knows requests only as something to answer
+at the end; what a stop voids belongs to `board`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _SAMPLE_EVERY = 0.02
 _STILL = 4
 """Counts between two samples of a joint at rest."""
 _SAMPLES = 2
-"""Consecutive samples at rest: a joint that turns back may be as far away before as after."""
+"""Consecutive samples needed at rest: a joint that reverses may be at the same position in two samples."""
 
 
 class StopQueue:
@@ -40,9 +40,9 @@ class StopQueue:
         return bool(self._waiting)
 
     def add(self, mode: int, request: Request | None) -> bool:
-        """Take a stop in; False if there is no room for its answer.
+        """Queue a stop; False if there is no room for its answer.
 
-        One of the mode that is under way is answered with it.
+        A stop of the mode that is under way is answered together with that one.
         """
         if request is not None and len(self._waiting) + len(self._under_way) >= _MAX_STOPS:
             return False
@@ -54,17 +54,17 @@ class StopQueue:
 
     @property
     def interrupts(self) -> bool:
-        """Whether a stop waits that goes before the one under way: taking the torque away goes before holding."""
+        """Whether a waiting stop goes ahead of the one under way: torque off goes ahead of hold."""
         return self.mode == _HOLD and any(mode == _TORQUE_OFF for mode, _ in self._waiting)
 
     def put_back(self) -> None:
-        """The stop under way was interrupted."""
+        """Queue the interrupted stop again."""
         if self.mode is not None:
             self._waiting = [(self.mode, request) for request in self._under_way] + self._waiting
             self.mode, self._under_way = None, []
 
     def start(self) -> int:
-        """The mode of the next stop; all that ask for it are answered together."""
+        """Start the next stop and return its mode; all requests for that mode are answered together."""
         mode = self.mode = max(mode for mode, _ in self._waiting)
         self._under_way = [request for m, request in self._waiting if m == mode]
         self._waiting = [(m, request) for m, request in self._waiting if m != mode]
@@ -83,7 +83,7 @@ class Stopped:
 
     Attributes:
         mask: Joints, by index, that hold still or have no torque.
-        taken: Torque was taken from a joint that did not hold.
+        taken: Torque was switched off at a joint that did not hold.
     """
 
     mask: int
@@ -92,7 +92,7 @@ class Stopped:
 
 @dataclass(slots=True)
 class _Held:
-    """One joint on its way to rest."""
+    """One joint that is coming to rest."""
 
     joint: JointSlot
     goal: int | None = None
@@ -105,7 +105,7 @@ class _Held:
         return self.took_target and self.stood >= _SAMPLES
 
     def sample(self, position: int) -> None:
-        """A new position."""
+        """Take a new position."""
         if self.stood < _SAMPLES:
             still = self.last is not None and abs(position - self.last) <= _STILL
             self.stood = self.stood + 1 if still else 0
@@ -134,7 +134,7 @@ class Stopping:
                 yield from self._look(joint)
         yield from self._hold([j for j in joints if j.torque_on or (j.unsure and j.sampled_at is not None)])
         for joint in joints:
-            # Joints believed to have no torque are read as well: only the answer is certain.
+            # Joints believed to have no torque are read as well: only their answer is certain.
             if joint.present and not self._is_held(joint) and not self.mask & self._bit(joint):
                 yield from self._look(joint)
                 if joint.torque_on:
@@ -181,14 +181,14 @@ class Stopping:
         joint = held.joint
         yield from self.bus.read_switches(joint)
         if joint.mode and not joint.unsure:
-            # It goes on turning, whatever its target is.
+            # In another mode it keeps turning, whatever its target is.
             yield from self._take_torque([joint])
             return
         target = yield from self.bus.read_target(joint)
         held.took_target = target is not None and target == held.goal
 
     def _settle(self) -> Job:
-        """Read positions until every joint is at rest at its target, or the time is over."""
+        """Read positions until every joint is at rest at its target, or the time is up."""
         until = self.clock() + _SETTLE_TIME
         while self.clock() < until and any(not h.holds and self._worth_waiting(h) for h in self.held):
             began = self.clock()

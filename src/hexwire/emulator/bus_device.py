@@ -1,8 +1,8 @@
-"""A bus of emulated servos as something that can be put behind a line: bytes in, bytes out, in time.
+"""A bus of emulated servos behind an adapter: bytes in, bytes out, with the timing of a line.
 
-Owns cutting requests out of the byte stream, what is heard at another rate than it was sent at, and when each
-answer's bytes are there. Knows no terminal and no link; `serve` has those. The wire itself (order, collisions) is
-`servo_wire`'s.
+Owns finding requests in the byte stream, what a receiver at another rate hears, and when each byte of an answer
+arrives. Knows no terminal and no link, which belong to `serve`; order and collisions on the wire belong to
+`servo_wire`.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def make_servos(
     Args:
         series: One for each id, or a single one for all.
         ids: Servo ids; an id that occurs twice makes two servos that collide.
-        baud: Rate they are set to, one for all or one for each id; 0 leaves them as they come from the factory.
-        seed: For noise.
+        baud: Rate they are set to, one for all or one for each id; 0 keeps the factory's rate.
+        seed: Seed of the noise.
         start: The time of power-up; earlier time is not simulated.
 
     Raises:
@@ -59,10 +59,11 @@ def make_servos(
     servos = []
     for place, (kind, servo_id, rate) in enumerate(zip(kinds, ids, rates, strict=True)):
         settings = {}
-        codes = {known: code for code, known in kind.baud_codes.items()}
+        codes = {bits: code for code, bits in kind.baud_codes.items()}
         if rate and codes:
             if rate not in codes:
-                raise UsageError(f"{kind.value} servos do {', '.join(map(str, sorted(codes)))} baud, not {rate}")
+                known = ", ".join(map(str, sorted(codes)))
+                raise UsageError(f"{kind.value} servos support {known} baud, not {rate}")
             settings["baud_code"] = codes[rate]
         # Each a little off the centre, so that their answers differ.
         position = kind.neutral + 3 * place
@@ -77,11 +78,11 @@ class BusDevice:
 
     Args:
         servos: The servos on the wire.
-        paced: Take the time that a real line takes; otherwise bytes take no time and every servo hears any rate.
+        paced: Bytes take as long as on a real line; otherwise they take no time and every servo hears any rate.
         faults: Scripted faults.
         echo: The adapter hears itself.
-        host_baud: Gives the host's present rate. A servo at another rate hears what its receiver makes of the
-            bytes, and so does the host with the answer. None stands for the first servo's present rate.
+        host_baud: Returns the host's present rate. A servo at another rate hears what its receiver makes of the
+            bytes, and so does the host with the answer. None stands for the first servo's rate at construction.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class BusDevice:
 
     @property
     def pending(self) -> int:
-        """Number of bytes held that are no whole packet yet."""
+        """Number of bytes held that are not yet a whole packet."""
         return sum(len(ear.data) for ear in self._ears.values())
 
     def receive(self, data: bytes, now: float) -> None:
@@ -152,7 +153,7 @@ class BusDevice:
         return self._answers[0][0] if self._answers else None
 
     def next_event_time(self) -> float | None:
-        """When the next bytes arrive, or the servos want to move on."""
+        """When the next bytes arrive, or the servos need their next step."""
         if self._answers:
             return self._answers[0][0]
         return self._now + _STEP
@@ -163,7 +164,7 @@ class BusDevice:
         self._answers.clear()
 
     def _queue(self, heard: bytes, start: float, end: float) -> None:
-        """Give each piece of what was heard the time at which its last bit was there."""
+        """Queue what was heard, each packet with the time at which its last bit arrives."""
         if not heard:
             return
         if not self._paced:
@@ -182,7 +183,7 @@ class _Ear:
     """Packets in the stream of bytes that servos of one rate hear.
 
     Attributes:
-        data: What is no whole packet yet.
+        data: Bytes that are not yet a whole packet.
     """
 
     def __init__(self) -> None:
@@ -198,9 +199,9 @@ class _Ear:
         self.data += data
 
     def next_packet(self) -> bytes:
-        """The next whole packet; empty if there is none yet. What stands before it is noise.
+        """The next whole packet; empty if there is none yet. Bytes before it are noise and are dropped.
 
-        An unfinished packet, as noise or another rate leaves it, does not swallow what comes after a pause: it is
+        An unfinished packet, left by noise or by another rate, does not swallow what comes after a pause: it is
         dropped once a whole packet follows it.
         """
         data = self.data

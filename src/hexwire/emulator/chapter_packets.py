@@ -47,8 +47,8 @@ def sync_write_rows(body: bytes, joints: int, *, verified: bool) -> list[Chapter
 
     Args:
         body: The packet.
-        joints: Number of joints; an id from there on ends the rows.
-        verified: Look at register and checksum, as hexwire's board does; the chapter's looks at neither.
+        joints: Number of joints; an id that is not below it ends the rows.
+        verified: Check register and checksum, as hexwire's board does; the chapter's checks neither.
     """
     if len(body) < 11 or body[4] != Instruction.SYNC_WRITE or body[3] < 9 or body[6] != 4:
         return []

@@ -5,9 +5,9 @@ id.
 
 | fault            | places (first = without prefix) | what happens |
 |------------------|------|---------------------------------------------------------------------------------|
-| `silent:ID[:P]`  | bus  | the servo hears and obeys, but does not answer (each time with probability P = 1) |
+| `silent:ID[:P]`  | bus  | the servo hears and obeys, but does not answer |
 | `late:ID:D[:P]`  | bus  | its answers come D seconds late |
-| `babble:ID[:P]`  | bus  | it talks out of turn: 1..8 random bytes into any answer, P = 0.2 unless given |
+| `babble:ID[:P]`  | bus  | it sends 1..8 random bytes after any request, whether to it or not |
 | `overload:ID`    | bus  | it reports overload, and gives only its holding torque |
 | `hot:ID`         | bus  | it is 15 degrees above its temperature limit, or at 85 without one |
 | `supply:ID:V`    | bus  | its supply is V volts |
@@ -22,9 +22,9 @@ id.
 | `boot:D`         | board | the board is deaf for D seconds after every start |
 | `sketch`         | board | the board cuts frames at the first 0D 0A and keeps stale bytes, as the chapter's does |
 
-A message is a servo packet or an answer on the bus, or one write or read on the host line. Faults of a line apply
-in both directions. Every fault has a random generator of its own, seeded by the plan's seed and its place in the
-list, so that adding one does not change the others.
+P is 1 unless given, 0.2 for `babble`. A message is a servo packet or an answer on the bus, or one write or read on
+the host line. Faults of a line apply in both directions. Every fault has a random generator of its own, seeded by
+the plan's seed and its place in the list, so that adding one does not change the others.
 
 Owns the specifications and their random numbers. Knows nothing of frames; board and wire ask it at the places
 named above.
@@ -96,7 +96,7 @@ def parse_fault(spec: str) -> Fault:
     """Parse one specification, as in the table above.
 
     Raises:
-        UsageError: Unknown kind (names the known ones), wrong place, or an argument that makes no sense.
+        UsageError: Unknown kind (names the known ones), wrong place, or an invalid argument.
     """
     head, *arguments = spec.strip().split(":")
     prefix, _, kind = head.rpartition(".")
@@ -138,8 +138,8 @@ class FaultPlan:
 
     Args:
         faults: Parsed or written specifications.
-        seed: Of the random numbers.
-        start: The time that T counts from.
+        seed: Seed of the random numbers.
+        start: The time from which T counts.
     """
 
     def __init__(self, faults: Iterable[Fault | str] = (), *, seed: int = 0, start: float = 0.0) -> None:
@@ -158,7 +158,7 @@ class FaultPlan:
 
     @classmethod
     def parse(cls, specs: Iterable[str], *, seed: int = 0, start: float = 0.0) -> FaultPlan:
-        """Make a plan of written specifications.
+        """Make a plan from written specifications.
 
         Raises:
             UsageError: As `parse_fault`.
@@ -231,7 +231,7 @@ class FaultPlan:
         return back
 
     def afflict(self, servo: EmulatedServo) -> None:
-        """Make a servo overloaded or hot, or its supply another, if the plan says so."""
+        """Overload or heat a servo, or change its supply, if the plan says so."""
         for fault in self._of("overload", "hot", "supply"):
             if fault.servo_id != servo.servo_id:
                 continue

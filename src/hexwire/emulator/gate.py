@@ -1,8 +1,8 @@
 """The gate of a board: what a packet from the host may do to a servo now, and the packet that then goes to it.
 
 Owns PROTOCOL.md section 6.4 as a pure function of the packet and of what the board knows: torque, limits, speed,
-mode, stop, maintenance. Must not know the bus, frames or time; the board keeps the facts right and sends what comes
-out.
+mode, stop, maintenance. Must not know the bus, frames or time; the board keeps the facts up to date and sends the
+result.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ __all__ = [
 READ_ONLY = frozenset({Instruction.PING, Instruction.READ, Instruction.SYNC_READ})
 """Instructions that change nothing."""
 MAX_REPLY = 120
-"""Bytes of answers that a board hands on."""
+"""Most bytes of answers that a board passes on."""
 SPEED_UNIT = 50
 """Counts/s of one unit of an HLS servo's goal speed."""
 MAX_RUN_TIME = 0xFFFF
@@ -59,12 +59,12 @@ _RUN_TIME = Series.SEVEN_BOT.register("run_time").address
 _LEGACY_END = _RUN_TIME + 2
 _OTHER_RAM = (*range(_CEILING, _CEILING + 2), *range(0x30, 0x36))
 _PAIRS = (_TARGET, _CEILING, _SPEED)
-"""Two-byte values, which make no sense by halves."""
+"""Two-byte values, which must be written as a whole."""
 _REGISTERS = 0x100
 
 
 class RefusedError(Exception):
-    """A request is not done; the status says why."""
+    """A request is refused; the status says why."""
 
     def __init__(self, status: Status) -> None:
         super().__init__(status.name)
@@ -73,7 +73,7 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class JointFacts:
-    """What the board knows of a joint when it judges.
+    """What the board knows of a joint when it checks a packet.
 
     Attributes:
         legacy: A legacy servo: big-endian, with a run time instead of a speed.
@@ -82,9 +82,9 @@ class JointFacts:
         position: Counts; None if it is silent or was never sampled.
         late_ms: Age of the position of a moving joint, milliseconds; 0 for one at rest.
         ceiling: Current ceiling of an HLS servo; 0 is unknown.
-        minimum: Least position, counts.
-        maximum: Greatest position, counts.
-        speed: Greatest speed, counts/s.
+        minimum: Lowest allowed position, counts.
+        maximum: Highest allowed position, counts.
+        speed: Highest allowed speed, counts/s.
     """
 
     legacy: bool
@@ -124,10 +124,10 @@ class _Kind(Enum):
 
 
 def check_packet(data: bytes) -> ServoPacket:
-    """Parse a packet of the host that is well formed.
+    """Parse a packet of the host and check that it is well formed.
 
     Raises:
-        RefusedError: It is not, whatever the board's state: `bad_range`.
+        RefusedError: It is not well formed: `bad_range`, whatever the board's state.
     """
     try:
         packet = parse_packet(data)
@@ -165,30 +165,30 @@ def written_ids(packet: ServoPacket) -> tuple[int, ...]:
 
 
 def clamp(joint: JointFacts, position: int) -> int:
-    """A position inside the joint's limits."""
+    """Clamp a position to the joint's limits."""
     return min(max(position, joint.minimum), joint.maximum)
 
 
 def time_needed(joint: JointFacts, position: int) -> int:
-    """Milliseconds that the joint's speed limit asks for on the way to a position."""
+    """Milliseconds that a joint needs to reach a position at its speed limit."""
     if joint.position is None:
         return 0
     distance = abs(position - joint.position)
-    # A joint that moves may be as much further away as its limit lets it go in the time since it was sampled.
+    # A moving joint may have gone further away since it was sampled, at its speed limit at most.
     return min(-(-distance * 1000 // max(joint.speed, 1)) + joint.late_ms, MAX_RUN_TIME)
 
 
 def speed_cap(limit: int) -> int:
-    """The greatest goal speed of an HLS servo for a limit in counts/s; 0 would mean none at all."""
+    """The highest goal speed of an HLS servo for a limit in counts/s; never 0, with which it would not move."""
     return max(limit // SPEED_UNIT, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """The gate as it stands now.
+    """The gate in the board's present state.
 
     Attributes:
-        joints: By servo id.
+        joints: What is known of the joints, by servo id.
         chapter: The packet came in dialect 1.
         stopped: A stop is latched.
         maintenance: Settings may be written.
@@ -200,10 +200,10 @@ class Gate:
     maintenance: bool = False
 
     def judge(self, packet: ServoPacket) -> Passed:
-        """What of a well-formed packet may go to the bus.
+        """Decide what of a well-formed packet may go to the bus.
 
         Raises:
-            RefusedError: Nothing of it may.
+            RefusedError: No part of it may.
         """
         if packet.instruction in READ_ONLY:
             return Passed((packet.serialize(),))
@@ -215,7 +215,8 @@ class Gate:
         elif packet.instruction == Instruction.SYNC_WRITE:
             address, rows = parse_sync_write(packet)
         else:
-            # No stop could void what waits in a servo for ACTION; the rest resets, recalibrates or is unknown.
+            # A stop could not void a write that waits in a servo for ACTION. The other instructions reset or
+            # recalibrate a servo, or are unknown.
             waits = packet.instruction in (Instruction.REG_WRITE, Instruction.ACTION)
             if waits or not self.maintenance:
                 raise RefusedError(Status.FORBIDDEN)
@@ -238,7 +239,7 @@ class Gate:
         return Passed(self._packets(packet, address, rows), tuple(hold), torque, targets)
 
     def _check(self, servo_id: int, address: int, data: bytes) -> None:
-        """Refuse a write that is not allowed to one servo."""
+        """Refuse a write to one servo if it is not allowed."""
         joint = self.joints.get(servo_id)
         covered = range(address, address + len(data))
         if any((at in covered) != (at + 1 in covered) for at in _PAIRS):
@@ -288,9 +289,9 @@ class Gate:
 
     @staticmethod
     def _switches(address: int, data: bytes) -> bool | None:
-        """The torque switch after a write; None if the write leaves it."""
+        """The torque switch after a write; None if the write does not change it."""
         if _covers_target(address, data):
-            # The servo switches its torque on by it.
+            # A target makes the servo switch its torque on.
             return True
         value = _byte(address, data, _TORQUE)
         return None if value is None else value == 1
@@ -308,7 +309,7 @@ class Gate:
 
     @staticmethod
     def _block(joint: JointFacts, address: int, data: bytes) -> tuple[int, bytes]:
-        """A row with a target, made the whole block of its series, within its speed limit."""
+        """Extend a row with a target to the whole block of its series, within the joint's speed limit."""
         at = _TARGET - address
         position = data[at : at + 2]
         needed = time_needed(joint, _decode(joint, position))
@@ -330,7 +331,7 @@ class Gate:
 
 
 def _byte(address: int, data: bytes, at: int) -> int | None:
-    """The byte that a write puts at a register; None if it does not reach there."""
+    """The byte that a write puts at an address; None if the write does not cover it."""
     return data[at - address] if address <= at < address + len(data) else None
 
 

@@ -1,11 +1,11 @@
-"""The physics twin: emulated servos that move one body in MuJoCo, from the same URDF as everywhere.
+"""The physics twin: emulated servos that move one body in MuJoCo, built from the URDF that hexwire makes.
 
-Owns the coupling: servos give torques, MuJoCo moves links under gravity and contact, servos read where they are.
-So load, sag and collisions show up in the registers. Masses are the URDF's estimates, and so is what the motors
-can give. Must not know a board or a line. Needs the package ``mujoco-core``, imported on first use.
+Owns the coupling: servos give torques, MuJoCo moves links under gravity and contact, servos read their positions.
+So load, sag and collisions show up in the registers. The masses are the URDF's estimates; the motors' torques are
+estimates too. Must not know a board or a line. Needs the package ``mujoco-core``, imported on first use.
 
-Unlike the usual shafts, which are exact profiles, these are held by a proportional controller as in real servos:
-a load lets them sag a little.
+Unlike the usual shafts, which follow exact profiles, these are held by a proportional controller as in real servos:
+they sag a little under load.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from .servo_motion import TICK, Drive, Motion
 __all__ = ["PhysicsTwin"]
 
 _STALL = {"seven_bot": 3.0, "hls": 0.588}
-"""Newton metres at full drive: 6 kg cm is published for the small ones; the large ones are assumed to lift the
-arm."""
+"""Newton metres at full drive: 6 kg cm is published for the small ones; the large ones are assumed to be able to
+lift the arm."""
 _ARMATURE = {"seven_bot": 0.02, "hls": 0.002}
 """Inertia of motor and gears at the joint, kg m^2: an estimate."""
 _GAIN = 1 / 64
-"""Share of full drive a count of error, about a position gain of 32: full drive at 5.6 degrees."""
+"""Share of full drive per count of error, about a position gain of 32: full drive at 5.6 degrees."""
 _WIND_UP = 1.5 / _GAIN
 """Counts by which the profile may lead the shaft."""
 _PAYLOAD_RADIUS = 0.01
 _WALL = 1.0
-"""Share of full drive a count beyond an obstacle set by hand."""
+"""Share of full drive per count beyond a servo's `obstacle`."""
 
 
 class PhysicsTwin:
-    """Couples servos to a simulated body. From construction on they move in it.
+    """Couples servos to a simulated body, which they move from construction on.
 
     Args:
-        servos: Those of the arm, by the bus ids of its model; others are left alone.
+        servos: Those whose ids are in the arm's model are coupled; others are left alone.
         model: Geometry and joints.
         payload: Kilograms at the tool.
         table: Add a table at the height of the base's foot.
 
     Raises:
-        UsageError: The package ``mujoco-core`` is not installed, or the payload makes no sense.
+        UsageError: The package ``mujoco-core`` is not installed, or the payload is out of range.
     """
 
     def __init__(
         self, servos: Sequence[EmulatedServo], model: Hex7BotModel, *, payload: float = 0.0, table: bool = True
     ) -> None:
         if not 0 <= payload < 100:
-            raise UsageError(f"a payload of {payload:g} kg makes no sense")
+            raise UsageError(f"the payload is {payload:g} kg, but must be 0 or more and less than 100")
         self._mujoco = _load_mujoco()
         self._model = self._compile(model, payload, table)
         self._data = self._mujoco.MjData(self._model)
@@ -83,7 +83,7 @@ class PhysicsTwin:
             )
         if payload:
             k = model.links
-            # A body of its own: the URDF's links say their masses, so MuJoCo ignores those of their shapes.
+            # A body of its own: the URDF's links state their masses, so MuJoCo ignores the masses of their shapes.
             inertia = 0.4 * payload * _PAYLOAD_RADIUS**2
             ball = spec.body("flange").add_body(
                 name="payload", pos=[0.0, 0.0, k.f], mass=payload, inertia=[inertia] * 3, explicitinertial=True
@@ -109,7 +109,7 @@ class PhysicsTwin:
         return int(self._model.jnt_qposadr[joint]), int(self._model.jnt_dofadr[joint])
 
     def _place(self) -> None:
-        """Put the body where the servos say they are."""
+        """Put the body's joints at the servos' positions."""
         for shaft in self.shafts:
             self._data.qpos[shaft.place] = shaft.angle
         level, _ = self._address(LEVEL_JOINT)
@@ -146,11 +146,11 @@ class _Shaft(Motion):
         self._joint = joint
         self._stall = _STALL[joint.series]
         self._ticks = 0
-        # The profile that the controller follows, counts and counts a second.
+        # The profile that the controller follows, counts and counts/s.
         self._ahead = self.position
         self._pace = 0.0
         self._taken = self.position
-        # Damping that just does not let the joint swing, for the inertia of motor, gears and some of the arm.
+        # Critical damping for the inertia of motor, gears and part of the arm.
         inertia = 2.0 * _ARMATURE[joint.series]
         stiffness = self._stall * _GAIN / joint.scale
         self._damping = 2.0 * math.sqrt(stiffness * inertia) * joint.scale / self._stall
@@ -177,7 +177,7 @@ class _Shaft(Motion):
         self.settled = False
 
     def push(self) -> float:
-        """Torque on the joint, newton metres; keeps what the load register shows."""
+        """Torque on the joint, newton metres; also sets what the load register shows."""
         if self._drive is Drive.POSITION:
             self._follow_profile()
             wanted = _GAIN * (self._ahead - self.position) + self._damping * (self._pace - self.velocity)
@@ -206,7 +206,7 @@ class _Shaft(Motion):
         return share * self._stall
 
     def take(self, angle: float, speed: float) -> None:
-        """Take place and speed from the body."""
+        """Take position and speed from the body."""
         joint = self._joint
         self.position = joint.sign * (angle - joint.offset) / joint.scale + joint.neutral
         self.velocity = joint.sign * speed / joint.scale
@@ -218,7 +218,7 @@ class _Shaft(Motion):
         slowing = (math.sqrt(step * step + 8 * self._acceleration * abs(error)) - step) / 2
         wanted = math.copysign(min(self._speed, slowing, abs(error) / TICK), error)
         self._pace += max(-step, min(step, wanted - self._pace))
-        # What holds the shaft back holds the profile back too, or it would leap when it is let go.
+        # A shaft that is held back holds the profile back too; otherwise it would leap when released.
         low, high = self.position - _WIND_UP, self.position + _WIND_UP
         self._ahead = max(low, min(high, self._ahead + self._pace * TICK))
 

@@ -1,7 +1,7 @@
-"""An emulated PUMA 260 controller: a robot that is nothing like the Hex7Bot.
+"""An emulated PUMA 260 controller: a robot with little in common with the Hex7Bot.
 
 Owns the motion of six joints with encoders and what the controller answers. Any number of hosts may be connected,
-each a `PumaPeer` with a session of its own; all see one robot. Time comes in as `now`. Knows no sockets.
+each through a `PumaPeer` with a session of its own; all share one robot. Time comes in as `now`. Knows no sockets.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ __all__ = ["EmulatedPuma", "PumaPeer"]
 
 TICK = 0.001
 _GAIN = 12.0
-"""1/s: how hard a set-point pulls; the joints are limited in speed all the same."""
+"""Proportional gain toward a set-point, 1/s; the joints' speed limits apply as well."""
 _ACCELERATION = math.radians(400.0)
 _REST_EFFORT = 0.02
 _MODE_POSITION, _MODE_TEACH = 0, 1
 _STOP, _STOP_TORQUE_OFF, _RESUME, _TORQUE_ON, _TORQUE_OFF = 1, 2, 3, 4, 5
 _SCALE = tuple(joint.scale for joint in PUMA260.joints)
 _RUN_ON = 0.5
-"""Seconds for which a velocity without a position is followed: no joint runs on when the host falls silent."""
+"""Seconds for which a velocity without a position is followed, so that joints stop when the host falls silent."""
 _FIRMWARE = (1, 0, 0)
 
 
@@ -42,12 +42,12 @@ class EmulatedPuma:
     """The robot and its controller.
 
     Args:
-        start: The time of its start.
+        start: The time at which it starts.
 
     Attributes:
         position: Radians.
         velocity: Radians per second.
-        executed: The last JOINT_COMMANDS and JOINT_TRAJECTORY that were taken.
+        executed: The last JOINT_COMMANDS and JOINT_TRAJECTORY that were accepted.
     """
 
     def __init__(self, *, start: float = 0.0) -> None:
@@ -71,7 +71,7 @@ class EmulatedPuma:
     def connect(
         self, max_frame: int = tables.MAX_NETWORK_FRAME, *, numbers: Callable[[], int] | None = None
     ) -> PumaPeer:
-        """A new host's end; over datagrams with a source of random numbers, as `Connection` takes it."""
+        """Connect a new host; over datagrams, with a source of random numbers as `Connection` takes it."""
         return PumaPeer(self, max_frame, numbers=numbers)
 
     # -- motion -------------------------------------------------------------------------------------
@@ -114,7 +114,7 @@ class EmulatedPuma:
         self.velocity = [0.0] * n
 
     def _tick(self, now: float) -> None:
-        # Twice the speed limit on a path: to follow it at the limit needs a reserve.
+        # Joints may reach twice the speed limit on a path: following it at the limit needs a reserve.
         reserve = 1.0
         if self._path is not None:
             reserve = 2.0
@@ -147,7 +147,7 @@ class EmulatedPuma:
         moved = self.position[i] + self.velocity[i] * TICK
         self.position[i] = max(joint.minimum, min(joint.maximum, moved))
         if self.position[i] != moved:
-            # The end of its path.
+            # The joint has reached its limit.
             self.velocity[i] = 0.0
 
     # -- what hosts ask -----------------------------------------------------------------------------
@@ -155,7 +155,7 @@ class EmulatedPuma:
     def states(self, now: float) -> EncoderStates:
         """JOINT_STATES at this moment."""
         counts = angles_to_counts(self.position)
-        # Speeds through the same coupling: counts of the angles a second later, less those of now.
+        # Speeds go through the same coupling: counts of the angles one second later, minus the present counts.
         later = angles_to_counts([p + v for p, v in zip(self.position, self.velocity, strict=True)])
         rows = []
         for i, joint in enumerate(PUMA260.joints):
@@ -188,7 +188,7 @@ class EmulatedPuma:
         return Status.OK
 
     def set_mode(self, mode: int) -> Status:
-        """Position or teach mode; both begin where the joints are."""
+        """Switch to position or teach mode; both begin at the present position."""
         if mode not in (_MODE_POSITION, _MODE_TEACH):
             return Status.BAD_RANGE
         if self.stopped:
@@ -199,7 +199,7 @@ class EmulatedPuma:
         return Status.OK
 
     def command(self, commands: JointCommands, now: float) -> Status:
-        """Set-points, speeds, efforts and gains for some joints; the others go on."""
+        """Apply set-points, speeds, efforts and gains to some joints; the others continue."""
         refusal = self._refusal()
         if refusal is not Status.OK:
             return refusal
@@ -223,7 +223,7 @@ class EmulatedPuma:
         return Status.OK
 
     def follow(self, trajectory: TrajectoryPoints, now: float) -> Status:
-        """Follow a trajectory: from where the joints are, or, if one is under way, from where that one is."""
+        """Follow a trajectory, from the joints' position or, if one is under way, from that one's present point."""
         refusal = self._refusal()
         if refusal is not Status.OK:
             return refusal
@@ -237,7 +237,7 @@ class EmulatedPuma:
         return Status.OK
 
     def _reference(self, now: float) -> tuple[Sequence[float], Sequence[float]]:
-        """Where a new path starts, and how fast."""
+        """Position and velocity at which a new path starts."""
         if self._path is None:
             return self.position, self.velocity
         here, before = self._path.at(now - self._began), self._path.at(now - self._began - TICK)
@@ -262,8 +262,8 @@ class PumaPeer:
     """One host's session with the controller; a served device like a board.
 
     Attributes:
-        heard: When the last good request came; None before the first.
-        commanded: When the last one came that changed something; likewise.
+        heard: When the last valid request arrived; None before the first.
+        commanded: When the last request arrived that changed something; None before the first.
     """
 
     def __init__(
@@ -311,7 +311,7 @@ class PumaPeer:
         return self.connection.data_to_send()
 
     def data_to_send(self) -> bytes:
-        """The same as a stream of bytes."""
+        """The frames for the host as a stream of bytes."""
         return b"".join(self.frames_to_send())
 
     def next_event_time(self) -> float | None:
@@ -320,7 +320,7 @@ class PumaPeer:
         return min(times, default=None)
 
     def reset(self, now: float) -> None:
-        """A line that opens anew finds the robot as it is."""
+        """Change nothing: a line that is reopened does not restart the robot."""
 
     def _answer_all(self, now: float) -> None:
         while (event := self.connection.next_event()) is not None:
@@ -329,7 +329,7 @@ class PumaPeer:
                 if conversations is None or event.frame.cmd != Command.IDENTIFY:
                     self.heard = now
                 if conversations is not None and conversations.count != self._conversation:
-                    # A host has identified itself anew, and this is no old copy of that.
+                    # A host has identified itself anew, and this is not a late copy of an earlier IDENTIFY.
                     self._conversation = conversations.count
                     self._report_due = None
                 try:
@@ -393,4 +393,4 @@ _BODY_SIZE: dict[int, int] = {
     Command.ROBOT_MODE: 1,
     Command.REPORT: 3,
 }
-"""Bytes of the requests whose body has one length."""
+"""Body lengths, in bytes, of the requests whose body has a fixed length."""

@@ -1,4 +1,4 @@
-"""How the emulated PUMA 260 moves: paths through waypoints, and the law of JointCommands.
+"""How the emulated PUMA 260 moves: paths through waypoints, and the control law of JointCommands.
 
 Owns curves and one joint's physics, as far as an emulator needs them. Knows no commands, no frames, no clock.
 """
@@ -14,21 +14,21 @@ from hexwire.wire.robot_bodies import JointCommands, TrajectoryPoints
 __all__ = ["Gains", "Path", "gains_of"]
 
 INERTIA = 0.05
-"""kg m^2 of every joint: of the size of a small arm's, not measured on one."""
+"""kg m^2 of every joint: the order of magnitude of a small arm, not measured."""
 FRICTION = 0.05
-"""N m s/rad, likewise."""
+"""N m s/rad of every joint, not measured either."""
 _LAW = ("effort", "kp_position", "ki_position", "kd_position", "kp_velocity")
 
 
 class Path:
-    """A curve through waypoints: cubic, from where the joints are and as fast as they go.
+    """A cubic curve through waypoints, from the joints' present position and velocity.
 
     The speed at a waypoint is the one given, else the mean of its two sides; at the end the joints are at rest.
 
     Args:
         trajectory: The waypoints.
-        origin: Where the joints are, radians; the start, unless the first waypoint is at time 0.
-        velocity: How fast they are, rad/s.
+        origin: Present positions, radians; the path starts there unless the first waypoint is at time 0.
+        velocity: Present velocities, rad/s.
     """
 
     def __init__(self, trajectory: TrajectoryPoints, origin: Sequence[float], velocity: Sequence[float]) -> None:
@@ -77,7 +77,7 @@ class Path:
 
 @dataclass(slots=True)
 class Gains:
-    """One joint under the law of JointCommands, in place of the controller's own loop."""
+    """One joint under the control law of JointCommands, in place of the controller's own loop."""
 
     velocity: float = 0.0
     effort: float = 0.0
@@ -90,12 +90,12 @@ class Gains:
     integral: float = 0.0
 
     def torque(self, error: float, velocity: float, tick: float) -> float:
-        """What the drive gives, newton metres; `error` in radians, speeds in rad/s."""
+        """Torque of the drive, newton metres; `error` in radians, speeds in rad/s."""
         self.integral += error * tick
         by_integral = self.ki_position * self.integral
         held = max(self.i_effort_min, min(self.i_effort_max, by_integral))
         if held != by_integral and self.ki_position:
-            # The part that the limit holds back must not accumulate.
+            # Anti-windup: the integral does not grow beyond its limit.
             self.integral = held / self.ki_position
         return (
             self.effort
@@ -111,7 +111,7 @@ class Gains:
 
 
 def gains_of(commands: JointCommands, i: int) -> Gains | None:
-    """The law for the i-th joint of `commands`; None if they give neither an effort nor a gain."""
+    """The control law for the i-th joint of `commands`; None if they give neither an effort nor a gain."""
     if not any(getattr(commands, array) for array in _LAW):
         return None
     arrays = ("velocity", *_LAW, "i_effort_min", "i_effort_max")

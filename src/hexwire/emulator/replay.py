@@ -1,7 +1,7 @@
 """A board that answers requests as they were answered in recorded traffic.
 
-Owns the table of what was asked and what came back. For taking a fault home: a program meets the very answers that
-were recorded, without the arm. Knows no servos; where the traffic came from is the caller's.
+Owns the table of requests and their answers. With it a fault can be reproduced without the arm: a program gets
+exactly the answers that were recorded. Knows no servos, nor where the traffic was recorded.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Reply(NamedTuple):
 
 @dataclass(slots=True)
 class _Answers:
-    """All answers to one request, in the order they came; after the last the first is given again."""
+    """All answers to one request, in the order they came; after the last, the first is given again."""
 
     replies: list[_Reply] = field(default_factory=list)
     given: int = 0
@@ -53,16 +53,16 @@ class _Answers:
 class ReplayedBoard:
     """A served device that answers from a recording.
 
-    A request is known by dialect, command and body. One that was asked several times gets its answers in turn.
-    What was never asked is refused in dialect 2 (`not_supported`), and not answered in dialect 1. Reports are sent
-    again, at the pace they were recorded, once REPORT has been asked for.
+    A request is identified by dialect, command and body. One that was recorded several times gets its answers in
+    turn. One that is not in the recording is refused in dialect 2 (`not_supported`) and not answered in dialect 1.
+    Reports are sent at the recorded pace once the host has asked for them with REPORT.
 
     Args:
         transfers: The recorded traffic, in order.
-        start: The time of its start.
+        start: The time at which it starts.
 
     Raises:
-        UsageError: The traffic holds no answered request.
+        UsageError: The traffic contains no answered request.
     """
 
     def __init__(self, transfers: Iterable[RecordedTransfer], *, start: float = 0.0) -> None:
@@ -72,7 +72,7 @@ class ReplayedBoard:
         self._reports: list[tuple[float, Frame]] = []
         self._learn(transfers)
         if not self._answers:
-            raise UsageError("there is no request with its answer in this traffic")
+            raise UsageError("this traffic contains no answered request; choose another recording")
         self._next_report = 0
         self._report_due: float | None = None
         self._max_frame = tables.MAX_NETWORK_FRAME
@@ -114,7 +114,7 @@ class ReplayedBoard:
         return min(times, default=None)
 
     def reset(self, now: float) -> None:
-        """Start again from the first answers."""
+        """Restart with the first answers."""
         self._connection = Connection(
             Role.BOARD,
             local=ModuleType.ARM_7BOT_ARDUINO_TRX,

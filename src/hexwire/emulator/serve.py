@@ -1,7 +1,7 @@
 """An emulated board behind a pseudo-terminal, or behind a link in simulated time.
 
 Owns the two ways to reach an emulator from outside: `serve_board` for other programs, `BoardLink` for tests and
-examples that must not sleep. The only module of this room that may do I/O.
+examples that must not sleep. Only this module and the other `serve_` modules of the package do I/O.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ class ServedDevice(Protocol):
         """When `step` has something to do without input."""
 
     def reset(self, now: float) -> None:
-        """Start again."""
+        """Restart."""
 
 
 class FakeClock:
-    """A clock that only moves when told: `clock()` is its time in seconds."""
+    """A clock that advances only when told: `clock()` is its time in seconds."""
 
     def __init__(self, start: float = 1000.0) -> None:
         self.time = start
@@ -73,13 +73,12 @@ class FakeClock:
 
 
 class BoardLink(Link):
-    """A link to a device in this process, in simulated time: a read moves the clock, nothing sleeps.
+    """A link to a device in this process, in simulated time: a read advances the clock, nothing sleeps.
 
     Args:
         device: The emulated board.
         clock: Shared with the session; `Session` finds it as `link.clock`.
-        baud: Line rate between host and board; 0 costs no time.
-        url: What the link calls itself.
+        baud: Line rate between host and board; with 0, bytes take no time.
     """
 
     kind = LinkKind.STREAM
@@ -108,7 +107,7 @@ class BoardLink(Link):
 
     def open(self) -> None:
         if self._open:
-            raise LinkBusyError(f"{self.url} is open already", url=self.url)
+            raise LinkBusyError(f"{self.url} is already open", url=self.url)
         if self.lost:
             raise LinkLostError(f"{self.url} is unplugged", url=self.url)
         self._open = True
@@ -143,13 +142,13 @@ class BoardLink(Link):
             if deadline is not None:
                 known.append(deadline)
             if not known:
-                raise UsageError("a read without deadline, and the emulated board will never answer")
+                raise UsageError("a read without a deadline would never return: the board has nothing to send")
             target = min(known)
             if deadline is not None and target >= deadline:
                 self.clock.time = max(self.clock.time, deadline)
                 self._run()
                 return self._to_host.take(self.clock.time)
-            # A device whose event is due now must still make progress in time.
+            # Time must advance even if the device has an event that is due now.
             self.clock.time = target if target > self.clock.time else self.clock.time + 1e-6
 
     def _run(self) -> None:
@@ -158,7 +157,7 @@ class BoardLink(Link):
         if data:
             self.device.receive(data, now)
         self.device.step(now)
-        # While the line is busy the device keeps its bytes: it has to notice that it sends too much.
+        # While the line is busy the device keeps its bytes, so that it notices when it sends too much.
         if self._to_host.next_time() is None:
             out = self.device.data_to_send()
             if out:
@@ -176,7 +175,7 @@ class PacedLine:
     """One direction of a serial line: bytes put in come out at the line rate, 10 bits each.
 
     Args:
-        baud: Bits per second; 0 is at once.
+        baud: Bits per second; with 0, bytes take no time.
     """
 
     def __init__(self, baud: int) -> None:
@@ -211,7 +210,7 @@ class PacedLine:
         return b"".join(arrived)
 
     def next_time(self) -> float | None:
-        """When the piece that is on the line now has arrived; None if the line is empty."""
+        """When all of the piece that is on the line now arrives; None if the line is empty."""
         if not self._queue:
             return None
         start, data = self._queue[0]
@@ -224,7 +223,7 @@ class PtyServer:
     Args:
         device: The board.
         link: Path of a symbolic link to make to the terminal; none if None.
-        baud: Line rate; 0 is unpaced. Paced, a host that opens the port at another rate gets garbage.
+        baud: Line rate; 0 is unpaced. If paced, a host that opens the port at another rate gets garbage.
         reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino.
     """
 
@@ -253,7 +252,7 @@ class PtyServer:
         """Make the terminal; returns the path to give to a host.
 
         Raises:
-            UsageError: `link` cannot be made, or what is in its way must stay.
+            UsageError: `link` cannot be made, or something that must stay has its name.
         """
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -261,7 +260,7 @@ class PtyServer:
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
         if self._reset_on_open:
-            # Without a descriptor of our own the master says when a host comes and goes.
+            # The master shows when a host opens and closes the terminal only if we do not hold it open.
             os.close(self._slave)
             self._slave = -1
         if self._link is not None:
@@ -274,7 +273,7 @@ class PtyServer:
         return self.path
 
     def _set_rate(self, slave: int) -> None:
-        # A terminal starts at 38400: a program that sets no rate would receive garbage only.
+        # A terminal starts at 38400: a program that sets no rate would receive only garbage.
         code = next((code for code, rate in _BAUD_RATES.items() if rate == self._baud), None)
         if self._baud and code is not None:
             settings = termios.tcgetattr(slave)
@@ -282,7 +281,7 @@ class PtyServer:
             termios.tcsetattr(slave, termios.TCSANOW, settings)
 
     def close(self) -> None:
-        """Take the symbolic link and the terminal away."""
+        """Remove the symbolic link and close the terminal."""
         # In this order: the number of a closed terminal goes to the next one that is opened.
         if self._name is not None:
             self._name.remove()
@@ -315,7 +314,7 @@ class PtyServer:
             if flags & select.POLLIN:
                 self._read(now)
             if flags & select.POLLHUP and not flags & select.POLLIN:
-                # Nobody has the port open: the condition stays, so do not spin on it.
+                # Nobody has the port open: the condition persists, so do not spin on it.
                 self._hung_up = True
                 time.sleep(min(0.02, max(timeout, 0.0)))
         if not events or not any(flags & select.POLLHUP for _, flags in events):
@@ -392,8 +391,8 @@ def serve_board(
         link: Path of a symbolic link to make to the terminal.
         baud: Line rate; 0 is unpaced.
         reset_on_open: Reset the board when the port is opened.
-        stop: Asked at least every quarter of a second.
-        announce: Told the path when the terminal is there.
+        stop: Called at least every quarter of a second; True ends it.
+        announce: Called with the path once the terminal is open.
     """
     server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open)
     path = server.open()

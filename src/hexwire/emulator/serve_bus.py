@@ -1,7 +1,7 @@
-"""Emulated servos on a pseudo-terminal: a bus adapter that other people's programs can open.
+"""Emulated servos on a pseudo-terminal: a bus adapter that other programs can open.
 
-Owns the loop that keeps to the line's time finer than `serve` needs to, and the rate at which the host has set the
-terminal: servos set to another rate do not understand it. Must not know who is on the other side.
+Owns the loop, which keeps the line's timing more finely than `serve` needs to, and the rate that the host has set
+on the terminal: servos set to another rate do not understand it. Must not know who is on the other side.
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ def serve_bus(
     """Serve a bus until told to stop.
 
     Args:
-        servos: Who is on it.
-        baud: Rate of the servos, of the first if they differ; 0 costs no time, and every servo hears at any rate.
-        stop: Asked at least every 20 ms.
-        announce: Told the path when the terminal is there.
+        servos: The servos on it.
+        baud: Rate of the servos, of the first if they differ; with 0, bytes take no time and every servo hears any
+            rate.
+        stop: Called at least every 20 ms; True ends it.
+        announce: Called with the path once the terminal is open.
         link: Path of a symbolic link to make to the terminal.
         faults: Scripted faults.
         echo: The adapter hears itself.

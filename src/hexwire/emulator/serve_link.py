@@ -1,7 +1,7 @@
 """The name of an emulated device: a symbolic link to its pseudo-terminal.
 
-Owns whose name it is: one that another program still serves, that belongs to somebody else, or that leads to
-something else is never taken. Must not know what is behind the terminal.
+Owns which names may be taken: never one that another program still serves, that belongs to another user, or that
+leads to anything but a pseudo-terminal. Must not know what is behind the terminal.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _TERMINAL = re.compile(r"/dev/pts/[0-9]+")
 class TerminalName:
     """A symbolic link to a terminal while it is served.
 
-    While it lasts, a socket without a file is bound that stands for it: so another emulator can tell a name that is
-    served from one that was left behind. The system takes it away however this program ends.
+    While the link exists, an abstract socket is bound that stands for it, so that another emulator can tell a name
+    in use from one left behind. The system releases the socket however this program ends.
 
     Args:
-        link: Where.
+        link: Path of the link.
         terminal: The terminal's own path.
 
     Raises:
-        UsageError: It cannot be made, or what is there must stay.
+        UsageError: The link cannot be made, or something that must stay has its name.
     """
 
     def __init__(self, link: Path, terminal: str) -> None:
@@ -43,7 +43,7 @@ class TerminalName:
         try:
             self._folder = open_folder(link.parent)
         except UsageError as error:
-            raise UsageError(f"cannot make the link {link}: {error}, or another --link") from None
+            raise UsageError(f"cannot make the link {link} (--link): {error}") from None
         self._claim: socket.socket | None = None
         try:
             self._claim = self._claimed()
@@ -84,7 +84,7 @@ class TerminalName:
             claim.close()
             if error.errno == errno.EADDRINUSE:
                 raise UsageError(
-                    f"{self._link} is served by another emulator; end that one, or choose another --link"
+                    f"{self._link} is in use by another emulator; stop that one, or choose another --link"
                 ) from None
             return None
         return claim
@@ -96,12 +96,13 @@ class TerminalName:
         except FileNotFoundError:
             return
         if not stat.S_ISLNK(found.st_mode):
-            raise UsageError(f"{self._link} exists and is no symbolic link; choose another --link")
+            raise UsageError(f"{self._link} exists and is not a symbolic link; choose another --link")
         if found.st_uid != os.geteuid():
-            raise UsageError(f"{self._link} is a link of {owner_name(found.st_uid)}; choose another --link")
+            owner = owner_name(found.st_uid)
+            raise UsageError(f"{self._link} is a link that belongs to {owner}; choose another --link")
         target = os.readlink(self._link.name, dir_fd=self._folder)
         if not _TERMINAL.fullmatch(target):
-            raise UsageError(f"{self._link} is a link to {target}, no pseudo-terminal; choose another --link")
+            raise UsageError(f"{self._link} links to {target}, not to a pseudo-terminal; choose another --link")
         if target == self._terminal:
             return
         with contextlib.suppress(FileNotFoundError):
@@ -109,12 +110,12 @@ class TerminalName:
             # A terminal younger than the link only reuses the number.
             if terminal.st_uid == os.geteuid() and terminal.st_ctime_ns <= found.st_mtime_ns:
                 raise UsageError(
-                    f"{self._link} leads to {target}, which a program of yours holds; end that, or choose another "
-                    "--link"
+                    f"{self._link} leads to {target}, which another program of yours has open; stop that program, "
+                    "or choose another --link"
                 )
 
     def _make(self) -> None:
-        """Make it, in place of what `_look` has let pass."""
+        """Make the link, in place of one that `_look` has allowed to replace."""
         with contextlib.suppress(FileNotFoundError):
             os.unlink(self._link.name, dir_fd=self._folder)
         # Fails if another process made it first.

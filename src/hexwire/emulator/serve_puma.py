@@ -1,6 +1,7 @@
 """The emulated PUMA 260 behind TCP and UDP, for any number of hosts.
 
-Owns the loop over listener, links and UDP peers, and has whoever must go go. Everything the robot does is `puma`'s.
+Owns the loop over listener, links and UDP peers, and disconnects hosts that lose their seat. What the robot does
+belongs to `puma`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ __all__ = ["serve_puma"]
 
 _IDLE = 0.25
 _MOST_AT_ONCE = 64
-"""Callers and datagrams taken before those who are served already have their turn again."""
+"""Most callers or datagrams accepted before connected hosts are served again."""
 
 
 @dataclass(slots=True)
@@ -34,7 +35,7 @@ class _Caller:
 
 @dataclass(slots=True)
 class _Hosts:
-    """Who is connected, and who may stay: TCP and UDP cannot push each other out."""
+    """Connected hosts and their seats: TCP and UDP hosts cannot displace each other."""
 
     callers: dict[int, _Caller] = field(default_factory=dict)
     peers: dict[Peer, PumaPeer] = field(default_factory=dict)
@@ -55,14 +56,14 @@ def serve_puma(
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
-    """Serve until told to stop. Nobody is waited for: a host that does not take its answers is hung up on.
+    """Serve until told to stop. A host that does not take its answers is disconnected, so that no other waits.
 
     Args:
         robot: The robot that all hosts share.
-        listener: Where TCP hosts call; opened and closed here.
-        udp: Where UDP hosts may speak, likewise; none if None.
-        stop: Asked at least every quarter of a second.
-        announce: Told the addresses when they are bound.
+        listener: Accepts TCP hosts; opened and closed here.
+        udp: Receives from UDP hosts; opened and closed here. None to serve TCP only.
+        stop: Called at least every quarter of a second; True ends it.
+        announce: Called with each address once it is bound.
     """
     hosts = _Hosts()
     with listener:

@@ -1,15 +1,15 @@
 """An emulated bus servo: packets in, status packets out, and a shaft that moves.
 
 Owns one servo's registers, motion and protection, and what each instruction does to them. Knows no line: echo,
-collisions and line rate are `servo_wire`'s. Time comes in as `now`; `step` works in whole milliseconds from 0, so
-that the same commands at the same times give the same registers, whatever steps the time is divided into.
+collisions and line rate belong to `servo_wire`. Time comes in as `now`; `step` works in whole milliseconds from 0,
+so that the same commands at the same times give the same registers, whatever steps the time is divided into.
 
 Assumptions where the public documents say nothing:
 
-- A goal written while the torque is off turns it on. That is measured for STS; the chapter's board moves legacy
-  servos only by such writes.
+- A goal written while the torque is off turns the torque on. That is measured for STS; the chapter's board moves
+  legacy servos only by such writes.
 - Turning the torque on without a new goal holds the shaft where it is.
-- A legacy servo answers reads of 1 or 2 bytes, none longer, and no write (`answers_writes` changes that).
+- A legacy servo answers reads of 1 or 2 bytes, but no longer ones, and no writes unless `answers_writes` is set.
 - HLS secondary_id 0 means none: this is the factory value, and id 0 belongs to another servo.
 - The answer to a write of the id still has the old id.
 - Instructions that a series does not have are not answered.
@@ -52,23 +52,23 @@ class EmulatedServo:
     Args:
         series: Its family.
         servo_id: Its stored id, 0..253.
-        position: Of the shaft at power-up, counts; None is the neutral of the series.
-        seed: For noise.
-        firmware: Version, where the series reports one.
+        position: Shaft position at power-up, counts; None for the neutral position of the series.
+        seed: Seed of the noise.
+        firmware: Version, if the series reports one.
         settings: Stored values of EEPROM registers, by name, instead of the factory's.
         gravity: Torque of gravity at a shaft position, as a fraction of the stall torque, positive toward higher
             counts.
         idle_load: Offset of the load reading, 0.1 %.
         noise: Standard deviation of readings, in counts of position and 0.1 % of load; 0 is none.
         answers_writes: Legacy only: acknowledge writes as Feetech servos do.
-        mechanics: Motor and gears; None is the series' own.
-        start: The time of its power-up.
+        mechanics: Motor and gears; None for those of the series.
+        start: The time of power-up.
 
     Attributes:
         registers: Its memory.
         motion: Its shaft; hooks `gravity`, `external_torque` and `obstacle` are there.
         protection: Its status bits and temperature.
-        return_delay: Seconds from a request to the answer, where no register says so.
+        return_delay: Seconds from a request to the answer, where no register sets it.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class EmulatedServo:
 
     @property
     def torque_on(self) -> bool:
-        """Whether the motor is driven (damping is not)."""
+        """Whether the motor is driven; damping does not count."""
         return self.registers.get("torque_enable") == 1
 
     @property
@@ -154,7 +154,7 @@ class EmulatedServo:
     # --- time --------------------------------------------------------------------------------------------------
 
     def step(self, now: float) -> None:
-        """Let time pass up to `now`, in seconds; going back does nothing."""
+        """Let time pass up to `now`, in seconds; an earlier time does nothing."""
         until = int(now / TICK + 1e-6)
         motion, protection = self.motion, self.protection
         stall = motion.mechanics.stall_current
@@ -193,17 +193,17 @@ class EmulatedServo:
         asked = packet.servo_id
         if asked == BROADCAST_ID or asked == self.registers.get("id"):
             return True
-        # Zero is no second id.
+        # Zero means no second id.
         return bool(self.series is Series.HLS and asked and asked == self.registers.get("secondary_id"))
 
     def receive(self, packet: ServoPacket, now: float) -> bytes | None:
         """Take a request off the bus.
 
         Returns:
-            The answer's bytes, or None: not addressed, nothing to say, or still starting.
+            The answer's bytes, or None: not addressed, nothing to answer, or still starting.
         """
         if not self.is_addressed(packet):
-            # Nothing changes; the time is made up at the next request or step.
+            # Nothing changes; the servo catches up in time at its next request or step.
             return None
         own = self.servo_id
         broadcast = packet.servo_id == BROADCAST_ID
@@ -404,7 +404,7 @@ class EmulatedServo:
         self._shown = self._as_it_was()
 
     def _as_it_was(self) -> tuple[object, ...] | None:
-        """All that the read-only registers of a servo at rest depend on; None if they change by themselves."""
+        """All that the read-only registers of a servo at rest depend on; None if they change on their own."""
         motion, protection = self.motion, self.protection
         if self.noise or not motion.settled:
             return None

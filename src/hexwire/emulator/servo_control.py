@@ -30,10 +30,10 @@ __all__ = [
 ]
 
 AMPERES = 0.0065
-"""One unit of the current registers (vendor memory table)."""
+"""Amperes per unit of the current registers (vendor memory table)."""
 
 SUPPLY = {Series.SEVEN_BOT: 7.5, Series.SCS: 8.4, Series.STS_SMS: 7.4, Series.HLS: 6.0}
-"""Volts an emulated servo gets unless told otherwise; inside the factory limits of its series."""
+"""Default supply of an emulated servo, volts; within the factory limits of its series."""
 
 # No-load speeds: HLS3606 111 rpm at 6 V (data sheet); STS3215 about 50 rpm, SCS009 0.1 s/60 deg; legacy assumed.
 MECHANICS = {
@@ -109,10 +109,10 @@ def order_for(registers: RegisterFile, mechanics: Mechanics, volts: float, dista
 
     Args:
         registers: Live registers.
-        mechanics: Of the servo.
+        mechanics: The servo's motor and gears.
         volts: Supply; the top speed is proportional to it.
-        distance: Counts the last goal was away when it was given; a run time is made a speed with it.
-        target: Shaft counts of the goal.
+        distance: Distance to the last goal when it was written, counts; converts a run time into a speed.
+        target: The goal in counts of the shaft.
     """
     series = registers.series
     fastest = mechanics.max_speed * volts / mechanics.nominal_voltage
@@ -140,7 +140,7 @@ def order_for(registers: RegisterFile, mechanics: Mechanics, volts: float, dista
 
 
 def _pwm(registers: RegisterFile) -> float:
-    """Signed duty, -1..1, from wherever the series keeps it."""
+    """Signed duty, -1..1, from the register in which the series keeps it."""
     if registers.series is Series.HLS:
         return max(-1.0, min(1.0, registers.get("goal_torque") / 1000))
     if registers.series is Series.STS_SMS:
@@ -151,7 +151,7 @@ def _pwm(registers: RegisterFile) -> float:
 
 
 def _travel_speed(registers: RegisterFile, mechanics: Mechanics, distance: float) -> float:
-    """Speed limit of a move to a position, counts/s; inf where only the motor limits it."""
+    """Speed limit of a move to a position, counts/s; inf if only the motor limits it."""
     series = registers.series
     if series is Series.SEVEN_BOT or series is Series.SCS:
         time = registers.get("run_time" if series is Series.SEVEN_BOT else "goal_time")
@@ -165,7 +165,7 @@ def _travel_speed(registers: RegisterFile, mechanics: Mechanics, distance: float
 
 
 def limits_of(registers: RegisterFile) -> Limits:
-    """Protection limits as the registers have them now."""
+    """Protection limits as the registers set them now."""
     series = registers.series
     if series is Series.SEVEN_BOT:
         return NO_LIMITS

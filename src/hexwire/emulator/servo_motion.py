@@ -18,12 +18,12 @@ from enum import Enum
 __all__ = ["TICK", "Drive", "Mechanics", "Motion", "speed_for_duration"]
 
 TICK = 0.001
-"""Seconds a step of the model. Time is counted in whole ticks from 0, so results do not depend on the caller."""
+"""Seconds per step of the model. Time is counted in whole ticks from 0, so results do not depend on the caller."""
 
-_CLOSE = 0.01  # counts: a slow shaft that is nearer has arrived
+_CLOSE = 0.01  # counts: a slow shaft that is nearer than this has arrived
 _COASTING = 15.0  # drag of motor and gears without power, 1/s
 _DAMPING = 60.0  # the same with the winding shorted
-_STIFFNESS = 1 / 64  # torque a count of error against an obstacle, about what a position gain of 32 gives
+_STIFFNESS = 1 / 64  # torque per count of error against an obstacle, about what a position gain of 32 gives
 
 
 class Drive(Enum):
@@ -43,11 +43,11 @@ class Mechanics:
     Attributes:
         max_speed: No-load speed at nominal voltage, counts/s.
         max_acceleration: Steepest ramp the servo's own profile uses, counts/s^2.
-        full_acceleration: Acceleration of the joint by the whole stall torque, counts/s^2.
+        full_acceleration: Acceleration of the joint at full stall torque, counts/s^2.
         friction: Dry friction while powered or moving.
         holding_friction: Dry friction of the gears at rest without power; smaller torques do not move them.
         stall_current: Amperes at full torque.
-        nominal_voltage: Volts that max_speed belongs to.
+        nominal_voltage: Volts at which max_speed is reached.
         stops: Mechanical end stops in counts; None for a shaft that turns without end.
     """
 
@@ -62,7 +62,7 @@ class Mechanics:
 
 
 def speed_for_duration(distance: float, seconds: float, acceleration: float) -> float:
-    """Top speed of a trapezoidal profile that covers a distance in a time, inf if it cannot be that fast."""
+    """Top speed of a trapezoidal profile that covers a distance in a given time; inf if it cannot be that fast."""
     root = acceleration * acceleration * seconds * seconds / 4 - acceleration * abs(distance)
     if root < 0:
         return math.inf
@@ -99,8 +99,8 @@ class Motion:
             drive: Kind of control.
             target: Shaft counts to go to (POSITION), or signed fraction of the stall torque (TORQUE).
             speed: Speed limit (POSITION) or signed speed (SPEED), counts/s.
-            acceleration: Ramp limit, counts/s^2; 0 is the servo's own maximum.
-            ceiling: Most torque the motor may give, 0..1.
+            acceleration: Ramp limit, counts/s^2; 0 for the servo's own maximum.
+            ceiling: Highest torque the motor may give, 0..1.
         """
         self._drive = drive
         self._target = target
@@ -137,7 +137,7 @@ class Motion:
 
     @property
     def obstacle(self) -> tuple[float | None, float | None]:
-        """Shaft positions that cannot be passed downward and upward; None is free."""
+        """Shaft positions that cannot be passed downward and upward; None for no obstacle."""
         return self._obstacle
 
     @obstacle.setter
@@ -171,7 +171,7 @@ class Motion:
             if near and self._speed > 0 and abs(outside) <= self._ceiling:
                 self.position, velocity, self.velocity, wanted = self._target, 0.0, 0.0, 0.0
             else:
-                # The fastest from which the ramp still stops at the target, in whole ticks.
+                # The highest speed from which the ramp still stops at the target, in whole ticks.
                 slowing = (math.sqrt(step * step + 8 * self._acceleration * distance) - step) / 2
                 wanted = math.copysign(min(self._speed, slowing, distance / TICK), error)
         else:

@@ -1,8 +1,8 @@
 """How an emulated servo protects itself: overload, overcurrent, heat, supply voltage.
 
 Owns the status bits and the timers behind them, and the winding temperature. Time comes in whole ticks of the
-motion model. Whole numbers are summed where a tick is repeated, so that a thousand ticks at rest may be taken at
-once and give the same.
+motion model. Sums over ticks use whole numbers, so that a thousand ticks at rest taken at once give the same
+result.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TEMPERATURE = STATUS_BITS["temperature"]
 CURRENT = STATUS_BITS["current"]
 OVERLOAD = STATUS_BITS["overload"]
 
-THERMAL_TICKS = 1000  # the temperature moves once a second
+THERMAL_TICKS = 1000  # the temperature is updated once a second
 _THERMAL_SECONDS = 300.0  # time constant of the case
 _STALL_RISE = 120.0  # degrees above ambient that a stalled servo would reach
 _NEVER = 1 << 62
@@ -26,7 +26,7 @@ _NEVER = 1 << 62
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits from the registers. Torques are fractions, times ticks.
+    """Limits from the registers. Torques are fractions of the stall torque, times are in ticks.
 
     Attributes:
         switch: Mask of the faults that take torque away; the others are only reported.
@@ -47,8 +47,8 @@ class Protection:
 
     Attributes:
         status: The error byte.
-        temperature: Of the winding, deg C.
-        ambient: Of the air, deg C; may be set.
+        temperature: Winding temperature, deg C.
+        ambient: Air temperature, deg C; may be set.
     """
 
     def __init__(self, limits: Limits, temperature: float) -> None:
@@ -63,7 +63,7 @@ class Protection:
 
     @property
     def ceiling(self) -> float:
-        """Most torque the motor may give, 0..1."""
+        """Highest torque the motor may give, 0..1."""
         acting = self.status & self.limits.switch
         if acting & (VOLTAGE | TEMPERATURE):
             return 0.0
@@ -77,7 +77,7 @@ class Protection:
         self._overload = self._current = 0
 
     def horizon(self, tick: int, torque: float, current: float) -> int:
-        """Ticks that may be advanced at once, while torque and current stay, without passing a change."""
+        """Ticks that may be advanced at once, at constant torque and current, before the status can change."""
         limits = self.limits
         until = THERMAL_TICKS - tick % THERMAL_TICKS
         if torque >= limits.overload_torque and not self.status & OVERLOAD:
@@ -87,14 +87,14 @@ class Protection:
         return max(until, 1)
 
     def advance(self, tick: int, count: int, torque: float, current: float, volts: float) -> bool:
-        """Let `count` ticks pass with one load; at most `horizon` of them.
+        """Let `count` ticks pass at a constant load.
 
         Args:
             tick: Ticks since 0 before these.
-            count: How many.
+            count: Number of ticks, at most `horizon`.
             torque: Magnitude of the motor's torque, 0..1.
             current: Magnitude of its current, A.
-            volts: Supply.
+            volts: Supply voltage.
 
         Returns:
             Whether the status changed.
@@ -140,4 +140,4 @@ NO_LIMITS = Limits(
     voltage=(-1.0, 1e9),
     switch=0,
 )
-"""For servos that protect themselves without saying so, or not at all."""
+"""For servos that protect themselves without reporting it, or not at all."""

@@ -1,4 +1,4 @@
-"""The memory of an emulated servo: live bytes, and what of them survives power-off.
+"""The memory of an emulated servo: live bytes, and those that survive power-off.
 
 Owns defaults, access rights, ranges and the EEPROM lock. Knows nothing of motion or packets.
 
@@ -21,8 +21,8 @@ __all__ = ["RegisterFile"]
 FIRMWARE = {Series.SCS: (0, 20), Series.STS_SMS: (3, 10), Series.HLS: (3, 43)}
 _MODEL = {Series.SCS: "scs009", Series.STS_SMS: "sts3215", Series.HLS: "hls3606"}
 
-# Where the rows have no default. The currents and speeds are assumed; a phase of 8 means that goal_speed 0 is
-# the maximum and one unit is 50 counts/s, which is what the register rows say.
+# Values for rows without a default. The currents and speeds are assumed; a phase of 8 means that goal_speed 0 is
+# the maximum and one unit is 50 counts/s, as the register rows say.
 _ASSUMED: dict[Series, dict[str, int]] = {
     Series.SEVEN_BOT: {},
     Series.SCS: {"min_position_limit": 0, "goal_speed": 0},
@@ -46,12 +46,12 @@ _COPIES: dict[Series, dict[str, str]] = {
 
 
 class RegisterFile:
-    """256 bytes of one servo.
+    """The 256 bytes of one servo.
 
     Args:
-        series: Whose registers.
+        series: Its family.
         servo_id: Stored id.
-        firmware: Major and minor version; None takes the series' usual one.
+        firmware: Major and minor version; None for the usual one of the series.
         settings: Stored values of further EEPROM registers by name.
     """
 
@@ -71,7 +71,7 @@ class RegisterFile:
         self._has_lock = "lock" in self.rows
         self.version = 0
         """Incremented whenever a live value may have changed."""
-        # Addresses of the registers of one byte without a sign, which most are: read and written very often.
+        # Addresses of unsigned registers of one byte: most are, and they are read and written very often.
         self._plain = {r.name: r.address for r in self.rows.values() if r.size == 1 and r.sign_bit is None}
         # Owner of each address, so that a write finds its registers without a search.
         self._owner: list[Register | None] = [None] * 256
@@ -80,7 +80,7 @@ class RegisterFile:
         self.restore(servo_id, settings or {})
 
     def restore(self, servo_id: int, settings: dict[str, int] | None = None) -> None:
-        """Factory settings with this id, stored and live; RAM as after power-up."""
+        """Restore the factory settings with this id, stored and live; RAM is as after power-up."""
         values = {row.name: row.default or 0 for row in self.rows.values()}
         values.update(_ASSUMED[self.series], id=servo_id)
         if "model_major" in values:
@@ -95,7 +95,7 @@ class RegisterFile:
         self.power_up()
 
     def power_up(self) -> None:
-        """EEPROM from its store, RAM to its defaults, the copies made."""
+        """Load EEPROM registers from their store, set RAM registers to their defaults, and make the copies."""
         self.version += 1
         assumed = _ASSUMED[self.series]
         for row in self.rows.values():
@@ -122,12 +122,12 @@ class RegisterFile:
         return row.decode(bytes(self._live[row.address : row.address + row.size]))
 
     def stored(self, name: str) -> int:
-        """Value that the next power-up brings back, signed."""
+        """Value that the next power-up restores, signed."""
         row = self.rows[name]
         return row.decode(bytes(self._stored[row.address : row.address + row.size]))
 
     def put(self, name: str, value: int) -> None:
-        """Set a live value from inside the servo, clipped to what the coding holds."""
+        """Set a live value from inside the servo, clipped to the range of its coding."""
         self.version += 1
         at = self._plain.get(name)
         if at is not None:
@@ -148,7 +148,7 @@ class RegisterFile:
         return bytes(self._live[address : address + count])
 
     def write(self, address: int, data: bytes) -> set[str]:
-        """A write from the bus. Returns the names of the registers it touched, changed or not."""
+        """Write from the bus; returns the names of the registers it touched, changed or not."""
         self.version += 1
         locked = self._has_lock and bool(self.get("lock"))
         before = bytes(self._live)

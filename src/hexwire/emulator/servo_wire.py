@@ -1,4 +1,4 @@
-"""An emulated half-duplex servo bus: one request at a time, and whatever comes back.
+"""An emulated half-duplex servo bus: one request at a time, and the answers to it.
 
 Owns what the line itself does: line rate, answer delays, echo, collisions, the order of sync-read answers. Knows
 servos only through `receive`, and no board.
@@ -30,7 +30,7 @@ class ServoWire:
         faults: Scripted faults of the bus.
 
     Attributes:
-        free_at: When the line is quiet again. A sender that does not wait for a late answer may put this back.
+        free_at: When the line is quiet again. A sender that does not wait for a late answer may set it earlier.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class ServoWire:
         faults: FaultPlan | None = None,
     ) -> None:
         if baud < 0:
-            raise UsageError(f"a line rate of {baud} makes no sense; 0 is unlimited")
+            raise UsageError(f"the line rate is {baud}, but must be 0 (no pacing) or more")
         self.servos = list(servos)
         self.baud = baud
         self.faults = faults or FaultPlan()
@@ -52,7 +52,7 @@ class ServoWire:
             if fault.servo_id >= 0 and fault.servo_id not in known:
                 ids = ", ".join(map(str, sorted(known))) or "none"
                 raise UsageError(
-                    f"fault {fault.kind!r} is for servo {fault.servo_id}, which is not there; servos: {ids}"
+                    f"fault {fault.kind!r} is for servo {fault.servo_id}, which is not on the bus; servos: {ids}"
                 )
         self.free_at = 0.0
 
@@ -77,11 +77,11 @@ class ServoWire:
         """Put bytes on the wire and listen until it is quiet again.
 
         Args:
-            packet: Any bytes; servos pick sound packets out of them.
-            now: When the first bit goes out, or later if the wire is still busy.
+            packet: Any bytes; servos pick valid packets out of them.
+            now: When the first bit goes out; it goes later if the wire is still busy.
 
         Returns:
-            What the sender hears (its echo too, if there is one), and when the last bit of it is over.
+            What the sender hears (its echo too, if there is one), and when the last bit of it ends.
         """
         start = max(now, self.free_at) if self.baud else now
         end = start + self._time(len(packet))
@@ -116,7 +116,7 @@ class ServoWire:
         for servo in self._listening():
             if faultless and not servo.is_addressed(request):
                 continue
-            # The id that answers is the one before the request: a write may change it.
+            # A servo answers with the id it had before the request: a write may change it.
             servo_id = servo.servo_id
             delay = servo.answer_delay if self.baud else 0.0
             reply = servo.receive(request, now)
@@ -146,7 +146,7 @@ class ServoWire:
         return bytes(heard), now
 
     def _at_once(self, replies: list[tuple[bytes, float]], now: float) -> tuple[bytes, float]:
-        """Answers that do not wait for each other: where they overlap, a 0 of any pulls the line down."""
+        """Answers that do not wait for each other: where they overlap, a 0 of any sender pulls the line down."""
         if not replies:
             return b"", now
         if len(replies) == 1:

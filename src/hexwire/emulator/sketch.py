@@ -1,8 +1,8 @@
 """How the chapter's printed sketch takes frames off the line, hazards and all.
 
 Owns the receive loop of the sketch: frames end at the first 0D 0A after the sync word, in a buffer that keeps
-the bytes of earlier frames, and what comes while a command runs has 63 bytes of room. For tests that a host never
-sends what such a board would misread. Knows nothing of what the frames mean.
+the bytes of earlier frames, and bytes that arrive while a command runs have 63 bytes of room. Tests use it to show
+that a host never sends what such a board would misread. Knows nothing of what the frames mean.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ _RING = 63
 
 
 class SketchFrame(NamedTuple):
-    """What the sketch believes to be a frame.
+    """What the sketch takes for a frame.
 
     Attributes:
         data: The whole buffer, stale bytes included.
-        length: How much of it arrived this time.
+        length: Number of bytes of it that arrived this time.
     """
 
     data: bytes
@@ -35,7 +35,7 @@ class SketchFrame(NamedTuple):
 
     @property
     def hangs(self) -> bool:
-        """Whether the sketch waits for ever for room for this packet."""
+        """Whether the sketch waits forever for room for this packet."""
         return not self.short and self.cmd in (Command.PING, Command.READ) and self.data[36] > _RING
 
     @property
@@ -45,7 +45,7 @@ class SketchFrame(NamedTuple):
 
     @property
     def body(self) -> bytes:
-        """The body by the low byte of its length, perhaps with bytes of an earlier frame."""
+        """The body by the low byte of its length field, perhaps with bytes of an earlier frame."""
         return self.data[40 : 40 + self.data[36]]
 
 

@@ -16,10 +16,10 @@ __all__ = ["heard_at", "listen", "same_rate"]
 
 _BITS = 10
 _TOLERANCE = 0.03
-"""Rates that are no further apart understand each other: the stop bit is sampled after 9.5 bits, and half a bit of
-that is all that sender and receiver may be apart (5 %), edges that are not sharp taken off."""
+"""Largest relative difference at which two rates understand each other. The stop bit is sampled after 9.5 bits, by
+when sender and receiver may be half a bit apart (5 %); the rest is a margin for slow edges."""
 _SAME = 1e-9
-"""Seconds between two edges that are one."""
+"""Edges that are no further apart than this, in seconds, are one."""
 
 
 def same_rate(one: int, other: int) -> bool:
@@ -69,13 +69,13 @@ def listen(
         stop = edge + 9.5 * bit
         if not (whole and _is_low(lows, starts, stop)):
             out.append(byte)
-        # The next start bit is a falling edge after the stop bit was looked at.
+        # The next start bit is a falling edge after the stop bit was sampled.
         at = bisect_right(starts, stop)
     return bytes(out)
 
 
 def _lows(data: bytes, start: float, baud: int) -> Iterable[tuple[float, float]]:
-    """When a sender pulls the line down, from and to."""
+    """Start and end of each time in which a sender pulls the line down."""
     for place, byte in enumerate(data):
         frame = byte << 1 | 1 << _BITS - 1
         first = place * _BITS

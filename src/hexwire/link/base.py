@@ -33,6 +33,12 @@ class LinkKind(enum.Enum):
     DATAGRAM = "datagram"
 
 
+def _clock_of(link: Link) -> Callable[[], float]:
+    """The clock of a link in simulated time, else the system's."""
+    clock: Callable[[], float] = getattr(link, "clock", monotonic)
+    return clock
+
+
 class Link(Openable):
     """A line that carries bytes in both directions. Creating a link does no I/O; `open` does.
 
@@ -103,14 +109,23 @@ class Link(Openable):
             LinkClosedError: It is not open, or was closed during the wait.
         """
 
+    def post(self, data: bytes) -> None:
+        """Write a packet without an answer: `write` with a deadline in `WRITE_TIME` seconds, on the fast path.
+
+        Raises:
+            LinkError: As `write`.
+        """
+        self.write(data, _clock_of(self)() + WRITE_TIME)
+
     def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
         """Write a request and read the bytes that come back: the fast path of a request-and-answer bus.
 
         Args:
             data: The request.
-            window: Seconds to wait for the first bytes.
+            window: Seconds to wait for the first bytes; infinite waits forever.
             rest: Returns the seconds to wait for more, given the bytes received so far; 0.0 if they are complete.
-                With None, the first bytes are returned.
+                With None, the first bytes are returned. An error that it raises ends the exchange and passes
+                unchanged, even an OSError: the link stays open, and the bytes received are discarded.
 
         Returns:
             As `read`; with `rest`, all bytes that arrived before a wait ended or `wake` was called.
@@ -118,9 +133,8 @@ class Link(Openable):
         Raises:
             LinkError: As `write` and `read`.
         """
-        # A link in simulated time has its own clock.
-        clock = getattr(self, "clock", monotonic)
-        self.write(data, clock() + WRITE_TIME)
+        self.post(data)
+        clock = _clock_of(self)
         answer = more = self.read(clock() + window)
         while more and rest is not None and (wait := rest(answer)) > 0.0:
             more = self.read(clock() + wait)

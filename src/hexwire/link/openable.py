@@ -1,4 +1,4 @@
-"""What is opened and closed: ``with thing:`` opens it, and closes it in the end.
+"""Base of what is opened and closed: ``with thing:`` opens it, and closes it at the end.
 
 Owns that rule. Must not know what is opened.
 """

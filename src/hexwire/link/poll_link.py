@@ -11,6 +11,7 @@ import logging
 import select
 import threading
 from abc import abstractmethod
+from threading import get_ident
 from time import monotonic
 from typing import TYPE_CHECKING, ClassVar
 
@@ -49,6 +50,11 @@ class _State(enum.Enum):
 _OPEN = _State.OPEN
 
 
+def _milliseconds(wait: float) -> float:
+    """For `poll`, of a wait that has passed, or of one longer than it takes, which is waited for in parts."""
+    return LONGEST_POLL * 1000.0 if wait > 0.0 else 0.0
+
+
 class PollLink(Link):
     """A link over one descriptor that `poll` can watch.
 
@@ -78,6 +84,11 @@ class PollLink(Link):
         self._read_waker = Waker()
         self._write_waker = Waker()
         self._fd = self._write_fd = -1
+        # The system calls of `_read_ready` and `_write_ready` alone, for `exchange` and `post`; a backend may set
+        # them in `_open`. After b"" from the first, `_read_ready` is called, which knows what that means.
+        self._read_now: Callable[[], bytes] | None = None
+        self._write_now: Callable[[bytes], int] | None = None
+        self._ready = [(-1, select.POLLIN)]
         self._watched: dict[int, Callable[[], None]] = {}
         self._wait_to_read = select.poll().poll
         self._write_poll = select.poll()
@@ -136,6 +147,7 @@ class PollLink(Link):
                 self._write_waker.open()
                 self._open()
                 self._fd = self._fileno()
+                self._ready = [(self._fd, select.POLLIN)]
                 read_poll = select.poll()
                 read_poll.register(self._fd, select.POLLIN)
                 read_poll.register(self._read_waker.fileno(), select.POLLIN)
@@ -163,7 +175,7 @@ class PollLink(Link):
         self._read_waker.set()
         self._write_waker.set()
         with self._changing:
-            me = threading.get_ident()
+            me = get_ident()
             if self._state in (_State.CLOSED, _State.OPENING):
                 # Closed already; or a signal handler closes from inside open(), which then stops.
                 return
@@ -179,6 +191,7 @@ class PollLink(Link):
     def _release(self) -> None:
         self._state = _State.CLOSED
         self._fd = -1
+        self._read_now = self._write_now = None
         self._close()
         self._watched.clear()
         self._read_waker.close()
@@ -192,7 +205,7 @@ class PollLink(Link):
     def read(self, deadline: float | None) -> bytes:
         if not self._reading.acquire(False) and not self._take_turn(self._reading, deadline):
             return b""
-        outer, self._reader = self._reader, threading.get_ident()
+        outer, self._reader = self._reader, get_ident()
         woken = False
         try:
             while self._state is _OPEN and not self._closing:
@@ -237,38 +250,43 @@ class PollLink(Link):
             self._reading.release()
             return super().exchange(data, window, rest)
         outer = self._reader, self._writer
-        self._reader = self._writer = threading.get_ident()
+        self._reader = self._writer = get_ident()
         answer, left = b"", 0.0
         try:
             if self._state is not _OPEN or self._closing:
                 raise self._refusal()
             try:
-                sent = self._write_ready(data)
+                sent = (self._write_now or self._write_ready)(data)
             except BlockingIOError:
                 sent = 0
+            except OSError as error:
+                raise self._as_lost(error) from error
             if sent < len(data):
                 self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
-            wait = window
+            # What comes after the answer delays the next request; until then, time is free.
+            wait, poll, ready, read = window, self._wait_to_read, self._ready, self._read_now or self._read_ready
             while True:
-                events = self._wait_to_read(wait * 1000.0 if wait > 0.0 else 0)
-                if len(events) != 1 or events[0][0] != self._fd or self._closing:
+                try:
+                    events = poll(wait * 1000.0 if 0.0 < wait <= LONGEST_POLL else _milliseconds(wait))
+                    if events != ready or self._closing:
+                        if events or not wait > LONGEST_POLL:
+                            break
+                        wait -= LONGEST_POLL
+                        continue
+                    left = wait
+                    data = read() or self._read_ready()
+                except BlockingIOError:
                     break
-                left = wait
-                data = self._read_ready()
+                except OSError as error:
+                    raise self._as_lost(error) from error
                 if not data:
                     break
                 answer += data
                 if rest is None:
                     return answer
-                wait, left = rest(answer), 0.0
+                wait = rest(answer)
                 if wait <= 0.0:
                     return answer
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            if isinstance(error, LinkError) and not isinstance(error, LinkLostError):
-                raise
-            raise self._lose(error) from error
         finally:
             self._reader, self._writer = outer
             self._writing.release()
@@ -281,7 +299,7 @@ class PollLink(Link):
     def flush_input(self) -> int:
         if not self._reading.acquire(timeout=1.0):
             raise LinkBusyError(f"{self.url}: cannot flush, another thread is reading", url=self.url)
-        outer, self._reader = self._reader, threading.get_ident()
+        outer, self._reader = self._reader, get_ident()
         try:
             if self._state is not _OPEN or self._closing:
                 raise self._refusal()
@@ -313,12 +331,33 @@ class PollLink(Link):
             )
         if not self._writing.acquire(False) and not self._take_turn(self._writing, deadline):
             raise self._late(0, size)
-        outer, self._writer = self._writer, threading.get_ident()
+        outer, self._writer = self._writer, get_ident()
         try:
             if self._state is not _OPEN or self._closing:
                 raise self._refusal()
             if size and (sent := self._send(data)) < size:
                 self._write_rest(memoryview(data), sent, deadline)
+        finally:
+            self._writer = outer
+            self._writing.release()
+            if self._close_pending:
+                self.close()
+
+    def post(self, data: bytes) -> None:
+        if self.max_message is not None or not self._writing.acquire(False):
+            return super().post(data)
+        outer, self._writer = self._writer, get_ident()
+        try:
+            if self._state is not _OPEN or self._closing:
+                raise self._refusal()
+            try:
+                sent = (self._write_now or self._write_ready)(data)
+            except BlockingIOError:
+                sent = 0
+            except OSError as error:
+                raise self._as_lost(error) from error
+            if sent < len(data):
+                self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
         finally:
             self._writer = outer
             self._writing.release()
@@ -369,6 +408,12 @@ class PollLink(Link):
             self._read_waker.clear()
             if monotonic() >= deadline:
                 return False
+
+    def _as_lost(self, error: OSError) -> LinkError:
+        """Return the error to raise for an OSError of the backend: a loss, unless it says something else."""
+        if isinstance(error, LinkError) and not isinstance(error, LinkLostError):
+            return error
+        return self._lose(error)
 
     def _lose(self, error: OSError) -> LinkLostError:
         """Enter the lost state for good (until the next open) and make the error that says so."""

@@ -18,6 +18,7 @@ import stat
 import struct
 import termios
 import time
+from functools import partial
 from pathlib import Path
 
 from hexwire.errors import (
@@ -51,6 +52,9 @@ _TCSETS2 = 0x402C542B
 _TERMIOS2 = struct.Struct("=4I20B2I")  # iflag oflag cflag lflag, line and 19 control characters, ispeed ospeed
 _ASYNC_LOW_LATENCY = 1 << 13
 _SERIAL_STRUCT_INTS = 32  # more than the kernel's serial_struct; flags is its fifth int
+
+# Most bytes that the terminal layer holds.
+_MOST_HELD = 4096
 
 # A Mega's reset line is pulsed through a capacitor; 50 ms is what common flashing tools use.
 _DTR_PULSE = 0.05
@@ -178,6 +182,8 @@ class SerialLink(PollLink):
         if self._low_latency:
             self._ask_low_latency()
         self._identity = identity
+        self._read_now = partial(os.read, self._port, _MOST_HELD)
+        self._write_now = partial(os.write, self._port)
 
     def _check_identity(self) -> port_identity.PortIdentity:
         """Refuse a port that is not the intended one."""
@@ -201,7 +207,7 @@ class SerialLink(PollLink):
         return self._port
 
     def _read_ready(self) -> bytes:
-        data = os.read(self._port, 4096)  # the terminal layer holds no more than that
+        data = os.read(self._port, _MOST_HELD)
         if not data:
             # Readable but empty: the other side of the port is gone.
             raise LinkLostError(f"{self.device} went away{self._lost_advice}", url=self.url)

@@ -85,10 +85,12 @@ class ArmModel:
     Attributes:
         name: Name, such as ``hex7bot``.
         joints: Joint models, in the order of every tuple of joint values.
+        names: Joint names in order.
     """
 
     name: str
     joints: tuple[JointModel, ...]
+    names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _by_name: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _by_id: Mapping[int, int] = field(init=False, repr=False, compare=False)
 
@@ -97,13 +99,10 @@ class ArmModel:
         by_id = {joint.servo_id: i for i, joint in enumerate(self.joints)}
         if len(by_name) != len(self.joints) or len(by_id) != len(self.joints):
             raise UsageError(f"{self.name}: two joints share a name or a servo id")
+        # Stored, since every state is compared with them.
+        object.__setattr__(self, "names", tuple(by_name))
         object.__setattr__(self, "_by_name", by_name)
         object.__setattr__(self, "_by_id", by_id)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Joint names in order."""
-        return tuple(joint.name for joint in self.joints)
 
     def joint(self, name: str) -> JointModel:
         """A joint by name, ignoring case.

@@ -209,7 +209,7 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
         raise bad("elbow", "must be a pair of degrees within 0 to 180, the lower first")
     name = data.get("name", "own")
     if not isinstance(name, str) or not name:
-        raise bad("name", "must be a text")
+        raise bad("name", "must be text")
     return _make(name, tuple(lengths), offset, limits, elbow[0], source=file)
 
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState
 
-__all__ = ["Guard", "SafetyLimits", "StopReason", "board_stop"]
+__all__ = ["STOP_COMMAND", "Guard", "SafetyLimits", "StopReason", "board_stop"]
 
 
 _SILENT = int(JointFlag.SILENT)
@@ -95,12 +95,22 @@ class StopReason:
         return self.text
 
 
+STOP_COMMAND = "a stop command has stopped the arm"
+"""Text of a stop that was ordered, by this program or from elsewhere."""
+
+
 def board_stop(state: JointState) -> StopReason | None:
-    """Why the board has stopped the arm, as far as it reports a reason; None if it has not."""
+    """What has stopped the arm, as far as its state tells; None if nothing has.
+
+    An arm on a servo bus has no board: only a stop command stops it.
+    """
     if not state.stopped:
         return None
-    why = "its watchdog tripped, because the host fell silent" if state.watchdog_tripped else "it was told to"
-    return StopReason("board", f"the board has stopped the arm: {why}")
+    if state.watchdog_tripped:
+        return StopReason(
+            "board", "the board has stopped the arm: its watchdog tripped, because the host fell silent"
+        )
+    return StopReason("board", STOP_COMMAND)
 
 
 class Guard:

@@ -2,7 +2,7 @@
 
 Owns PROTOCOL.md section 6.6: the numbers of both sides, repeated frames, late frames. A stream needs none of this,
 since a newly opened line carries no old frames. It protects against mistakes and old copies, not against an
-attacker who reads the line: it is no cryptography. No I/O; time and random numbers come in.
+attacker who reads the line: it is not cryptography. No I/O; time and random numbers come in.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class Pending1:
     """A dialect-1 request that waits to be sent or answered.
 
     Raises:
-        LocalProtocolError: Its body is no servo packet, or one that the chapter's board cannot process.
+        LocalProtocolError: Its body is not a servo packet, or is one that the chapter's board cannot process.
     """
 
     ticket: int

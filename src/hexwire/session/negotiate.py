@@ -68,7 +68,7 @@ class NegotiationFailed:
             instead = ""
             advice = "check the port, the rate, and the board's power and firmware; `hexwire ports` lists ports"
         elif self.frames == 0:
-            instead = f"{self.bytes_received} bytes that are no frame"
+            instead = f"{self.bytes_received} bytes that are not a frame"
             advice = "the baud rate may be wrong, or this is another device"
         elif self.echoes:
             instead = f"{self.echoes} of our own frames"

@@ -33,7 +33,7 @@ class ReplyStore:
         self._done: deque[tuple[float, Frame]] = deque(maxlen=_MAX_VOIDED)
 
     def find(self, frame: Frame, now: float) -> list[bytes] | None:
-        """Return the frames to send for a repeat; empty if the reply is pending; None if it is no repeat."""
+        """Return the frames to send for a repeat; empty if the reply is pending; None if it is not a repeat."""
         for when, request, reply in (*self._answered, *self._voided):
             if _repeats(frame, request) and now - when < tables.REPEAT_WINDOW:
                 return reply

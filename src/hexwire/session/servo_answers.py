@@ -147,7 +147,7 @@ class AnswerCollector:
         others = [p.servo_id for p in self.strays if p.servo_id not in self.servo_ids]
         if others:
             return f"an answer of servo {', '.join(str(i) for i in dict.fromkeys(others))}"
-        return f"{self.size} bytes that are no answer: {self._data[:16].hex(' ')}"
+        return f"{self.size} bytes that are not an answer: {self._data[:16].hex(' ')}"
 
     def _look(self, data: bytes) -> None:
         tokens = list(self._tokens(data))

@@ -121,7 +121,7 @@ def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
     """Build any request packet.
 
     Raises:
-        UsageError: The id is outside 0..254, the instruction is no byte, or the packet has more than 250 bytes.
+        UsageError: The id is outside 0..254, the instruction is not a byte, or the packet has more than 250 bytes.
     """
     if not 0 <= servo_id <= BROADCAST_ID:
         raise UsageError(f"servo id {servo_id} is outside 0..254 (254 = all)")
