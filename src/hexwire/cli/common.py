@@ -37,6 +37,7 @@ __all__ = [
     "force_option",
     "format_table",
     "group_port_option",
+    "is_typed",
     "joint_json",
     "json_option",
     "line_options",
@@ -145,6 +146,7 @@ class RobotOptions:
         baud: Rate of a serial port; the link's default if None.
         dialect: The only dialect to use; try both if None.
         timeout: Seconds to wait for a board that is booting; the driver's default if None.
+        take: Command a shared arm even if another program holds it.
     """
 
     port: str | None
@@ -152,6 +154,7 @@ class RobotOptions:
     baud: int | None
     dialect: int | None
     timeout: float | None
+    take: bool = False
 
 
 def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -179,7 +182,7 @@ group_port_option = click.option(
 
 def early_port(port: str | None) -> str | None:
     """The port of this command: typed after it, otherwise before it, otherwise `port` (from the environment)."""
-    if _is_typed("port"):
+    if is_typed("port"):
         return port
     context = click.get_current_context().parent
     while context is not None:
@@ -214,18 +217,22 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
         baud: int | None,
         dialect: int | None,
         timeout: float | None,
+        take: bool,
         **rest: Any,
     ) -> Any:
         # It may also come before the command: `hexwire --robot puma260 state`.
         robot = robot or click.get_current_context().find_root().params.get("robot")
         if robot is None:
             robot = _robot_at(port)
-        return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout), **rest)
+        return command(*args, options=RobotOptions(port, robot, baud, dialect, timeout, take), **rest)
 
     robot_option = click.option(
         "--robot", metavar="NAME", help=f"Type of robot on the port.  [default: {DEFAULT_ROBOT}]"
     )
-    return port_option(robot_option(line_options(packed)))
+    take_option = click.option(
+        "--take", is_flag=True, help="Command a shared arm even if another program holds its lease."
+    )
+    return port_option(robot_option(line_options(take_option(packed))))
 
 
 def _robot_at(port: str | None) -> str:
@@ -240,7 +247,7 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def packed(*args: Any, table: float, no_table: bool, **rest: Any) -> Any:
-        if no_table and _is_typed("table"):
+        if no_table and is_typed("table"):
             raise UsageError("--table and --no-table contradict each other")
         return command(*args, table=None if no_table else table / 1000, **rest)
 
@@ -250,7 +257,8 @@ def table_options(command: Callable[..., Any]) -> Callable[..., Any]:
     )
 
 
-def _is_typed(option: str) -> bool:
+def is_typed(option: str) -> bool:
+    """Whether an option stands on the command line, and is not a default or from the environment."""
     return click.get_current_context().get_parameter_source(option) is _TYPED
 
 
@@ -260,7 +268,7 @@ def refuse_table(model: ArmModel) -> None:
     Raises:
         UsageError: ``--table`` was typed.
     """
-    if _is_typed("table"):
+    if is_typed("table"):
         raise UsageError(
             f"no geometry is known for {model.name}, so the table cannot be checked; leave out --table"
         )
@@ -277,10 +285,14 @@ def resolve_url(port: str | None, baud: int | None = None) -> str:
         LinkNotFoundError: No port was named and no board is plugged in.
         UsageError: Several boards are plugged in, or `baud` does not apply to the URL.
     """
+    from hexwire.drivers.registry import is_address
+
     if not port:
         from hexwire.link.ports import find_only_board
 
         port = find_only_board()
+    if is_address(port):
+        raise UsageError(f"{port} is a shared arm; this command needs the port itself, where its server runs")
     if baud is None:
         return port
     from hexwire.link.url import parse_url
@@ -304,9 +316,24 @@ def make_robot(options: RobotOptions) -> RobotDriver:
 
     wanted = {"boot_window": options.timeout, "dialect": options.dialect}
     given = {name: value for name, value in wanted.items() if value is not None}
-    if options.port and is_address(options.port) and (given or options.baud is not None):
-        raise UsageError("--baud, --dialect and --timeout belong to a port; a shared arm's server has them")
+    if options.port and is_address(options.port):
+        if given or options.baud is not None:
+            raise UsageError("--baud, --dialect and --timeout belong to a port; a shared arm's server has them")
+        _note_no_trace(options.port)
+        take = f"{'&' if '?' in options.port else '?'}take=1" if options.take else ""
+        return make_driver(f"{options.port}{take}", options.robot, prepare=observed_driver)
+    if options.take:
+        raise UsageError("--take is for a shared arm, as in --port zenoh:lab/arm1")
     return make_driver(resolve_url(options.port, options.baud), options.robot, prepare=observed_driver, **given)
+
+
+def _note_no_trace(port: str) -> None:
+    context = click.get_current_context(silent=True)
+    options = context.find_root().params if context is not None else {}
+    if options.get("trace") or options.get("explain"):
+        note(
+            f"note: no bytes to show: the server of {port} has the line; trace there, with 'hexwire --trace serve'"
+        )
 
 
 @contextmanager

@@ -42,11 +42,12 @@ def doctor(options: RobotOptions, fix: bool, as_json: bool) -> None:
 
     Checks the port that --port names, otherwise all ports. Exit status 1 if something is BAD.
     """
-    from hexwire.drivers.registry import load_driver
+    from hexwire.drivers.registry import is_address, load_driver
     from hexwire.link.diagnose import diagnose_system, udev_rule, write_udev_rule
     from hexwire.link.ports import list_ports
 
-    what = load_driver(options.robot).port_leads_to
+    # The robot behind a shared arm may be unknown here, and its port is at its server.
+    what = "board" if options.port and is_address(options.port) else load_driver(options.robot).port_leads_to
     on_bus = what == "adapter"
     if options.port:
         device = _device(options.port)
@@ -94,8 +95,11 @@ def _show(findings: list[Finding], as_json: bool) -> None:
 
 def _device(port: str) -> str:
     """Path of a serial port; empty for another kind of link."""
+    from hexwire.drivers.registry import is_address
     from hexwire.link.url import parse_url
 
+    if is_address(port):
+        return ""
     url = parse_url(port)
     return url.path if url.scheme == "serial" else ""
 

@@ -1,6 +1,6 @@
 """`serve`: share arms with other programs and machines.
 
-Owns the command line, the file with several arms, and the shutdown. Must not know how an arm is shared.
+Owns the command line, and the loop until a signal ends it. Must not know how an arm is shared.
 """
 
 from __future__ import annotations
@@ -12,18 +12,22 @@ import click
 
 from hexwire.errors import UsageError
 
-from .common import DEFAULT_ROBOT, early_port, number_option
+from .common import DEFAULT_ROBOT, early_port, is_typed, number_option, table_options
 from .exits import note
+from .model import links_option
 from .output import say
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hexwire.fleet.network import Network
+    from hexwire.fleet.service_file import ServedArm
 
 __all__ = ["serve"]
 
 _PATIENCE = 12.0
 """Seconds from the signal in which all arms must be safe."""
-_LOOK = 0.2
+_LOOK = 0.1
 """Seconds between two checks of the arms."""
 _SWITCH = 0.001
 """Seconds for which one thread may run while others wait: the owner of an arm waits for no answer to a client."""
@@ -34,6 +38,7 @@ _SWITCH = 0.001
 @click.option("--port", metavar="URL", envvar="HEXWIRE_PORT", show_envvar=True, help="Device or link of the robot.")
 @click.option("--name", metavar="NAME", help="Name to share it under, such as lab/arm1.  [default: its model]")
 @click.option("--config", "file", metavar="FILE", help="A file with several arms, and the settings of the network.")
+@click.option("--wait", is_flag=True, help="Wait for a port that is not there yet, instead of failing after 10 s.")
 @click.option("--listen", multiple=True, metavar="ENDPOINT", help="Also listen there, as in tls/0.0.0.0:7447.")
 @click.option("--router", multiple=True, metavar="ENDPOINT", help="Also connect to this router.")
 @click.option("--ca", metavar="FILE", help="Certificate of the lab's authority, for tls endpoints.")
@@ -46,11 +51,14 @@ _SWITCH = 0.001
     help="Allow tcp endpoints beyond this machine: anybody there can then move the arm.",
 )
 @number_option("--lease", "SECONDS", "Silence after which a lease is lost.", minimum=0.1, default=0.5)
+@links_option
+@table_options
 def serve(
     robot: str | None,
     port: str | None,
     name: str | None,
     file: str | None,
+    wait: bool,
     listen: tuple[str, ...],
     router: tuple[str, ...],
     ca: str | None,
@@ -59,38 +67,50 @@ def serve(
     access: str | None,
     reachable_without_certificates: bool,
     lease: float,
+    links: str,
+    table: float | None,
 ) -> None:
     """Share an arm: any number of programs read it, one at a time commands it, and each can stop it.
 
     Others open it as zenoh:NAME. Without --listen and --router only programs of this user on this machine reach it.
-    Nothing moves until a program commands it. Ends with Ctrl-C, and the arm stays where it is.
+    Nothing moves until a program commands it. Ctrl-C and every other signal that ends it first stop a motion; the
+    joints keep their torque, so the arm does not fall. If the port is lost, the arm is stopped, and it is shared
+    again when the port returns; 'hexwire resume' then ends the stop.
     """
-    from hexwire.fleet.service import ArmSettings, Service
+    from hexwire.fleet.service_file import read_arms, read_service_file
 
-    port = early_port(port)
+    network: dict[str, Any] = {}
     if file is not None:
-        if robot or name:
-            raise UsageError("--config names the arms; leave out --robot and --name")
-        arms, network = _read_config(file)
+        typed = [option for option in ("robot", "port", "name", "links", "table", "no_table") if is_typed(option)]
+        if typed:
+            wrong = ", ".join(f"--{option.replace('_', '-')}" for option in typed)
+            raise UsageError(f"--config names the arms and their settings; leave out {wrong}")
+        arms, network = read_service_file(file, lease=lease)
     else:
-        given: dict[str, Any] = {"robot": robot} if robot else {}
-        if port:
-            given["port"] = port
-        arms, network = [ArmSettings(name or "", given)], {}
-    rows = {"listen": listen, "connect": router, "ca": ca, "cert": cert, "key": key}
+        arms = read_arms({name or "": _given(robot, early_port(port), links, table)}, lease=lease)
+    rows = {"listen": listen, "connect": router, "ca": ca, "cert": cert, "key": key, "access": access}
     network |= {row: value for row, value in rows.items() if value}
     if reachable_without_certificates:
         network["reachable_without_certificates"] = True
-    if access is not None:
-        network["access"] = access
-    service = Service(arms, _network(network), lease=lease, server=_server())
-    _run(service)
+    _run(arms, _network(network), wait)
 
 
-def _server() -> str:
-    from hexwire.fleet.remote import whoami
+def _given(robot: str | None, port: str | None, links: str, table: float | None) -> dict[str, object]:
+    """The settings of the only arm."""
+    from hexwire.fleet.service_file import SIMULATED
 
-    return f"{whoami()}, Python {platform.python_version()}"
+    context = click.get_current_context()
+    robot = robot or context.find_root().params.get("robot")
+    rows: dict[str, object] = {"check_table": table is not None}
+    if robot:
+        rows["robot"] = robot
+    if port and not (robot == SIMULATED and not is_typed("port")):
+        rows["port"] = port
+    if is_typed("links"):
+        rows["links"] = links
+    if is_typed("table") and table is not None:
+        rows["table_height"] = table
+    return rows
 
 
 def _network(rows: dict[str, Any]) -> Network:
@@ -101,26 +121,30 @@ def _network(rows: dict[str, Any]) -> Network:
     return Network(**rows)
 
 
-def _read_config(file: str) -> tuple[list[Any], dict[str, Any]]:
-    """Arms and network of a file. It has a table ``[arms.NAME]`` for each arm, and perhaps one ``[network]``."""
-    from hexwire.fleet.service import read_service_file
-
-    return read_service_file(file)
-
-
-def _run(service: Any) -> None:
+def _run(arms: list[ServedArm], network: Network, wait: bool) -> None:
     import sys
 
     from hexwire.control.shutdown import Shutdown
+    from hexwire.fleet.remote import whoami
+    from hexwire.fleet.service import Service
 
     sys.setswitchinterval(_SWITCH)
     shutdown = Shutdown(_PATIENCE)
+    # From here on a signal only asks for the end, so that no second one can interrupt what makes an arm safe.
     shutdown.listen()
-    shutdown.interrupts = True
-    with service:
-        shutdown.interrupts = False
-        for line in service.lines():
-            say(line, flush=True)
+    service = Service(arms, network, wait=wait, server=f"{whoami()}, Python {platform.python_version()}")
+    try:
+        service.start()
         while not shutdown.wait(_LOOK):
+            _tell(service.news)
             service.check()
+    finally:
+        # What ends the program if the end hangs: then the boards' watchdogs stop the arms.
+        shutdown.request()
+        service.close()
     note("the arms are no longer shared")
+
+
+def _tell(news: Callable[[], list[str]]) -> None:
+    for line in news():
+        say(line, flush=True)

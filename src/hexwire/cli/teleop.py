@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import HexwireError, UsageError
+from hexwire.errors import HexwireError, LeaseError, UsageError
 
 from .common import (
     RobotOptions,
@@ -181,6 +181,9 @@ def _hold_at_the_end(robot: RobotDriver, controller: TeleopController) -> Iterat
                 target = None if state.stopped else holding(robot.model, state)
                 if target is not None:
                     robot.write(target)
+            except LeaseError:
+                # Another program has the arm, or it holds.
+                pass
             except HexwireError:
                 robot.stop()
 

@@ -18,6 +18,7 @@ from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     DeviceError,
     HexwireError,
+    LeaseError,
     LinkError,
     LinkLostError,
     LinkPermissionError,
@@ -96,6 +97,7 @@ class RobotOwner:
         group: The controllers; `start` fills it.
         connected: The robot answers.
         error: Why it is not connected; empty if it is.
+        waits_for: Why `connect` still waits.
         reconnects: Number of reconnections.
         probe: The report of the last probe.
         crash: The programming error that ended the thread, if any.
@@ -120,7 +122,7 @@ class RobotOwner:
     ) -> None:
         self.robot = robot
         self.group = ControllerGroup()
-        self.connected, self.error = False, "not connected yet"
+        self.connected, self.error, self.waits_for = False, "not connected yet", ""
         self.reconnects = 0
         self.probe: ProbeReport | None = None
         self.crash: BaseException | None = None
@@ -170,6 +172,8 @@ class RobotOwner:
             self._begin()
         deadline, said = self._clock() + timeout, ""
         while not self.connected:
+            if self._ending.is_set():
+                raise LinkLostError("the program ends")
             try:
                 self._attach()
             except LinkPermissionError:
@@ -179,6 +183,7 @@ class RobotOwner:
                     raise
                 if said != (said := str(error)):
                     _log.info("%s; waiting for it", said)
+                self.waits_for = said
                 self._sleep(_RETRY)
 
     def start(self, controllers: Sequence[Controller]) -> None:
@@ -186,6 +191,12 @@ class RobotOwner:
         self.group.members = controllers
         self._thread = threading.Thread(target=self._run, name="owner", daemon=True)
         self._thread.start()
+
+    def give_up(self) -> None:
+        """End a `connect` that waits in another thread: it raises a LinkError soon."""
+        self._ending.set()
+        if not self.connected:
+            self.robot.abort()
 
     def shutdown(self, *, torque_off: bool = False) -> None:
         """End the thread and detach from the robot; a motion in progress is stopped, and stays stopped.
@@ -329,6 +340,22 @@ class RobotOwner:
         if threading.get_ident() == self._turning:
             return call()
         return self._calls.call(voided_by_stop(call, self.robot.epochs))
+
+    def probe_again(self) -> ProbeReport:
+        """Probe the robot, between two states; raises as `call`."""
+
+        def probe() -> ProbeReport:
+            try:
+                return self.robot.probe()
+            finally:
+                # A probe ends the reports.
+                self._close_reader()
+
+        return self.call(probe)
+
+    def speeds(self, names: tuple[str, ...]) -> list[float]:
+        """Velocities of joints out of the last positions, radians per second; NaN if unknown."""
+        return self._latest.speeds(names)
 
     def deciding(self) -> threading.RLock:
         """The lock that is held while a target is decided and sent. A stop does not wait for it."""
@@ -505,7 +532,7 @@ class RobotOwner:
             self._sleep(_RETRY)
         else:
             self.reconnects += 1
-            _log.warning("reconnected to the robot")
+            _log.warning("reconnected to the robot at %s", self.robot.url)
 
     def _lose(self, error: HexwireError) -> None:
         # During a shutdown this is normal: an emulated board ends too.
@@ -513,7 +540,8 @@ class RobotOwner:
         self.connected, self.error = False, str(error)
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_calls()
-        if self._stop_on_failure:
+        # An arm whose lease was lost holds, or moves for another program, which must not be stopped by this one.
+        if self._stop_on_failure and not isinstance(error, LeaseError):
             with suppress(HexwireError):
                 self.robot.stop()
         self._close_reader()

@@ -47,6 +47,8 @@ _SETTLING = 0.2
 """Seconds after a motion's duration in which its servos may still move."""
 _PATIENCE = 5.0
 """Seconds in which the supervising thread ends."""
+_PATIENCE_SENDING = 1.0
+"""Seconds for which a shutdown waits for an order that is being sent."""
 
 
 class Order:
@@ -101,11 +103,29 @@ class SharedArm:
         self._supervisor.start()
 
     def shutdown(self) -> None:
-        """End the lease, and the supervision; a motion is stopped by the shutdown of the arm."""
-        with self._changed:
-            self._ending = True
-            self._lease.holder = None
-            self._changed.notify_all()
+        """End the lease and the supervision, and stop the arm if it moves: it holds, with torque.
+
+        Raises:
+            HexwireError: The robot did not confirm the stop.
+        """
+        # An order that is being sent counts as well. If that takes long, the stop does not wait for it.
+        decided = self._owner.deciding().acquire(timeout=_PATIENCE_SENDING)
+        try:
+            with self._changed:
+                self._ending = True
+                self._lease.holder = None
+                self._changed.notify_all()
+            moving = not decided or self._moving()
+        finally:
+            if decided:
+                self._owner.deciding().release()
+        try:
+            if moving and self._owner.connected:
+                self._owner.stop("the program that shares it ends")
+        finally:
+            self._end_supervision()
+
+    def _end_supervision(self) -> None:
         if self._supervisor.ident is not None:
             self._supervisor.join(_PATIENCE)
 
@@ -238,7 +258,9 @@ class SharedArm:
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
         self._admit(order)
-        names = self._robot.model.names if joints is None else tuple(joints)
+        model = self._robot.model
+        wanted = set(model.names) if joints is None else {model.joint(name).name for name in joints}
+        names = tuple(name for name in model.names if name in wanted)
         return self._called(order, lambda: self._owner.torque(on, names))
 
     def resume(self, order: Order) -> None:
@@ -281,7 +303,7 @@ class SharedArm:
 
     def probe(self) -> ProbeReport:
         """Probe the robot; see `RobotDriver.probe`."""
-        return self._owner.call(self._robot.probe)
+        return self._owner.probe_again()
 
     def ping(self, servo_id: int) -> int | None:
         """Ping a servo; see `RobotDriver.ping`."""

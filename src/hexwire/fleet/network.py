@@ -28,7 +28,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.inputs import parse_json, read_text
-from hexwire.new_file import make_folder
+from hexwire.new_file import make_folder, owner_name
 
 __all__ = [
     "Network",
@@ -38,6 +38,7 @@ __all__ = [
     "is_served",
     "local_socket",
     "local_sockets",
+    "make_socket_folder",
     "read_access",
 ]
 
@@ -67,6 +68,27 @@ def socket_folder() -> Path:
     state = os.environ.get("XDG_STATE_HOME")
     home = Path(state) if state and Path(state).is_absolute() else Path.home() / ".local" / "state"
     return home / "hexwire" / "arms"
+
+
+def make_socket_folder() -> None:
+    """Make the folder of this user's sockets, which nobody else can look into.
+
+    Raises:
+        UsageError: It cannot be made, or belongs to another user.
+    """
+    folder, remedy = socket_folder(), "set XDG_RUNTIME_DIR to a folder of yours"
+    try:
+        make_folder(folder)
+    except UsageError as error:
+        raise UsageError(f"{error}: {remedy}") from None
+    try:
+        status = folder.stat()
+        if status.st_uid != os.geteuid():
+            raise UsageError(f"{folder} belongs to {owner_name(status.st_uid)}; {remedy}")
+        if status.st_mode & 0o077:
+            folder.chmod(0o700)
+    except OSError as error:
+        raise UsageError(f"{folder} cannot be used: {error.strerror}; {remedy}") from None
 
 
 def local_socket(name: str) -> Path:
@@ -169,8 +191,8 @@ class Network:
             if path and not os.access(path, os.R_OK):
                 raise UsageError(f"{path} cannot be read; 'hexwire cert' creates certificates")
         for endpoint in self.listen:
-            if endpoint.startswith("unixsock-stream/"):
-                make_folder(Path(endpoint.removeprefix("unixsock-stream/")).parent)
+            if Path(endpoint.removeprefix("unixsock-stream/")).parent == socket_folder():
+                make_socket_folder()
         try:
             return Node(zenoh.open(config))
         except zenoh.ZError as error:
@@ -184,7 +206,8 @@ class Network:
             "connect/endpoints": list(self.connect),
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
-            "connect/timeout_ms": round(1000 * _CONNECT) if wait else 0,
+            "connect/timeout_ms": round(1000 * _CONNECT) if wait else -1,
+            "connect/exit_on_failure": wait,
         }
         if self.ca:
             tls = {
@@ -240,6 +263,11 @@ class Node:
         """Number of other programs that this one is connected to: peers and routers."""
         info = self._session.info
         return len(list(info.peers_zid())) + len(list(info.routers_zid()))
+
+    @property
+    def routers(self) -> int:
+        """Number of routers that this one is connected to."""
+        return len(list(self._session.info.routers_zid()))
 
     def close(self) -> None:
         """Close it; everything declared in it ends."""

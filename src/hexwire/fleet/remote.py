@@ -54,7 +54,7 @@ _CLOCK_PERIOD = 5.0
 _EXCHANGES = 4
 """Measurements of the owner's clock at the beginning."""
 _SILENCE = 1.0
-"""Seconds without a state after which the reason is asked for."""
+"""Seconds without a state after which `read` asks for the reason; as long as the server answers, it waits on."""
 
 
 def whoami() -> str:
@@ -94,6 +94,7 @@ class RemoteRobot(RobotDriver):
         self._lost = ""
         self._watchdog, self._watchdog_mode = 0.0, StopMode.HOLD
         self._used = time.monotonic()
+        self._discarded = -math.inf
         self._counters = dict.fromkeys(("requests", "replies", "refused", "timeouts"), 0)
         self._keeper: threading.Thread | None = None
         self._ending = threading.Event()
@@ -267,28 +268,49 @@ class RemoteRobot(RobotDriver):
     # -- reading --------------------------------------------------------------------------------------
 
     def read(self) -> JointState:
+        """The first state that arrives after the call; a long request of somebody delays it.
+
+        Raises:
+            LeaseError: The watchdog is armed, so that this program moves the arm, but the lease was lost.
+        """
         self._use()
-        return self._next(time.monotonic(), _SILENCE)
+        since = time.monotonic()
+        while (state := self._next(since, _SILENCE)) is None:
+            self._ask_why()
+            if time.monotonic() - since > _SLOW:
+                raise LinkLostError(f"{self.url} answers, but its robot sends no states", url=self.url)
+        return state
 
     def stream(self, period: float, timeout: float = 1.0, *, slow: float | None = None) -> Iterator[JointState]:
+        """States at this period, or at that of the server if it is longer; `slow` has no effect. See `read`."""
         if not 0 < period < math.inf:
             raise UsageError(f"a period of {period:g} s is invalid")
         due = time.monotonic()
         while True:
-            state = self._next(due, max(timeout, _SILENCE))
+            state = self._next(max(due, self._discarded), timeout)
+            if state is None:
+                self._ask_why()
+                return
             # Half a period early is in time, to keep the average rate.
             due = max(due + period, time.monotonic() - period)
             self._use()
             yield state
             due = max(due, self._states.arrived + 0.5 * period)
 
-    def _next(self, since: float, patience: float) -> JointState:
+    def discard_reports(self) -> None:
+        self._discarded = time.monotonic()
+
+    def _next(self, since: float, patience: float) -> JointState | None:
         self._attached()
-        if (state := self._states.next(since, patience)) is not None:
-            return state
-        # Says why: there is no such arm, no right, or no answer.
+        state = self._states.next(since, patience)
+        # The arm no longer does what this program believes, and nobody would stop the program otherwise.
+        if self._lost and self._watchdog:
+            raise LeaseError(self._lost)
+        return state
+
+    def _ask_why(self) -> None:
+        """Raise why no states come: there is no such arm, no right, or no answer."""
         self._exchange(self._keys.ask, m.Ask("clock"), _TIMEOUT)
-        raise LinkLostError(f"{self.url} answers, but sends no states", url=self.url)
 
     # -- orders ---------------------------------------------------------------------------------------
 
@@ -316,6 +338,7 @@ class RemoteRobot(RobotDriver):
         self._attached()
         with self.epochs.stopping():
             answer = self._exchange(self._keys.stop, m.StopRequest(self._me, int(mode)), _SLOW, urgent=True)
+            self._states.require(answer.done)
             return self._names(answer.value)
 
     def resume(self) -> None:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -190,7 +191,7 @@ class ArmServer:
                         time.time(),
                         state.names if state else (),
                         state.position if state else empty,
-                        state.velocity if state else empty,
+                        _known(state.velocity, owner.speeds(state.names)) if state else empty,
                         state.load if state else empty,
                         state.current if state else empty,
                         state.voltage if state else empty,
@@ -380,6 +381,11 @@ class ArmServer:
             "" if owner.connected else owner.error,
             shared.now(),
         )
+
+
+def _known(measured: Sequence[float], computed: Sequence[float]) -> tuple[float, ...]:
+    """Velocities; short reports leave them out, so that those out of the positions take their place."""
+    return tuple(b if math.isnan(a) else a for a, b in zip(measured, computed, strict=True))
 
 
 def _mode(number: int) -> StopMode:

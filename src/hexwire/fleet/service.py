@@ -1,144 +1,245 @@
-"""Several shared arms in one program: their settings, their start and their end.
+"""Several shared arms in one program: their start, their supervision and their end.
 
-Owns the order of start and shutdown, and the file that names arms. Must not know the command line.
+Owns the order of start and shutdown, and that a name is served once. Must not know the command line, nor the file
+that names arms.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import logging
+import math
 import os
+import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 from hexwire.control.arm import Arm
 from hexwire.control.lease import Lease
-from hexwire.control.setting import Faults
-from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import SharedArm
-from hexwire.errors import DeviceError, LinkBusyError, UsageError
-from hexwire.inputs import parse_toml, read_text
-from hexwire.new_file import make_folder
+from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
 
-from .names import check_name
-from .network import Network, endpoints_of, local_socket
+from .network import Network, Node, endpoints_of, local_socket, make_socket_folder
 from .server import ArmServer
 
-__all__ = ["ArmSettings", "Service", "read_service_file"]
+if TYPE_CHECKING:
+    from .service_file import ServedArm
 
-_NETWORK_KEYS = ("listen", "router", "ca", "cert", "key", "access")
+__all__ = ["Service"]
 
+_log = logging.getLogger(__name__)
 
-@dataclass(frozen=True, slots=True)
-class ArmSettings:
-    """One arm to share.
-
-    Attributes:
-        name: Its name; that of the robot if empty.
-        settings: Settings of `hexwire.control.settings` by name.
-    """
-
-    name: str
-    settings: Mapping[str, object]
+_LOOK = 0.05
+"""Seconds between two looks of `Service.wait_until_shared`."""
+_PATIENCE = 11.0
+"""Seconds in which all arms must have ended."""
 
 
 class _Served:
-    """One arm, from its start to its end."""
+    """One arm, from its start to its end. `run` is its thread; the other methods are called by the main thread."""
 
-    def __init__(self, arm: ArmSettings, network: Network, lease: float, server: str) -> None:
-        self._settings, driver = read_settings(arm.settings, Faults())
-        self.name = check_name(arm.name or driver.model.name)
-        self.arm = Arm(driver, self._settings)
-        self.shared = SharedArm(self.arm, Lease(timeout=lease))
-        self._network, self._server_text = network, server
+    def __init__(self, given: ServedArm, network: Network, wait: bool, server: str) -> None:
+        self.name = given.name
+        settings = replace(given.settings, connect_timeout=math.inf) if wait else given.settings
+        self.arm = Arm(given.driver, settings)
+        self.shared = SharedArm(self.arm, Lease(timeout=given.lease))
+        self.error: BaseException | None = None
+        self.unsafe: HexwireError | None = None
         self.server: ArmServer | None = None
+        self.node: Node | None = None
+        self.is_shared = False
+        self._network, self._server_text = network, server
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self, started: float) -> None:
+        self._thread = threading.Thread(target=self._run, args=(started,), name=f"serve {self.name}", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Tell it to end, from any thread."""
+        self._ending.set()
+        if not self.is_shared:
+            with contextlib.suppress(HexwireError):
+                self.arm.owner.give_up()
+
+    def join(self, deadline: float) -> bool:
+        """Wait for its end; returns whether it has ended."""
+        if self._thread is not None:
+            self._thread.join(max(0.0, deadline - time.monotonic()))
+        return self._thread is None or not self._thread.is_alive()
+
+    def _run(self, started: float) -> None:
+        try:
+            with self._running(started):
+                self.is_shared = True
+                self._ending.wait()
+        except HexwireError as error:
+            # An interrupted start is no failure.
+            if not self._ending.is_set():
+                self.error = error
+        except BaseException as error:  # noqa: BLE001  # raised again in the main thread, by `Service.check`
+            self.error = error
 
     @contextlib.contextmanager
-    def running(self, started: float) -> Iterator[None]:
+    def _running(self, started: float) -> Iterator[None]:
         path = local_socket(self.name)
-        with _only_server(self.name, path):
-            network = replace(self._network, listen=(*endpoints_of([path]), *self._network.listen))
+        network = replace(self._network, listen=(*endpoints_of([path]), *self._network.listen))
+        # In reverse order: no order comes any more, then the arm stops if it moves, then its port is closed.
+        with ExitStack() as stack:
+            stack.enter_context(_only_server(self.name, path))
+            stack.callback(self.arm.shutdown)
             self.arm.connect()
-            try:
-                self.arm.start()
-                self.shared.start()
-                node = network.open(wait=False)
-                try:
-                    self.server = ArmServer(self.shared, self.name, node, server=self._server_text, started=started)
-                    try:
-                        self.server.start()
-                        yield
-                    finally:
-                        self.server.close()
-                finally:
-                    node.close()
-            finally:
-                # In this order: no order comes any more, then the arm stops if it moves.
-                self.shared.shutdown()
-                self.arm.shutdown()
+            self.arm.start()
+            stack.callback(self._make_safe)
+            self.shared.start()
+            self.node = network.open(wait=False)
+            stack.callback(self.node.close)
+            self.server = ArmServer(self.shared, self.name, self.node, server=self._server_text, started=started)
+            stack.callback(self.server.close)
+            self.server.start()
+            yield
+
+    def _make_safe(self) -> None:
+        try:
+            self.shared.shutdown()
+        except HexwireError as error:
+            self.unsafe = error
 
 
 class Service:
-    """Shares arms for a `with` block.
+    """Shares arms, each with a thread of its own: one that waits for its port delays no other.
+
+    Call `start`, then `check` regularly, finally `close`; or use it as a context manager, which starts it and waits
+    until all arms are shared.
 
     Args:
-        arms: The arms.
+        arms: The arms, checked, with different names and ports.
         network: How others reach them, besides programs of this user on this machine.
-        lease: Seconds of silence after which a lease is lost.
+        wait: Wait for a port that is not there yet however long that takes, and not for `connect_timeout`.
         server: This program, in words.
     """
 
     def __init__(
-        self, arms: Sequence[ArmSettings], network: Network, *, lease: float = 0.5, server: str = ""
+        self, arms: Sequence[ServedArm], network: Network | None = None, *, wait: bool = False, server: str = ""
     ) -> None:
-        # All settings before anything is opened.
-        self._arms = [_Served(arm, network, lease, server) for arm in arms]
-        names = [served.name for served in self._arms]
-        if len(set(names)) != len(names):
-            raise UsageError(f"a name occurs twice: {', '.join(sorted(names))}")
-        self._network = network
-        self._stack = ExitStack()
+        self._network = network or Network()
+        self._arms = [_Served(arm, self._network, wait, server) for arm in arms]
+        self._told: set[str] = set()
+        self._waits_for: dict[str, str] = {}
+        self._has_router = True
 
     def __enter__(self) -> Self:
-        started = time.time()
-        with ExitStack() as stack:
-            for served in self._arms:
-                stack.enter_context(served.running(started))
-            self._stack = stack.pop_all()
+        try:
+            self.start()
+            self.wait_until_shared()
+        except BaseException:
+            self.close()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        self.close()
 
-    def lines(self) -> list[str]:
-        """What is shared, a line for each arm."""
-        where = "" if not self._network.listen else f", also at {', '.join(self._network.listen)}"
-        return [
-            f"{served.name}: {served.arm.owner.robot.url} as zenoh:{served.name}{where}" for served in self._arms
-        ]
-
-    def check(self) -> None:
-        """Check that all arms are still shared.
+    def start(self) -> None:
+        """Begin to share the arms; returns at once.
 
         Raises:
-            HexwireError: One is not.
+            UsageError: A name is too long for a socket, or the folder of the sockets cannot be made.
         """
         for served in self._arms:
+            local_socket(served.name)
+        make_socket_folder()
+        started = time.time()
+        for served in self._arms:
+            served.start(started)
+
+    def wait_until_shared(self) -> None:
+        """Wait until all arms are shared; raises as `check`."""
+        while not all(served.is_shared for served in self._arms):
+            self.check()
+            time.sleep(_LOOK)
+
+    def close(self) -> None:
+        """Make all arms safe and end: a motion is stopped, and the joints keep their torque.
+
+        Raises:
+            DeviceError: An arm that moved did not confirm its stop; its board's watchdog must stop it.
+        """
+        for served in self._arms:
+            served.end()
+        deadline = time.monotonic() + _PATIENCE
+        late = [served.name for served in self._arms if not served.join(deadline)]
+        unsafe = [f"{served.name}: the stop was not confirmed: {served.unsafe}" for served in self._arms]
+        texts = [text for text, served in zip(unsafe, self._arms, strict=True) if served.unsafe is not None]
+        texts += [f"{name}: its thread does not end" for name in late]
+        if texts:
+            raise DeviceError("; ".join(texts))
+
+    def news(self) -> list[str]:
+        """What was shared since the last call, and what waits for its port: a line for each arm."""
+        lines = []
+        where = "".join(f", also at {endpoint}" for endpoint in self._network.listen)
+        for served in self._arms:
+            owner = served.arm.owner
+            if served.is_shared and served.name not in self._told:
+                self._told.add(served.name)
+                lines.append(f"{served.name}: {owner.robot.url} as zenoh:{served.name}{where}")
+            elif not served.is_shared and owner.waits_for != self._waits_for.get(served.name, ""):
+                self._waits_for[served.name] = owner.waits_for
+                lines.append(f"{served.name}: waiting: {owner.waits_for}")
+        return lines
+
+    def check(self) -> None:
+        """Check that nothing has failed, and log the loss and the return of the router.
+
+        Raises:
+            HexwireError: An arm cannot be shared any more.
+        """
+        for served in self._arms:
+            name = served.name
+            if isinstance(served.error, HexwireError):
+                several = f"{name}: " if len(self._arms) > 1 else ""
+                kind = UsageError if isinstance(served.error, UsageError) else DeviceError
+                raise kind(f"{several}{served.error}") from served.error if several else None
+            if served.error is not None:
+                raise served.error
             if served.arm.owner.crash is not None:
-                raise DeviceError(f"{served.name}: the program failed: {served.arm.owner.crash}")
+                raise DeviceError(f"{name}: the program failed: {served.arm.owner.crash}")
             if served.server is not None and served.server.conflict:
                 raise UsageError(served.server.conflict)
+        self._look_for_router()
+
+    def _look_for_router(self) -> None:
+        nodes = [served.node for served in self._arms if served.is_shared and served.node is not None]
+        if not self._network.connect or not nodes:
+            return
+        has_router = any(node.routers for node in nodes)
+        if has_router != self._has_router:
+            where = ", ".join(self._network.connect)
+            if has_router:
+                _log.warning("connected to the router at %s", where)
+            else:
+                _log.warning("no connection to the router at %s; it is tried again", where)
+        self._has_router = has_router
 
 
 @contextlib.contextmanager
 def _only_server(name: str, path: Path) -> Iterator[None]:
-    """Be the only server of that name by this user on this machine."""
-    make_folder(path.parent)
-    lock = os.open(path.with_suffix(".name"), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    """Be the only server of that name by this user on this machine.
+
+    The system gives the lock back when a program dies, so that a file which was left means nothing.
+    """
+    file = path.with_suffix(".name")
+    try:
+        lock = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise UsageError(f"{file} cannot be opened: {error.strerror}; remove it") from None
     try:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -149,30 +250,3 @@ def _only_server(name: str, path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(lock)
-
-
-def read_service_file(file: str) -> tuple[list[ArmSettings], dict[str, Any]]:
-    """Read a file with arms.
-
-    Returns:
-        The arms, and the arguments of a `Network`.
-
-    Raises:
-        ConfigError: It cannot be read, or something in it is wrong.
-    """
-    top = parse_toml(read_text(file), file).table(("arms", "network"), ("arms",))
-    arms = [
-        ArmSettings(check_name(name), {key: value.value for key, value in item.table().items()})
-        for name, item in top["arms"].table().items()
-    ]
-    if not arms:
-        raise UsageError(f'{file} names no arm; write [arms."lab/arm1"]')
-    folder = Path(file).resolve().parent
-    network: dict[str, Any] = {}
-    if "network" in top:
-        for key, item in top["network"].table(_NETWORK_KEYS).items():
-            if key in ("listen", "router"):
-                network["connect" if key == "router" else key] = tuple(row.text() for row in item.rows(most=8))
-            else:
-                network[key] = str(folder / item.text())
-    return arms, network

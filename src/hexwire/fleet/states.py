@@ -98,7 +98,9 @@ class ArrivedStates:
         with self._changed:
             while not self._closed:
                 state = self.newest
-                if state is not None and self.arrived > since and state.done >= self._done:
+                # One without joints only says that the server lives and its robot is busy, unless it is lost.
+                tells = state is not None and (state.names or state.error) and state.done >= self._done
+                if state is not None and tells and self.arrived > since:
                     return self._as_joint_state(state, self.arrived)
                 left = deadline - time.monotonic()
                 if left <= 0:
@@ -122,8 +124,6 @@ class ArrivedStates:
         )
         if any(len(column) != len(state.names) for column in columns):
             raise RemoteProtocolError(f"{url}: a state whose columns differ in length")
-        if not state.names:
-            raise LinkLostError(f"{url}: its robot sends no states", url=url)
         offset, _ = self._clock.at(arrived)
         return JointState(
             names=state.names,

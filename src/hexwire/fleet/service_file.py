@@ -1,0 +1,193 @@
+"""The arms that `hexwire serve` shares, out of a file or of a command line, checked before anything is opened.
+
+Owns the file, and the checks that concern several arms. Must not know how an arm is shared.
+
+    lease = 0.5                           # seconds of silence after which a lease is lost
+
+    [arms."lab/arm1"]                     # a table for each arm, with settings of hexwire.control.settings
+    robot = "so101"
+    port = "/dev/serial/by-id/usb-..."
+
+    [arms."lab/arm2"]
+    robot = "sim"                         # an emulated Hex7Bot in this program
+
+    [network]                             # as the options of the command
+    listen = ["tls/0.0.0.0:7447"]
+    ca = "ca.pem"
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hexwire.control.lease import TIMEOUT
+from hexwire.control.setting import Faults, Setting
+from hexwire.control.settings_reader import read_settings
+from hexwire.drivers.registry import PORT_VARIABLE, is_address
+from hexwire.errors import LinkError, UsageError
+from hexwire.inputs import parse_toml, read_text
+from hexwire.link.ports import find_only_board
+
+from .names import check_name
+
+if TYPE_CHECKING:
+    from hexwire.control.settings import Settings
+    from hexwire.drivers.base import RobotDriver
+
+__all__ = ["SIMULATED", "ServedArm", "read_arms", "read_service_file"]
+
+SIMULATED = "sim"
+"""The robot that needs no hardware."""
+_SIMULATED = {"robot": "hex7bot", "port": "sim://hex7bot"}
+_LEASE = Setting("lease", TIMEOUT, "silence after which a lease is lost", "s", low=0.1, high=60.0)
+_NETWORK_KEYS = ("listen", "router", "ca", "cert", "key", "access")
+_MOST_ENDPOINTS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ServedArm:
+    """One arm to share.
+
+    Attributes:
+        name: Its name, checked.
+        settings: Its settings.
+        driver: Its driver, not attached.
+        lease: Seconds of silence after which a lease is lost.
+    """
+
+    name: str
+    settings: Settings
+    driver: RobotDriver
+    lease: float = TIMEOUT
+
+
+@dataclass(slots=True)
+class _Faults(Faults):
+    """The faults of one arm of a file."""
+
+    place: str = field(default="")
+
+    def add(self, name: str, text: object) -> None:
+        # Named out loud: `super()` does not work in a class with slots that dataclass makes anew.
+        Faults.add(self, f"{self.place}{name}", text)
+
+
+def read_arms(
+    given: Mapping[str, Mapping[str, object]],
+    *,
+    lease: float = TIMEOUT,
+    file: str = "",
+    find_port: Callable[[], str] = find_only_board,
+) -> list[ServedArm]:
+    """Check arms and build their drivers; nothing is opened.
+
+    Args:
+        given: Settings of `hexwire.control.settings`, and ``lease``, by the name of the arm; the only arm may have
+            an empty name, for that of its model.
+        lease: Seconds of silence after which a lease is lost, for an arm that names none.
+        file: Where they come from, for errors.
+        find_port: Finds the port of a single arm that names none.
+
+    Raises:
+        UsageError: Something is wrong; the text lists all faults with their places.
+        LinkNotFoundError: A single arm names no port, and none is found.
+    """
+    texts: list[str] = []
+    arms: list[ServedArm] = []
+    ports: dict[str, str] = {}
+    for name, rows in given.items():
+        faults = _Faults(place=f"arms.{name}." if file else "")
+        values = dict(rows)
+        own = faults.read(_LEASE, values.pop("lease", lease))
+        _simulated(values, faults)
+        # The only likely board cannot be several arms.
+        finder = find_port if len(given) == 1 else functools.partial(_no_port, faults)
+        _refuse_shared(values, faults)
+        try:
+            settings, driver = read_settings(values, faults, find_port=finder)
+        except LinkError:
+            if len(given) == 1:
+                raise
+            texts += faults.texts
+            continue
+        except UsageError as error:
+            texts += faults.texts or [f"{faults.place}{error}"]
+            continue
+        url = driver.url
+        # Each address of an emulated arm is another one.
+        if url in ports and not url.startswith(f"{SIMULATED}:"):
+            texts.append(f"{faults.place}port: {url} is the port of {ports[url]}, too")
+        ports[url] = name
+        arms.append(ServedArm(check_name(name or driver.model.name), settings, driver, own))
+    if texts:
+        many = f"{len(texts)} settings are wrong" if len(texts) > 1 else "1 setting is wrong"
+        raise UsageError(f"{f'{file}: ' if file else ''}{many}: {'; '.join(texts)}")
+    return arms
+
+
+def _simulated(values: dict[str, object], faults: Faults) -> None:
+    if values.get("robot") != SIMULATED:
+        return
+    if "port" in values:
+        faults.add("port", f"the robot {SIMULATED} has none; leave it out")
+    values |= _SIMULATED
+
+
+def _refuse_shared(values: dict[str, object], faults: Faults) -> None:
+    port = values.get("port") or os.environ.get(PORT_VARIABLE)
+    if isinstance(port, str) and is_address(port):
+        faults.add("port", f"{port} is shared already; start the server with --router to reach it from elsewhere")
+        # Its server need not be asked.
+        values["port"] = _SIMULATED["port"]
+
+
+def _no_port(faults: Faults) -> str:
+    faults.add("port", "is missing")
+    raise LinkError("an arm without a port")
+
+
+def read_service_file(
+    file: str, *, lease: float = TIMEOUT, find_port: Callable[[], str] = find_only_board
+) -> tuple[list[ServedArm], dict[str, Any]]:
+    """Read a file with arms.
+
+    Args:
+        file: Its path.
+        lease: As in `read_arms`, unless the file says otherwise.
+        find_port: As in `read_arms`.
+
+    Returns:
+        The arms, and the arguments of a `Network`.
+
+    Raises:
+        UsageError: It cannot be read, or something in it is wrong: the text has the place.
+    """
+    top = parse_toml(read_text(file), file).table(("arms", "network", "lease"), ("arms",))
+    if "lease" in top:
+        lease = top["lease"].number()
+        if not _LEASE.allows(lease):
+            raise top["lease"].fault(f"{lease:g} must be {_LEASE.bounds} s")
+    rows: dict[str, dict[str, object]] = {}
+    for name, item in top["arms"].table().items():
+        try:
+            check_name(name)
+        except UsageError as error:
+            raise item.fault(str(error)) from None
+        rows[name] = {key: value.value for key, value in item.table().items()}
+    if not rows:
+        raise top["arms"].fault('names no arm; write [arms."lab/arm1"]')
+    network: dict[str, Any] = {}
+    if "network" in top:
+        folder = Path(file).resolve().parent
+        for key, item in top["network"].table(_NETWORK_KEYS).items():
+            if key in ("listen", "router"):
+                endpoints: Sequence[str] = [row.text() for row in item.rows(most=_MOST_ENDPOINTS)]
+                network["connect" if key == "router" else key] = tuple(endpoints)
+            else:
+                network[key] = str(folder / item.text())
+    return read_arms(rows, lease=lease, file=file, find_port=find_port), network
