@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from hexwire.epochs import Epochs, Token
-from hexwire.errors import StoppedError
+from hexwire.errors import HexwireError, LeaseError, StoppedError
 
 
 def test_a_stop_voids_what_was_called_before_it_and_nothing_else() -> None:
@@ -132,3 +132,19 @@ def test_calls_between_two_stops_share_their_token_and_no_stop_keeps_it() -> Non
     assert epochs.holds(after)
     assert not epochs.holds(first)
     assert not epochs.holds(held)
+
+
+def test_a_token_with_a_condition_is_refused_with_the_error_of_the_condition() -> None:
+    epochs = Epochs()
+    why: list[HexwireError] = []
+    token = epochs.mark()._replace(refusal=lambda: why[0] if why else None)
+    assert epochs.holds(token)
+    epochs.check(token, "a move")
+    why.append(LeaseError("Ann lost the lease"))
+    assert not epochs.holds(token)
+    with pytest.raises(LeaseError, match="Ann lost the lease"):
+        epochs.check(token, "a move")
+    with epochs.stopping(), pytest.raises(StoppedError, match="a stop came"):
+        epochs.check(token, "a move")
+    # A stop asks nobody.
+    epochs.check(token._replace(urgent=True), "a stop")

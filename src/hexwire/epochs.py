@@ -16,7 +16,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from hexwire.errors import StoppedError
+from hexwire.errors import HexwireError, StoppedError
 
 __all__ = ["Epochs", "Token"]
 
@@ -36,11 +36,14 @@ class Token(NamedTuple):
         epoch: The last stop before the call.
         stopped: That stop still held at the call, as far as the host knows.
         urgent: The call is the stop itself.
+        refusal: A further condition: returns the error with which the call is refused, or None. Asked whenever the
+            epoch is checked, so also right before the bytes leave. Must not block.
     """
 
     epoch: object
     stopped: bool
     urgent: bool = False
+    refusal: Callable[[], HexwireError | None] | None = None
 
 
 class _Local(threading.local):
@@ -135,6 +138,9 @@ class Epochs:
         """Whether requests of that call may still be sent."""
         if token.urgent:
             return True
+        return self._epoch_holds(token) and (token.refusal is None or token.refusal() is None)
+
+    def _epoch_holds(self, token: Token) -> bool:
         return token.epoch is self._current and not (token.stopped and self._ended is token.epoch)
 
     def check(self, token: Token, what: str) -> None:
@@ -142,9 +148,14 @@ class Epochs:
 
         Raises:
             StoppedError: The arm was stopped after the call.
+            HexwireError: The refusal of the token.
         """
-        if not self.holds(token):
+        if token.urgent:
+            return
+        if not self._epoch_holds(token):
             raise StoppedError.unsent(what, _STOPPED, _CAME if token.epoch is not self._current else _RESUMED)
+        if token.refusal is not None and (error := token.refusal()) is not None:
+            raise error
 
     def calling(self, what: str, *, freeing: bool = False) -> _Within:
         """Make everything in a `with` block part of one call: a new one, or the one that this thread executes.

@@ -225,16 +225,17 @@ class StoppedError(CommandRefusedError):
 
 
 class LeaseError(CommandRefusedError):
-    """A shared arm refused an order, because its sender does not hold the lease.
+    """A shared arm refused an order, because of its lease: its sender does not hold it, or the order came late.
 
     Attributes:
         holder: Who holds it, in words; empty if nobody does.
+        lost: The sender does not hold it; False if only this order was refused, for example because it came late.
     """
 
-    def __init__(self, reason: str, *, holder: str = "") -> None:
+    def __init__(self, reason: str, *, holder: str = "", lost: bool = True) -> None:
         super().__init__("an order", 0, reason)
         self.args = (f"not done: {reason}",)
-        self.holder = holder
+        self.holder, self.lost = holder, lost
 
 
 class ServoError(DeviceError):

@@ -11,7 +11,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.control.group import ControllerGroup
 from hexwire.control.output import Output
-from hexwire.errors import CommandRefusedError, UsageError
+from hexwire.errors import CommandRefusedError, LeaseError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
 
@@ -122,3 +122,36 @@ def test_a_stop_is_ended_unless_another_one_came(caplog: pytest.LogCaptureFixtur
     bench.output.stop(StopReason("asked", "the test"))
     with pytest.raises(UsageError, match="the arm is stopped"):
         bench.output.torque(True, ["J1"])
+
+
+def test_joints_run_until_their_last_target_is_over() -> None:
+    bench = Bench()
+    output, clock = bench.output, bench.arm.clock
+    assert output.running() == ()
+    state = bench.robot.read()
+    output.send(JointTarget.of({"J1": state["J1"].position + 0.1}, 2.0), bench.robot.epochs.mark())
+    output.send(JointTarget.of({"J2": state["J2"].position}, 0.1), bench.robot.epochs.mark())
+    assert output.running() == ("J1", "J2")
+    assert output.time_left() == pytest.approx(2.2, abs=0.01)
+    clock.time += 1.0
+    assert output.running() == ("J1",)
+    clock.time += 1.2
+    assert output.running() == ()
+    assert output.time_left() == 0.0
+
+
+def test_an_authority_is_asked_before_the_decision_and_right_before_the_bytes_leave() -> None:
+    bench = Bench(borrowed=False)
+    asked: list[str] = []
+
+    def refusal() -> LeaseError:
+        asked.append("refusal")
+        return LeaseError("Ann lost the lease")
+
+    bench.output.before = lambda: asked.append("before")
+    bench.output.refusal = refusal
+    bench.update()
+    assert asked[:2] == ["before", "refusal"]
+    assert not bench.sent
+    assert not bench.group.busy
+    assert bench.group.reason is None, "it is no stop"

@@ -11,6 +11,7 @@ from hexwire.errors import (
     LinkLostError,
     ServoError,
 )
+from hexwire.model.state import JointTarget
 
 
 @pytest.mark.parametrize(("dialect", "baud"), [(2, 0), (2, 115200), (1, 115200)])
@@ -183,3 +184,54 @@ def test_on_a_slow_line_states_are_good_for_longer() -> None:
     bench.clock.advance(0.2)
     with pytest.raises(DeviceError, match="no state from the robot"):
         bench.owner.newest()
+
+
+@pytest.mark.parametrize("stopped_meanwhile", [False, True])
+def test_a_stop_that_could_not_be_sent_is_sent_when_the_robot_is_back(stopped_meanwhile: bool) -> None:
+    """A single target may be far away, and without a watchdog the board goes on to it."""
+    bench = BoardBench(watchdog=0.0)
+    owner = bench.owner
+    owner.connect()
+    bench.turn(0.2)
+    bench.enable()
+    if not stopped_meanwhile:
+        goal = {"J1": owner.newest()["J1"].position + 0.5}
+        owner.send(JointTarget.of(goal, 20.0), bench.robot.epochs.mark())
+        bench.turn(0.3)
+    bench.link.lost = True
+    bench.until(lambda: not owner.connected)
+    if stopped_meanwhile:
+        with pytest.raises(LinkLostError, match="cannot be sent"):
+            owner.stop("a test")
+    assert not bench.board.state.stopped
+    bench.link.lost = False
+    bench.until(lambda: owner.connected)
+    assert bench.board.state.stopped
+    bench.turn(0.2)
+    # Once: after a resume it is not sent again.
+    bench.ask(owner.reset)
+    bench.turn(0.5)
+    assert not bench.board.state.stopped
+
+
+def test_at_rest_a_lost_robot_comes_back_as_it_was() -> None:
+    bench = BoardBench(watchdog=0.0)
+    bench.owner.connect()
+    bench.turn(0.2)
+    bench.link.lost = True
+    bench.until(lambda: not bench.owner.connected)
+    bench.link.lost = False
+    bench.until(lambda: bench.owner.connected)
+    assert not bench.board.state.stopped
+
+
+def test_a_shutdown_stops_the_motion_of_a_single_target() -> None:
+    bench = BoardBench()
+    bench.owner.connect()
+    bench.turn(0.2)
+    bench.enable()
+    goal = {"J1": bench.owner.newest()["J1"].position + 0.5}
+    bench.owner.send(JointTarget.of(goal, 20.0), bench.robot.epochs.mark())
+    bench.turn(0.3)
+    bench.owner.shutdown()
+    assert bench.board.state.stopped

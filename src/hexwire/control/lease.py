@@ -1,8 +1,8 @@
 """The lease of an arm: who may command it, and until when.
 
 Owns the rules: one holder at a time, renewal by heartbeat, loss by silence, pre-emption by rank, and which orders
-of the holder are accepted. Pure: time comes in as `now`, in seconds of the owner's monotonic clock. Must not know
-robots, networks or threads.
+of the holder are accepted. Pure: time comes in as `now`, in seconds of a clock that also runs while the computer is
+suspended. Must not know robots, networks or threads.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ Rank = int
 TIMEOUT = 0.5
 """Seconds of silence after which a lease is lost."""
 MAX_AGE = 0.25
-"""Greatest age of a set-point, seconds."""
+"""Greatest age of a set-point, seconds; also the greatest uncertainty of its age."""
 _ID_BITS = 53
+_ROUNDING = 1e-3
+"""Seconds by which a set-point may seem to come from the future."""
 
 
 @dataclass(slots=True)
@@ -34,6 +36,7 @@ class LeaseCounters:
     Attributes:
         without_lease: The sender did not hold the lease.
         too_old: The set-point was older than allowed.
+        undated: The age of the set-point could not be judged: the clocks are not related well enough.
         out_of_order: A later order of the same holder had been accepted.
         lost: Leases that ended by silence.
         preempted: Leases that were taken from their holder.
@@ -41,6 +44,7 @@ class LeaseCounters:
 
     without_lease: int = 0
     too_old: int = 0
+    undated: int = 0
     out_of_order: int = 0
     lost: int = 0
     preempted: int = 0
@@ -74,14 +78,21 @@ class Grant:
     watchdog: float = 0.0
     watchdog_mode: StopMode = StopMode.HOLD
 
+    @property
+    def finishing(self) -> bool:
+        """The holder has left, and its motion ends."""
+        return self.ends < math.inf
+
 
 @dataclass(slots=True)
 class Lease:
-    """The lease of one arm. Not thread-safe.
+    """The lease of one arm. Not thread-safe, except `check`.
+
+    Call `expire` before `take`, so that a holder whose time is over leaves the arm holding.
 
     Args:
         timeout: Seconds of silence after which a holder loses it.
-        max_age: Greatest age of an order, seconds.
+        max_age: Greatest age of a set-point, and greatest uncertainty of that age, seconds.
         new_key: Makes keys that nobody can guess.
 
     Attributes:
@@ -97,13 +108,13 @@ class Lease:
     ended: str = ""
     counters: LeaseCounters = field(default_factory=LeaseCounters)
 
-    def take(self, client: str, rank: Rank, now: float, *, force: bool = False) -> Grant:
-        """Grant the lease.
+    # -- taking and leaving ---------------------------------------------------------------------------
+
+    def check_take(self, rank: Rank, *, force: bool = False) -> None:
+        """Check that a client may take the lease; changes nothing.
 
         Args:
-            client: Who asks, for display.
-            rank: Its rank.
-            now: Seconds.
+            rank: Rank of the client.
             force: Pre-empt another holder of the same rank or a lower one.
 
         Raises:
@@ -111,69 +122,48 @@ class Lease:
         """
         holder = self.holder
         # A holder that has left only waits for the end of its motion: nobody needs to be asked.
-        if holder is not None and holder.ends == math.inf:
-            if not force:
-                raise LeaseError(
-                    f"{holder.client} holds the lease; wait until it is given back, or take it with --take",
-                    holder=holder.client,
-                )
-            if rank < holder.rank:
-                raise LeaseError(
-                    f"{holder.client} holds the lease, and your role may not take it", holder=holder.client
-                )
-            self.counters.preempted += 1
+        if holder is None or holder.finishing:
+            return
+        if not force:
+            raise LeaseError(
+                f"{holder.client} holds the lease; wait until it is given back, or take it with --take",
+                holder=holder.client,
+            )
+        if rank < holder.rank:
+            raise LeaseError(
+                f"{holder.client} holds the lease, and your role may not take it", holder=holder.client
+            )
+
+    def revoke(self, why: str) -> Grant | None:
+        """End the lease of a holder that is pre-empted; returns the former holder, None if it has left already.
+
+        Args:
+            why: In words.
+        """
+        former, self.holder = self.holder, None
+        if former is None or former.finishing:
+            return None
+        self.counters.preempted += 1
+        self.ended = why
+        return former
+
+    def take(self, client: str, rank: Rank, now: float, *, force: bool = False) -> Grant:
+        """Grant the lease.
+
+        Args:
+            client: Who asks, for display.
+            rank: Its rank.
+            now: Seconds.
+            force: As in `check_take`.
+
+        Raises:
+            LeaseError: As `check_take`.
+        """
+        self.check_take(rank, force=force)
+        self.revoke("")
         self.ended = ""
         self.holder = Grant(self.new_key(), client, rank, now, now, now)
         return self.holder
-
-    def beat(self, key: int, now: float, idle: float = 0.0) -> Grant:
-        """Renew the lease.
-
-        Args:
-            key: The holder's.
-            now: Seconds.
-            idle: Seconds since the holder's program last used the arm.
-
-        Raises:
-            LeaseError: The client does not hold it.
-        """
-        holder = self._check(key, now)
-        holder.heard = now
-        holder.active = max(holder.active, now - max(0.0, idle))
-        return holder
-
-    def admit(self, key: int, sequence: int, now: float, age: float | None = None) -> Grant:
-        """Accept an order of the holder.
-
-        Args:
-            key: The sender's.
-            sequence: Number of the order; each is greater than the last.
-            now: Seconds.
-            age: Least age that a set-point can have, seconds; None for an order that may wait.
-
-        Raises:
-            LeaseError: The order is refused, and counted.
-        """
-        try:
-            holder = self._check(key, now)
-        except LeaseError:
-            self.counters.without_lease += 1
-            raise
-        if sequence <= holder.sequence:
-            self.counters.out_of_order += 1
-            raise LeaseError(
-                f"order {sequence} came after order {holder.sequence}; it is not done", holder=holder.client
-            )
-        # The number counts even if the order is too old: an older one must not follow.
-        holder.sequence = sequence
-        if age is not None and not age <= self.max_age:
-            self.counters.too_old += 1
-            raise LeaseError(
-                f"the set-point is {1000 * age:.0f} ms old, more than {1000 * self.max_age:.0f} ms; it is not done",
-                holder=holder.client,
-            )
-        holder.heard = holder.active = now
-        return holder
 
     def leave(self, key: int, now: float, ends: float = -math.inf) -> None:
         """Give the lease back; it ends now, or when the holder's motion ends. Without effect for a former holder.
@@ -183,12 +173,81 @@ class Lease:
             now: Seconds.
             ends: When the motion that the holder began ends.
         """
-        if self.holder is None or self.holder.key != key:
+        try:
+            holder = self.check(key, now)
+        except LeaseError:
             return
         if ends > now:
-            self.holder.ends = ends
+            holder.ends = ends
         else:
             self.holder = None
+
+    # -- signs of life and orders -----------------------------------------------------------------------
+
+    def beat(self, key: int, now: float, idle: float = 0.0) -> Grant:
+        """Renew the lease.
+
+        Args:
+            key: The holder's.
+            now: Seconds.
+            idle: Seconds since the holder's program last used the arm; what is no such time counts as 0.
+
+        Raises:
+            LeaseError: The client does not hold it.
+        """
+        holder = self.check(key, now)
+        holder.heard = now
+        holder.active = max(holder.active, now - idle if idle > 0.0 else now)
+        return holder
+
+    def admit(self, key: int, sequence: int, now: float, age: float | None = None, doubt: float = 0.0) -> Grant:
+        """Accept an order of the holder.
+
+        Args:
+            key: The sender's.
+            sequence: Number of the order; each is greater than the last.
+            now: Seconds.
+            age: Estimated age of a set-point, seconds; None for an order that may wait.
+            doubt: Uncertainty of the age, seconds.
+
+        Raises:
+            LeaseError: The order is refused, and counted.
+        """
+        try:
+            holder = self.check(key, now)
+        except LeaseError:
+            self.counters.without_lease += 1
+            raise
+        if not sequence > holder.sequence:
+            self.counters.out_of_order += 1
+            raise self._late(f"order {sequence} came after order {holder.sequence}; it is not done")
+        # The number counts even if the order is too old: an older one must not follow.
+        holder.sequence = sequence
+        if age is not None:
+            self._check_age(age, doubt)
+        holder.heard = holder.active = now
+        return holder
+
+    def _check_age(self, age: float, doubt: float) -> None:
+        # Compared so that NaN is refused.
+        if not 0.0 <= doubt <= self.max_age or not -_ROUNDING <= age + doubt < math.inf:
+            self.counters.undated += 1
+            raise self._late(
+                "the age of the set-point is not known, since the clocks of this program and of the server are not "
+                "related well enough; it is not done"
+            )
+        least = age - doubt
+        if not least <= self.max_age:
+            self.counters.too_old += 1
+            raise self._late(
+                f"the set-point is {1000 * least:.0f} ms old, more than {1000 * self.max_age:.0f} ms; "
+                "it is not done"
+            )
+
+    def _late(self, why: str) -> LeaseError:
+        return LeaseError(why, holder=self.holder.client if self.holder else "", lost=False)
+
+    # -- time -------------------------------------------------------------------------------------------
 
     def expire(self, now: float) -> Grant | None:
         """End the lease if its time is over.
@@ -200,7 +259,7 @@ class Lease:
         if holder is None or now < self.due:
             return None
         self.holder = None
-        if holder.ends < math.inf:
+        if holder.finishing:
             return None
         self.counters.lost += 1
         self.ended = f"{holder.client} lost the lease after {self.timeout:g} s of silence"
@@ -210,15 +269,27 @@ class Lease:
     def due(self) -> float:
         """When `expire` ends the lease unless the holder renews it; infinite without a holder."""
         holder = self.holder
-        if holder is None:
-            return math.inf
-        return holder.ends if holder.ends < math.inf else holder.heard + self.timeout
+        return math.inf if holder is None else self._due(holder)
 
-    def _check(self, key: int, now: float) -> Grant:
+    def _due(self, holder: Grant) -> float:
+        return holder.ends if holder.finishing else holder.heard + self.timeout
+
+    def is_alive(self, now: float) -> bool:
+        """Whether somebody holds the lease, or has left it to a motion that ends. Any thread may call this."""
         holder = self.holder
-        if holder is not None and holder.key == key and holder.ends == math.inf and now < self.due:
+        return holder is not None and now < self._due(holder)
+
+    def check(self, key: int, now: float) -> Grant:
+        """Return the holder, if it has that key. Any thread may call this.
+
+        Raises:
+            LeaseError: The client does not hold the lease, or not any more.
+        """
+        holder = self.holder
+        if holder is not None and holder.key == key and not holder.finishing and now < self._due(holder):
             return holder
         if holder is not None and holder.key != key:
             raise LeaseError(f"{holder.client} holds the lease", holder=holder.client)
-        why = self.ended or "this program holds no lease"
-        raise LeaseError(f"{why}; take the lease again")
+        if holder is not None and not holder.finishing:
+            raise LeaseError(f"the lease was lost after {self.timeout:g} s of silence; take it again")
+        raise LeaseError(f"{self.ended or 'this program holds no lease'}; take the lease again")

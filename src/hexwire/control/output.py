@@ -1,7 +1,7 @@
 """What the owner of a robot sends to it: targets once per period, stops, torque, resets.
 
-Owns the reaction to a refused target, and the rule that a target decided before a stop is not sent. Must not know
-connections or threads: one thread makes all calls.
+Owns the reaction to a refused target, the rule that a target decided before a stop is not sent, and until when the
+joints move to what was sent. Must not know connections or threads: one thread makes all calls, except `send`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from hexwire.errors import CommandRefusedError, StoppedError, UsageError
+from hexwire.errors import CommandRefusedError, HexwireError, StoppedError, UsageError
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
@@ -28,6 +28,9 @@ __all__ = ["Output"]
 
 _log = logging.getLogger(__name__)
 
+_SETTLING = 0.2
+"""Seconds after a target's duration in which its servos may still move."""
+
 
 class Output:
     """Sends the decisions of the controllers to an attached robot.
@@ -40,6 +43,11 @@ class Output:
         look_again: Reads a new state after a change and drops earlier ones.
         arm_watchdog: Called before every target: arms the watchdog, if it is wanted and not armed yet.
         asked: As in `RobotOwner`.
+        clock: Likewise.
+
+    Attributes:
+        before: Called before targets are decided; may end motions.
+        refusal: Returns the error with which a target of the controllers is refused right before it is sent.
     """
 
     def __init__(
@@ -52,9 +60,15 @@ class Output:
         look_again: Callable[[], object],
         arm_watchdog: Callable[[], object],
         asked: Token | None = None,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         self._robot, self._group, self._borrowed = robot, group, borrowed
         self._on_sent, self._look_again, self._arm_watchdog = on_sent, look_again, arm_watchdog
+        self._clock = clock or robot.now
+        self.before: Callable[[], object] = lambda: None
+        self.refusal: Callable[[], HexwireError | None] | None = None
+        # When each joint has reached its last target, owner's clock.
+        self._ends: dict[str, float] = {}
         self._periodic = Periodic()
         self._clamped = frozenset[str]()
         # The last stop that the controllers know of. Targets decided before a newer one must not be sent.
@@ -79,7 +93,22 @@ class Output:
         with self.deciding:
             self._update(state, speeds, now, period, lead)
 
+    def running(self) -> tuple[str, ...]:
+        """Joints that are on the way to their last target, or may still be."""
+        now = self._clock()
+        return tuple([name for name, ends in self._ends.items() if now < ends])
+
+    def time_left(self) -> float:
+        """Seconds until the last joint has reached its last target; 0 if none moves."""
+        return max(0.0, max(self._ends.values(), default=0.0) - self._clock())
+
+    def _note(self, sent: SentTarget) -> None:
+        ends = self._clock() + sent.duration + _SETTLING
+        for name, _ in sent.positions:
+            self._ends[name] = ends
+
     def _update(self, state: JointState, speeds: Sequence[float], now: float, period: float, lead: float) -> None:
+        self.before()
         # Before anything is decided: a stop from here on voids the target, even if it is resumed.
         asked = self._robot.epochs.mark()
         if asked.epoch is not self._known_stop.epoch:
@@ -102,6 +131,7 @@ class Output:
             epochs.check(asked, "a target")
             with epochs.using(asked):
                 self._arm_watchdog()
+            with epochs.using(asked._replace(refusal=self.refusal)):
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.
@@ -118,6 +148,7 @@ class Output:
                 text = "the board's own limits are tighter: it clamped %s"
                 self.tell(logging.WARNING, text, ", ".join(clamped))
             self._clamped = clamped
+            self._note(sent)
             self._on_sent(sent)
 
     def send(self, target: JointTarget, asked: Token) -> SentTarget:
@@ -140,6 +171,7 @@ class Output:
                 self._group.release("another motion was asked for", [name for name, _ in target.positions])
             with epochs.using(asked):
                 sent = self._robot.write(target)
+            self._note(sent)
             self._on_sent(sent)
             return sent
 

@@ -140,8 +140,11 @@ class RobotOwner:
             look_again=self._look_again,
             arm_watchdog=self.arm_watchdog,
             asked=asked,
+            clock=clock,
         )
         self._clock, self._sleep = clock or robot.now, sleep or self._ending.wait
+        # A stop that could not be sent, and must be when the robot is back.
+        self._owes_stop = False
         self._reader: StateReader | None = None
         self._restarts = 0
         self._latest, self._calls = LatestState(publish_rate), QueuedCalls()
@@ -216,7 +219,7 @@ class RobotOwner:
             steps.callback(self._leave, torque_off)
             steps.callback(self._disarm)
             steps.callback(self._end_thread)
-            moving = self.group.moving
+            moving = self.group.moving or bool(self.running())
             self.group.stop(StopReason("asked", "the program ends"))
             with suppress(HexwireError):
                 if self.connected and moving and self._stop_on_failure:
@@ -361,6 +364,23 @@ class RobotOwner:
         """The lock that is held while a target is decided and sent. A stop does not wait for it."""
         return self._output.deciding
 
+    def guard(self, before: Callable[[], object], refusal: Callable[[], HexwireError | None]) -> None:
+        """Subject the controllers to an authority.
+
+        Args:
+            before: Called in the owner's thread before targets are decided, while it holds `deciding`.
+            refusal: Returns the error with which a target is refused right before its bytes leave, or None.
+        """
+        self._output.before, self._output.refusal = before, refusal
+
+    def running(self) -> tuple[str, ...]:
+        """Joints that are on the way to the last target sent, or may still be."""
+        return self._output.running()
+
+    def time_left(self) -> float:
+        """Seconds until the last joint has reached its last target; 0 if none moves."""
+        return self._output.time_left()
+
     def send(self, target: JointTarget, asked: Token) -> SentTarget:
         """Send a target from any thread, between two cycles; the controllers of its joints end their motions.
 
@@ -395,6 +415,7 @@ class RobotOwner:
         """
         self.group.stop(StopReason("asked", why))
         if not self.connected:
+            self._owes_stop = not self._borrowed
             raise LinkLostError(f"the stop cannot be sent to the robot: {self.error}")
         return self.robot.stop(mode)
 
@@ -491,6 +512,7 @@ class RobotOwner:
                     f"a board of dialect {probe.dialect} replaced one of dialect {self.probe.dialect}; "
                     "plug the old one in again, or restart the program"
                 )
+            self._catch_up()
             state = self.robot.read()
             self.probe = probe
         except BaseException:
@@ -499,6 +521,18 @@ class RobotOwner:
             raise
         self._begin()
         self._take(state)
+
+    def _catch_up(self) -> None:
+        """Send the stop that was owed while the robot could not be reached: its last target may be far away."""
+        if not self._owes_stop:
+            return
+        try:
+            self.robot.stop()
+        except (LinkError, ReplyTimeoutError):
+            raise
+        except HexwireError as error:
+            _log.error("after the reconnection the stop was not confirmed: %s", error)
+        self._owes_stop = False
 
     def _begin(self) -> None:
         self._latest.begin(1.0 / self._publish_rate, max(_SILENT, 3.0 * self.command_period))
@@ -538,12 +572,15 @@ class RobotOwner:
         # During a shutdown this is normal: an emulated board ends too.
         self._output.tell(logging.INFO if self._ending.is_set() else logging.ERROR, "%s", error)
         self.connected, self.error = False, str(error)
+        moving = self.group.moving or bool(self.running())
         self.group.stop(StopReason("lost", f"the robot was lost: {error}"))
         self._fail_calls()
         # An arm whose lease was lost holds, or moves for another program, which must not be stopped by this one.
         if self._stop_on_failure and not isinstance(error, LeaseError):
-            with suppress(HexwireError):
+            try:
                 self.robot.stop()
+            except HexwireError:
+                self._owes_stop = moving and not self._borrowed
         self._close_reader()
         if not self._borrowed:
             with suppress(HexwireError):

@@ -2,6 +2,10 @@
 
 Owns what joins lease and arm: an order is checked and sent in one step, a lost lease holds the arm, and silence of
 the holder's program stops it. Must not know how orders arrive: networks, messages, certificates.
+
+Locks, in this order: `RobotOwner.deciding`, then the lease's. A stop takes neither. The lease is judged when an
+order is admitted, when the owner decides on targets, and right before the bytes of a target leave, since this
+program may have been halted in between.
 """
 
 from __future__ import annotations
@@ -9,24 +13,24 @@ from __future__ import annotations
 import logging
 import math
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING, TypeVar
 
 from hexwire.drivers.values import StopMode
-from hexwire.errors import HexwireError, LeaseError, StoppedError
-from hexwire.model.state import JointTarget
+from hexwire.errors import LeaseError, UsageError
 
+from .holding import hold_moving, stop_or_log
 from .lease import Lease
 from .path_check import PathCheck
-from .target import holding
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hexwire.drivers.base import ProbeReport
     from hexwire.epochs import Token
-    from hexwire.model.state import SentTarget
+    from hexwire.model.state import JointTarget, SentTarget
 
     from .arm import Arm
     from .goals import TrajectoryGoal
@@ -43,28 +47,38 @@ _LONG = 0.25
 """Seconds; of a longer target the whole path is checked, since it may lead far. Shorter ones are a stream's."""
 _LOOK = 0.5
 """Longest wait of the supervising thread, seconds."""
-_SETTLING = 0.2
-"""Seconds after a motion's duration in which its servos may still move."""
+_BUSY = 1.0
+"""Seconds that a hold or a shutdown waits for an order that is being sent; then it stops, and waits for nothing."""
 _PATIENCE = 5.0
 """Seconds in which the supervising thread ends."""
-_PATIENCE_SENDING = 1.0
-"""Seconds for which a shutdown waits for an order that is being sent."""
+_WATCHDOG = (0.05, 60.0)
+"""Shortest and longest watchdog of a lease, seconds."""
+
+
+def _time() -> float:
+    """Monotonic seconds; they also pass while the computer is suspended, where the system has such a clock."""
+    boot = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic() if boot is None else time.clock_gettime(boot)
 
 
 class Order:
-    """Proof that an order may be done: who sends it, and when it arrived.
+    """Proof that an order may be done: who sends it, and when it was made and arrived.
 
     Args:
         key: Key of the sender's lease.
         sequence: Number of the order; each is greater than the last.
         arrived: Token of the robot's epochs at its arrival; a later stop cancels the order.
-        age: Least age that it can have, seconds; None for an order that does not become wrong by waiting.
+        made: When it was made, seconds of the owner's clock as the sender estimates it; None for an order that does
+            not become wrong by waiting.
+        doubt: Uncertainty of that, seconds.
     """
 
-    __slots__ = ("age", "arrived", "key", "sequence")
+    __slots__ = ("arrived", "doubt", "key", "made", "sequence")
 
-    def __init__(self, key: int, sequence: int, arrived: Token, age: float | None = None) -> None:
-        self.key, self.sequence, self.arrived, self.age = key, sequence, arrived, age
+    def __init__(
+        self, key: int, sequence: int, arrived: Token, made: float | None = None, doubt: float = 0.0
+    ) -> None:
+        self.key, self.sequence, self.arrived, self.made, self.doubt = key, sequence, arrived, made, doubt
 
 
 class SharedArm:
@@ -74,28 +88,34 @@ class SharedArm:
         arm: Connected and started by the caller, who also shuts it down.
         lease: The rules of its lease.
         on_change: Called when holder, hold or stop have changed, in the thread that changed them.
+        clock: Counts the lease, seconds; by default a clock that also runs while the computer is suspended.
 
     Attributes:
         arm: As given.
-        held: Why the arm holds, in words: a lost lease; empty if it does not.
         tripped: The holder's program fell silent, so that the arm was stopped.
     """
 
     def __init__(
-        self, arm: Arm, lease: Lease | None = None, *, on_change: Callable[[], object] = lambda: None
+        self,
+        arm: Arm,
+        lease: Lease | None = None,
+        *,
+        on_change: Callable[[], object] = lambda: None,
+        clock: Callable[[], float] = _time,
     ) -> None:
         self.arm = arm
         self.tripped = False
         self._owner, self._robot = arm.owner, arm.owner.robot
         self._lease = lease or Lease()
-        self._on_change = on_change
+        self._on_change, self._clock = on_change, clock
         settings = arm.settings
         self._check = PathCheck(settings.model, settings.kinematics, settings.table)
         # Guards the lease. Taken inside `deciding`, never the other way round.
         self._changed = threading.Condition(threading.RLock())
-        self._moves_until = -math.inf
-        self._moved: set[str] = set()
+        # When the last trajectory ends, owner's clock.
+        self._followed_until = -math.inf
         self._ending = False
+        self._owner.guard(self._expire, self._refusal_of_targets)
         self._supervisor = threading.Thread(target=self._supervise, name="lease", daemon=True)
 
     def start(self) -> None:
@@ -109,13 +129,13 @@ class SharedArm:
             HexwireError: The robot did not confirm the stop.
         """
         # An order that is being sent counts as well. If that takes long, the stop does not wait for it.
-        decided = self._owner.deciding().acquire(timeout=_PATIENCE_SENDING)
+        decided = self._owner.deciding().acquire(timeout=_BUSY)
         try:
             with self._changed:
                 self._ending = True
                 self._lease.holder = None
                 self._changed.notify_all()
-            moving = not decided or self._moving()
+            moving = not decided or self._owner.group.busy or bool(self._owner.running())
         finally:
             if decided:
                 self._owner.deciding().release()
@@ -157,11 +177,12 @@ class SharedArm:
     def refusal(self, order: Order) -> LeaseError:
         """Count an order whose sender does not hold the lease; returns the error for it."""
         with self._changed:
+            self._lease.counters.without_lease += 1
             try:
-                self._lease.admit(order.key, order.sequence, self.now())
+                self._lease.check(order.key, self._clock())
             except LeaseError as error:
                 return error
-            return LeaseError("the lease has just changed; nothing was done")
+        return LeaseError("the lease has just changed; nothing was done", lost=False)
 
     def take(
         self,
@@ -172,7 +193,7 @@ class SharedArm:
         watchdog: float = 0.0,
         watchdog_mode: StopMode = StopMode.HOLD,
     ) -> Grant:
-        """Grant the lease. A holder that loses it by this leaves the arm holding.
+        """Grant the lease. If another holder loses it by this, the arm holds first.
 
         Args:
             client: Who asks, for display.
@@ -183,18 +204,25 @@ class SharedArm:
 
         Raises:
             LeaseError: Another client holds it.
+            UsageError: The watchdog is outside 0.05..60 s.
         """
+        _check_watchdog(watchdog)
         with self._owner.deciding():
+            self._expire()
             with self._changed:
-                if self._ending:
-                    raise LeaseError("the arm is no longer shared: its program ends")
-                before = self._lease.holder
-                grant = self._lease.take(client, rank, self.now(), force=force)
+                self._refuse_at_end()
+                self._lease.check_take(rank, force=force)
+                former = self._lease.holder
+                why = f"{client} took the lease from {former.client}" if former else ""
+                former = self._lease.revoke(why)
+            if former is not None:
+                _log.warning("%s", why)
+                self._hold(why)
+            with self._changed:
+                self._refuse_at_end()
+                grant = self._lease.take(client, rank, self._clock())
                 grant.watchdog, grant.watchdog_mode = watchdog, watchdog_mode
                 self._changed.notify_all()
-            if before is not None and before.ends == math.inf:
-                _log.warning("%s took the lease from %s", client, before.client)
-                self._hold(f"{client} took the lease from {before.client}")
         self._on_change()
         return grant
 
@@ -209,24 +237,25 @@ class SharedArm:
             LeaseError: The client does not hold it.
         """
         with self._changed:
-            return self._lease.beat(key, self.now(), idle)
+            return self._lease.beat(key, self._clock(), idle)
 
     def leave(self, key: int, *, finish: bool) -> None:
-        """Give the lease back.
+        """Give the lease back. Without effect for a former holder.
 
         Args:
             key: The holder's.
             finish: A motion that the holder began runs to its end; otherwise the arm holds.
         """
         with self._owner.deciding():
+            self._expire()
             with self._changed:
                 holder = self._lease.holder
                 if holder is None or holder.key != key:
                     return
-                moving = self._moving()
-                self._lease.leave(key, self.now(), self._moves_until if finish else -math.inf)
+                now = self._clock()
+                self._lease.leave(key, now, now + self._remaining() if finish else -math.inf)
                 self._changed.notify_all()
-            if moving and not finish:
+            if not finish:
                 self._hold(f"{holder.client} gave the lease back")
         self._on_change()
 
@@ -241,19 +270,12 @@ class SharedArm:
             HexwireError: As `RobotOwner.send`.
         """
         owner = self._owner
-        names = [name for name, _ in target.positions]
         with owner.deciding():
             # Before the check, so that an order without a lease costs little; and nothing comes between it and
             # the sending, since a loss of the lease waits for `deciding`.
             self._admit(order)
             self._check_path(target)
-            sent = owner.send(target, order.arrived)
-            if set(names) - self._moved and self._moving():
-                self._moved.update(names)
-            else:
-                self._moved = set(names)
-            self._moves_until = max(self._moves_until, self.now() + sent.duration)
-            return sent
+            return owner.send(target, self._token(order))
 
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
@@ -269,10 +291,16 @@ class SharedArm:
         self._called(order, self._owner.reset)
         with self._changed:
             self.tripped = False
+            self._changed.notify_all()
         self._on_change()
 
     def watchdog(self, order: Order, timeout: float, mode: StopMode = StopMode.HOLD) -> None:
-        """Stop the arm when the holder's program makes no call for `timeout` seconds; 0 for never."""
+        """Stop the arm when the holder's program makes no call for `timeout` seconds; 0 for never.
+
+        Raises:
+            UsageError: The timeout is outside 0.05..60 s.
+        """
+        _check_watchdog(timeout)
         grant = self._admit(order)
         with self._changed:
             grant.watchdog, grant.watchdog_mode = timeout, mode
@@ -286,11 +314,13 @@ class SharedArm:
     def follow(self, order: Order, controller: str, goal: TrajectoryGoal, listener: GoalListener | None) -> None:
         """Follow a trajectory; see `Arm.command`. The lease must last as long as it does."""
         self._admit(order)
-        with self._robot.epochs.using(order.arrived):
-            self.arm.command(controller, goal, listener=listener)
-        self._moved.update(goal.names)
+        token, epochs = self._token(order), self._robot.epochs
+        with epochs.using(token):
+            # The path check takes time, in which the lease may be lost or the arm stopped.
+            self.arm.command(controller, goal, listener=listener, wanted=lambda: epochs.holds(token))
         if goal.points:
-            self._moves_until = max(self._moves_until, self.now() + max(0.0, goal.delay) + goal.points[-1].time)
+            ends = self.now() + max(0.0, goal.delay) + goal.points[-1].time
+            self._followed_until = max(self._followed_until, ends)
 
     # -- for everybody ----------------------------------------------------------------------------------
 
@@ -321,25 +351,30 @@ class SharedArm:
         Returns:
             Seconds until the next check is due, at most half a second.
         """
-        now = self.now()
-        if now >= self._due():
-            # In the order of the locks; meanwhile the lease may have been renewed.
-            with self._owner.deciding():
-                with self._changed:
-                    lost = self._lease.expire(self.now())
-                    silent = self._silent(self.now())
-                if lost is not None:
-                    _log.warning("%s; the arm holds", self._lease.ended)
-                    self._hold(self._lease.ended)
-            if silent is not None:
-                self._trip(silent)
+        changed = False
+        with self._changed:
+            silent = self._silent(self._clock())
+        if silent is not None:
+            changed = True
+            self._trip(silent)
+        if self._clock() >= self._lease.due:
+            changed = True
+            self._expire_in_time()
+        if changed:
             self._on_change()
-            now = self.now()
-        return min(max(self._due() - now, 0.0), _LOOK)
+        return min(max(self._due() - self._clock(), 0.0), _LOOK)
 
     def _supervise(self) -> None:
         while True:
-            wait = self.check()
+            try:
+                wait = self.check()
+            except Exception:  # noqa: BLE001  # logged; nobody else would notice
+                # Nobody supervises the lease then: nothing may move.
+                _log.exception("the supervision of the lease failed")
+                wait = _LOOK
+                with self._changed:
+                    self._lease.revoke("the supervision of the lease failed")
+                stop_or_log(self._owner, "the supervision of the lease failed")
             with self._changed:
                 if self._ending:
                     return
@@ -348,13 +383,13 @@ class SharedArm:
     def _due(self) -> float:
         with self._changed:
             holder, due = self._lease.holder, self._lease.due
-            if holder is None or not holder.watchdog or self.tripped:
+            if holder is None or holder.finishing or not holder.watchdog or self.tripped:
                 return due
             return min(due, holder.active + holder.watchdog)
 
     def _silent(self, now: float) -> Grant | None:
         holder = self._lease.holder
-        if holder is None or self.tripped or holder.ends < math.inf:
+        if holder is None or self.tripped or holder.finishing:
             return None
         return holder if holder.watchdog and now >= holder.active + holder.watchdog else None
 
@@ -363,18 +398,70 @@ class SharedArm:
             self.tripped = True
         why = f"the program of {holder.client} made no call for {holder.watchdog:g} s"
         _log.warning("stopped: %s", why)
-        try:
-            self._owner.stop(why, holder.watchdog_mode)
-        except HexwireError as error:
-            _log.error("the stop was not confirmed: %s", error)
+        stop_or_log(self._owner, why, holder.watchdog_mode)
+
+    def _expire_in_time(self) -> None:
+        """End the lease although a target may hang on the line, which has the lock."""
+        deciding = self._owner.deciding()
+        if deciding.acquire(timeout=_BUSY):
+            try:
+                self._expire()
+            finally:
+                deciding.release()
+            return
+        with self._changed:
+            lost = self._lease.expire(self._clock())
+        if lost is not None:
+            _log.error("%s, and the line is busy; the arm is stopped", self._lease.ended)
+            stop_or_log(self._owner, self._lease.ended)
+
+    def _expire(self) -> None:
+        """End a lease whose time is over; then the arm holds. The caller has `deciding`."""
+        # Without the lock, since the owner asks in every cycle.
+        if self._clock() < self._lease.due:
+            return
+        with self._changed:
+            lost = self._lease.expire(self._clock())
+        if lost is not None:
+            _log.warning("%s; the arm holds", self._lease.ended)
+            self._hold(self._lease.ended)
+
+    # -- checks -------------------------------------------------------------------------------------------
+
+    def _hold(self, why: str) -> None:
+        self._followed_until = -math.inf
+        hold_moving(self._owner, why)
+
+    def _refuse_at_end(self) -> None:
+        if self._ending:
+            raise LeaseError("the arm is no longer shared: its program ends")
 
     def _admit(self, order: Order) -> Grant:
         with self._changed:
-            return self._lease.admit(order.key, order.sequence, self.now(), order.age)
+            # Not earlier: waiting for the locks makes a set-point older.
+            age = None if order.made is None else self.now() - order.made
+            return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt)
+
+    def _token(self, order: Order) -> Token:
+        """What cancels an admitted order: a stop since its arrival, and the end of the lease."""
+
+        def refusal() -> LeaseError | None:
+            try:
+                self._lease.check(order.key, self._clock())
+            except LeaseError as error:
+                return error
+            return None
+
+        return order.arrived._replace(refusal=refusal)
+
+    def _refusal_of_targets(self) -> LeaseError | None:
+        if self._lease.is_alive(self._clock()):
+            return None
+        return LeaseError(self._lease.ended or "nobody holds the lease")
 
     def _called(self, order: Order, call: Callable[[], _T]) -> _T:
-        """Make a call of the owner; a stop after the arrival of the order cancels it."""
-        with self._robot.epochs.using(order.arrived):
+        """Make a call of the owner, unless it is cancelled until then."""
+        with self._robot.epochs.using(self._token(order)):
             return call()
 
     def _check_path(self, target: JointTarget) -> None:
@@ -384,31 +471,13 @@ class SharedArm:
         else:
             self._check.target(self._owner.newest().positions, goal)
 
-    def _moving(self) -> bool:
-        return self._owner.group.busy or self.now() < self._moves_until + _SETTLING
+    def _remaining(self) -> float:
+        """Seconds until the present motion ends."""
+        running, followed = self._owner.time_left(), self._followed_until - self.now()
+        return max(running, followed if self._owner.group.busy else 0.0)
 
-    def _hold(self, why: str) -> None:
-        """Hold the joints where they are, if they move; if that fails, stop the arm."""
-        owner = self._owner
-        moving = self._moving()
-        owner.group.release(why)
-        self._moves_until = -math.inf
-        moved, self._moved = self._moved, set()
-        if not moving:
-            return
-        try:
-            state = self._robot.read()
-            if state.stopped:
-                return
-            joints = [name for name in state.torque_on if name in moved]
-            target = holding(self._robot.model, state, joints)
-            if joints and target is not None:
-                owner.send(target, self._robot.epochs.mark())
-        except StoppedError:
-            return
-        except HexwireError as error:
-            _log.error("the arm cannot hold: %s; it is stopped", error)
-            try:
-                owner.stop(why)
-            except HexwireError as unconfirmed:
-                _log.error("the stop was not confirmed: %s", unconfirmed)
+
+def _check_watchdog(timeout: float) -> None:
+    low, high = _WATCHDOG
+    if timeout != 0.0 and not low <= timeout <= high:
+        raise UsageError(f"a watchdog of {timeout:g} s is outside {low:g}..{high:g} s")

@@ -9,27 +9,29 @@ half its round trip. The exchange with the shortest round trip counts; an old on
 from __future__ import annotations
 
 import math
-from collections import deque
 
 __all__ = ["ClockOffset"]
 
 _DRIFT = 1e-4
 """Difference in rate that two clocks may have: 100 ppm, twice that of a poor crystal."""
 _KEPT = 32
-_JUMP = 3.0
-"""An exchange that contradicts the estimate by more than so many uncertainties shows a clock that jumped."""
+_ROUNDING = 1e-6
+"""Seconds that are lost in sums of clocks that run for years."""
+_LARGEST = 1e12
+"""Seconds; a clock beyond this is none."""
 
 
 class ClockOffset:
-    """Relates the clock of this program to another one.
+    """Relates the clock of this program to another one. One thread adds, any thread reads.
 
     Attributes:
-        jumps: Number of times that the other clock jumped: its computer was restarted or suspended.
+        jumps: Number of times that one of the clocks jumped: its computer was restarted or suspended.
     """
 
     def __init__(self) -> None:
         self.jumps = 0
-        self._samples: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
+        # Here, offset, uncertainty. Replaced as a whole, since one thread adds while others read.
+        self._samples: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def known(self) -> bool:
@@ -37,7 +39,7 @@ class ClockOffset:
         return bool(self._samples)
 
     def add(self, sent: float, other: float, received: float) -> None:
-        """Add an exchange.
+        """Add an exchange; what cannot be one is ignored.
 
         Args:
             sent: Here, when the question was sent, seconds.
@@ -45,22 +47,27 @@ class ClockOffset:
             received: Here, when the answer came, seconds.
         """
         half = 0.5 * (received - sent)
-        if not (half >= 0.0 and math.isfinite(other)):
+        if not (0.0 <= half < math.inf and abs(other) < _LARGEST):
             return
         middle = sent + half
-        if self._samples:
-            offset, doubt = self.at(middle)
-            if abs(other - middle - offset) > _JUMP * (doubt + half) + 1e-3:
+        # While the question was under way, the clocks drifted too.
+        doubt = half * (1.0 + _DRIFT) + _ROUNDING
+        rows = self._samples
+        if rows:
+            before, so_far = self.at(middle)
+            if abs(other - middle - before) > so_far + doubt:
+                # Both cannot be true: what was known is so no longer.
                 self.jumps += 1
-                self._samples.clear()
-        self._samples.append((middle, other - middle, half))
+                rows = ()
+        self._samples = (*rows[1 - _KEPT :], (middle, other - middle, doubt))
 
     def at(self, now: float) -> tuple[float, float]:
         """Offset of the other clock (other = here + offset) and its uncertainty, seconds.
 
         Without an exchange the offset is 0 and the uncertainty infinite.
         """
-        if not self._samples:
+        rows = self._samples
+        if not rows:
             return 0.0, math.inf
-        when, offset, half = min(self._samples, key=lambda row: row[2] + _DRIFT * abs(now - row[0]))
-        return offset, half + _DRIFT * abs(now - when)
+        when, offset, doubt = min(rows, key=lambda row: row[2] + _DRIFT * abs(now - row[0]))
+        return offset, doubt + _DRIFT * abs(now - when)

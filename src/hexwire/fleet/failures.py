@@ -45,7 +45,7 @@ def describe(error: HexwireError) -> tuple[str, str, dict[str, Any]]:
     """Name, text and details of an error."""
     text = str(error)[:4000]
     if isinstance(error, LeaseError):
-        return "LeaseError", error.reason[:4000], {"holder": error.holder}
+        return "LeaseError", error.reason[:4000], {"holder": error.holder, "lost": error.lost}
     if isinstance(error, CommandRefusedError):
         kind = "StoppedError" if isinstance(error, StoppedError) else "CommandRefusedError"
         return kind, text, {"command": error.command, "status": error.status, "reason": error.reason}
@@ -60,7 +60,7 @@ def describe(error: HexwireError) -> tuple[str, str, dict[str, Any]]:
 def restore(kind: str, text: str, details: Mapping[str, Any]) -> HexwireError:
     """The error that was described; a `DeviceError` with its text if it is of no known kind."""
     if kind == "LeaseError":
-        return LeaseError(text, holder=str(details.get("holder", "")))
+        return LeaseError(text, holder=str(details.get("holder", "")), lost=details.get("lost") is not False)
     status = details.get("status", 0)
     number = status if isinstance(status, int) else 0
     if kind in ("StoppedError", "CommandRefusedError"):

@@ -21,7 +21,6 @@ __all__ = [
     "Envelope",
     "Facts",
     "Joint",
-    "Lease",
     "LeaseRequest",
     "Leave",
     "Question",
@@ -55,6 +54,7 @@ class State(_Message, tag=1):
     """A state of the arm, and of its lease.
 
     Attributes:
+        server: Number of the server that sends it, another one after each start.
         sequence: Number of the message; one greater each time.
         stamp: Owner's monotonic clock at the newest sample, seconds.
         sent: The same clock when the message was sent.
@@ -65,9 +65,10 @@ class State(_Message, tag=1):
         held: Why the arm holds; empty if it does not.
         reason: Why the arm is stopped, if it is known.
         error: Why the robot is not connected; empty if it is.
-        done: Number of orders done so far.
+        done: Number of orders that were done before the values were sampled.
     """
 
+    server: _Count
     sequence: _Count
     stamp: float
     sent: float
@@ -136,20 +137,6 @@ class Leave(_Message, tag=3):
 
 
 LeaseRequest = Take | Beat | Leave
-
-
-class Lease(_Message, tag=4):
-    """Answer to a request for the lease.
-
-    Attributes:
-        key: Key of the lease; 0 after it was given back.
-        timeout: Seconds of silence after which it is lost.
-        clock: Owner's monotonic clock, seconds.
-    """
-
-    key: _Count
-    timeout: float
-    clock: float
 
 
 # -- orders -----------------------------------------------------------------------------------------------
@@ -296,7 +283,8 @@ class Answer(_Message, tag=20):
         details: Further values of the error.
         value: The result: numbers, texts, lists and tables.
         clock: Owner's monotonic clock, seconds.
-        done: Number of orders done so far; a later state has at least this number.
+        done: Number of orders done so far, this one included; a state with values from after it has at least this
+            number.
     """
 
     kind: _Name

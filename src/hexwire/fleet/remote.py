@@ -391,7 +391,7 @@ class RemoteRobot(RobotDriver):
                 answer = self._exchange(self._keys.order(self._role), envelope, _SLOW if slow else _TIMEOUT)
             except LeaseError as error:
                 self._counters["refused"] += 1
-                if error.holder != self.holder or not error.holder.startswith(self._me):
+                if error.lost:
                     self._lose(error.reason)
                 raise
             self._states.require(answer.done)

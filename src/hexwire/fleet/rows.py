@@ -5,13 +5,14 @@ Owns the conversion of arm models and probe reports. Must not know Zenoh.
 
 from __future__ import annotations
 
-from dataclasses import asdict, astuple, fields
+import math
+from dataclasses import asdict, astuple
 from typing import Any
 
 import msgspec
 
-from hexwire.drivers.values import JointProbe, ProbeReport
-from hexwire.errors import RemoteProtocolError
+from hexwire.drivers.values import ProbeReport
+from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 
 from . import messages as m
@@ -32,9 +33,22 @@ def arm_model(facts: m.Facts) -> ArmModel:
     Raises:
         RemoteProtocolError: It is not one.
     """
+    names = [joint.name for joint in facts.joints]
+    if not names or not all(names) or len(set(names)) != len(names):
+        raise RemoteProtocolError("not the model of an arm: its joints need a name each")
+    for joint in facts.joints:
+        numbers = (joint.offset, joint.scale, joint.minimum, joint.maximum, joint.max_speed)
+        if not (
+            all(map(math.isfinite, numbers))
+            and joint.minimum <= joint.maximum
+            and joint.scale != 0.0
+            and joint.max_speed > 0.0
+            and joint.sign in (-1, 1)
+        ):
+            raise RemoteProtocolError(f"not the model of an arm: joint {joint.name} has impossible values")
     try:
         return ArmModel(facts.robot, tuple(JointModel(*msgspec.structs.astuple(joint)) for joint in facts.joints))
-    except ValueError as error:
+    except UsageError as error:
         raise RemoteProtocolError(f"not the model of an arm: {error}") from None
 
 
@@ -53,26 +67,12 @@ def as_probe_report(rows: object, link: str) -> ProbeReport:
     Raises:
         RemoteProtocolError: It is not the table of a probe report.
     """
+    if not isinstance(rows, dict) or not isinstance(rows.get("joints"), list | tuple):
+        raise RemoteProtocolError("not a probe report")
+    if len(rows["joints"]) > _MOST_JOINTS:
+        raise RemoteProtocolError(f"a probe report of more than {_MOST_JOINTS} joints")
     try:
-        if not isinstance(rows, dict) or len(rows["joints"]) > _MOST_JOINTS:
-            raise TypeError
-        known = {field.name for field in fields(JointProbe)}
-        joints = []
-        for row in rows["joints"]:
-            values = {str(key): value for key, value in row.items() if key in known}
-            if values.get("supply") is not None:
-                low, high = values["supply"]
-                values["supply"] = (float(low), float(high))
-            joints.append(JointProbe(**values))
-        given = {field.name: rows[field.name] for field in fields(ProbeReport) if field.name in rows}
-        return ProbeReport(
-            **{
-                **given,
-                "link": link,
-                "joints": tuple(joints),
-                "capabilities": tuple(map(str, rows["capabilities"])),
-                "counters": {str(key): int(value) for key, value in rows["counters"].items()},
-            }
-        )
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise RemoteProtocolError("not a probe report") from None
+        # With what this program does not know left out: a newer server may report more.
+        return msgspec.convert({**rows, "link": link}, ProbeReport)
+    except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
+        raise RemoteProtocolError(f"not a probe report: {str(error)[:200]}") from None

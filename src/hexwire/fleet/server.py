@@ -10,6 +10,7 @@ import contextlib
 import logging
 import math
 import queue
+import secrets
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -35,6 +36,7 @@ __all__ = ["ArmServer"]
 
 _log = logging.getLogger(__name__)
 
+_NUMBER_BITS = 53
 _WAITING = 64
 """Orders, questions or stops that may wait; more are refused."""
 _STATUS = 0.2
@@ -103,6 +105,8 @@ class ArmServer:
         self._owner, self._robot = shared.arm.owner, shared.arm.owner.robot
         # Sorts like the time of its start: 16 hexadecimal digits, then what tells two of the same time apart.
         self._instance = f"{int(1e6 * started):016x}-{id(self) & 0xFFFFFFFF:08x}"
+        # Tells a client that this is another server than before, whatever its clock says.
+        self._number = secrets.randbits(_NUMBER_BITS)
         self._sequence = self._done = 0
         self._published = -1.0
         self._publish: Callable[[bytes], None] = lambda payload: None
@@ -185,6 +189,7 @@ class ArmServer:
             self._publish(
                 m.encode(
                     m.State(
+                        self._number,
                         self._sequence,
                         state.stamp if state else now,
                         now,
@@ -263,6 +268,8 @@ class ArmServer:
             return
         shared = self._shared
         order = Order(envelope.key, envelope.sequence, self._robot.epochs.mark())
+        if isinstance(envelope.order, m.Write):
+            order.made, order.doubt = envelope.made, envelope.doubt
         holder = shared.holder
         if holder is None or holder.key != envelope.key:
             # At once, so that nobody without a lease can fill the queue of the one who has it.
@@ -328,8 +335,6 @@ class ArmServer:
         if isinstance(what, m.Write):
             if len(what.names) != len(what.position):
                 raise UsageError("a target needs one position for each joint")
-            # At least this old, whatever the uncertainty of the client's clock.
-            order.age = shared.now() - envelope.made - abs(envelope.doubt)
             sent = shared.write(
                 order, JointTarget(tuple(zip(what.names, what.position, strict=True)), what.duration)
             )

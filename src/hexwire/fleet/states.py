@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Callable
 
 from hexwire.errors import LinkLostError, RemoteProtocolError
 from hexwire.model.state import JointState
@@ -19,12 +20,19 @@ from .clock import ClockOffset
 __all__ = ["ArrivedStates"]
 
 
+_SILENT = 1.0
+"""Seconds of silence of a server after which one that was there before it counts again."""
+_SERVERS = 8
+"""Servers of before that are remembered."""
+
+
 class ArrivedStates:
     """The newest state of an arm. One thread adds, any thread reads.
 
     Args:
         url: Address of the arm, for error texts.
         clock: Offset of the owner's clock.
+        now: This program's monotonic clock, seconds.
 
     Attributes:
         newest: The newest message, or None.
@@ -34,34 +42,43 @@ class ArrivedStates:
         damaged: Number of payloads that are not states.
     """
 
-    def __init__(self, url: str, clock: ClockOffset) -> None:
+    def __init__(self, url: str, clock: ClockOffset, *, now: Callable[[], float] = time.monotonic) -> None:
         self.newest: m.State | None = None
         self.arrived = -math.inf
         self.seen = self.lost = self.damaged = 0
-        self._url, self._clock = url, clock
+        self._url, self._clock, self._now = url, clock, now
         self._done = 0
+        # Servers of before, which may still be there: two of one name.
+        self._former: dict[int, None] = {}
         self._changed = threading.Condition()
         self._closed = False
 
     def add(self, payload: bytes) -> None:
         """Take what arrived."""
-        arrived = time.monotonic()
+        arrived = self._now()
         try:
             state = m.decode(payload, m.State)
         except RemoteProtocolError:
             self.damaged += 1
             return
+        if not all(map(math.isfinite, (state.stamp, state.sent, state.wall))):
+            self.damaged += 1
+            return
         with self._changed:
             before = self.newest
-            if before is not None:
-                if state.sent <= before.sent:
+            if before is not None and state.server != before.server:
+                if state.server in self._former and arrived - self.arrived < _SILENT:
+                    # It was overtaken by the first state of a server that was started since.
+                    return
+                # Another server counts anew, and perhaps by another clock.
+                self._former.pop(state.server, None)
+                self._former = dict.fromkeys([*self._former, before.server][-_SERVERS:])
+                self._done = 0
+            elif before is not None:
+                if state.sequence <= before.sequence:
                     # It was overtaken on its way, or comes on two ways.
                     return
-                if state.sequence > before.sequence:
-                    self.lost += state.sequence - before.sequence - 1
-                else:
-                    # The server was started anew, and counts anew.
-                    self._done = 0
+                self.lost += state.sequence - before.sequence - 1
             self.seen += 1
             self.newest, self.arrived = state, arrived
             self._changed.notify_all()
@@ -94,7 +111,7 @@ class ArrivedStates:
         Raises:
             LinkLostError: The server has lost its robot; or the driver was detached.
         """
-        deadline = max(time.monotonic(), since) + patience
+        deadline = max(self._now(), since) + patience
         with self._changed:
             while not self._closed:
                 state = self.newest
@@ -102,7 +119,7 @@ class ArrivedStates:
                 tells = state is not None and (state.names or state.error) and state.done >= self._done
                 if state is not None and tells and self.arrived > since:
                     return self._as_joint_state(state, self.arrived)
-                left = deadline - time.monotonic()
+                left = deadline - self._now()
                 if left <= 0:
                     return None
                 self._changed.wait(left)

@@ -1,0 +1,77 @@
+"""Ends a motion that nobody answers for: the joints that move hold where they are, else the arm is stopped.
+
+Owns which joints hold, and when that is not enough. Must not know why: leases, clients.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import TYPE_CHECKING
+
+from hexwire.drivers.values import StopMode
+from hexwire.errors import DeviceError, HexwireError, PreemptedError, StoppedError
+from hexwire.model.state import JointFlag
+
+from .target import holding
+
+if TYPE_CHECKING:
+    from hexwire.model.state import JointReading
+
+    from .owner import RobotOwner
+
+__all__ = ["hold_moving", "stop_or_log"]
+
+_log = logging.getLogger(__name__)
+
+_TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
+
+
+def hold_moving(owner: RobotOwner, why: str) -> None:
+    """End all motions; joints that move hold where they are. The caller has `RobotOwner.deciding`.
+
+    Args:
+        owner: Of the arm.
+        why: In words.
+    """
+    moved = owner.running()
+    owner.group.release(why)
+    if not moved:
+        return
+    robot = owner.robot
+    asked = robot.epochs.mark()
+    try:
+        # The call that this thread executes may be what just lost its right; this is not part of it.
+        with robot.epochs.using(asked):
+            state = robot.read()
+        if state.stopped:
+            return
+        moving = [joint for joint in state if joint.name in moved and joint.flags & _TORQUE]
+        if unknown := [joint.name for joint in moving if not _is_known(joint)]:
+            raise DeviceError(f"nobody knows where {', '.join(unknown)} is")
+        target = holding(robot.model, state, [joint.name for joint in moving])
+        if moving and target is not None and (silent := owner.send(target, asked).silent):
+            raise DeviceError(f"{', '.join(silent)} does not answer")
+    except (StoppedError, PreemptedError):
+        # Somebody stops it.
+        return
+    except HexwireError as error:
+        _log.error("the arm cannot hold: %s; it is stopped", error)
+        stop_or_log(owner, why)
+
+
+def stop_or_log(owner: RobotOwner, why: str, mode: StopMode = StopMode.HOLD) -> None:
+    """Stop the arm; log a stop that is not confirmed, since nobody waits for the answer."""
+    try:
+        confirmed = owner.stop(why, mode)
+    except HexwireError as error:
+        _log.error("the stop was not confirmed: %s", error)
+        return
+    if missing := [name for name in owner.robot.model.names if name not in confirmed]:
+        _log.error("%s did not confirm the stop", ", ".join(missing))
+
+
+def _is_known(joint: JointReading) -> bool:
+    """Whether its torque is on and its position known."""
+    doubtful = joint.flags & (JointFlag.TORQUE_UNKNOWN | JointFlag.SILENT)
+    return not doubtful and math.isfinite(joint.position)

@@ -1,0 +1,89 @@
+"""Addresses of shared arms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
+from hexwire.fleet.address import FLEET_VARIABLE, Address, read_fleet_file
+from hexwire.fleet.names import Role
+
+
+def parse(text: str, **environ: str) -> Address:
+    return Address.parse(text, environ)
+
+
+@pytest.mark.parametrize("text", ["zenoh:lab/arm1", "zenoh://lab/arm1"])
+def test_an_address_names_an_arm_of_this_machine_and_asks_for_every_right(text: str) -> None:
+    assert parse(text) == Address("lab/arm1")
+    assert parse(text).role is Role.MAINTAINER
+    assert parse(text).text == "zenoh:lab/arm1"
+
+
+def test_options_say_the_way_and_the_role() -> None:
+    address = parse("zenoh:lab/arm1?router=tls/pc:7447&ca=a&cert=b&key=c&role=observer&take=1")
+    assert (address.router, address.ca, address.cert, address.key) == ("tls/pc:7447", "a", "b", "c")
+    assert address.role is Role.OBSERVER
+    assert address.take
+    assert "cert" not in address.text
+
+
+def test_with_a_certificate_the_role_is_operator_unless_it_is_named() -> None:
+    assert parse("zenoh:arm?ca=a&cert=b&key=c").role is Role.OPERATOR
+    assert parse("zenoh:arm?ca=a&cert=b&key=c&role=maintainer").role is Role.MAINTAINER
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("serial:///dev/ttyUSB0", "not the address"),
+        ("zenoh", "not the address"),
+        ("zenoh:", "name of an arm"),
+        ("zenoh:lab/../arm", "name of an arm"),
+        ("zenoh:*", "name of an arm"),
+        ("zenoh:arm?speed=3", "unknown"),
+        ("zenoh:arm?role=operator&role=maintainer", "doubled"),
+        ("zenoh:arm?role=king", "not a role"),
+        ("zenoh:arm?take=yes", "take is 0 or 1"),
+    ],
+)
+def test_what_is_no_address_is_refused_with_what_to_write(text: str, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        parse(text)
+
+
+def test_a_file_gives_what_the_address_leaves_out(tmp_path: Path) -> None:
+    file = tmp_path / "fleet.toml"
+    file.write_text(
+        'router = "tls/pc:7447"\nca = "ca.pem"\ncert = "me.pem"\nkey = "/keys/me.key"\nrole = "observer"\n'
+    )
+    address = parse("zenoh:arm?role=operator", **{FLEET_VARIABLE: str(file)})
+    assert address.router == "tls/pc:7447"
+    assert (address.ca, address.key) == (str(tmp_path / "ca.pem"), "/keys/me.key")
+    assert address.role is Role.OPERATOR
+
+
+@pytest.mark.parametrize("text", ["take = 1", "router = 5", "router =", 'rouetr = "x"'])
+def test_a_wrong_file_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "fleet.toml"
+    file.write_text(text)
+    with pytest.raises(HexwireError, match=r"fleet\.toml"):
+        read_fleet_file(str(file))
+
+
+def test_an_arm_that_nobody_serves_here_needs_a_router(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with pytest.raises(LinkNotFoundError, match=r"hexwire serve --name lab/arm1.*router"):
+        parse("zenoh:lab/arm1").network()
+    network = parse("zenoh:lab/arm1?router=tcp/localhost:7447").network()
+    assert network.connect == ("tcp/localhost:7447",)
+    assert network.listen == ()
+
+
+def test_a_router_of_another_machine_is_not_reached_without_certificates() -> None:
+    with pytest.raises(UsageError, match="without certificates"):
+        parse("zenoh:arm?router=tcp/lab-pc:7447").network()
+    with pytest.raises(UsageError, match="needs certificates"):
+        parse("zenoh:arm?router=tls/lab-pc:7447").network()

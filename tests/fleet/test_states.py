@@ -1,0 +1,175 @@
+"""The states of a shared arm as they arrive, with a clock of the test's own."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import msgspec
+import pytest
+
+from hexwire.errors import LinkLostError, RemoteProtocolError
+from hexwire.fleet import messages as m
+from hexwire.fleet.clock import ClockOffset
+from hexwire.fleet.states import ArrivedStates
+
+NOTHING = (math.nan,)
+
+
+def state(sequence: int, sent: float, *, server: int = 1, **changes: Any) -> bytes:
+    values = (*(NOTHING,) * 4, NOTHING, NOTHING, (64,), (0.0,), math.nan, False, False, False)
+    message = m.State(server, sequence, sent, sent, 1.7e9, ("J1",), *values)
+    return m.encode(msgspec.structs.replace(message, **changes))
+
+
+class Bench:
+    def __init__(self, offset: float = 100.0) -> None:
+        self.time = 10.0
+        self.clock = ClockOffset()
+        self.clock.add(10.0, 10.0 + offset, 10.0)
+        self.states = ArrivedStates("zenoh:arm", self.clock, now=lambda: self.time)
+
+    def arrive(self, payload: bytes, wait: float = 0.01) -> None:
+        self.time += wait
+        self.states.add(payload)
+
+    def newest(self) -> tuple[int, int]:
+        newest = self.states.newest
+        assert newest is not None
+        return newest.server, newest.sequence
+
+
+def test_the_newest_state_is_returned_in_this_programs_time() -> None:
+    bench = Bench()
+    bench.arrive(state(1, 110.0, position=(0.5,), stopped=True))
+    got = bench.states.next(0.0, 0.0)
+    assert got is not None
+    assert got["J1"].position == 0.5
+    assert got.stamp == pytest.approx(10.0, abs=1e-3)
+    assert got.stopped
+
+
+def test_no_stamp_is_later_than_the_arrival() -> None:
+    bench = Bench()
+    bench.arrive(state(1, 500.0))
+    got = bench.states.next(0.0, 0.0)
+    assert got is not None
+    assert got.stamp == bench.time
+
+
+def test_only_states_that_arrive_after_the_call_count() -> None:
+    bench = Bench()
+    bench.arrive(state(1, 110.0))
+    assert bench.states.next(bench.time, 0.0) is None
+    assert bench.states.next(bench.time - 0.001, 0.0) is not None
+
+
+def test_overtaken_and_doubled_states_are_ignored_and_lost_ones_counted() -> None:
+    bench = Bench()
+    for sequence in (1, 4, 2, 4, 3, 5):
+        bench.arrive(state(sequence, 110.0 + sequence))
+    assert bench.newest() == (1, 5)
+    assert (bench.states.seen, bench.states.lost) == (3, 2)
+
+
+def test_states_from_before_an_answered_order_are_not_returned() -> None:
+    bench = Bench()
+    bench.states.require(3)
+    bench.arrive(state(1, 110.0, done=2))
+    assert bench.states.next(0.0, 0.0) is None
+    bench.arrive(state(2, 110.1, done=3))
+    assert bench.states.next(0.0, 0.0) is not None
+    # An earlier answer that comes later takes nothing back.
+    bench.states.require(1)
+    bench.arrive(state(3, 110.2, done=2))
+    assert bench.states.next(0.0, 0.0) is None
+
+
+def test_a_server_that_was_started_anew_counts_whatever_its_clock_says() -> None:
+    bench = Bench()
+    bench.states.require(40)
+    bench.arrive(state(900, 5000.0, done=40))
+    bench.arrive(state(1, 3.0, server=2))
+    assert bench.newest() == (2, 1)
+    assert bench.states.next(0.0, 0.0) is not None, "it has done nothing yet"
+    assert bench.states.lost == 0
+
+
+def test_a_late_state_of_the_server_before_is_ignored() -> None:
+    bench = Bench()
+    bench.arrive(state(900, 5000.0))
+    bench.arrive(state(1, 3.0, server=2))
+    bench.arrive(state(901, 5000.1))
+    assert bench.newest() == (2, 1)
+
+
+def test_a_server_that_was_hidden_by_another_one_counts_again_when_that_is_silent() -> None:
+    bench = Bench()
+    bench.arrive(state(900, 5000.0))
+    bench.arrive(state(1, 3.0, server=2))
+    bench.arrive(state(990, 5002.0), wait=2.0)
+    bench.arrive(state(991, 5002.1))
+    assert bench.newest() == (1, 991)
+    bench.arrive(state(2, 4.0, server=2))
+    assert bench.newest() == (1, 991)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"sent": math.nan}, {"sent": math.inf}, {"stamp": math.nan}, {"stamp": -math.inf}, {"wall": math.nan}],
+)
+def test_a_state_without_a_time_is_damaged_and_changes_nothing(changes: dict[str, Any]) -> None:
+    bench = Bench()
+    bench.arrive(state(1, 110.0))
+    bench.arrive(state(2, **{"sent": 110.1, **changes}))
+    bench.arrive(b"\x01\x02noise")
+    assert bench.newest() == (1, 1)
+    assert bench.states.damaged == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "words"),
+    [
+        ({"error": "the port was unplugged"}, LinkLostError, "unplugged"),
+        ({"position": (1.0, 2.0)}, RemoteProtocolError, "differ in length"),
+        ({"flags": ()}, RemoteProtocolError, "differ in length"),
+        ({"names": ("J1", "J1")}, RemoteProtocolError, "differ in length"),
+    ],
+)
+def test_a_state_without_values_raises_why(changes: dict[str, Any], error: type[Exception], words: str) -> None:
+    bench = Bench()
+    bench.arrive(state(1, 110.0, **changes))
+    with pytest.raises(error, match=words):
+        bench.states.next(0.0, 0.0)
+
+
+def test_a_state_without_joints_is_no_state_of_the_robot() -> None:
+    bench = Bench()
+    none: dict[str, Any] = dict.fromkeys(
+        ("names", "position", "velocity", "load", "current", "voltage", "temperature", "flags", "age"), ()
+    )
+    bench.arrive(state(1, 110.0, **none))
+    assert bench.states.next(0.0, 0.0) is None
+
+
+def test_who_waits_gets_the_next_state_or_hears_of_the_end() -> None:
+    states = ArrivedStates("zenoh:arm", ClockOffset())
+    got: list[object] = []
+
+    def wait() -> None:
+        try:
+            got.append(states.next(0.0, 30.0))
+        except LinkLostError as error:
+            got.append(error)
+
+    for act in (lambda: states.add(state(1, 1.0)), states.close):
+        thread = threading.Thread(target=wait)
+        states.newest = None
+        thread.start()
+        act()
+        thread.join(30.0)
+        assert not thread.is_alive()
+    assert got[0] is not None
+    assert not isinstance(got[0], Exception)
+    assert isinstance(got[1], LinkLostError)
