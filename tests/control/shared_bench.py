@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from tests.control.arm_bench import Bench
+from tests.control.arm_bench import Bench, Service
 
 from hexwire.control.lease import Lease
 from hexwire.control.shared import Order, SharedArm
 from hexwire.model.state import JointTarget, SentTarget
+
+_T = TypeVar("_T")
 
 
 class SharedBench:
@@ -26,7 +29,7 @@ class SharedBench:
         self.robot.write = self._watch  # type: ignore[method-assign]  # a test looks at what reaches the robot
         self._numbers = itertools.count(1)
         if on:
-            self.bench.ask(lambda: self.owner.torque(True, self.robot.model.names))
+            self.ask(lambda: self.owner.torque(True, self.robot.model.names))
 
     def _note(self) -> None:
         self.changes += 1
@@ -48,6 +51,19 @@ class SharedBench:
         """Send joints on their way by some radians."""
         goal = {name: self.where(name) + way for name, way in by.items()}
         return self.shared.write(self.order(key, age=0.0), JointTarget.of(goal, seconds))
+
+    def ask(self, call: Callable[[], _T]) -> _T:
+        """What another thread asks for. Time passes only while it waits for the owner, not while it is slow."""
+        service = Service(call)
+        self.settle(service)
+        return service.answer()
+
+    def settle(self, service: Service[Any]) -> None:
+        while service.thread.is_alive():
+            if self.owner._calls._waiting:
+                self.owner.turn()
+            else:
+                service.thread.join(0.001)
 
     def keep(self, key: int, seconds: float) -> None:
         """Time passes, and the holder's heartbeat goes on."""

@@ -114,7 +114,7 @@ def test_joints_without_torque_do_not_hold() -> None:
     key = bench.take()
     bench.move(key, J1=AWAY, J2=0.2)
     bench.keep(key, 0.3)
-    bench.bench.ask(lambda: bench.shared.torque(bench.order(key), False, ["J2"]))
+    bench.ask(lambda: bench.shared.torque(bench.order(key), False, ["J2"]))
     del bench.sent[:]
     bench.turn(0.7)
     (held,) = bench.sent
@@ -209,7 +209,7 @@ def test_an_order_that_waits_for_the_owner_is_void_when_the_lease_is_taken() -> 
     while not bench.owner._calls._waiting:
         service.thread.join(0.001)
     bench.take("Eve", force=True)
-    bench.bench.settle(service)
+    bench.settle(service)
     with pytest.raises(LeaseError, match="Eve holds the lease"):
         service.answer()
     assert not any(bench.bench.torques())
@@ -351,7 +351,7 @@ def test_a_stop_voids_what_arrived_before_it_though_it_is_resumed_meanwhile() ->
     key = bench.take()
     delayed = [bench.order(key, age=0.0) for _ in range(4)]
     assert bench.shared.stop("Bob stopped it") == bench.robot.model.names
-    bench.bench.ask(lambda: bench.owner.reset())
+    bench.ask(lambda: bench.owner.reset())
     for call in (
         lambda: bench.shared.write(delayed[0], JointTarget.of({"J1": HOME["J1"] + 0.1}, 1.0)),
         lambda: bench.shared.torque(delayed[1], True, None),
@@ -359,7 +359,7 @@ def test_a_stop_voids_what_arrived_before_it_though_it_is_resumed_meanwhile() ->
         lambda: bench.shared.resume(delayed[3]),
     ):
         with pytest.raises((StoppedError, UsageError), match="stop"):
-            bench.bench.ask(call)
+            bench.ask(call)
     assert not bench.sent
     bench.shared.beat(key, 0.0)
     bench.move(key, J1=0.1, seconds=1.0)
@@ -392,7 +392,7 @@ def test_a_stop_needs_no_lease_and_waits_for_nobody() -> None:
     with pytest.raises(StoppedError):
         writing.answer()
     taking.answer()
-    bench.bench.settle(torque)
+    bench.settle(torque)
     with pytest.raises(HexwireError):
         torque.answer()
 
@@ -419,7 +419,7 @@ def test_only_the_holder_ends_a_stop() -> None:
     assert bench.board.state.stopped
     with pytest.raises(StoppedError, match=r"the arm is stopped \(Bob stopped it\); resume first"):
         bench.move(key, J1=AWAY)
-    bench.bench.ask(lambda: bench.shared.resume(bench.order(key)))
+    bench.ask(lambda: bench.shared.resume(bench.order(key)))
     assert not bench.board.state.stopped
     assert bench.owner.group.reason is None
     assert not bench.sent
@@ -447,7 +447,7 @@ def test_silence_of_the_holders_program_stops_the_arm_though_its_heartbeat_goes_
     assert bench.board.state.stopped
     assert "made no call for 0.5 s" in str(bench.owner.group.reason)
     assert grant is bench.shared.holder, "the lease is still theirs"
-    bench.bench.ask(lambda: bench.shared.resume(bench.order(key)))
+    bench.ask(lambda: bench.shared.resume(bench.order(key)))
     assert not bench.shared.tripped
     bench.shared.watchdog(bench.order(key), 0.0)
     bench.keep(key, 1.0)
@@ -501,7 +501,7 @@ def test_a_robot_that_comes_back_moves_only_after_a_resume_of_the_holder(watchdo
     key = bench.take("Ann", force=True)
     with pytest.raises(StoppedError, match="resume first"):
         bench.move(key, J1=0.1)
-    bench.bench.ask(lambda: bench.shared.resume(bench.order(key)))
+    bench.ask(lambda: bench.shared.resume(bench.order(key)))
     assert bench.travel("J1", 0.4) < STILL
     key = bench.take("Ann", force=True)
     bench.move(key, J1=-0.1, seconds=1.0)
@@ -600,7 +600,7 @@ def test_locks_are_taken_in_one_order_whoever_calls() -> None:
     for _ in range(4):
         services += [Service(_quiet(call)) for call in calls]
         for service in services:
-            bench.bench.settle(service)
+            bench.settle(service)
             service.answer()
 
 

@@ -16,7 +16,7 @@ import pytest
 from hexwire.errors import RemoteProtocolError
 from hexwire.fleet import messages as m
 
-_HOSTILE = int(os.environ.get("HEXWIRE_HOSTILE_MESSAGES", "6000"))
+_HOSTILE = int(os.environ.get("HOSTILE_MESSAGES", "6000"))
 """Hostile payloads for each kind of message; a million in all takes about a minute."""
 
 KINDS: list[Any] = [m.State, m.LeaseRequest, m.Envelope, m.Ask, m.StopRequest, m.Facts, m.Answer]

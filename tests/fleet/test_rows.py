@@ -51,6 +51,15 @@ def test_a_model_that_cannot_be_is_refused(change: dict[str, Any]) -> None:
         arm_model(facts(tuple(joints)))
 
 
+@pytest.mark.parametrize("name", ["rate", "command_rate", "max_age", "timeout"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_an_arm_with_impossible_times_is_refused(name: str, value: float) -> None:
+    wrong = facts(joints_of(HEX7BOT))
+    setattr(wrong, name, value)
+    with pytest.raises(RemoteProtocolError, match="rates and times"):
+        arm_model(wrong)
+
+
 def test_an_arm_without_joints_is_refused() -> None:
     with pytest.raises(RemoteProtocolError, match="not the model"):
         arm_model(facts(()))

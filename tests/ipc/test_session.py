@@ -98,6 +98,15 @@ def test_a_request_gives_the_reply_with_its_round_trip() -> None:
     assert not session.is_open
 
 
+@pytest.mark.parametrize("cmd", [-1, 256, 2**53])
+def test_a_command_that_does_not_exist_is_refused_and_the_next_one_is_sent(cmd: int) -> None:
+    link = board_link()
+    with over(link) as session:
+        with pytest.raises(LocalProtocolError, match=f"no command {cmd}"):
+            session.request(cmd, bytes(4096))
+        assert session.request(Command.PING).cmd == Command.PING
+
+
 def test_header_fields_are_the_chapters_or_the_callers() -> None:
     for options, expected in (({}, (7, 8, 3)), ({"src": 0, "dst": 5, "type": IpcType.TCP}, (0, 5, 1))):
         link = board_link()

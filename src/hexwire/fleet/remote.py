@@ -35,8 +35,9 @@ from hexwire.model.state import JointState, JointTarget, SentTarget
 from . import messages as m
 from .address import Address
 from .clock import ClockOffset
+from .failures import restore
 from .names import Keys, Role
-from .network import Node
+from .network import NoAnswerError, Node
 from .questions import ask, decoded
 from .rows import arm_model, as_probe_report
 from .states import ArrivedStates
@@ -49,6 +50,8 @@ _SLOW = 25.0
 """Seconds for an answer that does: a probe of an arm with silent servos takes long."""
 _BEATS = 5.0
 """Heartbeats per time-out of the lease."""
+_SHARE = 0.5
+"""Part of the lease's time-out for which a heartbeat waits for its answer; then the next one is sent."""
 _CLOCK_PERIOD = 5.0
 """Seconds between two measurements of the owner's clock without a lease."""
 _EXCHANGES = 4
@@ -64,7 +67,9 @@ def whoami() -> str:
     except (KeyError, OSError):
         user = f"user {os.getuid()}"
     program = Path(sys.argv[0] or "python").name
-    return f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
+    text = f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
+    # A name out of a file system may have bytes that are no text.
+    return text.encode(errors="replace").decode()
 
 
 class RemoteRobot(RobotDriver):
@@ -177,9 +182,9 @@ class RemoteRobot(RobotDriver):
 
     def board_counters(self) -> dict[str, int]:
         rows = self._question(m.Ask("counters"))
-        if not isinstance(rows, dict):
+        if not isinstance(rows, dict) or not all(isinstance(value, int) for value in rows.values()):
             raise RemoteProtocolError("not counters")
-        return {str(key): int(value) for key, value in rows.items()}
+        return {str(key): value for key, value in rows.items()}
 
     # -- connection -----------------------------------------------------------------------------------
 
@@ -242,7 +247,7 @@ class RemoteRobot(RobotDriver):
                 m.Take(self._me, force, self._watchdog, int(self._watchdog_mode)),
                 _TIMEOUT,
             )
-            if not isinstance(answer.value, int):
+            if type(answer.value) is not int or answer.value <= 0:
                 raise RemoteProtocolError("not a lease")
             self._sequence, self._lost = 0, ""
             self._used = time.monotonic()
@@ -321,7 +326,7 @@ class RemoteRobot(RobotDriver):
             names, angles, duration, clamped, silent = value
             pairs = tuple((str(name), float(angle)) for name, angle in zip(names, angles, strict=True))
             return SentTarget(pairs, float(duration), tuple(map(str, clamped)), tuple(map(str, silent)))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise RemoteProtocolError("not a target as sent") from None
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
@@ -455,12 +460,14 @@ class RemoteRobot(RobotDriver):
             beat = m.Beat(lease, now - self._used)
             key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))
             try:
-                answer = ask(node, self.address, key, message, self._timeout)
-            except LeaseError as error:
-                if self._lease == lease:
-                    self._lose(error.reason)
-            except HexwireError:
+                # Not `ask`, which would look for the reason of a missing answer while the lease runs out.
+                answer = m.decode(node.ask(key, m.encode(message), _SHARE * self._timeout), m.Answer)
+            except (NoAnswerError, HexwireError):
                 continue
-            else:
+            if not answer.kind:
                 measured = time.monotonic()
                 self._clock.add(now, answer.clock, measured)
+            elif lease and self._lease == lease:
+                error = restore(answer.kind, answer.text, answer.details)
+                if isinstance(error, LeaseError) and error.lost:
+                    self._lose(error.reason)

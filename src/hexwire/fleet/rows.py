@@ -20,6 +20,7 @@ from . import messages as m
 __all__ = ["arm_model", "as_probe_report", "as_probe_rows", "joints_of"]
 
 _MOST_JOINTS = 64
+_LARGEST = 1e6
 
 
 def joints_of(model: ArmModel) -> tuple[m.Joint, ...]:
@@ -33,6 +34,9 @@ def arm_model(facts: m.Facts) -> ArmModel:
     Raises:
         RemoteProtocolError: It is not one.
     """
+    times = (facts.rate, facts.command_rate, facts.max_age, facts.timeout)
+    if not all(0.0 < value < _LARGEST for value in times):
+        raise RemoteProtocolError("not the model of an arm: its rates and times are impossible")
     names = [joint.name for joint in facts.joints]
     if not names or not all(names) or len(set(names)) != len(names):
         raise RemoteProtocolError("not the model of an arm: its joints need a name each")

@@ -9,10 +9,10 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import queue
 import secrets
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from . import messages as m
 from .failures import describe
 from .names import Keys, Role, name_of
 from .rows import as_probe_rows, joints_of
+from .workers import Gathering, Worker
 
 if TYPE_CHECKING:
     from hexwire.control.shared import SharedArm
@@ -37,8 +38,11 @@ __all__ = ["ArmServer"]
 _log = logging.getLogger(__name__)
 
 _NUMBER_BITS = 53
-_WAITING = 64
-"""Orders, questions or stops that may wait; more are refused."""
+_DONE = 4096
+"""Orders whose end is remembered until a state was sampled after it."""
+_RECENT = 0.5
+"""Seconds; a joint whose value is older is silent, and no state waits for it."""
+_LONGEST_NAME = 200
 _STATUS = 0.2
 """Seconds between two messages while no states come."""
 _ROLES = (Role.OPERATOR, Role.MAINTAINER)
@@ -46,40 +50,6 @@ _PROBE_AGE = 2.0
 """Seconds for which a probe answers further questions: nobody may keep the line busy by asking."""
 _SETTLE = 0.3
 """Seconds in which the tokens of two servers that start together become visible to each other."""
-
-
-class _Worker:
-    """Runs jobs one after the other in a thread of its own.
-
-    Args:
-        name: Of the thread.
-    """
-
-    def __init__(self, name: str) -> None:
-        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(_WAITING)
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
-
-    def put(self, job: Callable[[], object]) -> bool:
-        """Add a job; False if too many wait."""
-        try:
-            self._jobs.put_nowait(job)
-        except queue.Full:
-            return False
-        return True
-
-    def close(self, timeout: float) -> None:
-        """End after the jobs that wait."""
-        with contextlib.suppress(queue.Full):
-            self._jobs.put_nowait(None)
-            self._thread.join(timeout)
-
-    def _run(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            try:
-                job()
-            except Exception:  # noqa: BLE001  # the next job may be a stop
-                _log.exception("an answer failed")
 
 
 class ArmServer:
@@ -107,13 +77,18 @@ class ArmServer:
         self._instance = f"{int(1e6 * started):016x}-{id(self) & 0xFFFFFFFF:08x}"
         # Tells a client that this is another server than before, whatever its clock says.
         self._number = secrets.randbits(_NUMBER_BITS)
-        self._sequence = self._done = 0
+        self._sequence = 0
+        # Orders done; when each was done and how many then; how many before the values of the last state.
+        self._done = self._done_before = 0
+        self._ends: deque[tuple[float, int]] = deque(maxlen=_DONE)
+        self._counting = threading.Lock()
         self._published = -1.0
         self._publish: Callable[[bytes], None] = lambda payload: None
         self._publishing = threading.Lock()
         self._ending = threading.Event()
         self._probe: tuple[float, Any] | None = None
-        self._workers: dict[str, _Worker] = {}
+        self._workers: dict[str, Worker] = {}
+        self._stops: dict[StopMode, Gathering[tuple[Any, str]]] = {}
         self._ticker = threading.Thread(target=self._tick, name="status", daemon=True)
 
     def start(self) -> None:
@@ -130,14 +105,16 @@ class ArmServer:
         self._ending.wait(_SETTLE)
         if any(other < self._instance for other in self._others(node.visible(keys.alive, 1.0))):
             raise self._taken("another program")
-        self._workers = {name: _Worker(name) for name in ("orders", "questions", "stops")}
+        # Apart from each other: a slow order delays no lease, and nothing a stop, not even another kind of stop.
+        self._workers = {name: Worker(name) for name in ("orders", "leases", "questions")}
+        self._stops = {mode: Gathering("stops", partial(self._stop, mode)) for mode in StopMode}
         self._publish = node.publisher(keys.state)
         node.watch_visible(keys.alive, self._on_token)
-        node.answer(keys.stop, self._on_stop)
-        node.answer(keys.ask, self._on_question)
+        node.answer(keys.stop, self._guarded(self._on_stop))
+        node.answer(keys.ask, self._guarded(self._on_question))
         for role in _ROLES:
-            node.answer(keys.lease(role), partial(self._on_lease, role))
-            node.answer(keys.order(role), partial(self._on_order, role))
+            node.answer(keys.lease(role), self._guarded(partial(self._on_lease, role)))
+            node.answer(keys.order(role), self._guarded(partial(self._on_order, role)))
         self._owner.observers.append(self._on_state)
         self._ticker.start()
 
@@ -148,6 +125,8 @@ class ArmServer:
             self._owner.observers.remove(self._on_state)
         for worker in self._workers.values():
             worker.close(1.0)
+        for stops in self._stops.values():
+            stops.close(1.0)
 
     # -- unique names -----------------------------------------------------------------------------------
 
@@ -211,26 +190,58 @@ class ArmServer:
                         shared.held,
                         str(reason or ""),
                         "" if owner.connected else owner.error,
-                        self._done,
+                        self._done_before_sample(state),
                     )
                 )
             )
 
+    def _done_before_sample(self, state: JointState | None) -> int:
+        """Number of orders that were done before the values of a state were sampled."""
+        if state is None:
+            # It has no values, and may say that the robot is lost.
+            return self._done
+        sampled = state.stamp - max((age for age in state.age if age < _RECENT), default=0.0)
+        with self._counting:
+            while self._ends and self._ends[0][0] <= sampled:
+                self._done_before = self._ends.popleft()[1]
+        return self._done_before
+
+    def _count(self) -> None:
+        """An order was done."""
+        with self._counting:
+            self._done += 1
+            self._ends.append((self._shared.now(), self._done))
+
     # -- what arrives -----------------------------------------------------------------------------------
     # Called in threads of Zenoh's, which must not wait.
 
+    def _guarded(self, on_query: Callable[[Any], object]) -> Callable[[Any], None]:
+        """So that a mistake in this program is answered and logged; Zenoh would only print it."""
+
+        def guarded(query: Any) -> None:
+            try:
+                on_query(query)
+            except Exception as error:  # noqa: BLE001  # logged and answered
+                _log.exception("a message failed")
+                self._refuse(query, DeviceError(f"the arm's server failed at this: {error}"))
+
+        return guarded
+
     def _on_stop(self, query: Any) -> None:
         request = self._parse(query, m.StopRequest)
-        if request is None:
-            return
-        mode = _mode(request.mode)
+        if request is not None and not self._stops[_mode(request.mode)].put((query, _shown(request.client))):
+            self.refused += 1
+            self._refuse(query, DeviceError("so many stop the arm that this is not answered; it is being stopped"))
 
-        def stop() -> object:
-            confirmed = self._shared.stop(f"{request.client} stopped it", mode)
-            self._done += 1
-            return confirmed
+    def _stop(self, mode: StopMode, requests: list[tuple[Any, str]]) -> None:
+        """Stop the arm once for all who have asked since the last stop began."""
+        clients = dict.fromkeys(client for _, client in requests)
+        self._answer([query for query, _ in requests], partial(self._stop_for, ", ".join(clients), mode))
 
-        self._queue("stops", query, stop)
+    def _stop_for(self, clients: str, mode: StopMode) -> object:
+        confirmed = self._shared.stop(f"{clients[:_LONGEST_NAME]} stopped it", mode)
+        self._count()
+        return confirmed
 
     def _on_question(self, query: Any) -> None:
         ask = self._parse(query, m.Ask)
@@ -256,9 +267,9 @@ class ArmServer:
             else:
                 self._reply(query, None)
         elif isinstance(request, m.Take):
-            self._queue("orders", query, lambda: self._take(request, role))
+            self._queue("leases", query, lambda: self._take(request, role))
         else:
-            self._queue("orders", query, lambda: shared.leave(request.key, finish=request.finish))
+            self._queue("leases", query, lambda: self._leave(request))
 
     def _on_order(self, role: Role, query: Any) -> None:
         from hexwire.control.shared import Order
@@ -290,17 +301,24 @@ class ArmServer:
             return None
 
     def _queue(self, worker: str, query: Any, call: Callable[[], object]) -> None:
-        def job() -> None:
-            try:
-                value = call()
-            except HexwireError as error:
-                self._refuse(query, error)
-            else:
-                self._reply(query, value)
-
-        if not self._workers[worker].put(job):
+        if not self._workers[worker].put(lambda: self._answer([query], call)):
             self.refused += 1
             self._refuse(query, DeviceError("the arm's server is busy; nothing was done"))
+
+    def _answer(self, queries: Sequence[Any], call: Callable[[], object]) -> None:
+        """Make a call, and tell all who wait for it what came of it."""
+        try:
+            value = call()
+        except HexwireError as error:
+            for query in queries:
+                self._refuse(query, error)
+        except Exception as error:  # noqa: BLE001  # a mistake in this program: nobody shall wait in vain
+            _log.exception("an order or question failed")
+            for query in queries:
+                self._refuse(query, DeviceError(f"the arm's server failed at this: {error}"))
+        else:
+            for query in queries:
+                self._reply(query, value)
 
     def _reply(self, query: Any, value: object) -> None:
         self.served += 1
@@ -321,13 +339,16 @@ class ArmServer:
 
     def _take(self, request: m.Take, role: Role) -> object:
         grant = self._shared.take(
-            f"{request.client}, {role.word}",
+            f"{_shown(request.client)}, {role.word}",
             role,
             force=request.force,
             watchdog=request.watchdog,
             watchdog_mode=_mode(request.mode),
         )
         return grant.key
+
+    def _leave(self, request: m.Leave) -> None:
+        self._shared.leave(request.key, finish=request.finish)
 
     def _do(self, order: Any, envelope: m.Envelope) -> object:
         shared, what = self._shared, envelope.order
@@ -353,7 +374,7 @@ class ArmServer:
             shared.watchdog(order, what.timeout, _mode(what.mode))
         else:
             value = shared.ioctl(order, what.sub_cmd, what.data)
-        self._done += 1
+        self._count()
         return value
 
     def _answer_question(self, ask: m.Ask) -> object:
@@ -391,6 +412,11 @@ class ArmServer:
 def _known(measured: Sequence[float], computed: Sequence[float]) -> tuple[float, ...]:
     """Velocities; short reports leave them out, so that those out of the positions take their place."""
     return tuple(b if math.isnan(a) else a for a, b in zip(measured, computed, strict=True))
+
+
+def _shown(text: str) -> str:
+    """A client's name for display: nothing that moves a terminal's cursor, and not too long."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_NAME])
 
 
 def _mode(number: int) -> StopMode:

@@ -22,6 +22,7 @@ from hexwire.errors import (
     LinkClosedError,
     LinkError,
     LinkLostError,
+    LocalProtocolError,
     PreemptedError,
 )
 from hexwire.link.openable import Openable
@@ -49,6 +50,7 @@ _KEPT_RTTS = 8192
 _VOIDED = 3
 """How often a read is repeated after a stop or the watchdog has cancelled it on the board."""
 _OBEYED = frozenset((Status.OK, Status.SERVO_SILENT, Status.SERVO_FAULT))
+_LAST_COMMAND = 0xFF
 _PREEMPTED = "a stop took the line; {} was sent: it may have been done before the stop, but not after"
 
 
@@ -235,7 +237,7 @@ class Session(SessionLine, Openable):
         Over datagrams, IDENTIFY is sent first if no conversation exists yet.
 
         Args:
-            cmd: Command code.
+            cmd: Command code, 0 to 255.
             body: Its body; in dialect 1 a servo packet.
             window: Seconds to wait for each answer; the policy's if None.
             attempts: Maximum number of transmissions; the policy's if None.
@@ -250,6 +252,8 @@ class Session(SessionLine, Openable):
             PreemptedError: A stop took the line; the request was sent and may have been executed before the stop.
             LocalProtocolError: It cannot be sent in this dialect or over this link.
         """
+        if not 0 <= cmd <= _LAST_COMMAND:
+            raise LocalProtocolError(f"there is no command {cmd}; commands are 0 to {_LAST_COMMAND}")
         effect = effect_of(self.connection.dialect, cmd, body)
         if effect is Effect.STOP:
             self._stop = (cmd, body)

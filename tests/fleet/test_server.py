@@ -1,0 +1,433 @@
+"""The server of a shared arm without a network: who may do what, and that hostile messages change nothing."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from tests.control.shared_bench import SharedBench
+
+from hexwire.errors import RemoteProtocolError, UsageError
+from hexwire.fleet import messages as m
+from hexwire.fleet import server as module
+from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.server import ArmServer
+
+KEYS = Keys("lab/arm1")
+OPERATOR, MAINTAINER = Role.OPERATOR, Role.MAINTAINER
+
+
+class Query:
+    """A question as Zenoh passes it."""
+
+    def __init__(self, payload: bytes) -> None:
+        self.payload, self.key_expr = self, "key"
+        self._payload = payload
+        self.replies: list[m.Answer] = []
+        self.answered = threading.Event()
+
+    def to_bytes(self) -> bytes:
+        return self._payload
+
+    def reply(self, key: object, payload: bytes) -> None:
+        self.replies.append(m.decode(payload, m.Answer))
+
+    def drop(self) -> None:
+        self.answered.set()
+
+
+class Node:
+    """A session that is nowhere."""
+
+    def __init__(self) -> None:
+        self.on: dict[str, Callable[[Any], object]] = {}
+        self.states: list[m.State] = []
+        self.tokens: list[str] = []
+
+    def visible(self, key: str, timeout: float) -> list[str]:
+        return self.tokens
+
+    def announce(self, key: str) -> None:
+        self.tokens.append(key)
+
+    def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
+        self.on_token = on_change
+
+    def answer(self, key: str, on_question: Callable[[Any], object]) -> None:
+        self.on[key] = on_question
+
+    def publisher(self, key: str) -> Callable[[bytes], None]:
+        return lambda payload: self.states.append(m.decode(payload, m.State))
+
+
+class Served:
+    """An emulated arm with a server, in simulated time: the owner turns while a question waits."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **options: Any) -> None:
+        monkeypatch.setattr(module, "_SETTLE", 0.0)
+        self.bench = SharedBench(**options)
+        self.node = Node()
+        self.server = ArmServer(self.bench.shared, "lab/arm1", self.node, server="test", started=1.0)  # type: ignore[arg-type]
+        self.server.start()
+        self._numbers = iter(range(1, 10**6))
+
+    def put(self, key: str, message: Any) -> Query:
+        query = Query(message if isinstance(message, bytes) else m.encode(message))
+        self.node.on[key](query)
+        return query
+
+    def ask(self, key: str, message: Any) -> m.Answer:
+        return self.wait(self.put(key, message))
+
+    def wait(self, query: Query) -> m.Answer:
+        # Time passes only while something waits for the owner, not while a thread is slow.
+        for _ in range(30_000):
+            if query.answered.wait(0.001):
+                (answer,) = query.replies
+                return answer
+            if self.bench.owner._calls._waiting:
+                self.bench.owner.turn()
+        raise AssertionError("no answer")
+
+    def take(self, client: str = "Ann", role: Role = OPERATOR, **options: Any) -> m.Answer:
+        return self.ask(KEYS.lease(role), m.Take(client, **options))
+
+    def order(self, key: int, order: Any, *, role: Role = OPERATOR, **changes: Any) -> m.Answer:
+        return self.ask(KEYS.order(role), self.envelope(key, order, **changes))
+
+    def envelope(self, key: int, order: Any, **changes: Any) -> m.Envelope:
+        made = {"sequence": next(self._numbers), "made": self.bench.owner.now(), "doubt": 0.0} | changes
+        return m.Envelope(key, made["sequence"], made["made"], made["doubt"], order)
+
+    def stop(self, client: str = "Bob", mode: int = 0) -> m.Answer:
+        return self.ask(KEYS.stop, m.StopRequest(client, mode))
+
+    def write(self, **goal: float) -> m.Write:
+        return m.Write(tuple(goal), tuple(self.bench.where(name) + by for name, by in goal.items()), 5.0)
+
+
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    served = Served(monkeypatch)
+    yield served
+    served.server.close()
+
+
+def test_an_order_of_the_holder_is_done_and_anybody_elses_refused_with_who_holds_it(served: Served) -> None:
+    refused = served.order(5, served.write(J1=0.1))
+    assert (refused.kind, refused.text) == ("LeaseError", "this program holds no lease; take the lease again")
+    granted = served.take()
+    assert granted.kind == ""
+    assert served.order(granted.value, served.write(J1=0.1)).kind == ""
+    refused = served.order(granted.value ^ 1, served.write(J1=0.1))
+    assert (refused.kind, refused.details) == ("LeaseError", {"holder": "Ann, operator", "lost": True})
+    assert len(served.bench.sent) == 1
+    assert served.bench.shared.refusals()["lease_without_lease"] == 2
+
+
+def test_the_role_is_that_of_the_key_and_a_maintainers_lease_is_not_an_operators_to_take(served: Served) -> None:
+    key = served.take("Ann", MAINTAINER).value
+    assert served.take("Bob", force=True).text == "Ann, maintainer holds the lease, and your role may not take it"
+    assert served.take("Bob").text.startswith("Ann, maintainer holds the lease; wait")
+    assert served.order(key, m.Ioctl(0, b"")).text == "servo settings and firmware need the role maintainer"
+    assert served.take("Eve", MAINTAINER, force=True).kind == ""
+
+
+def test_a_heartbeat_is_answered_at_once_and_refused_to_a_former_holder(served: Served) -> None:
+    key = served.take().value
+    query = served.put(KEYS.lease(OPERATOR), m.Beat(key, 0.0))
+    assert query.answered.is_set(), "in the thread that brought it"
+    served.take("Eve", force=True)
+    refused = served.put(KEYS.lease(OPERATOR), m.Beat(key, 0.0)).replies[0]
+    assert refused.text == "Eve, operator holds the lease"
+
+
+def test_a_stop_needs_no_lease_and_its_answer_names_what_confirmed_it(served: Served) -> None:
+    served.take()
+    answer = served.stop()
+    assert answer.value == list(served.bench.robot.model.names)
+    assert served.bench.board.state.stopped
+    served.bench.turn(0.2)
+    assert (served.node.states[-1].stopped, served.node.states[-1].reason) == (True, "Bob stopped it")
+
+
+def test_an_unconfirmed_stop_is_an_error_in_its_answer(served: Served) -> None:
+    served.bench.bench.link.lost = True
+    query = served.put(KEYS.stop, m.StopRequest("Bob"))
+    assert query.answered.wait(30)
+    assert query.replies[0].kind
+    assert served.bench.owner.group.reason is not None, "nothing is decided any more all the same"
+
+
+def test_a_stop_passes_slow_orders_probes_and_requests_for_the_lease(served: Served) -> None:
+    key = served.take().value
+    inside, release = threading.Event(), threading.Event()
+
+    def hang(*_: object) -> Any:
+        inside.set()
+        release.wait(30)
+        raise UsageError("the test ends")
+
+    served.bench._write = hang  # type: ignore[method-assign]
+    waiting = [served.put(KEYS.order(OPERATOR), served.envelope(key, served.write(J1=0.1)))]
+    assert inside.wait(30)
+    waiting += [
+        served.put(KEYS.order(OPERATOR), served.envelope(key, m.Torque(True, None))),
+        served.put(KEYS.ask, m.Ask("probe")),
+        served.put(KEYS.lease(MAINTAINER), m.Take("Eve", True)),
+    ]
+    query = served.put(KEYS.stop, m.StopRequest("Bob"))
+    assert query.answered.wait(30)
+    assert query.replies[0].value == list(served.bench.robot.model.names)
+    assert served.bench.board.state.stopped
+    assert not any(other.answered.is_set() for other in waiting)
+    release.set()
+    kinds = [served.wait(other).kind for other in waiting]
+    assert (kinds[0], kinds[3]) == ("UsageError", "")
+
+
+def test_a_stop_that_switches_torque_off_does_not_wait_for_one_that_holds(served: Served) -> None:
+    inside, release = threading.Event(), threading.Event()
+    stop = served.bench.robot.stop
+
+    def hang(mode: Any) -> Any:
+        if not mode:
+            inside.set()
+            release.wait(30)
+        return stop(mode)
+
+    served.bench.robot.stop = hang  # type: ignore[method-assign]
+    first = served.put(KEYS.stop, m.StopRequest("Ann", 0))
+    assert inside.wait(30)
+    second = served.put(KEYS.stop, m.StopRequest("Bob", 1))
+    assert second.answered.wait(30)
+    assert not any(served.bench.bench.torques())
+    release.set()
+    assert first.answered.wait(30)
+
+
+def test_many_stops_at_once_are_all_answered_by_few(served: Served) -> None:
+    calls = []
+    stop = served.bench.robot.stop
+    served.bench.robot.stop = lambda mode: (calls.append(mode), stop(mode))[1]  # type: ignore[method-assign]
+    queries = [served.put(KEYS.stop, m.StopRequest(f"client {i}")) for i in range(300)]
+    assert all(query.answered.wait(30) and not query.replies[0].kind for query in queries)
+    assert len(calls) < 300
+
+
+def test_a_request_for_the_lease_does_not_wait_for_a_slow_order(served: Served) -> None:
+    key = served.take().value
+    # It waits for the owner, who does not turn.
+    slow = served.put(KEYS.order(OPERATOR), served.envelope(key, m.Torque(True, None)))
+    taken = served.put(KEYS.lease(OPERATOR), m.Take("Eve", True))
+    assert taken.answered.wait(30)
+    assert taken.replies[0].kind == ""
+    assert served.wait(slow).text == "Eve, operator holds the lease"
+
+
+def test_what_waits_for_the_owner_when_the_arm_is_stopped_is_void(served: Served) -> None:
+    key = served.take().value
+    slow = served.put(KEYS.order(OPERATOR), served.envelope(key, m.Torque(False, None)))
+    query = served.put(KEYS.stop, m.StopRequest("Bob"))
+    assert query.answered.wait(30)
+    assert served.wait(slow).kind == "StoppedError"
+    assert all(served.bench.bench.torques())
+
+
+def test_a_state_counts_only_orders_that_were_done_before_its_values_were_sampled(served: Served) -> None:
+    served.bench.turn(0.3)
+    key = served.take().value
+    before = served.node.states[-1]
+    answer = served.order(key, served.write(J1=0.1))
+    assert answer.done == 1
+    # What was sampled before the order, and is sent after it.
+    served.server._send(served.bench.owner.state)
+    assert (served.node.states[-1].done, before.done) == (0, 0)
+    served.bench.turn(0.3)
+    later = served.node.states[-1]
+    assert later.done == 1
+    assert later.stamp >= answer.clock - 0.1
+
+
+def test_a_robot_that_is_lost_after_an_order_shows_as_lost(served: Served) -> None:
+    key = served.take().value
+    answer = served.order(key, served.write(J1=0.1))
+    served.bench.bench.link.lost = True
+    served.bench.bench.until(lambda: not served.bench.owner.connected)
+    served.server._send(None)
+    assert served.node.states[-1].done == answer.done, "a client waits for no value from after it"
+    assert "unplugged" in served.node.states[-1].error
+
+
+def test_a_state_has_the_owners_clocks_and_a_number_that_rises(served: Served) -> None:
+    served.bench.turn(0.5)
+    states = served.node.states
+    assert [state.sequence for state in states] == list(range(1, len(states) + 1))
+    assert len({state.server for state in states}) == 1
+    assert all(state.stamp <= state.sent <= served.bench.clock.time for state in states)
+    assert all(state.wall > 1.7e9 for state in states)
+
+
+def test_an_arm_that_holds_says_why_in_its_states(served: Served) -> None:
+    key = served.take().value
+    served.order(key, served.write(J1=0.3))
+    served.bench.turn(0.3)
+    assert served.node.states[-1].holder == "Ann, operator"
+    served.bench.turn(0.5)
+    assert served.node.states[-1].held == "Ann, operator lost the lease after 0.5 s of silence"
+    assert served.node.states[-1].holder == ""
+
+
+def test_a_mistake_in_this_program_is_answered_and_the_next_order_done(
+    served: Served, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    key = served.take().value
+    with monkeypatch.context() as patch:
+        patch.setattr(served.bench.shared, "write", lambda *_: 1 // 0)
+        patch.setattr(served.server, "_facts", lambda: 1 // 0)
+        for answer in (served.order(key, served.write(J1=0.1)), served.ask(KEYS.ask, m.Ask("facts"))):
+            assert (answer.kind, answer.text[:33]) == ("DeviceError", "the arm's server failed at this: ")
+    assert served.order(key, served.write(J1=0.1)).kind == ""
+
+
+def test_what_a_client_calls_itself_does_not_reach_a_terminal(served: Served) -> None:
+    served.take("\x1b[2J\r\nAnn\u202e" + "x" * 4000)
+    holder = served.bench.shared.holder
+    assert holder is not None
+    assert holder.client.startswith("?[2J??Ann?xxx")
+    assert holder.client.isprintable()
+    assert len(holder.client) < 250
+
+
+# -- hostile, but well-formed -------------------------------------------------------------------------------------
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"made": NAN},
+        {"made": INF},
+        {"made": -INF},
+        {"made": 1e300},
+        {"doubt": NAN},
+        {"doubt": INF},
+        {"doubt": -1.0},
+        {"doubt": 0.3},
+        {"made": -INF, "doubt": INF},
+        {"made": 0.0, "doubt": 1e300},
+        {"sequence": 0},
+    ],
+)
+def test_a_set_point_that_nobody_can_date_is_refused(served: Served, changes: dict[str, float]) -> None:
+    key = served.take().value
+    answer = served.order(key, served.write(J1=0.1), **changes)
+    assert (answer.kind, answer.details["lost"]) == ("LeaseError", False)
+    assert not served.bench.sent
+    assert served.order(key, served.write(J1=0.1)).kind == ""
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        m.Write((), (), 1.0),
+        m.Write(("J1",), (), 1.0),
+        m.Write(("J1", "J1"), (0.0, 0.0), 1.0),
+        m.Write(("J1",), (NAN,), 1.0),
+        m.Write(("J1",), (INF,), 1.0),
+        m.Write(("J1",), (1e300,), 1.0),
+        m.Write(("J1",), (0.0,), NAN),
+        m.Write(("J1",), (0.0,), -1.0),
+        m.Write(("J1",), (0.0,), INF),
+        m.Write(tuple(f"J{i}" for i in range(64)), (0.0,) * 64, 1.0),
+        m.Write(("\x00",), (0.0,), 1.0),
+        m.Torque(True, ("J9",)),
+        m.Torque(True, ("J1",) * 64),
+        m.Torque(False, ("",)),
+        m.Watchdog(NAN),
+        m.Watchdog(-1.0),
+        m.Watchdog(INF),
+        m.Watchdog(1e-300),
+        m.Watchdog(0.5, 2**62),
+        m.Ioctl(2**53, b"\xff" * 4096),
+        m.Ioctl(0, b""),
+    ],
+)
+def test_a_hostile_order_is_answered_and_moves_nothing(served: Served, order: Any) -> None:
+    key = served.take("Ann", MAINTAINER).value
+    answer = served.order(key, order, role=MAINTAINER)
+    if not isinstance(order, m.Torque) and order != m.Watchdog(0.5, 2**62):
+        assert answer.kind
+    assert "failed at this" not in answer.text
+    assert not served.bench.sent
+    served.put(KEYS.lease(OPERATOR), m.Beat(key, 0.0))
+    assert served.order(key, served.write(J1=0.01)).kind == "", "nothing is left locked"
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        (KEYS.lease(OPERATOR), m.Take("Bob", False, NAN)),
+        (KEYS.lease(OPERATOR), m.Take("Bob", True, -1.0)),
+        (KEYS.lease(OPERATOR), m.Take("Bob", True, INF, -(2**62))),
+        (KEYS.lease(OPERATOR), m.Beat(0, NAN)),
+        (KEYS.lease(OPERATOR), m.Beat(2**53, -1e300)),
+        (KEYS.ask, m.Ask("")),
+        (KEYS.ask, m.Ask("ping", -1)),
+        (KEYS.ask, m.Ask("ping", 2**62)),
+        (KEYS.ask, m.Ask("ping", 10**6)),
+        (KEYS.ask, m.StopRequest("Bob")),
+        (KEYS.stop, m.Ask("clock")),
+        (KEYS.order(OPERATOR), m.Beat(1)),
+        (KEYS.order(OPERATOR), b""),
+        (KEYS.order(OPERATOR), b"\x02\x91"),
+        (KEYS.order(OPERATOR), b"\x01" + b"\x91" * 10_000),
+    ],
+)
+def test_a_hostile_request_is_refused_and_the_holder_keeps_the_lease(
+    served: Served, key: str, message: Any
+) -> None:
+    held = served.take().value
+    assert served.ask(key, message).kind
+    served.put(KEYS.lease(OPERATOR), m.Beat(held, 0.0))
+    assert served.order(held, served.write(J1=0.01)).kind == ""
+
+
+def test_leaving_with_another_key_changes_nothing(served: Served) -> None:
+    held = served.take().value
+    assert served.ask(KEYS.lease(OPERATOR), m.Leave(held ^ 1)).kind == ""
+    assert served.bench.shared.holder is not None
+
+
+def test_an_idle_time_that_is_none_does_not_keep_the_watchdog_from_tripping(served: Served) -> None:
+    key = served.take("Ann", watchdog=0.3).value
+    for idle in (INF, 1e300, 0.2, 0.3, 0.4):
+        served.bench.turn(0.1)
+        assert served.put(KEYS.lease(OPERATOR), m.Beat(key, idle)).replies[0].kind == ""
+    served.bench.shared.check()
+    assert served.bench.shared.tripped
+
+
+def test_a_holder_that_uses_up_its_numbers_takes_the_lease_again(served: Served) -> None:
+    key = served.take().value
+    assert served.order(key, served.write(J1=0.01), sequence=2**53).kind == ""
+    assert "came after" in served.order(key, served.write(J1=0.01)).text
+    with pytest.raises(RemoteProtocolError):
+        m.decode(m.encode(served.envelope(key, m.Resume(), sequence=2**53 + 1)), m.Envelope)
+    key = served.take(force=True).value
+    assert served.order(key, served.write(J1=0.01)).kind == ""
+
+
+def test_ten_thousand_orders_without_a_lease_are_refused_counted_and_queued_nowhere(served: Served) -> None:
+    key = served.take().value
+    payload = m.encode(served.envelope(key ^ 1, served.write(J1=0.1)))
+    for _ in range(10_000):
+        query = served.put(KEYS.order(OPERATOR), payload)
+        assert query.answered.is_set()
+    assert served.bench.shared.refusals()["lease_without_lease"] == 10_000
+    assert served.order(key, served.write(J1=0.01)).kind == ""
+    assert len(served.bench.sent) == 1

@@ -1,0 +1,76 @@
+"""Threads of a server that answer."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+import pytest
+
+from hexwire.fleet.workers import Gathering, Worker
+
+
+def test_jobs_are_done_in_order_and_too_many_are_refused() -> None:
+    begun, go, done = threading.Event(), threading.Event(), []
+    worker = Worker("test", most=2)
+
+    def slow() -> None:
+        begun.set()
+        go.wait(30)
+
+    assert worker.put(slow)
+    assert begun.wait(30)
+    assert [worker.put(lambda i=i: done.append(i)) for i in range(3)] == [True, True, False]  # type: ignore[misc]
+    go.set()
+    worker.close(30)
+    assert done == [0, 1]
+
+
+def test_a_job_that_fails_is_logged_and_the_next_one_done(caplog: pytest.LogCaptureFixture) -> None:
+    done = threading.Event()
+    worker = Worker("test")
+    with caplog.at_level(logging.ERROR, "hexwire"):
+        worker.put(lambda: 1 // 0)
+        worker.put(done.set)
+        worker.close(30)
+    assert done.is_set()
+    assert "ZeroDivisionError" in caplog.text
+
+
+def test_what_arrives_meanwhile_is_passed_on_together() -> None:
+    begun, go = threading.Event(), threading.Event()
+    got: list[list[int]] = []
+
+    def act(items: list[int]) -> None:
+        got.append(items)
+        begun.set()
+        go.wait(30)
+
+    stops = Gathering("test", act)
+    stops.put(0)
+    assert begun.wait(30)
+    assert all(stops.put(i) for i in range(1, 1001))
+    assert not stops.put(1001)
+    go.set()
+    stops.close(30)
+    assert got == [[0], list(range(1, 1001))]
+
+
+def test_what_fails_does_not_keep_the_next_from_being_passed_on(caplog: pytest.LogCaptureFixture) -> None:
+    got: list[int] = []
+    failed = threading.Event()
+
+    def act(items: list[int]) -> None:
+        got.extend(items)
+        if not failed.is_set():
+            failed.set()
+            raise RuntimeError("a mistake")
+
+    with caplog.at_level(logging.ERROR, "hexwire"):
+        stops = Gathering("test", act)
+        stops.put(1)
+        assert failed.wait(30)
+        stops.put(2)
+        stops.close(30)
+    assert got == [1, 2]
+    assert "a mistake" in caplog.text
