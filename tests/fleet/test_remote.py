@@ -1,0 +1,438 @@
+"""A shared arm as a driver: its authority in one process over a socket, and hostile answers without a network."""
+
+from __future__ import annotations
+
+import math
+import random
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from tests.fleet.conftest import Serve
+
+import hexwire
+from hexwire.errors import (
+    HexwireError,
+    LeaseError,
+    LinkPermissionError,
+    RemoteProtocolError,
+    StoppedError,
+    UsageError,
+)
+from hexwire.fleet import messages as m
+from hexwire.fleet.address import Address
+from hexwire.fleet.names import Role
+from hexwire.fleet.network import NoAnswerError
+from hexwire.fleet.remote import RemoteRobot, whoami
+from hexwire.fleet.rows import joints_of
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointTarget
+
+# -- over a socket ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def connect(serve: Serve) -> Iterator[Callable[..., RemoteRobot]]:
+    """Drivers of the same arm, whose lease lasts 2 s: these machines stall."""
+    serve("lab/arm1", lease=2.0)
+    robots: list[RemoteRobot] = []
+
+    def connected(options: str = "") -> RemoteRobot:
+        robot = hexwire.connect(f"zenoh:lab/arm1{options}")
+        assert isinstance(robot, RemoteRobot)
+        robots.append(robot)
+        return robot
+
+    yield connected
+    for robot in robots:
+        robot.abort()
+
+
+def near(robot: RemoteRobot, by: float = 0.02, seconds: float = 0.2) -> JointTarget:
+    return JointTarget.of({"J1": robot.read()["J1"].position + by}, seconds)
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_the_first_order_takes_the_lease_and_others_hear_who_has_it(connect: Callable[..., RemoteRobot]) -> None:
+    ann, bob = connect(), connect()
+    assert ann.holder == ""
+    ann.torque(True)
+    assert set(ann.read().torque_on) == set(ann.model.names)
+    assert ann.holder.startswith(whoami())
+    for call in (lambda: bob.torque(False), lambda: bob.write(near(bob)), bob.take):
+        with pytest.raises(LeaseError, match=r"holds the lease") as caught:
+            call()
+        assert caught.value.holder == ann.holder
+    assert set(bob.read().torque_on) == set(ann.model.names)
+    # Reading, asking and the counters need no lease.
+    assert bob.ping(1) == 0
+    assert bob.probe().link == "zenoh:lab/arm1"
+    assert bob.board_counters()["lease_without_lease"] == 0
+
+
+def test_a_read_after_an_order_is_never_older(connect: Callable[..., RemoteRobot]) -> None:
+    robot = connect()
+    for on in (True, False) * 10:
+        robot.torque(on)
+        assert bool(robot.read().torque_on) is on
+
+
+def test_everybody_stops_and_only_the_holder_ends_it(connect: Callable[..., RemoteRobot]) -> None:
+    ann, bob = connect(), connect()
+    ann.torque(True)
+    ann.write(near(ann, 0.5, 10.0))
+    assert bob.stop() == ann.model.names
+    assert bob.read().stopped
+    with pytest.raises(StoppedError):
+        ann.write(near(ann))
+    with pytest.raises(LeaseError):
+        bob.resume()
+    assert bob.read().stopped
+    ann.resume()
+    assert not ann.read().stopped
+    ann.write(near(ann))
+
+
+def test_pre_emption_tells_the_former_holder_who_does_not_take_it_back_by_itself(
+    connect: Callable[..., RemoteRobot],
+) -> None:
+    ann, eve = connect(), connect("?take=1")
+    ann.torque(True)
+    ann.write(near(ann, 0.5, 10.0))
+    eve.take()
+    with pytest.raises(LeaseError, match="holds the lease"):
+        ann.write(near(ann))
+    eve.release()
+    with pytest.raises(LeaseError, match="take the lease again"):
+        ann.write(near(ann))
+    # The arm holds where it was.
+    here = ann.read()["J1"].position
+    ann.take()
+    ann.write(near(ann))
+    assert ann.read()["J1"].position == pytest.approx(here, abs=0.05)
+
+
+def test_a_silent_holder_loses_it_and_a_resume_takes_it_again(connect: Callable[..., RemoteRobot]) -> None:
+    ann, bob = connect(), connect()
+    ann.torque(True)
+    ann._ending.set()
+    wait_for(lambda: bob.held)
+    assert "lost the lease after 2 s of silence" in bob.held
+    assert bob.holder == ""
+    with pytest.raises(LeaseError, match="lost the lease"):
+        ann.write(near(ann))
+    with pytest.raises(LeaseError, match="take the lease again"):
+        ann.write(near(ann))
+    ann.resume()
+    ann.write(near(ann))
+    wait_for(lambda: not bob.held)
+
+
+def test_a_heartbeat_keeps_it_for_a_program_that_does_nothing(connect: Callable[..., RemoteRobot]) -> None:
+    ann, bob = connect(), connect()
+    ann.torque(True)
+    for _ in range(5):
+        time.sleep(0.6)
+        assert bob.read()
+    assert not bob.held
+    ann.write(near(ann))
+
+
+def test_who_detaches_gives_it_back(connect: Callable[..., RemoteRobot]) -> None:
+    ann, bob = connect(), connect()
+    ann.torque(True)
+    ann.detach()
+    bob.write(near(bob))
+    assert not bob.held
+
+
+def test_the_offset_of_the_owners_clock_has_an_uncertainty(connect: Callable[..., RemoteRobot]) -> None:
+    robot = connect()
+    offset, doubt = robot.clock_offset
+    assert abs(offset) <= doubt, "it is the same clock"
+    assert doubt < 1.0
+    before = time.monotonic()
+    state = robot.read()
+    assert before - 1.0 < state.stamp <= time.monotonic()
+
+
+def test_two_threads_of_a_program_order_one_after_the_other(connect: Callable[..., RemoteRobot]) -> None:
+    robot = connect()
+    robot.torque(True)
+    target = near(robot)
+    failed: list[HexwireError] = []
+
+    def order() -> None:
+        for _ in range(20):
+            try:
+                robot.write(target)
+            except HexwireError as error:
+                failed.append(error)
+
+    threads = [threading.Thread(target=order) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not failed
+    assert robot.board_counters()["lease_out_of_order"] == 0
+
+
+def test_an_observer_reads_and_stops_and_nothing_else(connect: Callable[..., RemoteRobot]) -> None:
+    robot = connect("?role=observer")
+    assert robot.read()
+    for call in (robot.take, robot.resume, lambda: robot.torque(True)):
+        with pytest.raises(LinkPermissionError, match="observer"):
+            call()
+    assert robot.stop()
+
+
+# -- without a network --------------------------------------------------------------------------------------------
+
+
+class Node:
+    """A server that answers as a test wants, and keeps what it was asked."""
+
+    def __init__(self) -> None:
+        self.connections = 1
+        self.asked: list[tuple[str, Any]] = []
+        self.answers: list[m.Answer | bytes] = []
+        self.usual: Callable[[], bytes] = lambda: m.encode(m.Answer("", value=17, clock=time.monotonic()))
+
+    def open(self) -> Node:
+        return self
+
+    def close(self) -> None:
+        pass
+
+    def visible(self, key: str, timeout: float) -> list[str]:
+        return []
+
+    def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
+        self.state = on_sample
+        return lambda: None
+
+    def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
+        kind = m.Envelope if key.endswith("order") else m.LeaseRequest if key.endswith("lease") else m.Question
+        self.asked.append((key, m.decode(payload, kind)))  # type: ignore[arg-type]
+        if not self.answers:
+            return self.usual()
+        answer = self.answers.pop(0)
+        return answer if isinstance(answer, bytes) else m.encode(answer)
+
+    def orders(self) -> list[m.Envelope]:
+        return [message for _, message in self.asked if isinstance(message, m.Envelope)]
+
+
+FACTS = m.Facts("hex7bot", joints_of(HEX7BOT), 100.0, 20.0, 0.25, 3600.0, "", "", "", "", 0.0)
+SENT = m.Answer("", value=[["J1"], [0.1], 1.0, [], []])
+TARGET = JointTarget.of({"J1": 0.1}, 1.0)
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, Node]]:
+    node = Node()
+    monkeypatch.setattr(Address, "network", lambda self: node)
+    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), FACTS)
+    robot.attach()
+    node.asked.clear()
+    yield robot, node
+    robot.abort()
+
+
+def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRobot, Node]) -> None:
+    robot, node = fake
+    node.answers = [m.Answer("", value=99), SENT, SENT]
+    before = time.monotonic()
+    robot.write(TARGET)
+    robot.write(TARGET)
+    first, second = node.orders()
+    assert (first.key, first.sequence, second.sequence) == (99, 1, 2)
+    assert 0.0 < first.doubt < 10.0
+    assert before - first.doubt <= first.made <= time.monotonic() + first.doubt
+
+
+def test_an_order_that_came_late_does_not_cost_the_lease(fake: tuple[RemoteRobot, Node]) -> None:
+    robot, node = fake
+    late = m.Answer("LeaseError", "the set-point is 300 ms old", {"holder": "somebody", "lost": False})
+    node.answers = [m.Answer("", value=99), late, SENT]
+    with pytest.raises(LeaseError, match="300 ms"):
+        robot.write(TARGET)
+    robot.write(TARGET)
+    assert [order.sequence for order in node.orders()] == [1, 2]
+
+
+def test_a_lease_that_was_lost_is_not_taken_by_an_order(fake: tuple[RemoteRobot, Node]) -> None:
+    robot, node = fake
+    node.answers = [
+        m.Answer("", value=99),
+        m.Answer("LeaseError", "Eve holds the lease", {"holder": "Eve", "lost": True}),
+    ]
+    for _ in range(3):
+        with pytest.raises(LeaseError, match="Eve holds the lease"):
+            robot.write(TARGET)
+    assert len(node.orders()) == 1
+    node.answers = [m.Answer("", value=100), m.Answer(""), SENT]
+    robot.resume()
+    robot.write(TARGET)
+    assert [order.key for order in node.orders()] == [99, 100, 100]
+
+
+def test_what_was_asked_before_a_stop_of_this_program_is_not_sent(fake: tuple[RemoteRobot, Node]) -> None:
+    robot, node = fake
+    node.answers = [m.Answer("", value=99), SENT]
+    robot.write(TARGET)
+    reached, go = threading.Event(), threading.Event()
+
+    class Slow:
+        """Another thread's order is being answered."""
+
+        def __enter__(self) -> None:
+            reached.set()
+            go.wait(30)
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    robot._ordering = Slow()  # type: ignore[assignment]
+    caught: list[HexwireError] = []
+
+    def write() -> None:
+        try:
+            robot.write(TARGET)
+        except HexwireError as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    assert reached.wait(30)
+    node.answers = [m.Answer("", value=["J1"])]
+    assert robot.stop() == ("J1",), "it does not wait for the order"
+    go.set()
+    thread.join(30)
+    assert len(node.orders()) == 1
+    assert isinstance(caught[0], StoppedError)
+
+
+CALLS: list[Callable[[RemoteRobot], object]] = [
+    lambda robot: robot.write(TARGET),
+    lambda robot: robot.torque(True),
+    lambda robot: robot.ioctl(1, b""),
+    RemoteRobot.stop,
+    RemoteRobot.resume,
+    RemoteRobot.take,
+    RemoteRobot.release,
+    RemoteRobot.probe,
+    lambda robot: robot.ping(1),
+    RemoteRobot.board_counters,
+    lambda robot: robot.watchdog(1.0),
+]
+
+
+def hostile(rng: random.Random) -> bytes:
+    """An answer with a value of any kind."""
+    plain: list[Any] = [
+        None,
+        True,
+        -1,
+        0,
+        17,
+        2**63,
+        -(2**63),
+        math.nan,
+        math.inf,
+        1e300,
+        "",
+        "J1",
+        "x" * 300,
+        b"\xff",
+    ]
+
+    def value(depth: int) -> Any:
+        if depth == 0 or rng.random() < 0.4:
+            return rng.choice(plain)
+        if rng.random() < 0.5:
+            return [value(depth - 1) for _ in range(rng.randrange(6))]
+        return {rng.choice(["joints", "capabilities", "counters", "J1"]): value(depth - 1) for _ in range(3)}
+
+    kind = rng.choice(["", "", "", "LeaseError", "StoppedError", "ServoError", "Nothing", "x" * 64])
+    if rng.random() < 0.1:
+        return rng.choice([b"", b"\x01", b"\x02\x90", b"\x01" + rng.randbytes(40)])
+    answer = m.Answer(kind, "text", {"holder": value(1), "status": value(1), "lost": value(0)}, value(3))
+    answer.clock = rng.choice([0.0, math.nan, math.inf, -1e308])
+    return m.encode(answer)
+
+
+def test_whatever_a_server_answers_is_a_value_or_an_error_of_this_program(fake: tuple[RemoteRobot, Node]) -> None:
+    robot, node = fake
+    rng = random.Random(17)
+    node.usual = lambda: hostile(rng)
+    outcomes = {"value": 0, "error": 0}
+    for _ in range(2000):
+        for call in CALLS:
+            try:
+                call(robot)
+            except HexwireError:
+                outcomes["error"] += 1
+            else:
+                outcomes["value"] += 1
+    assert min(outcomes.values()) > 500, outcomes
+    # Nothing is left locked, and the heartbeat lives.
+    node.usual = lambda: m.encode(m.Answer("", value=99, clock=time.monotonic()))
+    robot.take()
+    robot.resume()
+    node.answers = [SENT]
+    assert robot.write(TARGET).duration == 1.0
+    assert robot._keeper is not None
+    assert robot._keeper.is_alive()
+
+
+@pytest.mark.parametrize("value", [0, -5, True, None, "17", 1.5])
+def test_a_lease_without_a_key_is_none(fake: tuple[RemoteRobot, Node], value: object) -> None:
+    robot, node = fake
+    node.answers = [m.Answer("", value=value)]
+    with pytest.raises(RemoteProtocolError, match="not a lease"):
+        robot.write(TARGET)
+    assert not node.orders()
+
+
+def test_a_lost_heartbeat_is_followed_by_the_next_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    node = Node()
+    monkeypatch.setattr(Address, "network", lambda self: node)
+    facts = m.decode(m.encode(FACTS), m.Facts)
+    facts.timeout = 1.0
+    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
+    robot.attach()
+    robot.take()
+    searched = threading.Event()
+    node.visible = lambda key, timeout: searched.set() or []  # type: ignore[method-assign,func-returns-value]
+    beats: list[float] = []
+
+    def silent(key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
+        beats.append(timeout)
+        raise NoAnswerError(absent=False)
+
+    node.ask = silent  # type: ignore[method-assign]
+    try:
+        wait_for(lambda: len(beats) >= 3)
+    finally:
+        robot.abort()
+    assert max(beats) <= 0.5
+    assert not searched.is_set()
+
+
+def test_a_model_or_an_option_that_does_not_fit_is_refused() -> None:
+    facts = m.decode(m.encode(FACTS), m.Facts)
+    facts.timeout = math.nan
+    with pytest.raises(RemoteProtocolError, match="impossible"):
+        RemoteRobot(Address("lab/arm1"), facts)
+    with pytest.raises(UsageError, match="has no option baud"):
+        RemoteRobot.from_url("zenoh:lab/arm1", baud=3)
