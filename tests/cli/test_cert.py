@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from cryptography.x509 import DNSName, IPAddress, SubjectAlternativeName, load_pem_x509_certificate
 
 from hexwire.cli.main import cli
+from hexwire.link.cert_facts import read_certificate
 from hexwire.link.open import make_link
 
 
@@ -73,3 +75,61 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     for words in ((), ("--client", "new", "--client", "client"), ("--host", "10.0.0.1")):
         assert run(tmp_path, *words).exit_code == 2
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+# -- with a role ------------------------------------------------------------------------------------------
+
+
+def issue(*words: str | Path) -> Result:
+    return CliRunner().invoke(cli, ["cert", "issue", *map(str, words)])
+
+
+def test_a_role_and_its_arms_stand_in_the_certificate(tmp_path: Path) -> None:
+    words = ("--role", "operator", "--for", "lab/*", "--for", "hall/arm1")
+    result = issue(tmp_path / "lab", "anna", *words)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "anna.key  operator for lab/*, hall/arm1" in result.stdout
+    assert files(tmp_path / "lab") == ["anna.key", "anna.pem", "ca.key", "ca.pem"]
+    facts = read_certificate(tmp_path / "lab" / "anna.pem", tmp_path / "lab" / "ca.pem")
+    assert facts.uris == ("hexwire:operator:lab/*", "hexwire:operator:hall/arm1")
+    assert facts.signed
+    for path in (tmp_path / "lab").glob("*.key"):
+        assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_the_name_in_a_certificate_with_a_role_is_unique(tmp_path: Path) -> None:
+    names = set()
+    for _ in range(3):
+        assert issue(tmp_path, "n" * 60, "--role", "observer", "--for", "**").exit_code == 0
+        names.add(read_certificate(tmp_path / f"{'n' * 60}.pem").common_name)
+        for end in ("pem", "key"):
+            (tmp_path / f"{'n' * 60}.{end}").unlink()
+    assert len(names) == 3
+
+
+def test_arms_and_routers_carry_host_names(tmp_path: Path) -> None:
+    assert issue(tmp_path, "pc", "--role", "router", "--host", "lab-pc", "--host", "10.0.0.5").exit_code == 0
+    certificate = load_pem_x509_certificate((tmp_path / "pc.pem").read_bytes())
+    names = certificate.extensions.get_extension_for_class(SubjectAlternativeName).value
+    assert names.get_values_for_type(DNSName) == ["lab-pc"]
+    assert [str(address) for address in names.get_values_for_type(IPAddress)] == ["10.0.0.5"]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("anna",), "Missing option '--role'"),
+        (("anna", "--role", "king"), "king"),
+        (("anna", "--role", "operator"), "needs 1 to 64 names or patterns"),
+        (("anna", "--role", "operator", "--for", "lab/arm*"), "matches no arm"),
+        (("pc", "--role", "router", "--for", "lab/*"), "leave out --for"),
+        (("anna", "--role", "observer", "--for", "**", "--host", "pc"), "--host is for the roles arm and router"),
+        (("ca", "--role", "router"), "cannot name a certificate"),
+        (("../x", "--role", "router"), "cannot name a certificate"),
+    ],
+)
+def test_mistakes_with_roles(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
+    result = issue(tmp_path / "lab", *words)
+    assert result.exit_code == 2
+    assert text in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -9,6 +9,7 @@ import pytest
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
 from hexwire.fleet.address import FLEET_VARIABLE, Address, read_fleet_file
 from hexwire.fleet.names import Role
+from hexwire.link.certs import issue_certificate, make_authority
 
 
 def parse(text: str, **environ: str) -> Address:
@@ -18,7 +19,7 @@ def parse(text: str, **environ: str) -> Address:
 @pytest.mark.parametrize("text", ["zenoh:lab/arm1", "zenoh://lab/arm1"])
 def test_an_address_names_an_arm_of_this_machine_and_asks_for_every_right(text: str) -> None:
     assert parse(text) == Address("lab/arm1")
-    assert parse(text).role is Role.MAINTAINER
+    assert parse(text).role_by("") is Role.MAINTAINER
     assert parse(text).text == "zenoh:lab/arm1"
 
 
@@ -30,9 +31,27 @@ def test_options_say_the_way_and_the_role() -> None:
     assert "cert" not in address.text
 
 
-def test_with_a_certificate_the_role_is_operator_unless_it_is_named() -> None:
-    assert parse("zenoh:arm?ca=a&cert=b&key=c").role is Role.OPERATOR
-    assert parse("zenoh:arm?ca=a&cert=b&key=c&role=maintainer").role is Role.MAINTAINER
+def test_the_role_is_that_of_the_certificate_unless_it_is_named(tmp_path: Path) -> None:
+    make_authority(tmp_path)
+    for role in ("observer", "maintainer"):
+        issue_certificate(tmp_path, role, "client", uris=[f"hexwire:{role}:lab/*"])
+    issue_certificate(tmp_path, "none", "client")
+    issue_certificate(tmp_path, "king", "client", uris=["hexwire:king:lab/*"])
+
+    def role(name: str, more: str = "") -> Role:
+        return parse(f"zenoh:arm?{more}").role_by(str(tmp_path / f"{name}.pem"))
+
+    assert role("observer") is Role.OBSERVER
+    assert role("maintainer") is Role.MAINTAINER
+    assert role("maintainer", "role=operator") is Role.OPERATOR
+    # What the certificate lacks is told when it is denied.
+    assert role("none") is Role.OPERATOR
+    with pytest.raises(UsageError, match=r"king\.pem: a role that this version does not know"):
+        role("king")
+
+
+def test_a_certificate_that_cannot_be_read_is_in_nobodys_way_until_it_is_used() -> None:
+    assert parse("zenoh:arm?ca=a&cert=b&key=c").cert == "b"
 
 
 @pytest.mark.parametrize(
@@ -47,6 +66,7 @@ def test_with_a_certificate_the_role_is_operator_unless_it_is_named() -> None:
         ("zenoh:arm?role=operator&role=maintainer", "doubled"),
         ("zenoh:arm?role=king", "not a role"),
         ("zenoh:arm?take=yes", "take is 0 or 1"),
+        ("zenoh:arm?without-certificates=yes", "without-certificates is 0 or 1"),
     ],
 )
 def test_what_is_no_address_is_refused_with_what_to_write(text: str, words: str) -> None:
@@ -78,12 +98,14 @@ def test_an_arm_that_nobody_serves_here_needs_a_router(tmp_path: Path, monkeypat
     with pytest.raises(LinkNotFoundError, match=r"hexwire serve --name lab/arm1.*router"):
         parse("zenoh:lab/arm1").network()
     network = parse("zenoh:lab/arm1?router=tcp/localhost:7447").network()
-    assert network.connect == ("tcp/localhost:7447",)
+    assert network.connect == ("tcp/127.0.0.1:7447",)
     assert network.listen == ()
 
 
 def test_a_router_of_another_machine_is_not_reached_without_certificates() -> None:
     with pytest.raises(UsageError, match="without certificates"):
         parse("zenoh:arm?router=tcp/lab-pc:7447").network()
+    plain = parse("zenoh:arm?router=tcp/lab-pc:7447&without-certificates=1").network()
+    assert plain.connect == ("tcp/lab-pc:7447",)
     with pytest.raises(UsageError, match="needs certificates"):
         parse("zenoh:arm?router=tls/lab-pc:7447").network()

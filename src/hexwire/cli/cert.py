@@ -1,10 +1,12 @@
 """`cert`: certificates for a lab.
 
 Owns which files a command creates. Must not know their contents.
+`cert new` is for links (tcps://), `cert issue` for programs of a fleet, with a role.
 """
 
 from __future__ import annotations
 
+import secrets
 from pathlib import Path
 
 import click
@@ -17,7 +19,7 @@ __all__ = ["cert"]
 
 @click.group()
 def cert() -> None:
-    """Create certificates for TLS links (tcps://) in a lab."""
+    """Create certificates for a lab: for TLS links (tcps://), and with a role for shared arms (zenoh:)."""
 
 
 @cert.command()
@@ -55,7 +57,7 @@ def new(
     others access: do not copy it to the robots.
     """
     from hexwire.errors import UsageError
-    from hexwire.link.certs import AUTHORITY, CERTIFICATE_DAYS, issue_certificate, make_authority
+    from hexwire.link.certs import CERTIFICATE_DAYS, issue_certificate
 
     if not servers and not clients:
         if hosts and (Path(folder) / "server.pem").exists():
@@ -65,15 +67,7 @@ def new(
         raise UsageError("--host needs --server")
     wanted = [(name, "server") for name in servers] + [(name, "client") for name in clients]
     _check_names([name for name, _ in wanted], Path(folder))
-    made = []
-    lines = []
-    if not any((Path(folder) / f"{AUTHORITY}{end}").exists() for end in (".pem", ".key")):
-        files = make_authority(folder, name=lab)
-        made.append({"kind": "authority", "cert": str(files.cert), "key": str(files.key)})
-        lines += [
-            f"{files.cert}  certificate of the authority; every machine needs it",
-            f"{files.key}  its private key; keep it to yourself",
-        ]
+    made, lines = _authority(folder, lab)
     for name, kind in wanted:
         if kind == "server":
             files = issue_certificate(folder, name, "server", hosts=hosts, days=days or CERTIFICATE_DAYS)
@@ -84,6 +78,81 @@ def new(
         if kind == "client":
             lines.append(f"    calls tcps://HOST:PORT?ca={folder}/ca.pem&cert={files.cert}&key={files.key}")
     answer(as_json, made, *lines)
+
+
+@cert.command()
+@click.argument("folder", metavar="DIR")
+@click.argument("name", metavar="NAME")
+@click.option(
+    "--role",
+    required=True,
+    type=click.Choice(["observer", "operator", "maintainer", "arm", "router"]),
+    help="observer: reads and stops; operator: also moves; maintainer: also servo settings and firmware; arm: for "
+    "'hexwire serve'; router: for 'hexwire fleet router'.",
+)
+@click.option("--for", "arms", multiple=True, metavar="PATTERN", help="Arm, or pattern as in 'lab/*'; repeatable.")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    metavar="HOST",
+    help="Host name or address of an arm or router; repeatable. Default: NAME and this machine.",
+)
+@click.option(
+    "--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name for a new certificate authority."
+)
+@number_option("--days", "DAYS", "Validity in days (825).", above=0)
+@json_option
+def issue(
+    folder: str,
+    name: str,
+    role: str,
+    arms: tuple[str, ...],
+    hosts: tuple[str, ...],
+    lab: str,
+    days: float | None,
+    as_json: bool,
+) -> None:
+    """Create a certificate NAME with a role for arms in DIR, and an authority if there is none.
+
+    The role is granted when 'hexwire fleet config DIR' is run and the router started again.
+    """
+    from hexwire.errors import UsageError
+    from hexwire.fleet.rights import Kind, Rights
+    from hexwire.link.certs import CERTIFICATE_DAYS, issue_certificate
+
+    rights = Rights(Kind(role), arms)
+    listens = rights.role is None
+    if hosts and not listens:
+        raise UsageError("--host is for the roles arm and router: a client is identified by its certificate alone")
+    _check_names([name], Path(folder))
+    made, lines = _authority(folder, lab)
+    files = issue_certificate(
+        folder,
+        name,
+        "both" if listens else "client",
+        hosts=hosts,
+        uris=rights.uris(),
+        # Zenoh knows a program by this name. Another certificate with these files' names must not get its rights.
+        subject=f"{name[:40]} {secrets.token_hex(8)}",
+        days=days or CERTIFICATE_DAYS,
+    )
+    made.append({"kind": role, "arms": ",".join(arms), "cert": str(files.cert), "key": str(files.key)})
+    lines.append(f"{files.cert}, {files.key}  {rights}")
+    answer(as_json, made, *lines)
+
+
+def _authority(folder: str, lab: str) -> tuple[list[dict[str, str]], list[str]]:
+    """Create an authority if there is none; returns what was made, and lines about it."""
+    from hexwire.link.certs import AUTHORITY, make_authority
+
+    if any((Path(folder) / f"{AUTHORITY}{end}").exists() for end in (".pem", ".key")):
+        return [], []
+    files = make_authority(folder, name=lab)
+    return [{"kind": "authority", "cert": str(files.cert), "key": str(files.key)}], [
+        f"{files.cert}  certificate of the authority; every machine needs it",
+        f"{files.key}  its private key; keep it to yourself",
+    ]
 
 
 def _check_names(names: list[str], folder: Path) -> None:

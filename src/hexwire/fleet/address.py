@@ -14,16 +14,18 @@ from urllib.parse import parse_qsl
 
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.inputs import parse_toml, read_text
+from hexwire.link.cert_facts import read_certificate
 
 from .names import SCHEME, Role, check_name
 from .network import Network, endpoints_of, is_served, local_socket
+from .rights import Rights
 
-__all__ = ["FLEET_VARIABLE", "Address", "read_fleet_file"]
+__all__ = ["FLEET_VARIABLE", "Address", "read_fleet_file", "rights_of"]
 
 FLEET_VARIABLE = "HEXWIRE_FLEET"
 """Environment variable with the path of a file that names router and certificates."""
 
-_KEYS = ("router", "ca", "cert", "key", "role", "take")
+_KEYS = ("router", "ca", "cert", "key", "role", "take", "without-certificates")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +38,9 @@ class Address:
         ca: Certificate of the lab's authority.
         cert: Own certificate.
         key: Its key.
-        role: Role in which this program commands the arm.
+        role: Role in which this program commands the arm; None for the highest that it has, see `role_by`.
         take: Pre-empt another holder of the lease.
+        without_certificates: The router may be on another machine though it asks for no certificates.
     """
 
     name: str
@@ -45,8 +48,9 @@ class Address:
     ca: str = ""
     cert: str = ""
     key: str = ""
-    role: Role = Role.MAINTAINER
+    role: Role | None = None
     take: bool = False
+    without_certificates: bool = False
 
     @classmethod
     def parse(cls, text: str, environ: Mapping[str, str] | None = None) -> Address:
@@ -68,12 +72,15 @@ class Address:
         values = {**(read_fleet_file(file) if file else {}), **given}
         role = values.pop("role", "")
         take = values.pop("take", "")
-        if take not in ("", "0", "1"):
-            raise UsageError(f"{text!r}: take is 0 or 1")
+        plain = values.pop("without-certificates", "")
+        for option, value in (("take", take), ("without-certificates", plain)):
+            if value not in ("", "0", "1"):
+                raise UsageError(f"{text!r}: {option} is 0 or 1")
         return cls(
             check_name(name.removeprefix("//")),
-            role=_role(role) if role else Role.OPERATOR if values.get("cert") else Role.MAINTAINER,
+            role=_role(role) if role else None,
             take=take == "1",
+            without_certificates=plain == "1",
             **values,
         )
 
@@ -81,6 +88,19 @@ class Address:
     def text(self) -> str:
         """The address, without certificates."""
         return f"{SCHEME}:{self.name}"
+
+    def role_by(self, cert: str) -> Role:
+        """Role in which a program commands the arm.
+
+        Args:
+            cert: The certificate by which the other side knows it; empty for none, which is for every role.
+        """
+        if self.role is not None:
+            return self.role
+        rights = rights_of(cert) if cert else None
+        if rights is not None and rights.role is not None:
+            return rights.role
+        return Role.OPERATOR if cert else Role.MAINTAINER
 
     def network(self) -> Network:
         """The way to the arm: the socket of a server of this user, else the router.
@@ -98,7 +118,25 @@ class Address:
                 f"{FLEET_VARIABLE})",
                 url=self.text,
             )
-        return Network(connect=(self.router,), ca=self.ca, cert=self.cert, key=self.key)
+        return Network(
+            connect=(self.router,),
+            ca=self.ca,
+            cert=self.cert,
+            key=self.key,
+            reachable_without_certificates=self.without_certificates,
+        )
+
+
+def rights_of(cert: str) -> Rights | None:
+    """What stands in a certificate; None for one without a role.
+
+    Raises:
+        UsageError: It cannot be read.
+    """
+    try:
+        return Rights.from_uris(read_certificate(cert).uris)
+    except UsageError as error:
+        raise UsageError(f"{cert}: {error}" if cert not in str(error) else str(error)) from None
 
 
 def _role(word: str) -> Role:

@@ -8,6 +8,7 @@ Owns the grammar of names, roles and keys. Must not know Zenoh or messages.
     hexwire/<name>/as/<role>/lease         take, renew and give back the lease
     hexwire/<name>/as/<role>/order         orders of its holder
     hexwire/<name>/alive/<instance>        liveliness token of the server
+    hexwire/@here/<session>                answered by the router or server that a program is connected to
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ from enum import IntEnum
 
 from hexwire.errors import UsageError
 
-__all__ = ["ROOT", "SCHEME", "Keys", "Role", "check_name", "check_pattern", "name_of"]
+__all__ = ["HERE", "ROOT", "SCHEME", "Keys", "Role", "check_name", "check_pattern", "name_of"]
 
 ROOT = "hexwire"
 SCHEME = "zenoh"
+# Wildcards do not match a part that begins with '@', and no name has one.
+HERE = f"{ROOT}/@here/*"
+"""Keys under which a router or server tells whoever it knows that it is there."""
 _SEGMENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
 _WILD = re.compile(r"\*{1,2}|[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
 _MOST_SEGMENTS = 4
@@ -87,6 +91,15 @@ class Keys:
     def order(self, role: Role) -> str:
         """Key of the orders of clients of that role."""
         return f"{self.base}/as/{role.word}/order"
+
+    def asked(self, role: Role) -> list[str]:
+        """Keys at which clients of that role ask and order."""
+        commanding = [each for each in Role if Role.OBSERVER < each <= role]
+        return [self.ask, self.stop, *(key(each) for each in commanding for key in (self.lease, self.order))]
+
+    def answered(self) -> list[str]:
+        """Keys at which a server answers."""
+        return self.asked(max(Role))
 
     def token(self, instance: str) -> str:
         """Key of a server's liveliness token."""

@@ -1,7 +1,7 @@
 """A Zenoh session with hexwire's settings: no scouting, no multicast, and nobody reached who was not named.
 
-Owns the settings, the folder with the sockets of this user's arms, and asking a question within a time limit. The
-only module that imports Zenoh. Must not know arms, messages or roles.
+Owns the settings, asking a question within a time limit, and what is published and visible. The only module that
+imports Zenoh. Must not know arms, messages or roles.
 
 Programs of one user on one machine meet at a Unix socket in a folder that only this user can read. Beyond the
 machine both ends show certificates of the lab's authority (TLS).
@@ -10,30 +10,42 @@ machine both ends show certificates of the lab's authority (TLS).
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
-import os
-import socket
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from hexwire.errors import (
+    ConfigError,
+    HexwireError,
     LinkClosedError,
-    LinkError,
     LinkNotFoundError,
     LinkPermissionError,
     NotSupportedError,
     UsageError,
 )
-from hexwire.inputs import parse_json, read_text
-from hexwire.new_file import make_folder, owner_name
+from hexwire.inputs import LARGEST_DATA, parse_json, read_text
+from hexwire.link.cert_facts import check_usable
+from hexwire.link.tls import TlsFiles
+
+from .endpoints import (
+    UNIX,
+    check_endpoint,
+    endpoints_of,
+    is_served,
+    local_socket,
+    local_sockets,
+    make_socket_folder,
+)
+from .names import HERE
+from .reach import why_unreachable
 
 __all__ = [
     "Network",
     "NoAnswerError",
     "Node",
+    "Question",
     "endpoints_of",
     "is_served",
     "local_socket",
@@ -42,12 +54,12 @@ __all__ = [
     "read_access",
 ]
 
-_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
-_MOST_PATH = 100
-"""Bytes of a socket's path; the system allows 107."""
-_SUFFIX = ".sock"
-_CONNECT = 3.0
+_ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
+_OPEN = 3.0
 """Seconds in which a connection must stand."""
+_RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
+_MOST_SESSIONS = 10_000
+"""Programs that may be connected to a router; Zenoh's own limit is 1000."""
 
 
 def _zenoh() -> Any:
@@ -58,68 +70,6 @@ def _zenoh() -> Any:
             "sharing an arm needs Eclipse Zenoh, which is not installed: pip install 'hexwire[fleet]'"
         ) from None
     return zenoh
-
-
-def socket_folder() -> Path:
-    """The folder of this user's sockets."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and Path(runtime).is_absolute():
-        return Path(runtime) / "hexwire" / "arms"
-    state = os.environ.get("XDG_STATE_HOME")
-    home = Path(state) if state and Path(state).is_absolute() else Path.home() / ".local" / "state"
-    return home / "hexwire" / "arms"
-
-
-def make_socket_folder() -> None:
-    """Make the folder of this user's sockets, which nobody else can look into.
-
-    Raises:
-        UsageError: It cannot be made, or belongs to another user.
-    """
-    folder, remedy = socket_folder(), "set XDG_RUNTIME_DIR to a folder of yours"
-    try:
-        make_folder(folder)
-    except UsageError as error:
-        raise UsageError(f"{error}: {remedy}") from None
-    try:
-        status = folder.stat()
-        if status.st_uid != os.geteuid():
-            raise UsageError(f"{folder} belongs to {owner_name(status.st_uid)}; {remedy}")
-        if status.st_mode & 0o077:
-            folder.chmod(0o700)
-    except OSError as error:
-        raise UsageError(f"{folder} cannot be used: {error.strerror}; {remedy}") from None
-
-
-def local_socket(name: str) -> Path:
-    """Path of the socket of an arm that is served by this user on this machine."""
-    folder, file = socket_folder(), name.replace("/", "+") + _SUFFIX
-    if len(os.fsencode(folder / file)) > _MOST_PATH:
-        file = hashlib.sha256(name.encode()).hexdigest()[:16] + _SUFFIX
-    path = folder / file
-    if len(os.fsencode(path)) > _MOST_PATH:
-        raise UsageError(f"{folder} is too long for the address of a socket; set XDG_RUNTIME_DIR to a shorter one")
-    return path
-
-
-def local_sockets() -> list[Path]:
-    """Sockets of this user on which a server listens."""
-    try:
-        found = sorted(socket_folder().glob(f"*{_SUFFIX}"))
-    except OSError:
-        return []
-    return [path for path in found if is_served(path)]
-
-
-def is_served(path: Path) -> bool:
-    """Whether a program listens on that socket."""
-    with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) as probe:
-        probe.settimeout(_CONNECT)
-        try:
-            probe.connect(os.fspath(path))
-        except OSError:
-            return False
-    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,29 +97,25 @@ class Network:
     access: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        for endpoint in (*self.listen, *self.connect):
-            self._check(endpoint)
         given = [bool(self.ca), bool(self.cert), bool(self.key)]
         if any(given) and not all(given):
             raise UsageError("TLS needs all of ca, cert and key; 'hexwire cert' creates the files")
-
-    def _check(self, endpoint: str) -> None:
-        kind, _, rest = endpoint.partition("/")
-        if kind == "unixsock-stream" and rest:
-            return
-        host, colon, port = rest.rpartition(":")
-        if kind not in ("tcp", "tls") or not colon or not host or not port.isdigit():
-            raise UsageError(f"{endpoint!r} is not an endpoint; write tls/HOST:PORT, or tcp/localhost:PORT")
-        if kind == "tls":
-            if not self.ca:
-                raise UsageError(
-                    f"{endpoint} needs certificates: give ca, cert and key ('hexwire cert' creates them)"
-                )
-        elif host not in _LOOPBACK and not self.reachable_without_certificates:
-            raise UsageError(
-                f"{endpoint} reaches beyond this machine without certificates: anybody there could move the arm. "
-                "Use tls/HOST:PORT"
+        for field in ("listen", "connect"):
+            checked = (
+                check_endpoint(each, certificates=bool(self.ca), anywhere=self.reachable_without_certificates)
+                for each in getattr(self, field)
             )
+            object.__setattr__(self, field, tuple(checked))
+        if any(each.startswith("tls/") for each in self.listen) and self.access is None:
+            raise UsageError(
+                "whoever listens with certificates decides what each may do: give --access FILE, which "
+                "'hexwire fleet config' writes"
+            )
+
+    @property
+    def files(self) -> TlsFiles | None:
+        """The certificates; None for none."""
+        return TlsFiles(self.ca, self.cert, self.key) if self.ca else None
 
     def open(self, *, wait: bool = True) -> Node:
         """Open a session.
@@ -181,22 +127,28 @@ class Network:
             LinkNotFoundError: No endpoint can be reached.
             LinkPermissionError: An endpoint cannot be listened on.
             NotSupportedError: Zenoh is not installed.
+        UsageError: The certificates or the access control cannot be used.
         """
         zenoh = _zenoh()
         zenoh.init_log_from_env_or("off")
+        if self.files is not None:
+            check_usable(self.files)
         config = zenoh.Config()
         for key, value in self._settings(wait).items():
-            config.insert_json5(key, json.dumps(value))
-        for path in (self.ca, self.cert, self.key):
-            if path and not os.access(path, os.R_OK):
-                raise UsageError(f"{path} cannot be read; 'hexwire cert' creates certificates")
+            try:
+                config.insert_json5(key, json.dumps(value))
+            except zenoh.ZError as error:
+                raise UsageError(f"{key} is not a setting of Zenoh: {_first_line(error)}") from None
         for endpoint in self.listen:
-            if Path(endpoint.removeprefix("unixsock-stream/")).parent == socket_folder():
+            if endpoint.startswith(f"{UNIX}/"):
                 make_socket_folder()
         try:
-            return Node(zenoh.open(config))
+            node = Node(zenoh.open(config), cert=self.cert)
         except zenoh.ZError as error:
-            raise self._failure(str(error)) from None
+            raise self._failure(_first_line(error)) from None
+        if self.listen:
+            node.answer_neighbours()
+        return node
 
     def _settings(self, wait: bool) -> dict[str, Any]:
         client = bool(self.connect) and not self.listen and not self.router
@@ -206,8 +158,16 @@ class Network:
             "connect/endpoints": list(self.connect),
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
-            "connect/timeout_ms": round(1000 * _CONNECT) if wait else -1,
+            # A program that waits tries once, and says why; the others try until they end.
+            "connect/timeout_ms": 0 if wait else -1,
             "connect/exit_on_failure": wait,
+            "connect/retry": _RETRY,
+            "listen/timeout_ms": 0,
+            "listen/exit_on_failure": True,
+            "adminspace/enabled": False,
+            "transport/shared_memory/enabled": False,
+            "transport/link/protocols": sorted({UNIX, "tls", *(["tcp"] if self._has_tcp else [])}),
+            "transport/unicast/open_timeout": round(1000 * _OPEN),
         }
         if self.ca:
             tls = {
@@ -218,19 +178,43 @@ class Network:
                 "connect_certificate": self.cert,
                 "enable_mtls": True,
                 "verify_name_on_connect": True,
+                # A connection that stands ends when the certificate of the other side does.
+                "close_link_on_expiration": True,
             }
             rows |= {f"transport/link/tls/{key}": value for key, value in tls.items()}
+        if self.router:
+            rows["transport/unicast/max_sessions"] = _MOST_SESSIONS
         if self.access is not None:
             rows["access_control"] = self.access
         return rows
 
-    def _failure(self, text: str) -> LinkError:
-        where = ", ".join(self.connect or self.listen)
-        if self.listen and ("listener" in text.lower() or "bind" in text.lower() or "in use" in text.lower()):
-            return LinkPermissionError(f"cannot listen on {', '.join(self.listen)}: {text.splitlines()[0][:200]}")
-        return LinkNotFoundError(
-            f"nobody answers at {where}; is the server or router running, and the address right?"
-        )
+    @property
+    def _has_tcp(self) -> bool:
+        return any(each.startswith("tcp/") for each in (*self.listen, *self.connect))
+
+    def _failure(self, text: str) -> HexwireError:
+        if "access control" in text.lower():
+            return UsageError(f"the access control cannot be used: {text}")
+        if self.listen:
+            return LinkPermissionError(f"cannot listen on {', '.join(self.listen)}: {_why_not(text)}")
+        return LinkNotFoundError("; ".join(why_unreachable(each, self.files) for each in self.connect))
+
+
+def _first_line(error: Exception) -> str:
+    """What Zenoh says, without the places in its source."""
+    return re.sub(r" at /\S*", "", str(error).partition("\n")[0])[:300].strip()
+
+
+def _why_not(text: str) -> str:
+    for words, plain in (
+        ("in use", "another program listens there"),
+        ("Permission denied", "this user may not listen there; ports below 1024 need more rights"),
+        ("Cannot assign requested address", "this computer does not have that address"),
+        ("failed to lookup", "there is no such host"),
+    ):
+        if words in text:
+            return plain
+    return text
 
 
 class NoAnswerError(Exception):
@@ -241,14 +225,42 @@ class NoAnswerError(Exception):
         self.absent = absent
 
 
+class Question:
+    """A question that arrived.
+
+    Args:
+        key: Where it is answered. It may have been asked at a pattern, but the answer is for this key: a program
+            may have no right to answer for all that the pattern names.
+        query: Zenoh's.
+    """
+
+    def __init__(self, key: str, query: Any) -> None:
+        self._key, self._query = key, query
+
+    @property
+    def payload(self) -> bytes:
+        """What was asked."""
+        payload = self._query.payload
+        return bytes(payload.to_bytes()) if payload is not None else b""
+
+    def reply(self, payload: bytes) -> None:
+        """Answer it, once. Whoever asked may be gone."""
+        with contextlib.suppress(Exception):
+            self._query.reply(self._key, payload)
+        with contextlib.suppress(Exception):
+            self._query.drop()
+
+
 class Node:
     """An open session. Any thread may call its methods.
 
     Args:
         session: As Zenoh opened it.
+        cert: Certificate by which others know this program; empty for none.
     """
 
-    def __init__(self, session: Any) -> None:
+    def __init__(self, session: Any, *, cert: str = "") -> None:
+        self.cert = cert
         # Zenoh's stubs leave out the types of what ends a session.
         self._session = session
         self._zenoh = _zenoh()
@@ -263,6 +275,33 @@ class Node:
         """Number of other programs that this one is connected to: peers and routers."""
         info = self._session.info
         return len(list(info.peers_zid())) + len(list(info.routers_zid()))
+
+    def ask_neighbours(self, timeout: float) -> None:
+        """Ask the routers and servers that this program is connected to whether they know it.
+
+        Args:
+            timeout: Seconds.
+
+        Raises:
+            NoAnswerError: None answers; `absent` if none is silent, but their access control does not know this
+                program.
+        """
+        info = self._session.info
+        silent = NoAnswerError(absent=False)
+        for neighbour in (*info.routers_zid(), *info.peers_zid()):
+            try:
+                self.ask(HERE.replace("*", str(neighbour)), b"", timeout)
+            except NoAnswerError as none:
+                silent = none
+            else:
+                return
+        raise silent
+
+    def answer_neighbours(self) -> None:
+        """Answer `ask_neighbours` of those who connect to this program."""
+        key = HERE.replace("*", str(self._session.info.zid()))
+
+        self.answer(key, lambda question: question.reply(b""))
 
     @property
     def routers(self) -> int:
@@ -307,9 +346,9 @@ class Node:
             raise LinkClosedError(f"the session is closed: {str(error)[:200]}") from None
         raise NoAnswerError(absent=True)
 
-    def answer(self, key: str, on_question: Callable[[Any], object]) -> None:
-        """Answer questions; `on_question` gets Zenoh's query in a thread of Zenoh's, and must not wait."""
-        self._session.declare_queryable(key, on_question, complete=True)
+    def answer(self, key: str, on_question: Callable[[Question], object]) -> None:
+        """Answer questions; `on_question` gets each in a thread of Zenoh's, and must not wait."""
+        self._session.declare_queryable(key, lambda query: on_question(Question(key, query)), complete=True)
 
     def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
         """Receive what is published; returns how to end it. A thread of Zenoh's passes payload and key."""
@@ -370,9 +409,8 @@ def read_access(path: str) -> dict[str, Any]:
     Raises:
         ConfigError: It cannot be read, or is not a table.
     """
-    return {key: item.value for key, item in parse_json(read_text(path), path).table().items()}
-
-
-def endpoints_of(paths: Sequence[Path]) -> tuple[str, ...]:
-    """Zenoh's addresses of sockets."""
-    return tuple(f"unixsock-stream/{path}" for path in paths)
+    text = read_text(path, largest=LARGEST_DATA)
+    rows = {key: item.value for key, item in parse_json(text, path).table(_ACCESS, _ACCESS).items()}
+    if rows["enabled"] is not True or rows["default_permission"] != "deny":
+        raise ConfigError(f"{path}: access control that is switched off, or allows what no rule names")
+    return rows

@@ -89,6 +89,7 @@ class RemoteRobot(RobotDriver):
         self.model = arm_model(facts)
         self._facts, self._keys = facts, Keys(address.name)
         self._node: Node | None = None
+        self._commands_as = Role.OBSERVER
         self._me = whoami()
         self._clock = ClockOffset()
         self._states = ArrivedStates(address.text, self._clock)
@@ -193,6 +194,7 @@ class RemoteRobot(RobotDriver):
             return
         node = self.address.network().open()
         try:
+            self._commands_as = self.address.role_by(node.cert)
             for _ in range(_EXCHANGES):
                 sent = time.monotonic()
                 answer = ask(node, self.address, self._keys.ask, m.Ask("clock"), _TIMEOUT)
@@ -266,9 +268,14 @@ class RemoteRobot(RobotDriver):
 
     @property
     def _role(self) -> Role:
-        if self.address.role is Role.OBSERVER:
-            raise LinkPermissionError(f"{self.url}: an observer may read and stop, but not command", url=self.url)
-        return self.address.role
+        role = self._commands_as
+        if role is Role.OBSERVER:
+            cert = self._attached().cert
+            whose = f"the certificate {cert} is not an operator's" if cert else "the address says so"
+            raise LinkPermissionError(
+                f"{self.url}: an observer may read and stop, but not command it ({whose})", url=self.url
+            )
+        return role
 
     # -- reading --------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hexwire.drivers.values import StopMode
-from hexwire.errors import DeviceError, HexwireError, LeaseError, RemoteProtocolError, UsageError
+from hexwire.errors import DeviceError, HexwireError, LeaseError, LinkBusyError, RemoteProtocolError, UsageError
 from hexwire.model.state import JointTarget
 
 from . import messages as m
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hexwire.control.shared import SharedArm
     from hexwire.model.state import JointState
 
-    from .network import Node
+    from .network import Node, Question
 
 __all__ = ["ArmServer"]
 
@@ -74,7 +74,7 @@ class ArmServer:
         self._shared, self._node, self._keys, self._server = shared, node, Keys(name), server
         self._owner, self._robot = shared.arm.owner, shared.arm.owner.robot
         # Sorts like the time of its start: 16 hexadecimal digits, then what tells two of the same time apart.
-        self._instance = f"{int(1e6 * started):016x}-{id(self) & 0xFFFFFFFF:08x}"
+        self._instance = f"{int(1e6 * started):016x}-{secrets.token_hex(8)}"
         # Tells a client that this is another server than before, whatever its clock says.
         self._number = secrets.randbits(_NUMBER_BITS)
         self._sequence = 0
@@ -88,14 +88,14 @@ class ArmServer:
         self._ending = threading.Event()
         self._probe: tuple[float, Any] | None = None
         self._workers: dict[str, Worker] = {}
-        self._stops: dict[StopMode, Gathering[tuple[Any, str]]] = {}
+        self._stops: dict[StopMode, Gathering[tuple[Question, str]]] = {}
         self._ticker = threading.Thread(target=self._tick, name="status", daemon=True)
 
     def start(self) -> None:
         """Offer the arm.
 
         Raises:
-            UsageError: Another server offers this name.
+            LinkBusyError: Another server offers this name.
         """
         node, keys = self._node, self._keys
         if taken := self._others(node.visible(keys.alive, 1.0)):
@@ -130,8 +130,8 @@ class ArmServer:
 
     # -- unique names -----------------------------------------------------------------------------------
 
-    def _taken(self, who: str) -> UsageError:
-        return UsageError(f"the name {self._keys.name} is already served ({who}); choose another --name")
+    def _taken(self, who: str) -> LinkBusyError:
+        return LinkBusyError(f"the name {self._keys.name} is already served ({who}); choose another --name")
 
     def _others(self, tokens: list[str]) -> list[str]:
         found = []
@@ -215,10 +215,10 @@ class ArmServer:
     # -- what arrives -----------------------------------------------------------------------------------
     # Called in threads of Zenoh's, which must not wait.
 
-    def _guarded(self, on_query: Callable[[Any], object]) -> Callable[[Any], None]:
+    def _guarded(self, on_query: Callable[[Question], object]) -> Callable[[Question], None]:
         """So that a mistake in this program is answered and logged; Zenoh would only print it."""
 
-        def guarded(query: Any) -> None:
+        def guarded(query: Question) -> None:
             try:
                 on_query(query)
             except Exception as error:  # noqa: BLE001  # logged and answered
@@ -227,13 +227,13 @@ class ArmServer:
 
         return guarded
 
-    def _on_stop(self, query: Any) -> None:
+    def _on_stop(self, query: Question) -> None:
         request = self._parse(query, m.StopRequest)
         if request is not None and not self._stops[_mode(request.mode)].put((query, _shown(request.client))):
             self.refused += 1
             self._refuse(query, DeviceError("so many stop the arm that this is not answered; it is being stopped"))
 
-    def _stop(self, mode: StopMode, requests: list[tuple[Any, str]]) -> None:
+    def _stop(self, mode: StopMode, requests: list[tuple[Question, str]]) -> None:
         """Stop the arm once for all who have asked since the last stop began."""
         clients = dict.fromkeys(client for _, client in requests)
         self._answer([query for query, _ in requests], partial(self._stop_for, ", ".join(clients), mode))
@@ -243,7 +243,7 @@ class ArmServer:
         self._count()
         return confirmed
 
-    def _on_question(self, query: Any) -> None:
+    def _on_question(self, query: Question) -> None:
         ask = self._parse(query, m.Ask)
         if ask is None:
             return
@@ -254,7 +254,7 @@ class ArmServer:
         else:
             self._queue("questions", query, lambda: self._answer_question(ask))
 
-    def _on_lease(self, role: Role, query: Any) -> None:
+    def _on_lease(self, role: Role, query: Question) -> None:
         request = self._parse(query, m.LeaseRequest)
         if request is None:
             return
@@ -271,7 +271,7 @@ class ArmServer:
         else:
             self._queue("leases", query, lambda: self._leave(request))
 
-    def _on_order(self, role: Role, query: Any) -> None:
+    def _on_order(self, role: Role, query: Question) -> None:
         from hexwire.control.shared import Order
 
         envelope = self._parse(query, m.Envelope)
@@ -291,21 +291,21 @@ class ArmServer:
             return
         self._queue("orders", query, lambda: self._do(order, envelope))
 
-    def _parse(self, query: Any, kind: Any) -> Any:
+    def _parse(self, query: Question, kind: Any) -> Any:
         """The message of a query; None if it is not one, which was answered then."""
         try:
-            return m.decode(query.payload.to_bytes() if query.payload is not None else b"", kind)
+            return m.decode(query.payload, kind)
         except RemoteProtocolError as error:
             self.refused += 1
             self._refuse(query, error)
             return None
 
-    def _queue(self, worker: str, query: Any, call: Callable[[], object]) -> None:
+    def _queue(self, worker: str, query: Question, call: Callable[[], object]) -> None:
         if not self._workers[worker].put(lambda: self._answer([query], call)):
             self.refused += 1
             self._refuse(query, DeviceError("the arm's server is busy; nothing was done"))
 
-    def _answer(self, queries: Sequence[Any], call: Callable[[], object]) -> None:
+    def _answer(self, queries: Sequence[Question], call: Callable[[], object]) -> None:
         """Make a call, and tell all who wait for it what came of it."""
         try:
             value = call()
@@ -320,20 +320,16 @@ class ArmServer:
             for query in queries:
                 self._reply(query, value)
 
-    def _reply(self, query: Any, value: object) -> None:
+    def _reply(self, query: Question, value: object) -> None:
         self.served += 1
         self._send_answer(query, m.Answer("", value=value, clock=self._shared.now(), done=self._done))
 
-    def _refuse(self, query: Any, error: HexwireError) -> None:
+    def _refuse(self, query: Question, error: HexwireError) -> None:
         kind, text, details = describe(error)
         self._send_answer(query, m.Answer(kind, text, details, None, self._shared.now(), self._done))
 
-    def _send_answer(self, query: Any, answer: m.Answer) -> None:
-        # The client may be gone.
-        with contextlib.suppress(Exception):
-            query.reply(query.key_expr, m.encode(answer))
-        with contextlib.suppress(Exception):
-            query.drop()
+    def _send_answer(self, query: Question, answer: m.Answer) -> None:
+        query.reply(m.encode(answer))
 
     # -- in the threads of the workers --------------------------------------------------------------------
 

@@ -24,7 +24,9 @@ from hexwire.control.lease import Lease
 from hexwire.control.shared import SharedArm
 from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
 
+from .address import rights_of
 from .network import Network, Node, endpoints_of, local_socket, make_socket_folder
+from .rights import Kind
 from .server import ArmServer
 
 if TYPE_CHECKING:
@@ -129,6 +131,12 @@ class Service:
         self, arms: Sequence[ServedArm], network: Network | None = None, *, wait: bool = False, server: str = ""
     ) -> None:
         self._network = network or Network()
+        if self._network.listen and len(arms) > 1:
+            raise UsageError(
+                "several arms cannot listen at one endpoint; start 'hexwire fleet router', and name it"
+            )
+        if self._network.cert:
+            _check_certificate(self._network.cert, [arm.name for arm in arms])
         self._arms = [_Served(arm, self._network, wait, server) for arm in arms]
         self._told: set[str] = set()
         self._waits_for: dict[str, str] = {}
@@ -212,7 +220,7 @@ class Service:
             if served.arm.owner.crash is not None:
                 raise DeviceError(f"{name}: the program failed: {served.arm.owner.crash}")
             if served.server is not None and served.server.conflict:
-                raise UsageError(served.server.conflict)
+                raise LinkBusyError(served.server.conflict)
         self._look_for_router()
 
     def _look_for_router(self) -> None:
@@ -227,6 +235,17 @@ class Service:
             else:
                 _log.warning("no connection to the router at %s; it is tried again", where)
         self._has_router = has_router
+
+
+def _check_certificate(cert: str, names: Sequence[str]) -> None:
+    """Check that a certificate allows to serve these arms; Zenoh drops what is not allowed without a word."""
+    rights = rights_of(cert)
+    if rights is None or rights.kind is not Kind.ARM:
+        what = f"is for the role {rights}" if rights is not None else "names no role"
+        raise UsageError(f"{cert} {what}; serving needs one from 'hexwire cert issue --role arm --for {names[0]}'")
+    for name in names:
+        if not rights.covers(name):
+            raise UsageError(f"{cert} is for {', '.join(rights.arms)}, not for {name}")
 
 
 @contextlib.contextmanager

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cryptography import x509
     from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
 
-__all__ = ["CertFiles", "issue_certificate", "make_authority"]
+__all__ = ["CertFiles", "issue_certificate", "make_authority", "need_cryptography"]
 
 AUTHORITY = "ca"
 AUTHORITY_DAYS = 3650
@@ -67,7 +67,7 @@ def make_authority(
     Raises:
         UsageError: The files already exist, cannot be written, or `cryptography` is not installed.
     """
-    _need_cryptography()
+    need_cryptography()
     from cryptography import x509
 
     key = _new_key()
@@ -86,9 +86,11 @@ def make_authority(
 def issue_certificate(
     folder: str | Path,
     name: str,
-    kind: Literal["server", "client"],
+    kind: Literal["server", "client", "both"],
     *,
     hosts: Sequence[str] = (),
+    uris: Sequence[str] = (),
+    subject: str = "",
     days: float = CERTIFICATE_DAYS,
     now: datetime | None = None,
 ) -> CertFiles:
@@ -97,8 +99,10 @@ def issue_certificate(
     Args:
         folder: Folder with ``ca.pem`` and ``ca.key``.
         name: Name of the files and of the subject: letters, digits, ``. _ -``.
-        kind: Purpose: to listen, or to connect.
-        hosts: Host names and addresses of a server; without any, its name and loopback.
+        kind: Purpose: to listen, to connect, or both.
+        hosts: Host names and addresses of what listens; without any, its name and loopback.
+        uris: Names in the form of URIs, in ASCII, for programs that read rights from them.
+        subject: Name of the subject, if it differs from that of the files.
         days: Validity in days, at most that of the authority.
         now: Time of creation; for tests.
 
@@ -106,7 +110,7 @@ def issue_certificate(
         UsageError: There is no authority, a name is wrong, the files already exist or cannot be written, or
             `cryptography` is not installed.
     """
-    _need_cryptography()
+    need_cryptography()
     from cryptography import x509
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
@@ -114,31 +118,33 @@ def issue_certificate(
         raise UsageError(f"{name!r} cannot name a certificate: use letters, digits, '.', '_' and '-', and not 'ca'")
     authority, authority_key = _load_authority(Path(folder))
     key = _new_key()
-    purpose = ExtendedKeyUsageOID.SERVER_AUTH if kind == "server" else ExtendedKeyUsageOID.CLIENT_AUTH
+    purposes = [ExtendedKeyUsageOID.SERVER_AUTH] if kind != "client" else []
+    purposes += [ExtendedKeyUsageOID.CLIENT_AUTH] if kind != "server" else []
     issuer_id = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key())
     builder = (
-        _builder(_subject(name), authority.subject, key, days, now)
+        _builder(_subject(subject or name), authority.subject, key, days, now)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_key_usage(signs_certificates=False), critical=True)
-        .add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+        .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
         .add_extension(issuer_id, critical=False)
     )
-    if kind == "server":
-        names = [_alternative_name(host) for host in hosts or (name, "localhost", "127.0.0.1", "::1")]
-        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
-    elif hosts:
+    if kind == "client" and hosts:
         raise UsageError("only a server's certificate has hosts: a client is identified by its name")
+    names: list[x509.GeneralName] = [x509.UniformResourceIdentifier(uri) for uri in uris]
+    if kind != "client":
+        names += [_alternative_name(host) for host in hosts or (name, "localhost", "127.0.0.1", "::1")]
+    if names:
+        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
     return _write(Path(folder), name, _sign(builder, authority_key), key)
 
 
-def _need_cryptography() -> None:
+def need_cryptography() -> None:
+    """Raise `UsageError` if the package is not installed."""
     try:
         import cryptography  # noqa: F401 (imported here, so that the error names the remedy)
     except ImportError as error:
-        raise UsageError(
-            "creating certificates needs the package cryptography: pip install 'hexwire[tls]'"
-        ) from error
+        raise UsageError("certificates need the package cryptography: pip install 'hexwire[tls]'") from error
 
 
 def _new_key() -> EllipticCurvePrivateKey:

@@ -1,0 +1,162 @@
+"""`fleet router` and `fleet config`: the way between machines, and who may do what.
+
+Owns the command lines. `hexwire.fleet.rights` owns the rules, `hexwire.fleet.network` the session.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hexwire.errors import UsageError
+
+from .common import force_option
+from .exits import note
+from .output import say
+
+if TYPE_CHECKING:
+    from hexwire.link.cert_facts import CertFacts
+
+__all__ = ["config", "router"]
+
+_PATIENCE = 5.0
+"""Seconds from the signal in which the router must have ended."""
+_LOOK = 0.2
+"""Seconds between two looks for the end."""
+
+
+@click.command()
+@click.option(
+    "--listen",
+    multiple=True,
+    default=("tcp/127.0.0.1:7447",),
+    show_default=True,
+    metavar="ENDPOINT",
+    help="Where arms and clients connect, as in tls/0.0.0.0:7447; repeatable.",
+)
+@click.option("--router", "connect", multiple=True, metavar="ENDPOINT", help="Another router to connect to.")
+@click.option("--ca", default="", metavar="FILE", help="Certificate of the lab's authority, for tls endpoints.")
+@click.option("--cert", default="", metavar="FILE", help="Certificate of this router.")
+@click.option("--key", default="", metavar="FILE", help="Its key.")
+@click.option("--access", metavar="FILE", help="Rights by certificate, as 'hexwire fleet config' writes them.")
+@click.option(
+    "--reachable-without-certificates",
+    is_flag=True,
+    help="Allow tcp endpoints beyond this machine: anybody there can then move the arms.",
+)
+def router(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    ca: str,
+    cert: str,
+    key: str,
+    access: str | None,
+    reachable_without_certificates: bool,
+) -> None:
+    """Pass on between arms and their clients, until Ctrl-C.
+
+    Arms connect with 'hexwire serve --router', clients with 'zenoh:NAME?router='. It moves nothing by itself; while
+    it is gone, arms go on, and those that a client of it commanded hold.
+    """
+    from hexwire.control.shutdown import Shutdown
+    from hexwire.fleet.network import Network, read_access
+
+    shutdown = Shutdown(_PATIENCE)
+    shutdown.listen()
+    network = Network(
+        listen=listen,
+        connect=connect,
+        ca=ca,
+        cert=cert,
+        key=key,
+        router=True,
+        reachable_without_certificates=reachable_without_certificates,
+        access=read_access(access) if access else None,
+    )
+    if cert:
+        _check_certificate(cert)
+    node = network.open(wait=False)
+    try:
+        say(f"passing on at {', '.join(listen)}", flush=True)
+        while not shutdown.wait(_LOOK):
+            pass
+    finally:
+        shutdown.request()
+        node.close()
+    note("the router has ended")
+
+
+def _check_certificate(cert: str) -> None:
+    from hexwire.fleet.address import rights_of
+    from hexwire.fleet.rights import Kind
+
+    rights = rights_of(cert)
+    if rights is None or rights.kind is not Kind.ROUTER:
+        what = f"is for the role {rights}" if rights is not None else "names no role"
+        raise UsageError(f"{cert} {what}; a router needs one from 'hexwire cert issue --role router'")
+
+
+@click.command()
+@click.argument("folder", metavar="DIR")
+@click.argument("certificates", nargs=-1, metavar="[CERT]...")
+@click.option("--output", "-o", metavar="FILE", help="The file to write.  [default: DIR/access.json]")
+@force_option
+def config(folder: str, certificates: tuple[str, ...], output: str | None, force: bool) -> None:
+    """Write the rights of a lab from its certificates: those in DIR, or those named.
+
+    DIR has the authority's certificate, ca.pem. A router or server that is started with --access FILE enforces the
+    rights: whoever is not in the file may do nothing. To revoke a certificate, remove it, and run this again with
+    --force; then start the router again.
+    """
+    from hexwire.fleet.rights import access_control
+    from hexwire.link.certs import AUTHORITY
+    from hexwire.new_file import OutputFile
+
+    ca = Path(folder) / f"{AUTHORITY}.pem"
+    paths = [Path(name) for name in certificates] or sorted(Path(folder).glob("*.pem"))
+    rows, lines = [], []
+    for facts in _read(paths, ca, named=bool(certificates)):
+        from hexwire.fleet.address import rights_of
+
+        rights = rights_of(str(facts.path))
+        if rights is None:
+            lines.append(f"{facts.path}: no role, no rights")
+            continue
+        rows.append((facts.common_name, rights))
+        lines.append(f"{facts.path}: {rights}, until {facts.expires:%Y-%m-%d}")
+    if not rows:
+        raise UsageError(f"{folder} has no certificate with a role; 'hexwire cert issue {folder} NAME' creates one")
+    text = json.dumps(access_control(rows), indent=1) + "\n"
+    target = Path(output) if output else Path(folder) / "access.json"
+    with OutputFile(target, force=force) as file:
+        file.file.write(text.encode())
+    say(*lines, f"{target}: rights of {len(rows)} certificates")
+
+
+def _read(paths: list[Path], ca: Path, *, named: bool) -> list[CertFacts]:
+    """The certificates that count.
+
+    Raises:
+        UsageError: One that was named is of another authority.
+    """
+    from datetime import UTC, datetime
+
+    from hexwire.link.cert_facts import read_certificate
+
+    found = []
+    for path in paths:
+        facts = read_certificate(path, ca)
+        if facts.authority:
+            continue
+        if not facts.signed:
+            if named:
+                raise UsageError(f"{path} was not signed by the authority {ca}")
+            note(f"{path} was not signed by the authority {ca}; left out")
+        elif facts.expires < datetime.now(UTC):
+            note(f"{path} expired on {facts.expires:%Y-%m-%d}; left out")
+        else:
+            found.append(facts)
+    return found
