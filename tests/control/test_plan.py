@@ -113,9 +113,10 @@ def test_a_trajectory_of_the_past_is_refused_with_how_late_it_is(delay: float, a
     assert text == f"the trajectory ended {ago} s ago; stamp it later, or with 0 to begin on arrival"
 
 
+@pytest.mark.parametrize("time", [0.0, 1e-9])  # a nanosecond is as good as nothing
 @pytest.mark.parametrize("delay", [0.0, -3.0])
-def test_a_single_point_without_time_is_refused_with_advice(delay: float) -> None:
-    text = refusal(order(Point(0.0, REST), delay=delay), Reason.TOO_LATE)
+def test_a_single_point_without_time_is_refused_with_advice(delay: float, time: float) -> None:
+    text = refusal(order(Point(time, REST), delay=delay), Reason.TOO_LATE)
     assert text.startswith("the time_from_start of the last point must be above 0")
 
 
