@@ -120,9 +120,7 @@ class ServoWire:
             # A servo answers with the id it had before the request: a write may change it.
             servo_id = servo.servo_id
             delay = servo.answer_delay if baud else 0.0
-            reply, late = servo.receive(request, now), 0.0
-            if not faultless:
-                reply, late = self.faults.bus_answer(servo_id, reply)
+            reply, late = self.faults.bus_answer(servo_id, servo.receive(request, now))
             if reply:
                 replies.append((servo_id, reply, delay + late))
         if request.instruction == _SYNC_READ:
