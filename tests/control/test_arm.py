@@ -463,13 +463,51 @@ def test_if_one_controller_fails_the_others_hold() -> None:
     assert not bench.controller.busy
 
 
+def test_the_paths_of_a_pose_are_checked_together() -> None:
+    fold = {"J2": HOME["J2"] + math.radians(60), "J3": HOME["J3"] + math.radians(40)}
+    controllers = {"shoulder": {"joints": ["J1", "J2"]}, "rest": {"joints": ["J3", "J4", "J5", "J6", "J7"]}}
+    poses = {"fold": fold, "J2": {"J2": fold["J2"]}, "home": dict(HOME)}
+    bench = make_bench(controllers=controllers, poses=poses)
+    before = [bench.where(name) for name in NAMES]
+    with pytest.raises(UsageError, match="elbow folded"):
+        bench.ask(lambda: bench.arm.go_to("fold"))
+    bench.turn(1.0)
+    assert [bench.where(name) for name in NAMES] == pytest.approx(before, abs=0.03)
+    assert free(bench)
+    assert bench.ask(lambda: bench.arm.go_to("J2")) == "at J2", "alone it may go there"
+
+
+def test_the_desired_state_of_a_controller_at_a_time() -> None:
+    bench = make_bench()
+    at_rest = bench.arm.query("", 0.0)
+    assert at_rest.position[0] == pytest.approx(J1, abs=0.01)
+    assert at_rest.velocity == (0.0,) * 7
+    with pytest.raises(GoalError, match="s ago is not available"):
+        bench.arm.query("", -30.0)
+    bench.command(order((4.0, {"J1": J1 + 0.4})))
+    bench.turn(1.0)
+    assert bench.arm.query("", 1.0).position[0] == pytest.approx(J1 + 0.2, abs=0.02)
+    assert bench.arm.query("", 0.0).velocity[0] == pytest.approx(0.1, abs=0.01)
+    assert bench.arm.query("", 10.0).position[0] == pytest.approx(J1 + 0.4)
+    assert bench.arm.query("", -0.5).position[0] == pytest.approx(J1 + 0.05, abs=0.02)
+    with pytest.raises(GoalError, match="s ago is not available") as caught:
+        bench.arm.query("", -1.5)  # before the motion began
+    assert caught.value.reason == Reason.MALFORMED
+    bench.arm.stop("test")
+    with pytest.raises(GoalError, match="stopped"):
+        bench.arm.query("", 0.0)
+
+
 # -- what it reports ---------------------------------------------------------------------------------------
 
 
 def test_facts() -> None:
     bench = make_bench(controllers=SPLIT)
     facts = bench.arm.facts()
-    assert facts.robot == "hex7bot"
+    owner = bench.owner
+    assert (facts.robot, facts.url, facts.reconnects) == ("hex7bot", owner.robot.url, 0)
+    assert (facts.probe, facts.state, facts.watchdog) == (owner.probe, owner.state, owner.watchdog)
+    assert (facts.rate, facts.wanted_rate) == (owner.rate, bench.arm.settings.publish_rate)
     assert facts.connected
     assert facts.controllers == {"arm": "hold", "hand": "hold"}
     assert facts.counters["requests"] > 0

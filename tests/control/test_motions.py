@@ -558,3 +558,17 @@ def test_a_watchdog_that_cannot_be_disarmed_is_an_error_not_an_arrival() -> None
     bench.robot.watchdog = refuse  # type: ignore[method-assign]  # a line that fails at the end only
     with pytest.raises(DeviceError, match="no answer to WATCHDOG"):
         run_motion(bench.robot, bench.way("J5", 0.1, 0.3), bench.options())
+
+
+@pytest.mark.parametrize("dialect", [1, 2])
+def test_a_target_is_refused_while_a_joint_that_it_does_not_name_moves(dialect: int) -> None:
+    bench = Bench(dialect)
+    options = bench.options(kinematics=Hex7BotModel())
+    run_motion(bench.robot, bench.target("J2", 0.3, 6.0), options, wait=False)
+    sent = len(bench.targets)
+    with pytest.raises(UsageError, match=r"^still moving: J2; wait until .*; nothing was sent$"):
+        run_motion(bench.robot, bench.target("J4", 0.1), options, wait=False)
+    assert len(bench.targets) == sent
+    run_motion(bench.robot, bench.target("J7", 0.1), options, wait=False)  # which no path can hit
+    bench.arm.clock.advance(6.0)
+    run_motion(bench.robot, bench.target("J4", 0.1), options, wait=False)

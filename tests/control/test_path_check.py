@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.motion.arms import HOME, state
@@ -143,6 +144,23 @@ def test_a_bridge_may_be_a_tenth_faster_and_its_first_segment_alone_is_looked_at
                 BLIND.bridge(bridge, HOME, late=False)
     points = [Waypoint(0.0, (HOME["J1"],)), Waypoint(1.0, (HOME["J1"] + 0.1,)), Waypoint(1.01, (9.0,))]
     BLIND.bridge(Spline(("J1",), points), HOME, late=False)
+
+
+@pytest.mark.parametrize(("seconds", "step"), [(0.1, 0.01), (2.0, 0.1), (3600.0, 180.0)])
+def test_a_bridge_is_looked_at_in_few_places_however_long_it_is(
+    seconds: float, step: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread that owns the robot does it between two states."""
+    steps: list[float] = []
+    real = path_check.check_trajectory
+
+    def noted(*args: Any, **options: Any) -> Any:
+        steps.append(options["step"])
+        return real(*args, **options)
+
+    monkeypatch.setattr(path_check, "check_trajectory", noted)
+    CHECK.bridge(way({"J1": HOME["J1"] + 0.01}, seconds), HOME, late=False)
+    assert steps == [pytest.approx(step)]
 
 
 def test_a_trajectory_may_last_an_hour() -> None:

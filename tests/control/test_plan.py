@@ -99,6 +99,16 @@ def test_points_of_the_past_are_dropped_and_the_bridge_has_the_time_that_is_left
     assert spline.waypoints[1].position == (3.0, 3.0, 3.0)
 
 
+def test_points_that_are_left_keep_their_velocities_and_accelerations() -> None:
+    fast, bend = (0.1, 0.2, 0.3), (0.5, -0.5, 0.25)
+    rows = [Point(t, (t, t, t), fast, bend) for t in (1.0, 2.0, 3.0)]
+    spline, _ = made(order(*rows, delay=-1.5))
+    assert [point.time for point in spline.waypoints] == [0.0, 0.5, 1.5]
+    assert [point.order for point in spline.waypoints] == [5, 5, 5]
+    for point in spline.waypoints[1:]:
+        assert (point.velocity, point.acceleration) == (fast, bend)
+
+
 def test_a_point_that_is_due_now_is_past() -> None:
     spline, _ = made(order(Point(1.0, (9.0, 9.0, 9.0)), Point(2.0, REST), delay=-1.0))
     assert [point.position for point in spline.waypoints] == [START.position, REST]
@@ -113,9 +123,10 @@ def test_a_trajectory_of_the_past_is_refused_with_how_late_it_is(delay: float, a
     assert text == f"the trajectory ended {ago} s ago; stamp it later, or with 0 to begin on arrival"
 
 
+@pytest.mark.parametrize("time", [0.0, 1e-9])  # a nanosecond is as good as nothing
 @pytest.mark.parametrize("delay", [0.0, -3.0])
-def test_a_single_point_without_time_is_refused_with_advice(delay: float) -> None:
-    text = refusal(order(Point(0.0, REST), delay=delay), Reason.TOO_LATE)
+def test_a_single_point_without_time_is_refused_with_advice(delay: float, time: float) -> None:
+    text = refusal(order(Point(time, REST), delay=delay), Reason.TOO_LATE)
     assert text.startswith("the time_from_start of the last point must be above 0")
 
 

@@ -28,6 +28,13 @@ def test_bounds(row: Setting, words: str, good: list[float], bad: list[float]) -
     assert [value for value in bad if row.allows(value)] == []
 
 
+def test_a_rate_is_above_zero_hertz_and_at_most_a_thousand_unless_told() -> None:
+    row = rate_setting("rate", 5.0, "how often")
+    assert row == Setting("rate", 5.0, "how often", "Hz", low=0.0, high=1000.0, above=True)
+    assert rate_setting("rate", 5.0, "how often", high=100.0).high == 100.0
+    assert [value for value in (-1.0, 0.0, 1e-9, 1000.0, 1000.1) if row.allows(value)] == [1e-9, 1000.0]
+
+
 def test_a_good_value_of_every_kind() -> None:
     faults = Faults()
     assert faults.number("rate", 7, RATE) == 7.0

@@ -46,6 +46,13 @@ def test_a_missing_rule_is_found_written_and_then_seen(ch340: PortInfo, tmp_path
     assert any(str(path) in f.text for f in after)
 
 
+def test_a_rule_that_is_there_is_replaced_and_all_may_read_it(tmp_path: Path) -> None:
+    for usb_id in ("1a86:7523", "0403:6001"):
+        path = write_udev_rule([usb_id], tmp_path)
+        assert path.read_text() == udev_rule([usb_id])
+        assert path.stat().st_mode & 0o444 == 0o444
+
+
 def test_the_rule_gives_no_more_than_it_must() -> None:
     text = udev_rule(["1a86:7523", "0403:6001", "1a86:7523"])
     lines = [line for line in text.splitlines() if not line.startswith("#")]

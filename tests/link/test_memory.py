@@ -57,6 +57,16 @@ def test_capacity_bounds_what_waits() -> None:
         assert 0 < far.flush_input() < 100_000
 
 
+def test_an_exchange_of_messages_goes_on_until_all_is_there() -> None:
+    near, far = memory_pair(LinkKind.DATAGRAM)
+    with near, far:
+        for message in (b"ab", b"cd", b"ef"):
+            far.write(message, soon())
+        assert near.exchange(b"request", 5.0, lambda data: 5.0 if len(data) < 4 else 0.0) == b"abcd"
+        assert far.read(soon()) == b"request"
+        assert near.read(soon()) == b"ef"
+
+
 def test_pairs_have_addresses_of_their_own() -> None:
     first, second = memory_pair(), memory_pair()
     assert len({link.url for link in (*first, *second)}) == 4

@@ -28,7 +28,7 @@ from hexwire.link import port_identity
 from hexwire.link import serial as serial_module
 from hexwire.link.base import Link
 from hexwire.link.open import make_link
-from hexwire.link.serial import SerialLink
+from hexwire.link.serial import SerialLink, terminal_rate
 
 
 class TestSerial(LinkConformance):
@@ -82,6 +82,7 @@ def test_any_baud_rate_is_set_and_reads_back(line: PtyEnd, device: str, baud: in
     with SerialLink(device, baud) as port:
         raw = fcntl.ioctl(port.fileno(), 0x802C542A, bytes(44))  # TCGETS2
         assert struct.unpack_from("=2I", raw, 36) == (baud, baud)
+        assert terminal_rate(port.fileno()) == baud
         port.write(b"x", soon())
         assert line.read(soon()) == b"x"
 

@@ -150,3 +150,23 @@ def test_used_and_closed_in_the_middle_of_its_use(
     waker.clear()
     waker.close()
     assert waker.fileno() == -1
+
+
+def test_it_works_in_a_program_without_standard_input() -> None:
+    saved = os.dup(0)
+    os.close(0)
+    waker = Waker()
+    try:
+        waker.open()
+        assert waker.fileno() == 0
+        waker.open()
+        waker.set()
+        assert is_set(waker)
+        waker.clear()
+        assert not is_set(waker)
+        waker.close()
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(0)
+    finally:
+        os.dup2(saved, 0)
+        os.close(saved)

@@ -10,10 +10,13 @@ import subprocess
 import sys
 import tomllib
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.ros1.launcher import ROS_PYTHON, Launcher
 
 import hexwire.ros1
 from hexwire.drivers.registry import load_driver
@@ -30,23 +33,43 @@ SCRIPTS = sorted(path.name for path in (PACKAGE / "scripts").iterdir())
 LAUNCH = sorted(path.name for path in (PACKAGE / "launch").glob("*.launch"))
 NODE_FILES = sorted(path.name for path in (PACKAGE / "config").glob("*.yaml") if path.stem != "moveit_controllers")
 PROGRAMS = str(Path(sys.executable).parent)
-# ROS's programs run on the interpreter that they were packaged for.
-ROS_PYTHON = "/usr/bin/python3"
 
 
-@pytest.fixture
-def ros(tmp_path: Path) -> dict[str, str]:
-    """An environment in which ROS finds the package, and no master."""
+@dataclass
+class Ros:
+    """An environment in which ROS finds the package, and no master; and its `roslaunch`."""
+
+    env: dict[str, str]
+    folder: Path
+    launcher: Launcher
+
+    def launch(self, *args: str) -> str:
+        """What `roslaunch` prints."""
+        return self.launcher.call(self.env, self.folder, *args)
+
+
+def _environment(folder: Path) -> dict[str, str]:
     kept = {name: value for name, value in os.environ.items() if not name.startswith("ROS_")}
     return {
         **kept,
         "PATH": f"{PROGRAMS}:{os.environ['PATH']}",
         "ROS_PACKAGE_PATH": str(SHARE),
-        "ROS_HOME": str(tmp_path / "ros"),
+        "ROS_HOME": str(folder / "ros"),
         "ROS_IP": "127.0.0.1",
         "ROS_MASTER_URI": "http://127.0.0.1:9",
-        "TMPDIR": str(tmp_path),
+        "TMPDIR": str(folder),
     }
+
+
+@pytest.fixture(scope="module")
+def launcher(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launcher]:
+    with Launcher(_environment(tmp_path_factory.mktemp("launcher"))) as launcher:
+        yield launcher
+
+
+@pytest.fixture
+def ros(tmp_path: Path, launcher: Launcher) -> Ros:
+    return Ros(_environment(tmp_path), tmp_path, launcher)
 
 
 def _run(env: dict[str, str], *command: str) -> str:
@@ -68,8 +91,8 @@ def _config(name: str) -> Any:
     return _yaml((PACKAGE / "config" / name).read_text(encoding="utf-8"))
 
 
-def _params(ros: dict[str, str], file: str, *args: str) -> dict[str, Any]:
-    dumped: dict[str, Any] = _yaml(_run(ros, "roslaunch", "--dump-params", "hexwire", file, *args))
+def _params(ros: Ros, file: str, *args: str) -> dict[str, Any]:
+    dumped: dict[str, Any] = _yaml(ros.launch("--dump-params", "hexwire", file, *args))
     return dumped
 
 
@@ -91,9 +114,9 @@ def test_manifest_is_one_that_ros_reads() -> None:
     assert {"rospy", "actionlib", "robot_state_publisher"} <= set(needed)
 
 
-def test_rospack_finds_the_package(ros: dict[str, str]) -> None:
+def test_rospack_finds_the_package(ros: Ros) -> None:
     program = "import rospkg; print(rospkg.RosPack().get_path('hexwire'))"
-    assert _run(ros, ROS_PYTHON, "-c", program).strip() == str(PACKAGE)
+    assert _run(ros.env, ROS_PYTHON, "-c", program).strip() == str(PACKAGE)
 
 
 def test_cmake_installs_everything() -> None:
@@ -181,9 +204,11 @@ def test_hexwire_is_found_beside_the_node(tmp_path: Path) -> None:
     assert out == f"{tmp_path}/bin/hexwire model urdf --robot hex7bot --links B\n"
 
 
-def test_emulated_board_of_an_unknown_robot_says_so(ros: dict[str, str]) -> None:
+def test_emulated_board_of_an_unknown_robot_says_so(ros: Ros) -> None:
     script = str(PACKAGE / "scripts" / "emulated_board")
-    result = subprocess.run([script, "mine.toml", "/tmp/x"], env=ros, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(
+        [script, "mine.toml", "/tmp/x"], env=ros.env, capture_output=True, text=True, timeout=60
+    )
     assert result.returncode == 2
     assert result.stderr == (
         "error: there is no emulated mine.toml; start one yourself (hexwire sim --help) and give its port\n"
@@ -193,8 +218,8 @@ def test_emulated_board_of_an_unknown_robot_says_so(ros: dict[str, str]) -> None
 # -- launch files -----------------------------------------------------------------------------------------
 
 
-def _nodes(ros: dict[str, str], file: str, *args: str) -> set[str]:
-    return set(_run(ros, "roslaunch", "--nodes", "hexwire", file, *args).split())
+def _nodes(ros: Ros, file: str, *args: str) -> set[str]:
+    return set(ros.launch("--nodes", "hexwire", file, *args).split())
 
 
 HARDWARE = "/hardware_interface"
@@ -216,7 +241,7 @@ BOARD = "/emulated_board"
         ("moveit_hardware.launch", ["robot_description:=true", "sim:=true"], {HARDWARE, FRAMES, BOARD}),
     ],
 )
-def test_launch_file_starts(file: str, args: list[str], nodes: set[str], ros: dict[str, str]) -> None:
+def test_launch_file_starts(file: str, args: list[str], nodes: set[str], ros: Ros) -> None:
     assert _nodes(ros, file, *args) == nodes
 
 
@@ -224,44 +249,44 @@ def test_every_launch_file_is_among_the_tested_ones() -> None:
     assert LAUNCH == ["display.launch", "hardware.launch", "moveit_hardware.launch"]
 
 
-def test_emulated_board_and_node_have_the_same_port(ros: dict[str, str]) -> None:
-    command = _run(ros, "roslaunch", "--args", BOARD, "hexwire", "hardware.launch", "sim:=true", "port:=/tmp/a b")
+def test_emulated_board_and_node_have_the_same_port(ros: Ros) -> None:
+    command = ros.launch("--args", BOARD, "hexwire", "hardware.launch", "sim:=true", "port:=/tmp/a b")
     assert "scripts/emulated_board hex7bot /tmp/a b " in command
     params = _params(ros, "hardware.launch", "sim:=true", "port:=/tmp/a b")
     assert params["/hardware_interface/port"] == "/tmp/a b"
 
 
-def test_emulated_board_has_a_port_of_its_own(ros: dict[str, str]) -> None:
+def test_emulated_board_has_a_port_of_its_own(ros: Ros) -> None:
     first, second = (_params(ros, "hardware.launch", "sim:=true")["/hardware_interface/port"] for _ in range(2))
     assert first != second
-    assert {str(Path(first).parent), str(Path(second).parent)} == {ros["TMPDIR"]}
+    assert {str(Path(first).parent), str(Path(second).parent)} == {ros.env["TMPDIR"]}
 
 
-def test_display_passes_everything_on(ros: dict[str, str]) -> None:
+def test_display_passes_everything_on(ros: Ros) -> None:
     args = ["port:=/dev/ttyX", "links:=B", f"params:={PACKAGE}/config/hex7bot_moveit.yaml"]
     assert _params(ros, "display.launch", *args) == _params(ros, "hardware.launch", *args)
 
 
-def test_description_is_the_urdf_of_the_links_that_the_node_has(ros: dict[str, str]) -> None:
+def test_description_is_the_urdf_of_the_links_that_the_node_has(ros: Ros) -> None:
     params = _params(ros, "hardware.launch", "links:=B")
     assert params["/hardware_interface/links"] == "B"
     assert params["/robot_description"] == make_urdf(make_kinematics("hex7bot", "B"))
 
 
-def test_a_namespace_takes_everything_with_it(ros: dict[str, str], tmp_path: Path) -> None:
+def test_a_namespace_takes_everything_with_it(ros: Ros, tmp_path: Path) -> None:
     file = tmp_path / "two.launch"
     hardware = PACKAGE / "launch" / "hardware.launch"
     include = '<include ns="{0}" file="{1}"><arg name="port" value="/dev/{0}"/></include>'
     both = "".join(include.format(ns, hardware) for ns in ("left", "right"))
     file.write_text(f"<launch>{both}</launch>")
-    assert set(_run(ros, "roslaunch", "--nodes", str(file)).split()) == {
+    assert set(ros.launch("--nodes", str(file)).split()) == {
         f"/{ns}/{node}" for ns in ("left", "right") for node in ("hardware_interface", "robot_state_publisher")
     }
-    names = _yaml(_run(ros, "roslaunch", "--dump-params", str(file)))
+    names = _yaml(ros.launch("--dump-params", str(file)))
     assert {name.split("/")[1] for name in names} == {"left", "right"}
 
 
-def test_frames_of_two_arms_can_be_told_apart(ros: dict[str, str]) -> None:
+def test_frames_of_two_arms_can_be_told_apart(ros: Ros) -> None:
     prefix = "/robot_state_publisher/tf_prefix"
     assert _params(ros, "hardware.launch", "sim:=true", "tf_prefix:=left")[prefix] == "left"
     assert prefix not in _params(ros, "hardware.launch", "sim:=true")
@@ -272,7 +297,7 @@ def test_a_node_that_ends_is_not_restarted_unasked() -> None:
         assert node.get("respawn", "false") in ("false", "$(arg respawn)"), node.get("name")
 
 
-def test_moveit_is_told_of_the_controllers_that_the_node_has(ros: dict[str, str]) -> None:
+def test_moveit_is_told_of_the_controllers_that_the_node_has(ros: Ros) -> None:
     node = _config("hex7bot_moveit.yaml")["controllers"]
     params = _params(ros, "simple_moveit_controller_manager.launch.xml")
     assert params["/moveit_controller_manager"].startswith("moveit_simple_controller_manager/")
@@ -304,7 +329,7 @@ def test_parameters_are_ones_that_the_node_takes(file: str) -> None:
 
 
 @pytest.mark.parametrize("args", [["hex7bot"], ["puma260"], ["so100"], ["so101"], ["sevenbot"]])
-def test_parameters_of_a_launch_are_ones_that_the_node_takes(args: list[str], ros: dict[str, str]) -> None:
+def test_parameters_of_a_launch_are_ones_that_the_node_takes(args: list[str], ros: Ros) -> None:
     """With what the launch file adds, and in the types that roslaunch makes of it."""
     params = _params(ros, "hardware.launch", f"robot:={args[0]}", "sim:=true")
     own: dict[str, Any] = {}

@@ -169,7 +169,7 @@ class FaultPlan:
         return [f for f in self.faults if f.kind in kinds and (not place or f.place == place)]
 
     def _dead(self, now: float) -> bool:
-        return any(begin <= now < end for begin, end in self._outages)
+        return bool(self._outages) and any(begin <= now < end for begin, end in self._outages)
 
     # --- the board ---------------------------------------------------------------------------------------------
 
@@ -273,7 +273,7 @@ class FaultPlan:
     # --- both lines --------------------------------------------------------------------------------------------
 
     def _spoil(self, data: bytes, place: str) -> bytes:
-        if not data:
+        if not data or not self.faults:
             return data
         spoilt = bytearray(data)
         for fault, dice in zip(self.faults, self._dice, strict=True):

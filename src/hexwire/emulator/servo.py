@@ -109,6 +109,10 @@ class EmulatedServo:
         self._pending: tuple[int, bytes] | None = None
         self._shown: tuple[object, ...] | None = ()
         self._goal = control.goal_name(series)
+        # Kept here because each request asks for them: looking up a member of an enum is slow.
+        self._baud_codes, self._instructions = series.baud_codes, series.instructions
+        self._is_legacy = series is Series.SEVEN_BOT
+        self._is_hls, self._is_scs = series is Series.HLS, series is Series.SCS
         self._power_up()
 
     # --- what the line needs to know ---------------------------------------------------------------------------
@@ -121,13 +125,13 @@ class EmulatedServo:
     @property
     def baud(self) -> int:
         """Line rate it listens at now."""
-        codes = self.series.baud_codes
+        codes = self._baud_codes
         return codes[self.registers.get("baud_code")] if codes else self.series.baud
 
     @property
     def answer_delay(self) -> float:
         """Seconds from the end of a request to its answer; register return_delay counts on SCS only."""
-        if self.series is Series.SCS:
+        if self._is_scs:
             return max(50, self.registers.get("return_delay")) * 2e-6
         return self.return_delay
 
@@ -194,7 +198,7 @@ class EmulatedServo:
         if asked == BROADCAST_ID or asked == self.registers.get("id"):
             return True
         # Zero means no second id.
-        return bool(self.series is Series.HLS and asked and asked == self.registers.get("secondary_id"))
+        return bool(self._is_hls and asked and asked == self.registers.get("secondary_id"))
 
     def receive(self, packet: ServoPacket, now: float) -> bytes | None:
         """Take a request off the bus.
@@ -209,7 +213,7 @@ class EmulatedServo:
         broadcast = packet.servo_id == BROADCAST_ID
         self.step(now)
         instruction = _NAMES.get(packet.instruction)
-        if self._tick < self._silent_until or instruction not in self.series.instructions:
+        if self._tick < self._silent_until or instruction not in self._instructions:
             return None
         if packet.servo_id == own or broadcast:
             status: bytes | None = getattr(self, f"_do_{instruction.lower()}")(packet, own)
@@ -219,15 +223,15 @@ class EmulatedServo:
         return None
 
     def _status(self, servo_id: int, params: bytes = b"") -> bytes:
-        return make_status(servo_id, self.protection.status, params, legacy=self.series is Series.SEVEN_BOT)
+        return make_status(servo_id, self.protection.status, params, legacy=self._is_legacy)
 
     def _acknowledge(self, servo_id: int) -> bytes | None:
-        if self.series is Series.SEVEN_BOT:
+        if self._is_legacy:
             return self._status(servo_id) if self.answers_writes else None
         return self._status(servo_id) if self.registers.get("status_return_level") else None
 
     def _do_ping(self, packet: ServoPacket, own: int) -> bytes | None:
-        return make_legacy_ping_status(own) if self.series is Series.SEVEN_BOT else self._status(own)
+        return make_legacy_ping_status(own) if self._is_legacy else self._status(own)
 
     def _do_read(self, packet: ServoPacket, own: int) -> bytes | None:
         if len(packet.params) != 2:
@@ -262,7 +266,7 @@ class EmulatedServo:
 
     def _do_restore(self, packet: ServoPacket, own: int) -> bytes | None:
         answer = self._acknowledge(own)
-        self.registers.restore(1 if self.series is Series.SEVEN_BOT else own)
+        self.registers.restore(1 if self._is_legacy else own)
         self._power_up()
         return answer
 
@@ -283,7 +287,7 @@ class EmulatedServo:
 
     def _do_calibrate(self, packet: ServoPacket, own: int) -> bytes | None:
         firmware = self.registers.firmware
-        takes_position = firmware >= ((3, 43) if self.series is Series.HLS else (3, 10))
+        takes_position = firmware >= ((3, 43) if self._is_hls else (3, 10))
         if len(packet.params) not in (0, 2) or (packet.params and not takes_position):
             return None
         if self.series is Series.STS_SMS and firmware < (3, 10):
@@ -316,7 +320,7 @@ class EmulatedServo:
             return
         if "torque_enable" in touched:
             self._torque_written(was_on)
-        if self._goal in touched or (self.series is Series.SCS and "goal_time" in touched):
+        if self._goal in touched or (self._is_scs and "goal_time" in touched):
             self.registers.put("torque_enable", 1)
             self._goal_written()
         self._watch()
@@ -429,21 +433,21 @@ class EmulatedServo:
             jitter_position = round(draw.gauss(0, self.noise))
             jitter_load = round(draw.gauss(0, self.noise))
         position = self.present_position + jitter_position
-        if self.series is Series.SEVEN_BOT:
+        if self._is_legacy:
             registers.put("present_position", max(0, min(4095, position)))
             return
         duty = motion.torque + motion.velocity / motion.mechanics.max_speed if self.torque_on else 0.0
         load = round(max(-1.0, min(1.0, duty)) * 1000) + self.idle_load + jitter_load
         amperes = motion.torque * motion.mechanics.stall_current
         moving = abs(motion.velocity) >= 1.0
-        registers.put("present_position", max(0, position) if self.series is Series.SCS else position)
+        registers.put("present_position", max(0, position) if self._is_scs else position)
         registers.put("present_speed", round(motion.velocity / control.speed_unit(registers)))
         registers.put("present_load", max(-1000, min(1000, load)))
         registers.put("present_voltage", round((self._supply - 0.3 * abs(motion.torque)) * 10))
         registers.put("present_temperature", round(self.protection.temperature))
         registers.put("status", self.protection.status)
         registers.put("present_current", round(amperes / control.AMPERES))
-        if self.series is Series.HLS:
+        if self._is_hls:
             arrived = not self.torque_on or abs(self._target - motion.position) < 2
             registers.put("moving", int(moving) | (0 if arrived else 2))
         else:

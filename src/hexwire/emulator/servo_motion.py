@@ -36,6 +36,10 @@ class Drive(Enum):
     TORQUE = "torque"
 
 
+# Kept here because each tick asks for them: looking up a member of an enum is slow.
+_POSITION, _SPEED, _TORQUE, _DAMPED = Drive.POSITION, Drive.SPEED, Drive.TORQUE, Drive.DAMPED
+
+
 @dataclass(frozen=True, slots=True)
 class Mechanics:
     """Limits and constants of a servo's motor and gears.
@@ -149,14 +153,14 @@ class Motion:
         """Advance by one `TICK`."""
         position, velocity, torque = self.position, self.velocity, self.torque
         outside = self._external + (self._gravity(position) if self._gravity is not None else 0.0)
-        if self._drive is Drive.POSITION or self._drive is Drive.SPEED:
+        if self._drive is _POSITION or self._drive is _SPEED:
             self._controlled(outside)
-        elif self._drive is Drive.TORQUE:
+        elif self._drive is _TORQUE:
             self.torque = max(-self._ceiling, min(self._ceiling, self._target))
             self.velocity = self._pushed(self.torque + outside, self.mechanics.friction, 0.0)
         else:
             self.torque = 0.0
-            drag = _DAMPING if self._drive is Drive.DAMPED else _COASTING
+            drag = _DAMPING if self._drive is _DAMPED else _COASTING
             self.velocity = self._pushed(outside, self.mechanics.holding_friction, drag)
         self._move()
         self.settled = self.velocity == velocity == 0.0 and self.position == position and self.torque == torque
@@ -164,7 +168,7 @@ class Motion:
     def _controlled(self, outside: float) -> None:
         step = self._acceleration * TICK
         velocity = self.velocity
-        if self._drive is Drive.POSITION:
+        if self._drive is _POSITION:
             error = self._target - self.position
             distance = abs(error)
             near = distance < _CLOSE and abs(velocity) <= 4 * step
@@ -220,8 +224,8 @@ class Motion:
         self.position = after
 
     def _press(self) -> None:
-        if self._drive is Drive.POSITION:
+        if self._drive is _POSITION:
             push = (self._target - self.position) * _STIFFNESS
             self.torque = max(-self._ceiling, min(self._ceiling, push))
-        elif self._drive is Drive.SPEED:
+        elif self._drive is _SPEED:
             self.torque = math.copysign(self._ceiling, self._speed)

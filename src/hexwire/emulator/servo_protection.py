@@ -116,12 +116,12 @@ class Protection:
     def sense(self, volts: float) -> None:
         """Update the status bits of temperature and supply."""
         low, high = self.limits.voltage
-        self._bit(VOLTAGE, not low <= volts <= high)
-        self._bit(TEMPERATURE, self.temperature > self.limits.temperature)
-        self.status |= self.forced
-
-    def _bit(self, bit: int, on: bool) -> None:
-        self.status = self.status | bit if on else self.status & ~bit
+        status = self.status & ~(VOLTAGE | TEMPERATURE)
+        if not low <= volts <= high:
+            status |= VOLTAGE
+        if self.temperature > self.limits.temperature:
+            status |= TEMPERATURE
+        self.status = status | self.forced
 
     def _warm(self) -> None:
         square = self._heat / (1_000_000 * THERMAL_TICKS)

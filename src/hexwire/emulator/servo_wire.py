@@ -6,7 +6,7 @@ servos only through `receive`, and no board.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from hexwire.errors import UsageError
 from hexwire.wire.servo_packet import Instruction, ServoPacket, iter_packets
@@ -18,6 +18,7 @@ from .uart import listen, same_rate
 __all__ = ["ServoWire"]
 
 _BITS = 10  # start, eight data, stop
+_SYNC_READ = Instruction.SYNC_READ
 
 
 class ServoWire:
@@ -106,24 +107,23 @@ class ServoWire:
                 servo.power_cycle(back)
             self.faults.afflict(servo)
 
-    def _listening(self) -> Iterator[EmulatedServo]:
-        return (servo for servo in self.servos if not self.baud or same_rate(servo.baud, self.baud))
-
     def _answer(self, request: ServoPacket, now: float) -> tuple[bytes, float]:
         """All answers to one request that ended at `now`."""
         replies: list[tuple[int, bytes, float]] = []
         faultless = not self.faults.faults
-        for servo in self._listening():
+        baud = self.baud
+        for servo in self.servos:
             if faultless and not servo.is_addressed(request):
+                continue
+            if baud and not same_rate(servo.baud, baud):
                 continue
             # A servo answers with the id it had before the request: a write may change it.
             servo_id = servo.servo_id
-            delay = servo.answer_delay if self.baud else 0.0
-            reply = servo.receive(request, now)
-            reply, late = self.faults.bus_answer(servo_id, reply)
+            delay = servo.answer_delay if baud else 0.0
+            reply, late = self.faults.bus_answer(servo_id, servo.receive(request, now))
             if reply:
                 replies.append((servo_id, reply, delay + late))
-        if request.instruction == Instruction.SYNC_READ:
+        if request.instruction == _SYNC_READ:
             return self._in_order(request.params, replies, now)
         return self._at_once([(reply, delay) for _, reply, delay in replies], now)
 
