@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.fleet.conftest import Serve
 
 import hexwire
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
@@ -22,8 +23,6 @@ from hexwire.fleet.network import Network, local_socket
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.state import JointTarget
-
-from .conftest import Serve
 
 PATIENCE = 15.0
 

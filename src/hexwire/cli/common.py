@@ -331,9 +331,7 @@ def _note_no_trace(port: str) -> None:
     context = click.get_current_context(silent=True)
     options = context.find_root().params if context is not None else {}
     if options.get("trace") or options.get("explain"):
-        note(
-            f"note: no bytes to show: the server of {port} has the line; trace there, with 'hexwire --trace serve'"
-        )
+        note(f"note: no bytes to show: the line of {port} is at its server; use 'hexwire --trace serve' there")
 
 
 @contextmanager

@@ -219,7 +219,9 @@ class RobotOwner:
             steps.callback(self._leave, torque_off)
             steps.callback(self._disarm)
             steps.callback(self._end_thread)
-            moving = self.group.moving or bool(self.running())
+            # What a borrowed robot was sent past its controllers is its caller's; and its motion may have arrived
+            # before the time of its last target is over.
+            moving = self.group.moving or (not self._borrowed and bool(self.running()))
             self.group.stop(StopReason("asked", "the program ends"))
             with suppress(HexwireError):
                 if self.connected and moving and self._stop_on_failure:

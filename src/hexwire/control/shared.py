@@ -19,7 +19,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, TypeVar
 
 from hexwire.drivers.values import StopMode
-from hexwire.errors import LeaseError, UsageError
+from hexwire.errors import LeaseError, StoppedError, UsageError
 
 from .holding import hold_moving, stop_or_log
 from .lease import Lease
@@ -283,6 +283,8 @@ class SharedArm:
         model = self._robot.model
         wanted = set(model.names) if joints is None else {model.joint(name).name for name in joints}
         names = tuple(name for name in model.names if name in wanted)
+        if on and (reason := self._owner.group.reason) is not None:
+            raise StoppedError.unsent("torque", 0, f"the arm is stopped ({reason}); resume first")
         return self._called(order, lambda: self._owner.torque(on, names))
 
     def resume(self, order: Order) -> None:

@@ -1,0 +1,439 @@
+"""`hexwire serve`, and the other commands through the arm that it shares."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import hexwire
+from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
+from hexwire.cli.main import cli
+from hexwire.control.motions import run_motion
+from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
+from hexwire.emulator.serve import PtyServer
+from hexwire.errors import DeviceError, HexwireError
+from hexwire.fleet.service import Service
+from hexwire.fleet.service_file import read_arms
+from hexwire.model.state import JointTarget
+
+PATIENCE = 20.0
+ARM = "zenoh:lab/arm1"
+
+
+def eventually(what: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+
+
+class Plug:
+    """A board behind a terminal, whose program can be made to hang."""
+
+    def __init__(self, board: EmulatedBoard) -> None:
+        self.board = board
+        self.runs = threading.Event()
+        self.runs.set()
+        self._ended = False
+        self._server = PtyServer(board)
+        self.path = self._server.open()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ended:
+            if self.runs.wait(0.05):
+                self._server.run_once(0.05)
+
+    def close(self) -> None:
+        self._ended = True
+        self._thread.join()
+        self._server.close()
+
+
+@pytest.fixture
+def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="hw") as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        monkeypatch.setenv("XDG_STATE_HOME", folder)
+        monkeypatch.delenv("HEXWIRE_PORT", raising=False)
+        yield Path(folder)
+
+
+@pytest.fixture
+def plug() -> Iterator[Plug]:
+    with contextlib.closing(Plug(make_hex7bot_board(start=time.monotonic()))) as plug:
+        yield plug
+
+
+@pytest.fixture
+def shared(runtime: Path) -> Iterator[Service]:
+    """An emulated arm, shared as lab/arm1 by this process."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(0.001)
+    with Service(read_arms({"lab/arm1": {"robot": "sim"}})) as service:
+        yield service
+    sys.setswitchinterval(interval)
+
+
+def run(*words: str, port: str = ARM) -> Result:
+    return CliRunner().invoke(cli, [*words, "--port", port])
+
+
+def ok(*words: str) -> str:
+    result = run(*words)
+    assert (result.exit_code, result.stderr) == (0, ""), result.output
+    return result.stdout
+
+
+# -- the same results as without a server -----------------------------------------------------------------
+
+WAYPOINTS = {
+    "joint_names": ["J1", "J5"],
+    "points": [
+        {"positions": [0.0, 0.0], "time_from_start": 0.0},
+        {"positions": [0.1, 0.1], "time_from_start": 0.5},
+    ],
+}
+
+COMMANDS = [
+    "state",
+    "state --json",
+    "ping 3",
+    "ping 99",
+    "probe",
+    "probe --json",
+    "torque on",
+    "torque on J9",
+    "torque off J2 J1",
+    "torque on --json",
+    "move J1=400",
+    "move Jx=4",
+    "move J1",
+    "move --wait J1=-5 --duration 0.2",
+    "move --wait J1=2 --duration 0.2 --json",
+    "goto 0 20 0 --relative",
+    "goto 0 20 0 --relative --dry-run",
+    "goto 0 20 900",
+    "line 0 -20 0 --relative --json",
+    "grip open",
+    "pump suck",
+    "pump off --json",
+    "play WAYPOINTS",
+    "play NOTHING",
+    "stop",
+    "stop --json",
+    "move J1=1",
+    "torque on J1",
+    "resume",
+    "resume --json",
+    "torque off",
+    "teach --help",
+    "firmware info",
+]
+TEXT_DIFFERS = {
+    # The server knows more: who stopped the arm.
+    "move J1=1",
+    "torque on J1",
+}
+_NUMBER = re.compile(r"-?\b\d+(\.\d+)?(e-?\d+)?\b|\bnull\b|(?<= )-(?= )")
+_OWN = ("link", "counters", "boot id", '"link"', "fastest", '"boot_id"')
+
+
+def plain(text: str) -> list[str]:
+    """The lines of an output without its numbers, and without what is each server's own."""
+    lines = [line.strip() for line in text.split("\n")]
+    # A busy machine may skip cycles of either.
+    own = (*_OWN, "warning: the line or the machine is too slow")
+    kept = [line for line in lines if not line.startswith(own) and "counters" not in line]
+    kept = [re.sub(r"boot id \w+", "boot id", line) for line in kept]
+    return [" ".join(_NUMBER.sub("#", line).split()) for line in kept if not re.fullmatch(r'"\w+": \d+,?', line)]
+
+
+def test_each_command_says_and_returns_the_same_directly_and_through_a_server(
+    runtime: Path, shared: Service, plug: Plug
+) -> None:
+    (runtime / "w.json").write_text(json.dumps(WAYPOINTS))
+    for command in COMMANDS:
+        words = command.replace("WAYPOINTS", str(runtime / "w.json")).replace("NOTHING", str(runtime / "no.json"))
+        direct, remote = run(*words.split(), port=plug.path), run(*words.split())
+        assert (command, remote.exit_code) == (command, direct.exit_code), remote.output + direct.output
+        assert remote.exception is None or isinstance(remote.exception, SystemExit), command
+        if command not in TEXT_DIFFERS:
+            assert (command, plain(remote.output)) == (command, plain(direct.output))
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("bus scan", "is a shared arm; this command needs the port itself"),
+        ("loopback", "is a shared arm"),
+        ("demo --yes-move-the-arm", "is a shared arm"),
+        ("state --baud 9600", "--baud, --dialect and --timeout belong to a port"),
+        ("state --robot so101", "is a hex7bot, not a so101"),
+    ],
+)
+def test_what_needs_the_port_itself_is_refused_in_one_line(shared: Service, command: str, says: str) -> None:
+    result = run(*command.split())
+    assert result.exit_code == USAGE, result.output
+    assert says in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_address_that_leads_nowhere_is_one_line_with_the_right_status(shared: Service) -> None:
+    for port, status in (("zenoh:lab/arm7", DEVICE), ("zenoh:", USAGE), ("zenoh:a?x=1", USAGE)):
+        result = run("state", port=port)
+        assert (port, result.exit_code) == (port, status)
+        assert result.stderr.startswith("error: ")
+        assert result.stderr.count("\n") == 1
+
+
+def test_take_belongs_to_shared_arms(shared: Service, plug: Plug) -> None:
+    assert run("state", "--take", port=plug.path).exit_code == USAGE
+    ok("torque", "on", "--take")
+
+
+def test_the_environment_names_the_arm_and_observers_work(
+    shared: Service, runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEXWIRE_PORT", ARM)
+    traced = CliRunner().invoke(cli, ["state", "--trace"])
+    assert traced.exit_code == 0
+    assert traced.stderr.startswith("note: no bytes to show")
+    assert traced.stderr.count("\n") == 1
+    file = runtime / "file.mcap"
+    recorded = CliRunner().invoke(cli, ["--record", str(file), "move", "--wait", "J1=3", "--duration", "0.2"])
+    assert (recorded.exit_code, recorded.stderr) == (0, "")
+    played = CliRunner().invoke(cli, ["play", str(file), "--dry-run"])
+    assert played.exit_code == 0, played.output
+    doctor = CliRunner().invoke(cli, ["doctor"])
+    assert doctor.exit_code == 0, doctor.output
+
+
+# -- several programs -------------------------------------------------------------------------------------
+
+
+class Mover:
+    """Another program that moves the arm for twenty seconds, unless something ends it."""
+
+    def __init__(self) -> None:
+        self.robot = hexwire.connect(ARM)
+        self.robot.torque(True)
+        self.error: HexwireError | None = None
+        self.why = ""
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+        eventually(lambda: self.robot.read().velocity[0] > 0.01)
+
+    def _run(self) -> None:
+        try:
+            self.why = run_motion(self.robot, JointTarget.of({"J1": 1.0}, 20.0)).why
+        except HexwireError as error:
+            self.error = error
+
+    def end(self) -> None:
+        self._thread.join(PATIENCE)
+        self.robot.detach()
+
+
+def test_one_moves_another_is_refused_a_third_stops_and_a_fourth_watches(shared: Service) -> None:
+    with hexwire.connect(ARM) as watcher:
+        states = watcher.stream(0.05)
+        mover = Mover()
+        refused = run("move", "J1=0")
+        assert refused.exit_code == DEVICE
+        assert refused.stderr.count("\n") == 1
+        assert f"process {os.getpid()}" in refused.stderr
+        assert "--take" in refused.stderr
+        assert not next(states).stopped
+        assert "stopped, holding: J1 J2 J3 J4 J5 J6 J7" in ok("stop")
+        mover.end()
+        assert "stopped" in mover.why
+        assert next(states).stopped
+        assert watcher.read().positions["J1"] < 0.9
+        # The lease of the one that was stopped has been given back.
+        ok("resume")
+        ok("move", "J1=0", "--duration", "0.2")
+
+
+def test_take_takes_the_arm_from_the_one_that_moves_it(shared: Service) -> None:
+    mover = Mover()
+    taken = run("move", "--wait", "J1=0", "--duration", "0.3", "--take")
+    assert taken.exit_code == 0, taken.output
+    mover.end()
+    assert mover.error is not None
+    assert "took the lease" in str(mover.error) or "holds the lease" in str(mover.error)
+    assert '"stopped": false' in ok("state", "--json")
+
+
+def test_a_move_without_wait_runs_to_its_end_after_the_command(shared: Service) -> None:
+    ok("move", "J1=20", "--duration", "0.8")
+    with hexwire.connect(ARM) as robot:
+        assert robot.read().positions["J1"] < 0.3
+        eventually(lambda: abs(robot.read().positions["J1"] - 0.349) < 0.02)
+
+
+def test_ctrl_c_stops_the_arm(shared: Service) -> None:
+    arm = shared._arms[0].arm.owner
+
+    def interrupt() -> None:
+        eventually(lambda: arm.state is not None and arm.speeds(("J1",))[0] > 0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    result = run("move", "--wait", "J1=60", "--duration", "10")
+    thread.join()
+    assert result.exit_code == INTERRUPTED
+    assert "stopped: the arm holds" in result.stderr
+    with hexwire.connect(ARM) as robot:
+        assert robot.read().stopped
+        assert robot.read().positions["J1"] < 0.9
+
+
+# -- processes --------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def process(*words: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-P", "-m", "hexwire.cli", *words]
+    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield started
+    finally:
+        started.kill()
+        started.communicate()
+
+
+def test_a_frozen_program_loses_the_arm_which_holds_and_the_program_says_so(shared: Service) -> None:
+    with (
+        hexwire.connect(ARM) as robot,
+        process("move", "--wait", "J1=60", "--duration", "20", "--port", ARM) as moving,
+    ):
+        eventually(lambda: robot.read().velocity[0] > 0.02)
+        moving.send_signal(signal.SIGSTOP)
+        eventually(lambda: "lost the lease" in shared._arms[0].shared.held)
+        where = robot.read().positions["J1"]
+        moving.send_signal(signal.SIGCONT)
+        _, said = moving.communicate(timeout=PATIENCE)
+        assert moving.returncode == DEVICE
+        assert said.count("\n") == 1
+        assert "lost the lease" in said
+        state = robot.read()
+        assert not state.stopped
+        assert state.positions["J1"] == pytest.approx(where, abs=0.03)
+
+
+def test_a_killed_program_loses_the_arm_which_holds(shared: Service) -> None:
+    with (
+        hexwire.connect(ARM) as robot,
+        process("move", "--wait", "J1=60", "--duration", "20", "--port", ARM) as moving,
+    ):
+        eventually(lambda: robot.read().velocity[0] > 0.02)
+        moving.kill()
+        eventually(lambda: "lost the lease" in shared._arms[0].shared.held)
+        where = robot.read().positions["J1"]
+        time.sleep(0.3)
+        assert robot.read().positions["J1"] == pytest.approx(where, abs=0.03)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_every_signal_ends_the_server_with_a_stopped_arm(runtime: Path, plug: Plug, number: signal.Signals) -> None:
+    with process("serve", "--port", plug.path, "--name", "lab/arm1") as server:
+        assert server.stdout is not None
+        assert server.stdout.readline().startswith("lab/arm1: serial://")
+        with hexwire.connect(ARM) as robot:
+            robot.torque(True)
+            robot.write(JointTarget.of({"J1": 1.0}, 20.0))
+            for _ in range(3):
+                # Whoever is impatient interrupts nothing.
+                server.send_signal(number)
+            _, said = server.communicate(timeout=PATIENCE)
+        assert (server.returncode, said) == (0, "the arms are no longer shared\n")
+    with hexwire.connect(plug.path) as robot:
+        state = robot.read()
+        assert (state.stopped, state.watchdog_tripped, state.torque_on) == (True, False, robot.model.names)
+
+
+def test_a_signal_while_it_waits_for_its_port_ends_it(runtime: Path) -> None:
+    with process("serve", "--port", str(runtime / "nothing"), "--name", "a", "--wait") as server:
+        assert server.stdout is not None
+        assert server.stdout.readline().startswith("a: waiting: ")
+        server.send_signal(signal.SIGTERM)
+        server.communicate(timeout=PATIENCE)
+        assert server.returncode == 0
+
+
+def test_the_boards_watchdog_stops_the_arm_of_a_killed_server(runtime: Path, plug: Plug) -> None:
+    with process("serve", "--port", plug.path, "--name", "lab/arm1") as server:
+        assert server.stdout is not None
+        server.stdout.readline()
+        with hexwire.connect(ARM) as robot:
+            robot.torque(True)
+            robot.write(JointTarget.of({"J1": 1.0}, 20.0))
+            server.kill()
+            server.wait()
+    time.sleep(1.3)
+    with hexwire.connect(plug.path) as robot:
+        state = robot.read()
+        assert (state.stopped, state.watchdog_tripped, state.torque_on) == (True, True, robot.model.names)
+        assert state.positions["J1"] < 0.9
+
+
+def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(runtime: Path, plug: Plug) -> None:
+    service = Service(read_arms({"lab/arm1": {"port": plug.path}}))
+    service.start()
+    service.wait_until_shared()
+    robot = hexwire.connect(ARM)
+    robot.torque(True)
+    robot.write(JointTarget.of({"J1": 1.0}, 20.0))
+    plug.runs.clear()
+    with pytest.raises(DeviceError, match="lab/arm1: the stop was not confirmed"):
+        service.close()
+    robot.abort()
+    plug.runs.set()
+    with hexwire.connect(plug.path) as robot:
+        state = robot.read()
+        assert (state.stopped, state.torque_on) == (True, robot.model.names)
+
+
+# -- the command line -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--config", "FILE", "--robot", "sim"], "leave out --robot"),
+        (["--config", "FILE", "--no-table"], "leave out --no-table"),
+        (["--config", "FILE"], "arms.a.wacthdog: unknown, did you mean watchdog?"),
+        (["--config", "/nowhere"], "cannot be read"),
+        (["--robot", "sim", "--name", "a b"], "is not the name of an arm"),
+        (["--robot", "sim", "--listen", "tcp/0.0.0.0:7447"], "anybody there could move the arm"),
+        (["--robot", "sim", "--listen", "tls/0.0.0.0:7447"], "needs certificates"),
+        (["--robot", "sim", "--links", "Z"], "links"),
+        (["--robot", "so101", "--port", "/dev/null", "--table", "5"], "has no geometry"),
+        (["--robot", "sim", "--lease", "0.01"], "less than 0.1"),
+        (["--port", ARM], "shared already"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_is_opened(runtime: Path, words: list[str], says: str) -> None:
+    (runtime / "FILE").write_text("[arms.a]\nrobot = 'sim'\nwacthdog = 1.0")
+    result = CliRunner().invoke(
+        cli, ["serve", *(str(runtime / word) if word == "FILE" else word for word in words)]
+    )
+    assert result.exit_code == USAGE, result.output
+    assert says in result.stderr
+    assert not (runtime / "hexwire").exists()

@@ -1,0 +1,284 @@
+"""A shared arm as a `RobotDriver`: the whole contract, the same as of the robot behind it."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from tests.fleet.conftest import Serve
+
+import hexwire
+from hexwire.control.motions import run_motion
+from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.registry import make_driver
+from hexwire.drivers.values import Signal, StopCause, StopMode
+from hexwire.errors import HexwireError, LeaseError, LinkNotFoundError, UsageError
+from hexwire.fleet.remote import RemoteRobot
+from hexwire.fleet.service import Service
+from hexwire.model.state import JointTarget
+
+PATIENCE = 10.0
+
+
+@pytest.fixture
+def shared(serve: Serve) -> Service:
+    return serve("lab/arm1")
+
+
+@pytest.fixture
+def robot(shared: Service) -> Iterator[RobotDriver]:
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        yield robot
+
+
+def other(**options: str) -> RemoteRobot:
+    """A second program."""
+    robot = make_driver("zenoh:lab/arm1" + "".join(f"?{key}={value}" for key, value in options.items()))
+    assert isinstance(robot, RemoteRobot)
+    return robot
+
+
+def eventually(what: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+
+
+# -- the contract -----------------------------------------------------------------------------------------
+
+
+def write(**angles: float) -> Callable[[RobotDriver], object]:
+    return lambda robot: robot.write(JointTarget.of(angles, 0.05))
+
+
+def _stopped(robot: RobotDriver) -> object:
+    return robot.read().stopped, robot.stop_latch().cause is not StopCause.NONE
+
+
+CALLS: list[Callable[[RobotDriver], object]] = [
+    lambda robot: robot.model,
+    lambda robot: robot.is_attached,
+    lambda robot: (robot.has_watchdog, robot.reports_states, robot.watchdog_armed, robot.stop_kept_by),
+    lambda robot: (robot.read().names, robot.read().torque_on, robot.read().silent),
+    lambda robot: robot.torque(True, ["J2", "J1"]),
+    lambda robot: robot.torque(True),
+    lambda robot: robot.torque(True, ["J9"]),
+    lambda robot: robot.read().torque_on,
+    write(J1=0.2, J3=0.1),
+    write(J1=7.0),
+    write(J9=0.0),
+    lambda robot: robot.write(JointTarget.of({"J1": 0.2}, -1.0)),
+    lambda robot: (robot.ping(3), robot.ping(77)),
+    lambda robot: robot.ping(-1),
+    lambda robot: robot.probe().same_kind(robot.probe()),
+    lambda robot: [(row.name, row.servo_id, row.present) for row in robot.probe().joints],
+    lambda robot: robot.watchdog(0.01),
+    lambda robot: robot.watchdog(0.5),
+    lambda robot: robot.watchdog_armed,
+    write(J1=0.1),
+    lambda robot: robot.watchdog(0.0),
+    lambda robot: robot.watchdog_armed,
+    lambda robot: robot.stop(),
+    _stopped,
+    write(J1=0.0),
+    lambda robot: robot.torque(True),
+    lambda robot: robot.resume(),
+    _stopped,
+    lambda robot: robot.resume(),
+    lambda robot: robot.stop(StopMode.TORQUE_OFF),
+    lambda robot: (_stopped(robot), robot.read().torque_on),
+    lambda robot: robot.signal(Signal.RESUME),
+    lambda robot: robot.signal(Signal.TORQUE_ON),
+    lambda robot: robot.signal(99),
+    lambda robot: robot.ioctl(0xEE),
+    lambda robot: len(next(robot.stream(0.02)).names),
+    lambda robot: next(robot.stream(0.0)),
+    lambda robot: [level.level.value for level in robot.examine() if level.level.value == "BAD"],
+    lambda robot: robot.discard_reports(),
+    lambda robot: "requests" in robot.host_counters(),
+    lambda robot: robot.detach(torque_off=True),
+    lambda robot: robot.is_attached,
+    lambda robot: robot.detach(),
+    lambda robot: robot.read(),
+    lambda robot: robot.stop(),
+    lambda robot: robot.attach(),
+    lambda robot: robot.read().torque_on,
+]
+
+
+def outcome(call: Callable[[RobotDriver], object], robot: RobotDriver) -> object:
+    try:
+        value: Any = call(robot)
+    except HexwireError as error:
+        # Whose fault it is decides the exit status; a text may say more of a shared arm.
+        return "UsageError" if isinstance(error, UsageError) else "DeviceError"
+    if hasattr(value, "positions") and hasattr(value, "clamped"):
+        return [(name, round(angle, 2)) for name, angle in value.positions], value.clamped, value.silent
+    return value
+
+
+def test_every_call_ends_as_that_of_the_robot_behind_it(shared: Service) -> None:
+    direct, remote = hexwire.connect("sim://hex7bot"), hexwire.connect("zenoh:lab/arm1")
+    with direct, remote:
+        for number, call in enumerate(CALLS):
+            assert (number, outcome(call, remote)) == (number, outcome(call, direct))
+
+
+@pytest.mark.parametrize("settings", [{"robot": "sim"}, {"port": "sim://hex7bot?dialect=1"}], ids=["2", "1"])
+def test_a_motion_arrives_with_either_dialect(serve: Serve, settings: dict[str, object]) -> None:
+    serve("lab/arm1", **settings)
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        result = run_motion(robot, JointTarget.of({"J1": 0.3}, 0.3))
+        assert result.arrived, result.why
+        state = robot.read()
+        assert state.positions["J1"] == pytest.approx(0.3, abs=0.03)
+        # It may arrive early; the end of a motion is no stop.
+        assert not state.stopped
+
+
+# -- the address ------------------------------------------------------------------------------------------
+
+
+def test_the_address_may_come_from_the_environment(shared: Service, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HEXWIRE_PORT", "zenoh:lab/arm1")
+    with hexwire.connect() as robot:
+        assert (robot.url, robot.model.name) == ("zenoh:lab/arm1", "hex7bot")
+
+
+def test_what_an_address_cannot_be_given_is_refused(shared: Service) -> None:
+    with pytest.raises(UsageError, match="is a hex7bot, not a so101"):
+        hexwire.connect("zenoh:lab/arm1", "so101")
+    with pytest.raises(UsageError, match="no option dialect"):
+        hexwire.connect("zenoh:lab/arm1", dialect=2)
+    with pytest.raises(LinkNotFoundError, match="no arm lab/arm2 is served"):
+        hexwire.connect("zenoh:lab/arm2")
+    make_driver("zenoh:lab/arm1", "hex7bot")
+
+
+def test_before_attach_nothing_works_and_attaching_again_does(shared: Service) -> None:
+    robot = other()
+    for call in (robot.read, robot.stop, robot.probe, lambda: robot.torque(True)):
+        with pytest.raises(UsageError, match="not attached"):
+            call()
+    for _ in range(2):
+        with robot:
+            robot.torque(True)
+        assert not robot.is_attached
+
+
+# -- states -----------------------------------------------------------------------------------------------
+
+
+def test_a_state_is_from_after_the_call_and_from_after_every_own_order(robot: RobotDriver) -> None:
+    for on in (True, False, True):
+        robot.torque(on)
+        assert bool(robot.read().torque_on) is on
+    for _ in range(3):
+        robot.stop()
+        assert robot.read().stopped
+        robot.resume()
+        assert not robot.read().stopped
+    asked = robot.now()
+    state = robot.read()
+    assert asked - 0.1 < state.stamp <= robot.now()
+
+
+def test_velocities_are_there_although_short_reports_leave_them_out(robot: RobotDriver) -> None:
+    eventually(lambda: all(abs(speed) < 10.0 for speed in robot.read().velocity))
+
+
+def test_a_stream_keeps_its_period_and_its_order(robot: RobotDriver) -> None:
+    states = list(itertools.islice(robot.stream(0.1, slow=2.0), 5))
+    stamps = [state.stamp for state in states]
+    assert stamps == sorted(set(stamps))
+    # On average, whatever the machine does meanwhile: never faster.
+    assert stamps[-1] - stamps[0] > 0.3
+
+
+def test_discarded_reports_are_not_read(robot: RobotDriver) -> None:
+    states = robot.stream(0.05)
+    next(states)
+    # Long enough for the next ones to have arrived.
+    time.sleep(0.2)
+    robot.discard_reports()
+    discarded = robot.now()
+    assert next(states).stamp > discarded - 0.1
+
+
+def test_a_stream_ends_when_the_server_answers_but_has_no_states(shared: Service, robot: RobotDriver) -> None:
+    (served,) = shared._arms
+    assert served.server is not None
+    states = robot.stream(0.02, timeout=1.0)
+    next(states)
+    served.arm.owner.observers.clear()
+    assert len(list(states)) < 5
+
+
+def test_a_read_waits_as_long_as_the_robot_is_busy(shared: Service, robot: RobotDriver) -> None:
+    owner = shared._arms[0].arm.owner
+    busy, free = threading.Event(), threading.Event()
+
+    def occupy() -> None:
+        busy.set()
+        free.wait(PATIENCE)
+
+    thread = threading.Thread(target=lambda: owner.call(occupy))
+    thread.start()
+    busy.wait(PATIENCE)
+    # Longer than the silence after which the reason is asked for.
+    threading.Timer(1.3, free.set).start()
+    asked = robot.now()
+    assert robot.read().stamp > asked + 1.0
+    thread.join()
+
+
+# -- losing the lease -------------------------------------------------------------------------------------
+
+
+def test_a_motion_ends_with_the_loss_of_its_lease_and_stops_nobody_else(robot: RobotDriver) -> None:
+    robot.torque(True)
+    ended: list[BaseException] = []
+
+    def move() -> None:
+        try:
+            run_motion(robot, JointTarget.of({"J1": 1.0}, 20.0))
+        except HexwireError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    eventually(lambda: robot.watchdog_armed and robot.holder)
+    with other(take="1") as second:
+        second.write(JointTarget.of({"J2": second.read().positions["J2"]}, 0.2))
+        thread.join(PATIENCE)
+        assert [type(error) for error in ended] == [LeaseError]
+        assert second.holder.split(",")[0] in str(ended[0])
+        # The first one does not stop what the second one commands.
+        assert not second.read().stopped
+        with pytest.raises(LeaseError):
+            robot.write(JointTarget.of({"J1": 0.0}, 0.2))
+
+
+def test_without_a_motion_of_its_own_a_program_that_lost_its_lease_goes_on_reading(robot: RobotDriver) -> None:
+    robot.torque(True)
+    with other(take="1") as second:
+        second.torque(True)
+        with pytest.raises(LeaseError):
+            robot.torque(True)
+        assert robot.read().torque_on
+
+
+def test_a_motion_runs_to_its_end_after_the_program_has_left(shared: Service) -> None:
+    with other() as first:
+        first.torque(True)
+        first.write(JointTarget.of({"J1": 0.4}, 0.8))
+    with other() as second:
+        assert second.read().positions["J1"] < 0.35
+        eventually(lambda: abs(second.read().positions["J1"] - 0.4) < 0.02)
+        eventually(lambda: not second.holder)
+        assert (second.held, second.read().stopped) == ("", False)
