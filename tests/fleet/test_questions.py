@@ -1,86 +1,251 @@
-"""Questions to the server of an arm: why there is no answer."""
+"""Why there is no answer: no way, no such arm, no right, no answer. Zenoh tells none of it."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import pytest
 
+import hexwire
+from hexwire.drivers.base import RobotDriver
 from hexwire.errors import (
-    HexwireError,
-    LeaseError,
     LinkLostError,
     LinkNotFoundError,
     LinkPermissionError,
     RemoteProtocolError,
     ReplyTimeoutError,
+    UsageError,
 )
 from hexwire.fleet import messages as m
+from hexwire.fleet import questions
 from hexwire.fleet.address import Address
 from hexwire.fleet.names import Keys, Role
-from hexwire.fleet.network import NoAnswerError
+from hexwire.fleet.network import Network
 from hexwire.fleet.questions import ask, decoded
+from hexwire.fleet.rights import Kind
+from hexwire.fleet.service import Service
+from hexwire.fleet.service_file import read_arms
+from hexwire.link.certs import issue_certificate
+from hexwire.model.state import JointTarget
 
-ADDRESS, KEYS = Address("lab/arm1"), Keys("lab/arm1")
-ORDER = KEYS.order(Role.OPERATOR)
-
-
-class Node:
-    """A session in which some keys are answered, and others are not."""
-
-    def __init__(self, **answers: bytes) -> None:
-        self.answers = {
-            ORDER if name == "order" else getattr(KEYS, name): payload for name, payload in answers.items()
-        }
-        self.connections, self.absent, self.tokens = 1, True, ["hexwire/lab/arm1/alive/1"]
-
-    def visible(self, key: str, timeout: float) -> list[str]:
-        return self.tokens
-
-    def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
-        if key in self.answers:
-            return self.answers[key]
-        raise NoAnswerError(absent=self.absent)
+from .lab import Lab, free_port
 
 
-def asked(node: Node, key: str = ORDER) -> m.Answer:
-    return ask(node, ADDRESS, key, m.Ask("clock"), 1.0)  # type: ignore[arg-type]
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    lab = Lab(tmp_path_factory.mktemp("lab"))
+    for name, kind, arms in (
+        ("arm1", Kind.ARM, ("lab/arm1",)),
+        ("mute", Kind.ARM, ("lab/mute",)),
+        ("watcher", Kind.OBSERVER, ("lab/*",)),
+        ("anna", Kind.OPERATOR, ("lab/*",)),
+        ("ben", Kind.OPERATOR, ("hall/*",)),
+        ("cora", Kind.MAINTAINER, ("**",)),
+    ):
+        lab.issue(name, kind, *arms)
+    lab.issue("stranger", Kind.OPERATOR, "lab/*", known=False)
+    issue_certificate(lab.folder, "plain", "client")
+    with lab.routing():
+        yield lab
 
 
-def test_an_answer_is_returned_and_a_refusal_raised() -> None:
-    assert asked(Node(order=m.encode(m.Answer("", value=5)))).value == 5
-    with pytest.raises(LeaseError, match="Ann holds the lease"):
-        asked(Node(order=m.encode(m.Answer("LeaseError", "Ann holds the lease", {"holder": "Ann"}))))
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(questions, "_TIMEOUT", 1.0)
 
 
-CLOCK = m.encode(m.Answer(""))
+@contextmanager
+def elsewhere(folder: Path) -> Iterator[None]:
+    """As from another computer: this user serves nothing there."""
+    here = os.environ["XDG_RUNTIME_DIR"]
+    os.environ["XDG_RUNTIME_DIR"] = os.fspath(folder)
+    try:
+        yield
+    finally:
+        os.environ["XDG_RUNTIME_DIR"] = here
+
+
+@pytest.fixture
+def served(lab: Lab, runtime: Path, tmp_path: Path) -> Iterator[Service]:
+    """An arm behind the router; this test is another computer."""
+    service = Service(read_arms({"lab/arm1": {"robot": "sim"}}), lab.network("arm1"))
+    with service, elsewhere(tmp_path):
+        yield service
+
+
+@contextmanager
+def connected(lab: Lab, arm: str, name: str, more: str = "") -> Iterator[RobotDriver]:
+    robot = hexwire.connect(lab.url(arm, name, more))
+    with robot:
+        yield robot
+
+
+def why(error: BaseException) -> str:
+    text = str(error)
+    assert "\n" not in text
+    return text
+
+
+def command(robot: RobotDriver) -> None:
+    state = robot.read()
+    robot.torque(True)
+    robot.write(JointTarget(((state.names[0], state.position[0]),), 1.0))
+
+
+# -- each right, and what is told of a missing one ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["anna", "cora"])
+def test_who_may_command_does(lab: Lab, served: Service, name: str) -> None:
+    with connected(lab, "lab/arm1", name) as robot:
+        command(robot)
+        holder = served._arms[0].shared.holder
+        assert holder is not None
+        assert holder.client.endswith({"anna": "operator", "cora": "maintainer"}[name])
+
+
+def test_an_observer_reads_and_stops_and_is_told_that_it_may_not_command(lab: Lab, served: Service) -> None:
+    with connected(lab, "lab/arm1", "watcher") as robot:
+        assert robot.read().names
+        with pytest.raises(LinkPermissionError, match=r"an observer may read and stop.*watcher\.pem") as raised:
+            command(robot)
+        why(raised.value)
+        robot.stop()
+        assert robot.read().stopped
+
+
+def test_a_role_above_that_of_the_certificate_is_denied_by_the_router_and_explained(
+    lab: Lab, served: Service
+) -> None:
+    for name, role in (("watcher", "operator"), ("anna", "maintainer")):
+        with connected(lab, "lab/arm1", name, f"&role={role}") as robot:
+            words = rf"{name}\.pem \((observer|operator) for lab/\*\) does not allow to command it as {role}"
+            with pytest.raises(LinkPermissionError, match=words) as raised:
+                command(robot)
+            why(raised.value)
+    assert served._arms[0].shared.holder is None
+    assert not served._arms[0].arm.owner.newest().torque_on
 
 
 @pytest.mark.parametrize(
-    ("answers", "change", "key", "error", "words"),
+    ("name", "words"),
     [
-        ({}, {"connections": 0}, ORDER, LinkLostError, "connection to the server or router is lost"),
-        ({}, {"tokens": []}, ORDER, LinkNotFoundError, "no arm lab/arm1"),
-        ({"ask": CLOCK}, {}, ORDER, LinkPermissionError, r"not this \(as/operator/order\)"),
-        ({"ask": CLOCK}, {"absent": False}, KEYS.stop, LinkPermissionError, r"not this \(stop\)"),
-        ({}, {}, KEYS.ask, LinkPermissionError, "does not allow this"),
-        ({}, {"absent": False}, KEYS.ask, ReplyTimeoutError, "lab/arm1"),
+        ("ben", r"ben\.pem \(operator for hall/\*\) is not for this arm"),
+        ("arm1", r"arm1\.pem \(arm for lab/arm1\) serves, and may not read"),
+        ("mute", r"mute\.pem \(arm for lab/mute\) is not for this arm"),
+        ("plain", r"plain\.pem \(without a role\) does not allow to read; 'hexwire cert issue'"),
+        ("stranger", r"the router does not know the certificate .*stranger\.pem \(operator for lab/\*\)"),
     ],
 )
-def test_no_such_arm_no_right_and_no_answer_are_told_apart(
-    answers: dict[str, bytes], change: dict[str, object], key: str, error: type[HexwireError], words: str
+def test_a_certificate_that_gives_no_right_here_says_so(lab: Lab, served: Service, name: str, words: str) -> None:
+    with pytest.raises(LinkPermissionError, match=words) as raised:
+        hexwire.connect(lab.url("lab/arm1", name))
+    why(raised.value)
+
+
+# -- no such arm, no way, no answer -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["anna", "watcher", "cora"])
+def test_there_is_no_such_arm(lab: Lab, served: Service, name: str) -> None:
+    with pytest.raises(LinkNotFoundError, match="there is no arm lab/none") as raised:
+        hexwire.connect(lab.url("lab/none", name))
+    why(raised.value)
+
+
+def test_nobody_is_at_the_address_of_the_router(lab: Lab, runtime: Path) -> None:
+    url = lab.url("lab/arm1", "anna").replace(lab.endpoint, f"tls/localhost:{free_port()}")
+    with pytest.raises(LinkNotFoundError, match="nobody answers at tls/localhost") as raised:
+        hexwire.connect(url)
+    why(raised.value)
+
+
+def test_an_arm_that_is_there_but_does_not_answer(lab: Lab, runtime: Path) -> None:
+    keys = Keys("lab/mute")
+    with lab.session("mute") as mute, lab.session("anna") as node:
+        kept = []
+        for key in keys.answered():
+            mute.answer(key, kept.append)
+        mute.announce(keys.token("1"))
+        address = Address.parse(lab.url("lab/mute", "anna"))
+        for key in (keys.ask, keys.order(Role.OPERATOR)):
+            with pytest.raises(ReplyTimeoutError, match="zenoh:lab/mute, whose server is there") as raised:
+                ask(node, address, key, m.Ask("clock"), 1.0)
+            why(raised.value)
+
+
+def test_an_arm_whose_rights_the_router_does_not_know_does_not_exist_for_others_and_says_so(
+    lab: Lab, runtime: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    node = Node(**answers)
-    vars(node).update(change)
-    with pytest.raises(error, match=words):
-        asked(node, key)
+    lab.issue("late", Kind.ARM, "lab/late", known=False)
+    arms = read_arms({"lab/late": {"robot": "sim"}})
+    with Service(arms, lab.network("late")) as service, lab.session("cora") as node:
+        deadline = time.monotonic() + 15.0
+        while "router does not know the certificate" not in caplog.text:
+            assert time.monotonic() < deadline
+            service.check()
+            time.sleep(0.02)
+        address = Address.parse(lab.url("lab/late", "cora"))
+        with pytest.raises(LinkNotFoundError, match="there is no arm lab/late"):
+            ask(node, address, Keys("lab/late").ask, m.Ask("facts"), 5.0)
 
 
-@pytest.mark.parametrize("payload", [b"", b"\x02\x91", b"\x01\xff", b"\x01" + b"\x91" * 5000])
-def test_an_answer_that_is_none_is_one_error(payload: bytes) -> None:
-    with pytest.raises(RemoteProtocolError):
-        asked(Node(order=payload))
+def test_the_connection_is_lost(tmp_path: Path, runtime: Path) -> None:
+    lab = Lab(tmp_path / "lab")
+    lab.issue("anna", Kind.OPERATOR, "lab/*")
+    address = Address.parse(lab.url("lab/arm1", "anna"))
+    with lab.routing():
+        node = lab.network("anna").open()
+        node.ask_neighbours(5.0)
+    try:
+        with pytest.raises(LinkLostError, match="connection to the server or router is lost") as raised:
+            ask(node, address, Keys("lab/arm1").ask, m.Ask("clock"), 1.0)
+        why(raised.value)
+    finally:
+        node.close()
 
 
-@pytest.mark.parametrize("value", [None, 5, "x", [1], {"robot": 3}, ["hex7bot"] * 11])
-def test_a_value_of_another_kind_is_one_error(value: object) -> None:
+@pytest.mark.system
+def test_a_router_that_is_stopped_is_not_taken_for_an_arm_that_is_not_there(runtime: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = subprocess.Popen(
+        [sys.executable, "-m", "hexwire.cli", "fleet", "router", "--listen", endpoint], stdout=subprocess.PIPE
+    )
+    try:
+        assert router.stdout is not None
+        router.stdout.readline()
+        node = Network(connect=(endpoint,)).open()
+        address = Address.parse(f"zenoh:lab/arm1?router={endpoint}")
+        with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm1"):
+            ask(node, address, Keys("lab/arm1").ask, m.Ask("clock"), 5.0)
+        router.send_signal(signal.SIGSTOP)
+        with pytest.raises(ReplyTimeoutError, match="a question to the router of zenoh:lab/arm1"):
+            ask(node, address, Keys("lab/arm1").ask, m.Ask("clock"), 1.0)
+        with pytest.raises(LinkNotFoundError, match="answers, but not as a server or router: is it stopped"):
+            Network(connect=(endpoint,)).open()
+        node.close()
+    finally:
+        router.kill()
+        router.communicate()
+
+
+# -- what comes instead of an answer ----------------------------------------------------------------------
+
+
+def test_an_answer_of_another_kind_is_an_error() -> None:
     with pytest.raises(RemoteProtocolError, match="not a valid answer"):
-        decoded(m.Answer("", value=value), m.Facts)
+        decoded(m.Answer("", value=["not", "facts"]), m.Facts)
+
+
+def test_what_the_server_refuses_arrives_as_its_error(lab: Lab, served: Service) -> None:
+    with lab.session("anna") as node:
+        address = Address.parse(lab.url("lab/arm1", "anna"))
+        with pytest.raises(UsageError, match="there is no question 'nonsense'"):
+            ask(node, address, Keys("lab/arm1").ask, m.Ask("nonsense"), 5.0)

@@ -201,6 +201,8 @@ def test_an_observer_reads_and_stops_and_nothing_else(connect: Callable[..., Rem
 class Node:
     """A server that answers as a test wants, and keeps what it was asked."""
 
+    cert = ""
+
     def __init__(self) -> None:
         self.connections = 1
         self.asked: list[tuple[str, Any]] = []

@@ -21,21 +21,15 @@ OPERATOR, MAINTAINER = Role.OPERATOR, Role.MAINTAINER
 
 
 class Query:
-    """A question as Zenoh passes it."""
+    """A question that arrived."""
 
     def __init__(self, payload: bytes) -> None:
-        self.payload, self.key_expr = self, "key"
-        self._payload = payload
+        self.payload = payload
         self.replies: list[m.Answer] = []
         self.answered = threading.Event()
 
-    def to_bytes(self) -> bytes:
-        return self._payload
-
-    def reply(self, key: object, payload: bytes) -> None:
+    def reply(self, payload: bytes) -> None:
         self.replies.append(m.decode(payload, m.Answer))
-
-    def drop(self) -> None:
         self.answered.set()
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from hexwire.control.shared import SharedArm
     from hexwire.model.state import JointState
 
+    from .guard import NameGuard
     from .network import Node, Question
 
 __all__ = ["ArmServer"]
@@ -60,6 +61,7 @@ class ArmServer:
         name: Its name in the fleet, checked.
         node: The session; closed by the caller.
         server: This host, process and version, in words.
+        guard: Sees other servers of this name behind a router; opened and closed by the caller.
         started: When it was started, wall clock; the later of two servers of a name gives way.
 
     Attributes:
@@ -68,10 +70,20 @@ class ArmServer:
         refused: Number of messages that could not be understood or for which there was no room.
     """
 
-    def __init__(self, shared: SharedArm, name: str, node: Node, *, server: str = "", started: float = 0.0) -> None:
+    def __init__(
+        self,
+        shared: SharedArm,
+        name: str,
+        node: Node,
+        *,
+        guard: NameGuard | None = None,
+        server: str = "",
+        started: float = 0.0,
+    ) -> None:
         self.conflict = ""
         self.served = self.refused = 0
         self._shared, self._node, self._keys, self._server = shared, node, Keys(name), server
+        self._guard = guard
         self._owner, self._robot = shared.arm.owner, shared.arm.owner.robot
         # Sorts like the time of its start: 16 hexadecimal digits, then what tells two of the same time apart.
         self._instance = f"{int(1e6 * started):016x}-{secrets.token_hex(8)}"
@@ -98,18 +110,20 @@ class ArmServer:
             LinkBusyError: Another server offers this name.
         """
         node, keys = self._node, self._keys
-        if taken := self._others(node.visible(keys.alive, 1.0)):
-            raise self._taken(taken[0])
+        if self._others(self._visible()):
+            raise self._taken()
         node.announce(keys.token(self._instance))
         # Two that start at the same time see each other's tokens now; one of them gives way.
         self._ending.wait(_SETTLE)
-        if any(other < self._instance for other in self._others(node.visible(keys.alive, 1.0))):
-            raise self._taken("another program")
+        if any(other < self._instance for other in self._others(self._visible())):
+            raise self._taken()
         # Apart from each other: a slow order delays no lease, and nothing a stop, not even another kind of stop.
         self._workers = {name: Worker(name) for name in ("orders", "leases", "questions")}
         self._stops = {mode: Gathering("stops", partial(self._stop, mode)) for mode in StopMode}
         self._publish = node.publisher(keys.state)
         node.watch_visible(keys.alive, self._on_token)
+        if self._guard is not None:
+            self._guard.watch(self._on_token)
         node.answer(keys.stop, self._guarded(self._on_stop))
         node.answer(keys.ask, self._guarded(self._on_question))
         for role in _ROLES:
@@ -130,8 +144,15 @@ class ArmServer:
 
     # -- unique names -----------------------------------------------------------------------------------
 
-    def _taken(self, who: str) -> LinkBusyError:
-        return LinkBusyError(f"the name {self._keys.name} is already served ({who}); choose another --name")
+    def _visible(self) -> list[str]:
+        """Tokens of all servers of this name."""
+        by_router = self._guard.visible() if self._guard is not None else []
+        return [*self._node.visible(self._keys.alive, 1.0), *by_router]
+
+    def _taken(self) -> LinkBusyError:
+        return LinkBusyError(
+            f"the name {self._keys.name} is already served by another program; choose another --name"
+        )
 
     def _others(self, tokens: list[str]) -> list[str]:
         found = []

@@ -25,7 +25,9 @@ from hexwire.control.shared import SharedArm
 from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
 
 from .address import rights_of
-from .network import Network, Node, endpoints_of, local_socket, make_socket_folder
+from .guard import NameGuard
+from .names import Keys
+from .network import Network, NoAnswerError, Node, endpoints_of, local_socket, make_socket_folder
 from .rights import Kind
 from .server import ArmServer
 
@@ -38,6 +40,8 @@ _log = logging.getLogger(__name__)
 
 _LOOK = 0.05
 """Seconds between two looks of `Service.wait_until_shared`."""
+_KNOWN = 1.0
+"""Seconds in which a router answers whether it knows this program."""
 _PATIENCE = 11.0
 """Seconds in which all arms must have ended."""
 
@@ -102,7 +106,14 @@ class _Served:
             self.shared.start()
             self.node = network.open(wait=False)
             stack.callback(self.node.close)
-            self.server = ArmServer(self.shared, self.name, self.node, server=self._server_text, started=started)
+            guard = None
+            if self._network.connect:
+                guard = NameGuard(replace(self._network, listen=(), access=None), Keys(self.name).alive)
+                stack.callback(guard.close)
+                guard.open()
+            self.server = ArmServer(
+                self.shared, self.name, self.node, guard=guard, server=self._server_text, started=started
+            )
             stack.callback(self.server.close)
             self.server.start()
             yield
@@ -140,7 +151,7 @@ class Service:
         self._arms = [_Served(arm, self._network, wait, server) for arm in arms]
         self._told: set[str] = set()
         self._waits_for: dict[str, str] = {}
-        self._has_router = True
+        self._has_router, self._has_asked = True, False
 
     def __enter__(self) -> Self:
         try:
@@ -234,7 +245,19 @@ class Service:
                 _log.warning("connected to the router at %s", where)
             else:
                 _log.warning("no connection to the router at %s; it is tried again", where)
+            self._has_asked = False
         self._has_router = has_router
+        if has_router and self._network.cert and not self._has_asked:
+            self._has_asked = True
+            try:
+                nodes[0].ask_neighbours(_KNOWN)
+            except NoAnswerError as none:
+                if none.absent:
+                    _log.warning(
+                        "the router does not know the certificate %s, so that nobody sees the arm; write its "
+                        "access file again with 'hexwire fleet config', and start it again",
+                        self._network.cert,
+                    )
 
 
 def _check_certificate(cert: str, names: Sequence[str]) -> None:
