@@ -18,6 +18,8 @@ from hexwire.wire.commands import AGE_NEVER, JointReport
 from hexwire.wire.scaled_report import ReportScaler
 from hexwire.wire.tables import BOARD_FLAGS_MAINTENANCE, BOARD_FLAGS_STOPPED, BOARD_FLAGS_WATCHDOG_TRIPPED
 
+from .board_clock import BoardClock
+
 __all__ = ["StateDecoder"]
 
 _HALF_WRAP = (1 << 31) * 1e-6
@@ -62,6 +64,7 @@ class StateDecoder:
         )
         self._nan = (math.nan,) * len(model.joints)
         self._zero_age = (0.0,) * len(model.joints)
+        self._clock = BoardClock()
 
     def decode(self, body: bytes, frame: Frame, now: float) -> JointState:
         """Turn a JOINT_STATE body into SI units.
@@ -104,7 +107,8 @@ class StateDecoder:
             temperature=temperature,
             flags=status,  # type: ignore[arg-type]  # whole numbers: the scaler leaves this column as it is
             age=age,
-            stamp=now - since_sample,
+            # Not by its arrival: it may have waited in the port while this program could not run.
+            stamp=self._clock.sent(clock, now) - since_sample,
             board_time=clock - since_sample,
             stopped=flags & BOARD_FLAGS_STOPPED != 0,
             watchdog_tripped=flags & BOARD_FLAGS_WATCHDOG_TRIPPED != 0,
