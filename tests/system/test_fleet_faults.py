@@ -1,0 +1,219 @@
+"""Programs around a shared arm are killed, stopped, flooded and doubled: the three promises of `fleet_watch` hold.
+
+Real processes of one machine at a Unix socket. Each test ends with the check of everything since the start.
+"""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import struct
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.system.fleet_programs import NAME, STOPPED, Lab
+from tests.system.fleet_watch import HOLD, TIMEOUT
+from tests.system.programs import PATIENCE
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+
+WATCHDOG = 1.0
+"""Seconds after which the board stops an arm whose server is silent."""
+WALL_CLOCK = Path(__file__).with_name("wall_clock.c")
+
+
+@pytest.fixture(scope="module")
+def home() -> Iterator[Lab]:
+    folder = Path(tempfile.mkdtemp(prefix="hw-", dir="/tmp"))
+    try:
+        with Lab(folder) as lab:
+            yield lab
+    finally:
+        shutil.rmtree(folder)
+
+
+@pytest.fixture
+def lab(home: Lab) -> Iterator[Lab]:
+    home.begin_all()
+    yield home
+    home.check()
+
+
+def test_an_operator_that_is_killed_leaves_an_arm_that_holds_and_says_why(lab: Lab) -> None:
+    lab.setting_out()
+    lab.operator.kill()
+    lab.came(lambda: "lost the lease after 0.5 s of silence" in str(lab.last().get("held")), TIMEOUT + HOLD)
+    time.sleep(HOLD)
+    there = lab.position(0)
+    time.sleep(0.5)
+    assert lab.position(0) == there
+    # Nobody needs to be asked for it now, and nothing moves by taking it.
+    lab.operator = lab.client()
+    lab.operator.do("take")
+    lab.came(lambda: lab.last()["held"] == "", 3.0)
+
+
+def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) -> None:
+    lab.setting_out()
+    killed = lab.server.kill()
+    # Who reads learns of it, and who commands does.
+    lab.came(lambda: lab.last("lost").get("t", 0) > killed, 5.0)
+    assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LinkLostError", "LinkNotFoundError")
+    time.sleep(max(0.0, killed + WATCHDOG + HOLD - time.monotonic()))
+    there = lab.position(0)
+    lab.server = lab.serve()
+    # The arm was stopped while nobody served it, and stays so.
+    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > killed + 1, 10.0)
+    refused = lab.operator.ask("move", 1.0, J1=0.0)
+    assert refused["error"] in ("LeaseError", "StoppedError"), refused
+    assert lab.position(0) == there
+    # The same programs go on, by hand.
+    lab.operator.do("take", force=True)
+    lab.operator.do("resume")
+    before = lab.setting_out()
+    assert before == there
+
+
+def test_an_operator_that_is_stopped_loses_the_lease_and_is_told_so(lab: Lab) -> None:
+    lab.operator.do("stream", 20.0, J1=0.3)
+    time.sleep(0.5)
+    with lab.operator.stopped(STOPPED) as cut:
+        lab.cuts.append(cut)
+        lab.came(lambda: "lost the lease" in str(lab.last()["held"]), TIMEOUT + HOLD)
+    # It goes on with its stream, which is refused until it takes the lease again. The order that was under way may
+    # have been left without an answer.
+    time.sleep(1.0)
+    refused = [row for row in lab.rows() if row["e"] == "refused" and row["t"] > cut[1] - 0.1]
+    assert len(refused) > 5
+    assert {row["error"] for row in refused[1:]} == {"LeaseError"}
+    lab.operator.do("rest")
+
+
+def test_a_server_that_is_stopped_moves_nothing_when_it_goes_on(lab: Lab) -> None:
+    lab.operator.do("stream", 20.0, J1=0.3)
+    time.sleep(0.5)
+    with lab.server.stopped(STOPPED) as cut:
+        lab.cuts.append(cut)
+        time.sleep(WATCHDOG + HOLD)
+        there = lab.position(0)
+    time.sleep(1.0)
+    # Neither what waited in its sockets nor what comes now.
+    assert lab.position(0) == there
+    lab.came(lambda: bool(lab.last()["stopped"]) and lab.last()["t"] > cut[1], 5.0)
+    lab.operator.do("rest")
+    assert lab.operator.ask("move", 1.0, J1=0.0)["error"] in ("LeaseError", "StoppedError")
+
+
+def test_a_stop_reaches_a_server_that_was_stopped_and_is_confirmed_only_then(lab: Lab) -> None:
+    lab.setting_out()
+    with lab.server.stopped(STOPPED) as cut:
+        lab.cuts.append(cut)
+        lab.reader.send("stop")
+    answer = lab.reader.answer()
+    assert "error" not in answer, answer
+    assert answer["ended"] > cut[1]
+    time.sleep(1.0)
+
+
+def test_a_reader_that_is_stopped_delays_nobody(lab: Lab) -> None:
+    slow = lab.client()
+    slow.do("watch", 0.01)
+    lab.operator.do("stream", 20.0, J1=0.3)
+    time.sleep(0.3)
+    before = lab.server.memory()
+    with slow.stopped(STOPPED) as (begin, end):
+        pass
+    assert lab.server.memory() - before < 20e6
+    lab.operator.do("rest")
+    rows = lab.rows()
+    times = [row["t"] for row in rows if row["e"] == "state" and row["client"] == 0 and begin < row["t"] < end]
+    # The other reader has asked for 50 a second.
+    assert len(times) > 30 * STOPPED
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5
+    assert not [row for row in rows if row["e"] == "refused" and begin < row["t"] < end]
+    # What waited for the slow one is older than it thinks only if a stamp is wrong: `check` looks. It catches up.
+    time.sleep(0.5)
+    assert slow.do("rest")["states"] > 0
+    slow.do("close")
+    slow.end()
+
+
+def test_ten_thousand_orders_a_second_without_a_lease_do_not_disturb_its_holder(lab: Lab) -> None:
+    intruder = lab.client()
+    before = lab.reader.do("counters")["lease_without_lease"]
+    lab.operator.do("stream", 20.0, J1=0.3)
+    begin = time.monotonic()
+    counts = intruder.do("flood", 10_000, 0.8)
+    end = time.monotonic()
+    lab.operator.do("rest")
+    assert counts["done"] == 0
+    assert counts["refused"] == counts["sent"] > 2000
+    assert lab.reader.do("counters")["lease_without_lease"] - before >= counts["refused"]
+    rows = lab.rows()
+    assert not [row for row in rows if row["e"] == "refused" and begin < row["t"] < end]
+    assert len([row for row in rows if row["e"] == "state" and row["client"] == 0 and begin < row["t"] < end]) > 20
+    intruder.do("close")
+    intruder.end()
+
+
+def test_a_second_server_of_a_name_is_refused_and_the_first_goes_on(lab: Lab) -> None:
+    lab.setting_out()
+    second = lab.begin("serve", "--port", "sim", "--name", NAME)
+    assert second.process.wait(PATIENCE) != 0
+    assert f"the name {NAME} is already served" in lab.folder.joinpath("errors.log").read_text()
+    lab.operator.do("move", 0.5, J1=0.0)
+
+
+def test_programs_whose_clock_runs_elsewhere_read_and_command(lab: Lab) -> None:
+    """As on another computer, whose monotonic clock has another start."""
+    away = ["unshare", "--time", "--monotonic", "100000", "--boottime", "100000"]
+    other = lab.client(where=away, extra={"FLEET_SHIFT": "100000"})
+    assert other.do("facts")["offset"] == pytest.approx(-100_000, abs=0.1)
+    other.do("watch")
+    lab.operator.do("release")
+    other.do("stream", 20.0, J1=0.3)
+    time.sleep(1.0)
+    other.do("rest")
+    assert not [
+        row for row in lab.rows() if row["e"] == "refused" and row["client"] == max(r["client"] for r in lab.rows())
+    ]
+    other.do("close")
+    other.end()
+
+
+def test_a_wall_clock_that_jumps_moves_nothing_and_loses_no_lease(lab: Lab) -> None:
+    library, offset = lab.folder / "wall_clock.so", lab.folder / "offset"
+    subprocess.run(["gcc", "-shared", "-fPIC", "-O", "-o", library, WALL_CLOCK], check=True, timeout=PATIENCE)
+    offset.write_bytes(struct.pack("=q", 0))
+    lab.server.end()
+    lab.server = lab.serve(extra={"LD_PRELOAD": str(library), "WALL_CLOCK": str(offset)})
+    lab.begin_all()
+    lab.operator.do("stream", 20.0, J1=0.3)
+    begin = time.monotonic()
+    for by in (-86400, 86400, 0):
+        time.sleep(0.5)
+        with offset.open("r+b") as file:
+            file.write(struct.pack("=q", by))
+        lab.came(lambda by=by: abs(lab.reader.do("wall") - time.time() - by) < 100, 3.0)
+    lab.operator.do("rest")
+    rows = lab.rows()
+    assert not [row for row in rows if row["e"] == "refused" and row["t"] > begin]
+    times = [row["t"] for row in rows if row["e"] == "state" and row["client"] == 0 and row["t"] > begin]
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5
+    lab.server.end()
+
+
+def test_an_owner_whose_computer_was_restarted_is_read_again(lab: Lab) -> None:
+    """Its monotonic clock begins anew, so its stamps are lower than those before."""
+    lab.server.kill()
+    lab.server = lab.serve(where=["unshare", "--time", "--monotonic", "-1000", "--boottime", "-1000"])
+    started = time.monotonic()
+    lab.came(lambda: lab.last()["t"] > started, 15.0)
+    lab.begin_all()
+    lab.setting_out()
+    lab.operator.do("stop")
+    lab.server.end()
