@@ -459,10 +459,12 @@ class RemoteRobot(RobotDriver):
 
     def _keep(self, node: Node, ending: threading.Event) -> None:
         """Renew the lease and follow the owner's clock, in a thread of its own."""
-        measured = time.monotonic()
+        measured, server = time.monotonic(), 0
         while not ending.wait(self._timeout / _BEATS):
-            lease, now = self._lease, time.monotonic()
-            if not lease and now - measured < _CLOCK_PERIOD:
+            lease, now, newest = self._lease, time.monotonic(), self._states.newest
+            # Another server may have another clock: its computer was restarted.
+            sender = newest.server if newest is not None else 0
+            if not lease and sender == server and now - measured < _CLOCK_PERIOD:
                 continue
             beat = m.Beat(lease, now - self._used)
             key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))
@@ -472,7 +474,7 @@ class RemoteRobot(RobotDriver):
             except (NoAnswerError, HexwireError):
                 continue
             if not answer.kind:
-                measured = time.monotonic()
+                measured, server = time.monotonic(), sender
                 self._clock.add(now, answer.clock, measured)
             elif lease and self._lease == lease:
                 error = restore(answer.kind, answer.text, answer.details)
