@@ -204,6 +204,7 @@ class Node:
     cert = ""
 
     def __init__(self) -> None:
+        self.cert = ""
         self.connections = 1
         self.asked: list[tuple[str, Any]] = []
         self.answers: list[m.Answer | bytes] = []
