@@ -249,3 +249,37 @@ def test_what_the_server_refuses_arrives_as_its_error(lab: Lab, served: Service)
         address = Address.parse(lab.url("lab/arm1", "anna"))
         with pytest.raises(UsageError, match="there is no question 'nonsense'"):
             ask(node, address, Keys("lab/arm1").ask, m.Ask("nonsense"), 5.0)
+
+
+# -- without a router -------------------------------------------------------------------------------------
+
+
+def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Path, runtime: Path) -> None:
+    lab = Lab(tmp_path / "lab")
+    lab.issue("arm1", Kind.ARM, "lab/arm1")
+    lab.issue("anna", Kind.OPERATOR, "lab/*")
+    lab.issue("watcher", Kind.OBSERVER, "lab/*")
+    lab.issue("ben", Kind.OPERATOR, "hall/*")
+    lab.issue("stranger", Kind.OPERATOR, "lab/*", known=False)
+    arms = read_arms({"lab/arm1": {"robot": "sim"}})
+    network = Network(listen=(lab.endpoint,), **lab.files("arm1"), access=lab.access())
+    (tmp_path / "away").mkdir()
+    with Service(arms, network):
+        with hexwire.connect("zenoh:lab/arm1") as here:
+            command(here)
+        with elsewhere(tmp_path / "away"):
+            with connected(lab, "lab/arm1", "anna") as robot:
+                command(robot)
+            with connected(lab, "lab/arm1", "watcher") as robot:
+                assert robot.read().names
+                robot.stop()
+            with (
+                connected(lab, "lab/arm1", "watcher", "&role=operator") as robot,
+                pytest.raises(LinkPermissionError, match="does not allow to command it as operator"),
+            ):
+                command(robot)
+            for name, words in (("ben", "is not for this arm"), ("stranger", "the router does not know")):
+                with pytest.raises(LinkPermissionError, match=words):
+                    hexwire.connect(lab.url("lab/arm1", name))
+            with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm2"):
+                hexwire.connect(lab.url("lab/arm2", "anna"))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import LinkNotFoundError
-from hexwire.fleet import reach
+from hexwire.fleet import network, reach
 from hexwire.fleet.network import Network
 from hexwire.fleet.reach import why_unreachable
 from hexwire.fleet.rights import Kind
@@ -93,6 +93,27 @@ def test_it_refuses_ours(lab: Lab, tmp_path: Path) -> None:
             (of(lab, "expired"), "has expired by its clock"),
         ):
             assert words in why_unreachable(lab.endpoint, files)
+
+
+def test_no_session_opens_with_a_certificate_of_another_authority_an_expired_one_or_none(
+    lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As a program would that does not look at its own certificate.
+    monkeypatch.setattr(network, "check_usable", lambda files: None)
+    other = Lab(tmp_path)
+    other.issue("anna", Kind.OPERATOR, "lab/*")
+    (tmp_path / "ca.pem").write_bytes((lab.folder / "ca.pem").read_bytes())
+    lab.issue("ended", Kind.OPERATOR, "lab/*", now=LONG_AGO, days=1)
+    with lab.routing():
+        for files in (other.files("anna"), lab.files("ended")):
+            with pytest.raises(LinkNotFoundError, match="it refuses the certificate") as raised:
+                Network(connect=(lab.endpoint,), **files).open()
+            assert "\n" not in str(raised.value)
+        nothing = ssl.create_default_context(cafile=lab.files("anna")["ca"])
+        with socket.create_connection(("127.0.0.1", lab.port), 5) as plain:
+            tls = nothing.wrap_socket(plain, server_hostname="localhost")
+            with tls, pytest.raises(ssl.SSLError, match="CERTIFICATE_REQUIRED"):
+                tls.recv(1)
 
 
 def test_nobody_and_nothing(tmp_path: Path) -> None:
