@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 
 from hexwire.errors import ConfigError, LinkNotFoundError, LinkPermissionError, UsageError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
-from hexwire.fleet.network import Network, NoAnswerError, read_access
+from hexwire.fleet.network import Network, NoAnswerError, Question, read_access
 from hexwire.fleet.rights import Kind
 
 from .lab import LONG_AGO, Lab, free_port
@@ -217,3 +218,47 @@ def test_a_connection_ends_when_its_certificate_does(lab: Lab) -> None:
         stays.ask_neighbours(5.0)
         with pytest.raises(UsageError, match="expired on"):
             lab.network("brief").open()
+
+
+_ASKS_MUCH = """
+import time
+import zenoh
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.network import Network
+nodes = [Network(connect=endpoints_of([local_socket("a")])).open() for _ in range(4)]
+for _ in range(600):
+    for node in nodes:
+        node._session.get(
+            "much", lambda reply: None, timeout=60.0, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+time.sleep(0.5)
+print("asked", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_program_that_asks_much_and_then_takes_nothing_delays_nobody_else(runtime: Path) -> None:
+    frozen = threading.Event()
+
+    def much(question: Question) -> None:
+        frozen.wait(PATIENCE)
+        question.reply(bytes(60_000))
+
+    way = endpoints_of([local_socket("a")])
+    server = Network(listen=way).open(wait=False)
+    server.answer("much", much)
+    server.answer("stop", lambda question: question.reply(b"stopped"))
+    client = Network(connect=way).open()
+    asker = subprocess.Popen([sys.executable, "-c", _ASKS_MUCH], stdout=subprocess.PIPE, text=True)
+    try:
+        assert asker.stdout is not None
+        assert asker.stdout.readline() == "asked\n"
+        asker.send_signal(signal.SIGSTOP)
+        frozen.set()
+        # The connection of the frozen program is closed meanwhile.
+        assert client.ask("stop", b"", 3.0) == b"stopped"
+    finally:
+        asker.kill()
+        asker.communicate()
+        client.close()
+        server.close()

@@ -58,6 +58,9 @@ _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
 _OPEN = 3.0
 """Seconds in which a connection must stand."""
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
+_STUCK = 0.1
+"""Seconds for which an answer waits for a program that takes nothing; then its connection is closed. Behind such
+answers the questions of others wait, even a stop: 5 s by Zenoh's own limit, each time."""
 _MOST_SESSIONS = 10_000
 """Programs that may be connected to a router; Zenoh's own limit is 1000."""
 
@@ -182,6 +185,8 @@ class Network:
                 "close_link_on_expiration": True,
             }
             rows |= {f"transport/link/tls/{key}": value for key, value in tls.items()}
+        if self.listen:
+            rows["transport/link/tx/queue/congestion_control/block/wait_before_close"] = round(1e6 * _STUCK)
         if self.router:
             rows["transport/unicast/max_sessions"] = _MOST_SESSIONS
         if self.access is not None:
