@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import pytest
 from tests.control.shared_bench import SharedBench
 
 from hexwire.control.holding import hold_moving, stop_or_log
 from hexwire.drivers.values import StopMode
-from hexwire.errors import StoppedError
-from hexwire.model.state import JointTarget
+from hexwire.errors import ReplyTimeoutError, StoppedError
+from hexwire.model.state import JointState, JointTarget, SentTarget
 
 
 def on_the_way(**by: float) -> SharedBench:
@@ -38,6 +39,42 @@ def test_nothing_is_sent_to_an_arm_that_rests_or_is_stopped() -> None:
     bench.robot.stop()
     hold_moving(bench.owner, "a test")
     assert not bench.sent
+
+
+def test_many_holds_in_a_row_do_not_let_a_loaded_arm_sink() -> None:
+    bench = on_the_way(J1=0.4, J2=0.2)
+    read = bench.robot.read
+
+    def sagging() -> JointState:
+        # Under load a servo rests off its target.
+        state = read()
+        return replace(state, position=tuple(angle - 0.01 for angle in state.position))
+
+    bench.robot.read = sagging  # type: ignore[method-assign]
+    for number in range(5):
+        bench.take(f"Bob {number}", force=True)
+        bench.turn(0.05)
+    (held,) = bench.sent
+    assert [name for name, _ in held.positions] == ["J1", "J2"]
+
+
+def test_a_joint_whose_target_was_not_answered_holds_too() -> None:
+    bench = SharedBench()
+    key, write = bench.take(), bench._write
+
+    def unanswered(target: JointTarget) -> SentTarget:
+        write(target)
+        raise ReplyTimeoutError("JOINT_MOVE")
+
+    bench._write = unanswered  # type: ignore[method-assign]
+    with pytest.raises(ReplyTimeoutError):
+        bench.move(key, J1=0.4)
+    bench._write = write  # type: ignore[method-assign]
+    bench.turn(0.2)
+    assert bench.travel("J1", 0.1) > 0.0005
+    hold_moving(bench.owner, "a test")
+    bench.turn(0.3)
+    assert bench.travel("J1") < 0.004
 
 
 def test_a_joint_that_nobody_knows_of_is_stopped() -> None:

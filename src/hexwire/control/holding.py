@@ -30,6 +30,9 @@ _TORQUE = JointFlag.TORQUE_ON | JointFlag.TORQUE_UNKNOWN
 def hold_moving(owner: RobotOwner, why: str) -> None:
     """End all motions; joints that move hold where they are. The caller has `RobotOwner.deciding`.
 
+    Joints that hold already keep their target: under load a servo rests a little off it, and a new one at each of
+    many holds would let the arm sink.
+
     Args:
         owner: Of the arm.
         why: In words.
@@ -50,7 +53,7 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
         if unknown := [joint.name for joint in moving if not _is_known(joint)]:
             raise DeviceError(f"nobody knows where {', '.join(unknown)} is")
         target = holding(robot.model, state, [joint.name for joint in moving])
-        if moving and target is not None and (silent := owner.send(target, asked).silent):
+        if moving and target is not None and (silent := owner.send(target, asked, holds=True).silent):
             raise DeviceError(f"{', '.join(silent)} does not answer")
     except (StoppedError, PreemptedError):
         # Somebody stops it.

@@ -102,7 +102,7 @@ class Output:
         """Seconds until the last joint has reached its last target; 0 if none moves."""
         return max(0.0, max(self._ends.values(), default=0.0) - self._clock())
 
-    def _note(self, sent: SentTarget) -> None:
+    def _note(self, sent: SentTarget | JointTarget) -> None:
         ends = self._clock() + sent.duration + _SETTLING
         for name, _ in sent.positions:
             self._ends[name] = ends
@@ -151,12 +151,13 @@ class Output:
             self._note(sent)
             self._on_sent(sent)
 
-    def send(self, target: JointTarget, asked: Token) -> SentTarget:
+    def send(self, target: JointTarget, asked: Token, *, holds: bool = False) -> SentTarget:
         """Send a target that no controller has decided; the controllers of its joints end their motions.
 
         Args:
             target: Checked by the caller.
             asked: When it was asked for; a stop since then cancels it.
+            holds: It ends the motion of its joints where they are: from then on they count as at rest.
 
         Raises:
             StoppedError: The arm is stopped, or was stopped since.
@@ -169,9 +170,20 @@ class Output:
             epochs.check(asked, "a target")
             if self._group.busy:
                 self._group.release("another motion was asked for", [name for name, _ in target.positions])
-            with epochs.using(asked):
-                sent = self._robot.write(target)
-            self._note(sent)
+            try:
+                with epochs.using(asked):
+                    sent = self._robot.write(target)
+            except (CommandRefusedError, UsageError):
+                raise
+            except HexwireError:
+                # No answer: the robot may have the target all the same.
+                self._note(target)
+                raise
+            if holds and not sent.silent:
+                for name, _ in sent.positions:
+                    self._ends.pop(name, None)
+            else:
+                self._note(sent)
             self._on_sent(sent)
             return sent
 

@@ -383,12 +383,13 @@ class RobotOwner:
         """Seconds until the last joint has reached its last target; 0 if none moves."""
         return self._output.time_left()
 
-    def send(self, target: JointTarget, asked: Token) -> SentTarget:
+    def send(self, target: JointTarget, asked: Token, *, holds: bool = False) -> SentTarget:
         """Send a target from any thread, between two cycles; the controllers of its joints end their motions.
 
         Args:
             target: Checked by the caller.
             asked: When it was asked for; a stop since then cancels it.
+            holds: It ends the motion of its joints where they are.
 
         Raises:
             LinkLostError: The robot is not connected.
@@ -400,7 +401,7 @@ class RobotOwner:
         if self._wanted_watchdog and self.robot.has_watchdog and not self._covered:
             # The owner's thread arms it in its first cycle. Do not wait for it: the caller may hold `deciding`.
             raise DeviceError("the watchdog is not armed yet; try again in a moment")
-        return self._output.send(target, asked)
+        return self._output.send(target, asked, holds=holds)
 
     def stop(self, why: str, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         """Latched stop, ahead of everything else.
