@@ -19,7 +19,7 @@ from hexwire.fleet import messages as m
 _HOSTILE = int(os.environ.get("HOSTILE_MESSAGES", "6000"))
 """Hostile payloads for each kind of message; a million in all takes about a minute."""
 
-KINDS: list[Any] = [m.State, m.LeaseRequest, m.Envelope, m.Ask, m.StopRequest, m.Facts, m.Answer]
+KINDS: list[Any] = [m.State, m.LeaseRequest, m.Envelope, m.Ask, m.StopRequest, m.Facts, m.Goal, m.Answer]
 
 EMPTY: tuple[float, ...] = ()
 JOINT = m.Joint("J1", 1, "scs", 2048, -1, 0.0, 0.0015, -1.5, 1.5, 3.0)
@@ -37,9 +37,12 @@ VALID: list[Any] = [
     m.Envelope(17, 4, 1.5, 0.001, m.Resume()),
     m.Envelope(17, 5, 1.5, 0.001, m.Watchdog(0.5, 0)),
     m.Envelope(17, 6, 1.5, 0.001, m.Ioctl(3, b"\x00\xff")),
+    m.Envelope(17, 7, 1.5, 0.001, m.Follow(("J1",), (0.5, 1.0), (0.1, 0.2), (0.0, 0.0), (), 3.5)),
+    m.Envelope(17, 8, 1.5, 0.001, m.Cancel(7)),
     m.Ask("ping", 254),
     m.StopRequest("Ann", 1),
     m.Facts("hex7bot", (JOINT,), 100.0, 20.0, 0.25, 0.5, "pc", "sim://", "", "", 1.5),
+    m.Goal(7, 3.5, "aborted", "stopped", "Ann stopped it", None, 2),
     m.Answer("LeaseError", "no", {"holder": "Ann"}, [1, "a", {"b": 2.5}, None, b"c"], 1.5, 12),
 ]
 
@@ -181,3 +184,12 @@ def test_whatever_arrives_is_a_message_of_the_kind_or_one_error() -> None:
             taken[str(kind)] += 1
     # Otherwise the payloads would only meet the first check.
     assert all(count > _HOSTILE / 1000 for count in taken.values()), taken
+
+
+def test_there_is_a_decoder_for_every_kind_before_there_are_threads() -> None:
+    """Made by two threads at the same time, they crash the program; so none is made later."""
+    with pytest.raises(KeyError):
+        m.decode(m.encode(VALID[0]), m.State | m.Facts)
+    for kind in KINDS:
+        with pytest.raises(RemoteProtocolError):
+            m.decode(bytes([m.VERSION]), kind)

@@ -131,6 +131,7 @@ class Arm:
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         wanted: Callable[[], bool] = lambda: True,
+        received: float | None = None,
     ) -> None:
         """Let a controller follow a trajectory; a trajectory without points means hold.
 
@@ -140,13 +141,14 @@ class Arm:
             listener: As in `TrajectoryController.accept`.
             tolerances: Likewise.
             wanted: Called after the path check, which takes time: whether the goal is still wanted.
+            received: Time to which the goal's delay refers, seconds of the owner's clock; now if None.
 
         Raises:
             GoalError: The goal is refused; the previous motion continues.
         """
         controller, owner = self.controllers[name], self.owner
         try:
-            received = owner.now()
+            received = owner.now() if received is None else received
             self.teach_mode.hand.refuse()
             state = owner.newest()
             if not goal.points and listener is None:

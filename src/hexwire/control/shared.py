@@ -184,6 +184,19 @@ class SharedArm:
                 return error
         return LeaseError("the lease has just changed; nothing was done", lost=False)
 
+    @property
+    def path_check(self) -> PathCheck:
+        """The checks of a path."""
+        return self._check
+
+    def admit(self, order: Order) -> None:
+        """Check that an order that moves nothing may be done.
+
+        Raises:
+            LeaseError: The sender does not hold the lease.
+        """
+        self._admit(order)
+
     def take(
         self,
         client: str,
@@ -313,13 +326,39 @@ class SharedArm:
         self._admit(order)
         return self._called(order, lambda: self._owner.call(lambda: self._robot.ioctl(sub_cmd, data)))
 
-    def follow(self, order: Order, controller: str, goal: TrajectoryGoal, listener: GoalListener | None) -> None:
-        """Follow a trajectory; see `Arm.command`. The lease must last as long as it does."""
+    def follow(
+        self,
+        order: Order,
+        controller: str,
+        goal: TrajectoryGoal,
+        listener: GoalListener | None,
+        *,
+        received: float | None = None,
+        latest: float = math.inf,
+    ) -> None:
+        """Follow a trajectory; see `Arm.command`. The lease must last as long as it does.
+
+        Args:
+            order: Proof that it may be done.
+            controller: Name of the controller.
+            goal: The trajectory.
+            listener: Is told of its end.
+            received: Time to which its delay refers, seconds of the owner's clock; now if None.
+            latest: When it must have been checked, seconds of the owner's clock; later it is refused.
+
+        Raises:
+            LeaseError: The sender does not hold the lease.
+            GoalError: The goal is refused; CANCELLED if its check took until `latest`.
+        """
         self._admit(order)
         token, epochs = self._token(order), self._robot.epochs
-        with epochs.using(token):
+
+        def wanted() -> bool:
             # The path check takes time, in which the lease may be lost or the arm stopped.
-            self.arm.command(controller, goal, listener=listener, wanted=lambda: epochs.holds(token))
+            return epochs.holds(token) and self.now() < latest
+
+        with epochs.using(token):
+            self.arm.command(controller, goal, listener=listener, wanted=wanted, received=received)
         if goal.points:
             ends = self.now() + max(0.0, goal.delay) + goal.points[-1].time
             self._followed_until = max(self._followed_until, ends)

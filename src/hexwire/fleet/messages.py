@@ -18,8 +18,11 @@ __all__ = [
     "Answer",
     "Ask",
     "Beat",
+    "Cancel",
     "Envelope",
     "Facts",
+    "Follow",
+    "Goal",
     "Joint",
     "LeaseRequest",
     "Leave",
@@ -33,13 +36,14 @@ __all__ = [
 
 VERSION = 1
 """Version of the schema. It grows when a program of an older version could misunderstand a message."""
-LARGEST = 1 << 20
+LARGEST = 1 << 21
 """Most bytes of a message: a trajectory of 10,000 points is smaller."""
 
 _Text = Annotated[str, msgspec.Meta(max_length=4096)]
 _Name = Annotated[str, msgspec.Meta(max_length=64)]
 _Names = Annotated[tuple[_Name, ...], msgspec.Meta(max_length=64)]
 _Floats = Annotated[tuple[float, ...], msgspec.Meta(max_length=64)]
+_Rows = Annotated[tuple[float, ...], msgspec.Meta(max_length=640_000)]
 _Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
@@ -175,7 +179,39 @@ class Ioctl(_Message, tag=5):
     data: Annotated[bytes, msgspec.Meta(max_length=4096)]
 
 
-Order = Write | Torque | Resume | Watchdog | Ioctl
+class Follow(_Message, tag=6):
+    """Follow a trajectory from a time on; the owner follows it, and the answer has its number.
+
+    Attributes:
+        names: Its joints.
+        times: Seconds from the start, rising.
+        positions: Radians, one row of joints after the other.
+        velocities: Likewise; empty for none.
+        accelerations: Likewise.
+        start: Owner's monotonic clock at the start, as the client estimates it, seconds.
+        check: Only check the path, from its own first point; the answer has its duration.
+    """
+
+    names: _Names
+    times: Annotated[tuple[float, ...], msgspec.Meta(max_length=10_000)]
+    positions: _Rows
+    velocities: _Rows = ()
+    accelerations: _Rows = ()
+    start: float = 0.0
+    check: bool = False
+
+
+class Cancel(_Message, tag=7):
+    """End a trajectory; the joints hold.
+
+    Attributes:
+        number: The trajectory's.
+    """
+
+    number: _Count
+
+
+Order = Write | Torque | Resume | Watchdog | Ioctl | Follow | Cancel
 
 
 class Envelope(_Message, tag=10):
@@ -203,8 +239,8 @@ class Ask(_Message, tag=1):
     """A question that moves nothing.
 
     Attributes:
-        what: ``facts``, ``clock``, ``probe``, ``ping`` or ``counters``.
-        number: Id of a servo.
+        what: ``facts``, ``state``, ``clock``, ``goal``, ``probe``, ``ping`` or ``counters``.
+        number: Id of a servo, or number of a goal.
     """
 
     what: _Name
@@ -256,6 +292,7 @@ class Facts(_Message, tag=2):
         holder: Who holds the lease.
         error: Why the robot is not connected; empty if it is.
         clock: Owner's monotonic clock, seconds.
+        host: Name of the server's computer.
     """
 
     robot: _Name
@@ -269,6 +306,19 @@ class Facts(_Message, tag=2):
     holder: _Text
     error: _Text
     clock: float
+    host: _Text = ""
+
+
+class Goal(_Message, tag=3):
+    """What became of a trajectory; see `GoalReport`."""
+
+    number: _Count
+    start: float
+    outcome: _Name = ""
+    reason: _Name = ""
+    text: _Text = ""
+    moved: float | None = None
+    slips: _Count = 0
 
 
 # -- answers ----------------------------------------------------------------------------------------------
@@ -298,7 +348,15 @@ class Answer(_Message, tag=20):
 _M = TypeVar("_M")
 
 _encoder = msgspec.msgpack.Encoder()
-_decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
+# Here, and so before any second thread: two threads that make decoders of one kind crash the program (msgspec), and
+# Zenoh decodes in many threads.
+_decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {
+    kind: msgspec.msgpack.Decoder(kind)
+    for kind in (
+        *(State, Take, Beat, Leave, LeaseRequest, Envelope),
+        *(Ask, StopRequest, Question, Joint, Facts, Goal, Answer),
+    )
+}
 _HEAD = bytes([VERSION])
 
 
@@ -312,7 +370,7 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
 
     Args:
         payload: What arrived: any bytes.
-        kind: Class of the expected message, or a union of such classes.
+        kind: Class of the expected message, or a union of such classes; one of those with a decoder.
 
     Raises:
         RemoteProtocolError: It is not such a message, or its version is another one.
@@ -325,9 +383,7 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
     if version != VERSION:
         older = "the other program is older than this one" if version < VERSION else "this program is older"
         raise RemoteProtocolError(f"a message of version {version}, not {VERSION}: {older}; update the older one")
-    decoder = _decoders.get(kind)
-    if decoder is None:
-        decoder = _decoders[kind] = msgspec.msgpack.Decoder(kind)
+    decoder = _decoders[kind]
     try:
         return decoder.decode(memoryview(payload)[1:])  # type: ignore[no-any-return]  # the decoder is of that kind
     except (msgspec.MsgspecError, ValueError, RecursionError, OverflowError) as error:

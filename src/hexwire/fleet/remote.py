@@ -36,6 +36,7 @@ from . import messages as m
 from .address import Address
 from .clock import ClockOffset
 from .failures import restore
+from .following import Following
 from .names import Keys, Role
 from .network import NoAnswerError, Node
 from .questions import ask, decoded
@@ -72,7 +73,7 @@ def whoami() -> str:
     return text.encode(errors="replace").decode()
 
 
-class RemoteRobot(RobotDriver):
+class RemoteRobot(Following, RobotDriver):
     """An arm that `hexwire serve` shares.
 
     Reading needs no lease. The first order takes it; a lease that was lost is not taken again by itself, but by
@@ -385,7 +386,7 @@ class RemoteRobot(RobotDriver):
         if self._lease:
             self._order("the watchdog", m.Watchdog(timeout, int(mode)))
 
-    def _order(self, what: str, order: m.Order, *, freeing: bool = False) -> Any:
+    def _order(self, what: str, order: m.Order, *, freeing: bool = False, slow: bool = False) -> Any:
         token = self.epochs.token(what, freeing=freeing)
         with self.epochs.using(token), self._ordering:
             self._use()
@@ -398,7 +399,7 @@ class RemoteRobot(RobotDriver):
             offset, doubt = self._clock.at(made)
             self.epochs.check(token, what)
             envelope = m.Envelope(self._lease, self._sequence, made + offset, doubt, order)
-            slow = not isinstance(order, m.Write | m.Watchdog)
+            slow = slow or not isinstance(order, m.Write | m.Watchdog | m.Cancel)
             try:
                 answer = self._exchange(self._keys.order(self._role), envelope, _SLOW if slow else _TIMEOUT)
             except LeaseError as error:
@@ -411,6 +412,10 @@ class RemoteRobot(RobotDriver):
 
     def _lose(self, why: str) -> None:
         self._lease, self._lost = 0, why or "the lease was lost"
+
+    def _asked(self, question: m.Ask) -> m.Answer:
+        self._use()
+        return self._exchange(self._keys.ask, question, _TIMEOUT)
 
     # -- questions ------------------------------------------------------------------------------------
 

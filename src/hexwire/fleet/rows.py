@@ -19,6 +19,8 @@ from . import messages as m
 
 __all__ = ["arm_model", "as_probe_report", "as_probe_rows", "joints_of"]
 
+# Learns the type, before any second thread: see the decoders of messages.
+msgspec.json.Decoder(ProbeReport)
 _MOST_JOINTS = 64
 _LARGEST = 1e6
 

@@ -10,21 +10,32 @@ import contextlib
 import logging
 import math
 import secrets
+import socket
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from hexwire.control.shared_goals import SharedGoals
 from hexwire.drivers.values import StopMode
-from hexwire.errors import DeviceError, HexwireError, LeaseError, LinkBusyError, RemoteProtocolError, UsageError
+from hexwire.errors import (
+    DeviceError,
+    GoalError,
+    HexwireError,
+    LeaseError,
+    LinkBusyError,
+    RemoteProtocolError,
+    UsageError,
+)
 from hexwire.model.state import JointTarget
 
 from . import messages as m
 from .failures import describe
 from .names import Keys, Role, name_of
 from .rows import as_probe_rows, joints_of
+from .trajectories import goal_row, trajectory_goal
 from .workers import Gathering, Worker
 
 if TYPE_CHECKING:
@@ -51,6 +62,13 @@ _PROBE_AGE = 2.0
 """Seconds for which a probe answers further questions: nobody may keep the line busy by asking."""
 _SETTLE = 0.3
 """Seconds in which the tokens of two servers that start together become visible to each other."""
+
+
+class _Detailed(NamedTuple):
+    """The value of an answer, and what else is to be said of it."""
+
+    value: object
+    details: dict[str, Any]
 
 
 class ArmServer:
@@ -101,6 +119,7 @@ class ArmServer:
         self._probe: tuple[float, Any] | None = None
         self._workers: dict[str, Worker] = {}
         self._stops: dict[StopMode, Gathering[tuple[Question, str]]] = {}
+        self._goals = SharedGoals(shared)
         self._ticker = threading.Thread(target=self._tick, name="status", daemon=True)
 
     def start(self) -> None:
@@ -137,6 +156,7 @@ class ArmServer:
         self._ending.set()
         with contextlib.suppress(ValueError):
             self._owner.observers.remove(self._on_state)
+            self._goals.close()
         for worker in self._workers.values():
             worker.close(1.0)
         for stops in self._stops.values():
@@ -180,41 +200,40 @@ class ArmServer:
                 self._send(None)
 
     def _send(self, state: JointState | None) -> None:
-        shared, owner = self._shared, self._owner
-        reason, holder = owner.group.reason, shared.holder
         with self._publishing:
             self._sequence += 1
-            self._published = now = shared.now()
-            empty: tuple[float, ...] = ()
-            self._publish(
-                m.encode(
-                    m.State(
-                        self._number,
-                        self._sequence,
-                        state.stamp if state else now,
-                        now,
-                        time.time(),
-                        state.names if state else (),
-                        state.position if state else empty,
-                        _known(state.velocity, owner.speeds(state.names)) if state else empty,
-                        state.load if state else empty,
-                        state.current if state else empty,
-                        state.voltage if state else empty,
-                        state.temperature if state else empty,
-                        state.flags if state else (),
-                        state.age if state else empty,
-                        state.board_time if state else 0.0,
-                        (state is not None and state.stopped) or reason is not None,
-                        (state is not None and state.watchdog_tripped) or shared.tripped,
-                        state is not None and state.maintenance,
-                        holder.client if holder else "",
-                        shared.held,
-                        str(reason or ""),
-                        "" if owner.connected else owner.error,
-                        self._done_before_sample(state),
-                    )
-                )
-            )
+            self._published = self._shared.now()
+            self._publish(m.encode(self._message(state)))
+
+    def _message(self, state: JointState | None) -> m.State:
+        shared, owner = self._shared, self._owner
+        reason, holder, now = owner.group.reason, shared.holder, shared.now()
+        empty: tuple[float, ...] = ()
+        return m.State(
+            self._number,
+            self._sequence,
+            state.stamp if state else now,
+            now,
+            time.time(),
+            state.names if state else (),
+            state.position if state else empty,
+            _known(state.velocity, owner.speeds(state.names)) if state else empty,
+            state.load if state else empty,
+            state.current if state else empty,
+            state.voltage if state else empty,
+            state.temperature if state else empty,
+            state.flags if state else (),
+            state.age if state else empty,
+            state.board_time if state else 0.0,
+            (state is not None and state.stopped) or reason is not None,
+            (state is not None and state.watchdog_tripped) or shared.tripped,
+            state is not None and state.maintenance,
+            holder.client if holder else "",
+            shared.held,
+            str(reason or ""),
+            "" if owner.connected else owner.error,
+            self._done_before_sample(state),
+        )
 
     def _done_before_sample(self, state: JointState | None) -> int:
         """Number of orders that were done before the values of a state were sampled."""
@@ -262,7 +281,8 @@ class ArmServer:
     def _stop_for(self, clients: str, mode: StopMode) -> object:
         confirmed = self._shared.stop(f"{clients[:_LONGEST_NAME]} stopped it", mode)
         self._count()
-        return confirmed
+        missing = [name for name in self._robot.model.names if name not in confirmed]
+        return _Detailed(confirmed, {"missing": missing})
 
     def _on_question(self, query: Question) -> None:
         ask = self._parse(query, m.Ask)
@@ -272,6 +292,14 @@ class ArmServer:
             self._reply(query, None)
         elif ask.what == "facts":
             self._reply(query, self._facts())
+        elif ask.what == "goal":
+            report = self._goals.report(ask.number)
+            if report is None:
+                self._refuse(query, GoalError(f"there is no goal {ask.number}; another program may have begun one"))
+            else:
+                self._reply(query, goal_row(report))
+        elif ask.what == "state":
+            self._reply(query, self._message(self._owner.state))
         else:
             self._queue("questions", query, lambda: self._answer_question(ask))
 
@@ -343,7 +371,8 @@ class ArmServer:
 
     def _reply(self, query: Question, value: object) -> None:
         self.served += 1
-        self._send_answer(query, m.Answer("", value=value, clock=self._shared.now(), done=self._done))
+        value, details = value if isinstance(value, _Detailed) else (value, {})
+        self._send_answer(query, m.Answer("", "", details, value, self._shared.now(), self._done))
 
     def _refuse(self, query: Question, error: HexwireError) -> None:
         kind, text, details = describe(error)
@@ -389,6 +418,15 @@ class ArmServer:
             shared.resume(order)
         elif isinstance(what, m.Watchdog):
             shared.watchdog(order, what.timeout, _mode(what.mode))
+        elif isinstance(what, m.Follow):
+            goal = trajectory_goal(what)
+            if what.check:
+                value = self._goals.check(order, goal)
+            else:
+                self._goals.follow(order, goal, what.start)
+                value = order.sequence
+        elif isinstance(what, m.Cancel):
+            self._goals.cancel(order, what.number)
         else:
             value = shared.ioctl(order, what.sub_cmd, what.data)
         self._count()
@@ -423,6 +461,7 @@ class ArmServer:
             holder.client if holder else "",
             "" if owner.connected else owner.error,
             shared.now(),
+            socket.gethostname(),
         )
 
 

@@ -1,0 +1,183 @@
+"""Trajectories of a shared arm: begun at a time of the owner's clock, followed by the owner, judged to their end.
+
+Owns the start time, the report on the motion, and the check of a path without moving. The owner's controller
+follows, so that nothing on the way to the client disturbs a motion. Must not know how orders arrive.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hexwire.errors import GoalError
+from hexwire.motion.waypoints import Spline, Waypoint
+
+from .goals import TrajectoryGoal, check_goal
+from .outcomes import Reason
+
+if TYPE_CHECKING:
+    from hexwire.model.state import JointState
+
+    from .controller import TrajectoryController
+    from .outcomes import Ended
+    from .shared import Order, SharedArm
+
+__all__ = ["GoalReport", "SharedGoals"]
+
+_MOVED = math.radians(0.3)
+"""A joint that is farther from where it was at the start has moved: more than the noise of a servo."""
+_SOONEST = 0.02
+"""Seconds before the start time at which a goal must have been accepted, or the start would be late."""
+_LATEST = 600.0
+"""Seconds from now in which a start time must lie; a later one is an error of a clock."""
+
+
+@dataclass(slots=True)
+class GoalReport:
+    """What became of a trajectory. Times are seconds of the owner's clock.
+
+    Attributes:
+        number: Number of its order.
+        start: When it was to begin.
+        outcome: As `Outcome`; empty while it is active.
+        reason: As `Reason`; empty while it is active.
+        text: Why it ended, in words; empty after a success.
+        moved: When a joint had moved by 0.3 deg, interpolated between two samples; None before.
+        slips: Stalls of the owner by which the trajectory was shifted.
+    """
+
+    number: int
+    start: float
+    outcome: str = ""
+    reason: str = ""
+    text: str = ""
+    moved: float | None = None
+    slips: int = 0
+
+
+class _Goal:
+    """The listener of one trajectory."""
+
+    def __init__(self, report: GoalReport, controller: TrajectoryController) -> None:
+        self.report, self._controller = report, controller
+        self._slips = controller.follower.counters.slips
+        # Joint -> position at the start, time and distance of its last sample.
+        self._from: dict[str, tuple[float, float, float]] = {}
+
+    def ended(self, ended: Ended) -> None:
+        self.report.reason, self.report.text = ended.reason.value, ended.text
+        # Last: who sees it reads the others.
+        self.report.outcome = ended.outcome.value
+
+    def see(self, state: JointState) -> None:
+        """Look for the first movement in a state."""
+        report = self.report
+        report.slips = self._controller.follower.counters.slips - self._slips
+        if report.moved is not None:
+            return
+        for name in self._controller.joints:
+            joint = state[name]
+            sampled = state.stamp - joint.age
+            if sampled <= report.start or name not in self._from:
+                self._from[name] = joint.position, sampled, 0.0
+                continue
+            origin, before, least = self._from[name]
+            distance = abs(joint.position - origin)
+            if distance > _MOVED:
+                share = (_MOVED - least) / (distance - least)
+                report.moved = before + share * (sampled - before)
+                return
+            if sampled > before:
+                self._from[name] = origin, sampled, distance
+
+
+class SharedGoals:
+    """Any thread may call its methods.
+
+    Args:
+        shared: The arm.
+    """
+
+    def __init__(self, shared: SharedArm) -> None:
+        self._shared, self._arm = shared, shared.arm
+        self._newest: _Goal | None = None
+        self._lock = threading.Lock()
+        shared.arm.owner.observers.append(self._see)
+
+    def close(self) -> None:
+        """Observe the arm no longer."""
+        self._arm.owner.observers.remove(self._see)
+
+    def check(self, order: Order, goal: TrajectoryGoal) -> float:
+        """Check the path of a trajectory from its own first point, as before its motion; nothing moves.
+
+        Returns:
+            Its duration, seconds.
+
+        Raises:
+            LeaseError: The sender does not hold the lease.
+            GoalError: It is not allowed.
+        """
+        self._shared.admit(order)
+        controller = self._arm.controllers[self._controller(goal)]
+        check_goal(goal, controller.joints, allow_partial=True)
+        if not goal.points or goal.points[0].time:
+            raise GoalError("the first point must be the start, at 0 s", reason=Reason.MALFORMED)
+        here = self._arm.owner.newest().positions
+        points = [Waypoint(p.time, p.positions, p.velocities or None, p.accelerations or None) for p in goal.points]
+        path = Spline(goal.names, points)
+        self._shared.path_check.trajectory(path, {**here, **dict(zip(goal.names, path.start, strict=True))})
+        return path.duration
+
+    def follow(self, order: Order, goal: TrajectoryGoal, start: float) -> None:
+        """Follow a trajectory from a time on; it is not begun at another time.
+
+        Args:
+            order: Its number is the number of the report.
+            goal: The trajectory; its delay is not used.
+            start: When it begins, seconds of the owner's clock.
+
+        Raises:
+            LeaseError: The sender does not hold the lease.
+            GoalError: It is refused, and nothing changes: TOO_LATE if the time has come already.
+        """
+        now = self._shared.now()
+        if not now < start < now + _LATEST:
+            why = f"is {now - start:.3f} s ago" if start <= now else f"is more than {_LATEST:g} s ahead"
+            raise GoalError(f"the start time {why}; measure the clock again", reason=Reason.TOO_LATE)
+        name = self._controller(goal)
+        one = _Goal(GoalReport(order.sequence, start), self._arm.controllers[name])
+        goal = replace(goal, delay=start - now)
+        self._shared.follow(order, name, goal, one, received=now, latest=start - _SOONEST)
+        with self._lock:
+            self._newest = one
+
+    def cancel(self, order: Order, number: int) -> None:
+        """End a trajectory that is active or waits for its start: the joints hold. Without effect after its end."""
+        self._shared.admit(order)
+        one = self._newest
+        if one is not None and one.report.number == number:
+            for name in self._arm.controllers:
+                self._arm.cancel(name, one)
+
+    def report(self, number: int) -> GoalReport | None:
+        """What became of a trajectory; None unless it is the newest one."""
+        one = self._newest
+        return one.report if one is not None and one.report.number == number else None
+
+    def _see(self, state: JointState) -> None:
+        one = self._newest
+        if one is not None and not one.report.outcome:
+            one.see(state)
+
+    def _controller(self, goal: TrajectoryGoal) -> str:
+        for name, controller in self._arm.controllers.items():
+            if set(goal.names) <= set(controller.joints):
+                return name
+        known = "; ".join(f"{name}: {', '.join(c.joints)}" for name, c in self._arm.controllers.items())
+        raise GoalError(
+            f"no controller moves all of {', '.join(goal.names)}; there are {known.removeprefix(': ')}",
+            reason=Reason.WRONG_JOINTS,
+        )

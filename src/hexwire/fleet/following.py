@@ -1,0 +1,74 @@
+"""Trajectories that the server of a shared arm follows for a client: sent with a start time, watched, ended.
+
+Owns the conversion of the start time to the owner's clock. Must not know how an order proves its right.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from typing import Any
+
+from hexwire.errors import RemoteProtocolError
+from hexwire.motion.waypoints import Spline
+
+from . import messages as m
+from .clock import ClockOffset
+from .questions import decoded
+from .trajectories import follow_message
+
+__all__ = ["Following"]
+
+
+class Following(ABC):
+    """The part of a `RemoteRobot` that follows trajectories."""
+
+    _clock: ClockOffset
+
+    @abstractmethod
+    def _order(self, what: str, order: m.Order, *, freeing: bool = False, slow: bool = False) -> Any:
+        """Have an order done; returns the value of its answer."""
+
+    @abstractmethod
+    def _asked(self, question: m.Ask) -> m.Answer:
+        """The answer to a question that is answered at once."""
+
+    def follow(self, path: Spline, start: float, *, anywhere: bool = False) -> int:
+        """Have the arm's server follow a trajectory from a time on, so that the network cannot disturb it.
+
+        The server checks it, and refuses one that cannot begin in time. It ends, and the joints hold, when this
+        program loses the lease.
+
+        Args:
+            path: Begins where the joints are.
+            start: When it begins, seconds of this program's monotonic clock.
+            anywhere: Lead the joints from where they are to its second point, and not only from its first one.
+
+        Returns:
+            Its number, for `goal` and `cancel`.
+
+        Raises:
+            GoalError: It is refused; nothing moves.
+        """
+        offset, _ = self._clock.at(time.monotonic())
+        value = self._order("a trajectory", follow_message(path, start + offset, anywhere=anywhere), slow=True)
+        if not isinstance(value, int):
+            raise RemoteProtocolError("not the number of a trajectory")
+        return value
+
+    def check_path(self, path: Spline) -> None:
+        """Have the arm's server check a trajectory from its first point on; nothing moves. Needs the lease.
+
+        Raises:
+            GoalError: It is not allowed.
+        """
+        self._order("the check of a trajectory", follow_message(path, check=True), slow=True)
+
+    def goal(self, number: int) -> m.Goal:
+        """What became of a trajectory; times are of the owner's clock (see `clock_offset`)."""
+        row: m.Goal = decoded(self._asked(m.Ask("goal", number)), m.Goal)
+        return row
+
+    def cancel(self, number: int) -> None:
+        """End a trajectory, before or after its start; the joints hold."""
+        self._order("the end of a trajectory", m.Cancel(number))
