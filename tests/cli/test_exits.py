@@ -140,3 +140,13 @@ def test_a_full_disk_is_an_error() -> None:
     assert done.stderr.startswith("error: ")
     assert "No space left" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_work_that_must_not_be_interrupted_is_asked_to_end(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with exits.ends_when_asked() as ended:
+        assert not ended()
+        signal.raise_signal(number)
+        assert ended()
+    assert signal.getsignal(number) is before

@@ -61,12 +61,13 @@ OFFLINE = {
 }
 ELSEWHERE = {
     # A line a sample or frame, tested below; what differs or needs hardware is tested with its command.
+    *("fleet list", "fleet watch", "fleet stop", "fleet record", "fleet play", "cert issue"),
     *("bus monitor", "trace decode", "bus restore", "bus diff", "bus calibrate", "loopback", "firmware build"),
 }
 WITHOUT = {
     # What they print is a document or an address for other programs, or they run until they are stopped.
     *("model urdf", "conf convert", "sim board", "sim bus", "sim puma260", "record replay", "demo", "teleop"),
-    *("joystick show", "joystick send", "firmware flash"),
+    *("joystick show", "joystick send", "firmware flash", "serve", "fleet router", "fleet config"),
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.fleet.names import Keys, Role, check_name, check_pattern, name_of
+from hexwire.fleet.names import Keys, Role, check_name, check_pattern, is_name, matches, name_of
 
 
 @pytest.mark.parametrize("name", ["arm", "lab/arm1", "a/b/c/d", "SO-101_2.left"])
@@ -38,3 +38,29 @@ def test_the_key_of_an_order_names_the_role_so_that_rights_can_be_given_by_key()
     keys = Keys("lab/arm1")
     assert keys.order(Role.OPERATOR) == "hexwire/lab/arm1/as/operator/order"
     assert keys.lease(Role.MAINTAINER) == "hexwire/lab/arm1/as/maintainer/lease"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "fits"),
+    [
+        ("lab/arm1", "lab/arm1", True),
+        ("lab/*", "lab/arm1", True),
+        ("lab/*", "lab/a/b", False),
+        ("lab/*", "hall/arm1", False),
+        ("*", "lab/arm1", False),
+        ("**", "lab/arm1", True),
+        ("**", "arm", True),
+        ("lab/**", "lab/a/b", True),
+        ("lab/**", "lab", True),
+        ("**/arm1", "lab/arm1", True),
+        ("**/arm1", "arm1", True),
+        ("*/**/arm1", "lab/a/arm1", True),
+        ("lab/arm1", "lab", False),
+        ("lab", "lab/arm1", False),
+    ],
+)
+def test_a_pattern_matches_whole_parts(pattern: str, name: str, fits: bool) -> None:
+    assert check_pattern(pattern) == pattern
+    assert matches(pattern, name) == fits
+    assert is_name(name)
+    assert is_name(pattern) == ("*" not in pattern)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FiniteFloat",
     "RobotOptions",
+    "arm_option",
     "attached",
     "confirm",
     "early_port",
@@ -422,6 +423,11 @@ def force_option(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(*args, force=force or bool(early.get("force")), **rest)
 
     return click.option("--force", is_flag=True, help="Overwrite an existing file.")(packed)
+
+
+def arm_option(command: _F) -> _F:
+    """``--arm``, for a recording that may be of several arms; the command gets ``arm``, or None."""
+    return click.option("--arm", metavar="NAME", help="Of a recording of several arms: this one.")(command)
 
 
 def refuse_idle_force(force: bool, words: str) -> None:

@@ -31,6 +31,7 @@ __all__ = [
     "OK",
     "USAGE",
     "ends_like_ctrl_c",
+    "ends_when_asked",
     "fill_standard_streams",
     "note",
     "run",
@@ -168,6 +169,20 @@ def shielded() -> Iterator[None]:
     before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *_SIGNALS)}
     try:
         yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def ends_when_asked() -> Iterator[Callable[[], bool]]:
+    """For work that must not be interrupted between two steps: gives whether a signal has asked to end it."""
+    asked: list[int] = []
+    # Scripts start background programs with SIGINT ignored, and launchers send it to end them.
+    numbers = [signal.SIGINT, *(n for n in _SIGNALS if signal.getsignal(n) is not signal.SIG_IGN)]
+    before = {number: signal.signal(number, lambda number, frame: asked.append(number)) for number in numbers}
+    try:
+        yield lambda: bool(asked)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

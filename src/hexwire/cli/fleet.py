@@ -13,7 +13,12 @@ __all__ = ["COMMANDS", "fleet"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "config": ("hexwire.cli.fleet_router:config", "Write the rights of a lab from its certificates."),
+    "list": ("hexwire.cli.fleet_ops:list_arms", "List the arms that this program may see."),
+    "play": ("hexwire.cli.fleet_play:play", "Play a motion on several arms, with a common start."),
+    "record": ("hexwire.cli.fleet_play:record", "Record all arms in one file."),
     "router": ("hexwire.cli.fleet_router:router", "Pass on between arms and their clients."),
+    "stop": ("hexwire.cli.fleet_ops:stop", "Stop many arms at once."),
+    "watch": ("hexwire.cli.fleet_ops:watch", "Follow the arms until interrupted."),
 }
 """Name -> location of the command (module:attribute) and its one-line help."""
 
@@ -38,4 +43,8 @@ class _Group(click.Group):
 
 @click.group(cls=_Group)
 def fleet() -> None:
-    """Many shared arms: the router, and rights by certificate."""
+    """Many shared arms: see, stop, record and play them at once; the router, and rights by certificate.
+
+    The arms are those that 'hexwire serve' of this user shares on this machine, and those behind the router that
+    --router or the file in HEXWIRE_FLEET names.
+    """

@@ -25,7 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("hexwire.cli.demo:demo", "Move an emulated arm there and back, with a live table."),
     "firmware": ("hexwire.cli.firmware:firmware", "Build, flash and identify the board's firmware."),
     "doctor": ("hexwire.cli.doctor:doctor", "Diagnose problems, from the USB port to the servos."),
-    "fleet": ("hexwire.cli.fleet:fleet", "Many shared arms: the router, and rights by certificate."),
+    "fleet": ("hexwire.cli.fleet:fleet", "See, stop, record and play many shared arms; router and rights."),
     "goto": ("hexwire.cli.motion:goto", "Move the tool tip to a position, as fast as allowed."),
     "grip": ("hexwire.cli.tool:grip", "Open or close the gripper."),
     "joystick": ("hexwire.cli.teleop:joystick", "Read a joystick, or send its state over a channel."),

@@ -22,6 +22,7 @@ from hexwire.units import decimal
 from .common import (
     FiniteFloat,
     RobotOptions,
+    arm_option,
     attached,
     confirm,
     force_option,
@@ -204,6 +205,7 @@ def line(
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help="Number of times."
 )
+@arm_option
 @click.option("--save", metavar="FILE.mcap", help="Write the edited recording, and move nothing.")
 @links_option
 @_motion_options
@@ -216,6 +218,7 @@ def play(
     smooth: float,
     trim: bool,
     repeat: int,
+    arm: str | None,
     save: str | None,
     force: bool,
     links: str,
@@ -231,13 +234,13 @@ def play(
 
     path: Trajectory
     if file.lower().endswith(".json"):
-        if begin or end is not None or smooth or trim:
-            raise UsageError("--from, --to, --smooth and --trim are for recordings; edit the waypoints instead")
+        if begin or end is not None or smooth or trim or arm is not None:
+            raise UsageError("--from, --to, --smooth, --trim and --arm are for recordings; edit the waypoints")
         if save is not None:
             raise UsageError("--save is for recordings; edit the file of waypoints instead")
         path = Scaled(_read_waypoints(file), speed)
     else:
-        taught = _read_taught(file)
+        taught = _read_taught(file, arm)
         if begin or end is not None:
             taught = taught.trimmed(begin, math.inf if end is None else end)
         if trim:
@@ -364,15 +367,16 @@ def _place_words(model: KinematicModel, goal: Pose) -> str:
     return " ".join(decimal(v / unit) for v in goal.position) + (" mm" if unit == 1e-3 else " m")
 
 
-def _read_taught(file: str) -> Taught:
+def _read_taught(file: str, arm: str | None) -> Taught:
     from hexwire.motion.teach import Taught
-    from hexwire.trace.recording import read_joint_states
+    from hexwire.trace.recording import read_joint_states, topic_of
 
     # A row may lack joints, for example of a silent servo. Rows are kept by their set of joints, with times and
     # positions only: whole states take many times the memory.
     by_names: dict[tuple[str, ...], list[tuple[float, tuple[float, ...]]]] = {}
     angles = 0
-    for count, row in enumerate(read_joint_states(file, whole=True)):
+    topic = None if arm is None else topic_of(arm)
+    for count, row in enumerate(read_joint_states(file, whole=True, topic=topic)):
         if count == _MOST_STATES:
             raise UsageError(f"{file} has more than {_MOST_STATES} joint states: too many for one motion")
         angles += len(row.position)
@@ -382,7 +386,7 @@ def _read_taught(file: str) -> Taught:
         if len(by_names) > _MOST_SETS:
             raise UsageError(f"{file} has joint states of more than {_MOST_SETS} different sets of joints")
     if not by_names:
-        raise UsageError(f"{file} has no joint states")
+        raise UsageError(f"{file} has no joint states" + (f" of {arm}" if arm is not None else ""))
     names = max(by_names, key=len)
     try:
         return Taught.of(names, by_names[names])

@@ -25,7 +25,7 @@ from hexwire.link.base import Link
 from hexwire.link.tap import Missed, Passed, TapLink, wrap_new_links
 from hexwire.new_file import OutputFile
 
-from .common import force_option, json_option, name_of, observing_states
+from .common import arm_option, force_option, json_option, name_of, observing_states
 from .exits import note, tell_missed
 from .output import answer, print_json, say, say_document, say_table
 
@@ -127,9 +127,10 @@ def info(file: BinaryIO, as_json: bool) -> None:
 @record.command()
 @click.argument("file", type=click.File("rb"))
 @click.argument("target")
+@arm_option
 @force_option
 @json_option
-def export(file: BinaryIO, target: str, force: bool, as_json: bool) -> None:
+def export(file: BinaryIO, target: str, arm: str | None, force: bool, as_json: bool) -> None:
     """Convert FILE to TARGET, whose name gives the format: .csv, .jsonl or .pcapng.
 
     CSV has the joint states, one row each; JSON lines has every message; pcapng has the traffic, for Wireshark.
@@ -137,12 +138,14 @@ def export(file: BinaryIO, target: str, force: bool, as_json: bool) -> None:
     form = Path(target).suffix
     if form not in (".csv", ".jsonl", ".pcapng"):
         raise UsageError(f"{target}: the name must end in .csv, .jsonl or .pcapng")
+    if arm is not None and form != ".csv":
+        raise UsageError(f"--arm selects states for .csv; {target} has all arms")
     with OutputFile(target, force=force) as out:
         if form == ".pcapng":
             count = _pcapng(file, name_of(file), out.file)
         else:
             text = io.TextIOWrapper(out.file, encoding="utf-8", newline="")
-            count = (_csv if form == ".csv" else _jsonl)(file, name_of(file), text)
+            count = _csv(file, name_of(file), text, arm) if form == ".csv" else _jsonl(file, name_of(file), text)
             text.detach()
     words = f"{count} {'states' if form == '.csv' else 'messages'} written to {target}"
     answer(as_json, {"count": count, "file": target}, words)
@@ -170,17 +173,18 @@ def recover(file: str, target: str, force: bool, as_json: bool) -> None:
 @record.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False))
 @click.argument("picture")
+@arm_option
 @force_option
 @json_option
-def plot(file: str, picture: str, force: bool, as_json: bool) -> None:
+def plot(file: str, picture: str, arm: str | None, force: bool, as_json: bool) -> None:
     """Plot the joint states of FILE to PICTURE (.png, .svg or .pdf): angle over time."""
-    from hexwire.trace.recording import read_joint_states
+    from hexwire.trace.recording import read_joint_states, topic_of
 
     from .plot import MotionPlot, open_picture
 
     with open_picture(picture, force=force) as out:
         drawn, begin = MotionPlot((), title=Path(file).name), 0.0
-        for state in read_joint_states(file):
+        for state in read_joint_states(file, topic=None if arm is None else topic_of(arm)):
             if not drawn.planned:
                 drawn.names, begin = state.names, state.time
             if state.names == drawn.names:
@@ -273,15 +277,21 @@ def _jsonl(data: BinaryIO, name: str, out: TextIO) -> int:
     return count
 
 
-def _csv(data: BinaryIO, name: str, out: TextIO) -> int:
+def _csv(data: BinaryIO, name: str, out: TextIO, arm: str | None) -> int:
     from hexwire.trace.capture import read_messages
-    from hexwire.trace.recording import parse_joints
+    from hexwire.trace.recording import parse_joints, several_arms, topic_of
 
     writer, count, columns = csv.writer(out), 0, list[tuple[str, str]]()
+    only = None if arm is None else topic_of(arm)
     for message in read_messages(data, name):
         if isinstance(message, str):
             note(message)
         elif message.schema == "foxglove.JointStates" and message.encoding == "json":
+            if arm is not None and message.topic != only:
+                continue
+            only = only or message.topic
+            if message.topic != only:
+                raise several_arms(name, only, message.topic)
             _, rows = parse_joints(message.data, name, count + 1)
             joints = {joint["name"].value: {key: item.value for key, item in joint.items()} for joint in rows}
             if not columns:

@@ -24,6 +24,7 @@ from hexwire.errors import LeaseError, StoppedError, UsageError
 from .holding import hold_moving, stop_or_log
 from .lease import Lease
 from .path_check import PathCheck
+from .shared_order import Order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,26 +62,6 @@ def _time() -> float:
     return time.monotonic() if boot is None else time.clock_gettime(boot)
 
 
-class Order:
-    """Proof that an order may be done: who sends it, and when it was made and arrived.
-
-    Args:
-        key: Key of the sender's lease.
-        sequence: Number of the order; each is greater than the last.
-        arrived: Token of the robot's epochs at its arrival; a later stop cancels the order.
-        made: When it was made, seconds of the owner's clock as the sender estimates it; None for an order that does
-            not become wrong by waiting.
-        doubt: Uncertainty of that, seconds.
-    """
-
-    __slots__ = ("arrived", "doubt", "key", "made", "sequence")
-
-    def __init__(
-        self, key: int, sequence: int, arrived: Token, made: float | None = None, doubt: float = 0.0
-    ) -> None:
-        self.key, self.sequence, self.arrived, self.made, self.doubt = key, sequence, arrived, made, doubt
-
-
 class SharedArm:
     """Any thread may call its methods. Call `start` when the arm was started; finally `shutdown`.
 
@@ -92,6 +73,7 @@ class SharedArm:
 
     Attributes:
         arm: As given.
+        path_check: The checks of a path.
         tripped: The holder's program fell silent, so that the arm was stopped.
     """
 
@@ -109,7 +91,7 @@ class SharedArm:
         self._lease = lease or Lease()
         self._on_change, self._clock = on_change, clock
         settings = arm.settings
-        self._check = PathCheck(settings.model, settings.kinematics, settings.table)
+        self.path_check = PathCheck(settings.model, settings.kinematics, settings.table)
         # Guards the lease. Taken inside `deciding`, never the other way round.
         self._changed = threading.Condition(threading.RLock())
         # When the last trajectory ends, owner's clock.
@@ -184,17 +166,8 @@ class SharedArm:
                 return error
         return LeaseError("the lease has just changed; nothing was done", lost=False)
 
-    @property
-    def path_check(self) -> PathCheck:
-        """The checks of a path."""
-        return self._check
-
     def admit(self, order: Order) -> None:
-        """Check that an order that moves nothing may be done.
-
-        Raises:
-            LeaseError: The sender does not hold the lease.
-        """
+        """Check that an order that moves nothing may be done; raises `LeaseError` if it may not."""
         self._admit(order)
 
     def take(
@@ -340,10 +313,10 @@ class SharedArm:
 
         Args:
             order: Proof that it may be done.
-            controller: Name of the controller.
-            goal: The trajectory.
-            listener: Is told of its end.
-            received: Time to which its delay refers, seconds of the owner's clock; now if None.
+            controller: As there.
+            goal: As there.
+            listener: As there.
+            received: As there.
             latest: When it must have been checked, seconds of the owner's clock; later it is refused.
 
         Raises:
@@ -508,9 +481,9 @@ class SharedArm:
     def _check_path(self, target: JointTarget) -> None:
         goal = dict(target.positions)
         if target.duration <= _LONG:
-            self._check.posture(self._owner.newest().positions, goal)
+            self.path_check.posture(self._owner.newest().positions, goal)
         else:
-            self._check.target(self._owner.newest().positions, goal)
+            self.path_check.target(self._owner.newest().positions, goal)
 
     def _remaining(self) -> float:
         """Seconds until the present motion ends."""

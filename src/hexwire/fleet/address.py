@@ -20,7 +20,7 @@ from .names import SCHEME, Role, check_name
 from .network import Network, endpoints_of, is_served, local_socket
 from .rights import Rights
 
-__all__ = ["FLEET_VARIABLE", "Address", "read_fleet_file", "rights_of"]
+__all__ = ["FLEET_VARIABLE", "Address", "read_fleet_file", "rights_of", "router_network"]
 
 FLEET_VARIABLE = "HEXWIRE_FLEET"
 """Environment variable with the path of a file that names router and certificates."""
@@ -137,6 +137,29 @@ def rights_of(cert: str) -> Rights | None:
         return Rights.from_uris(read_certificate(cert).uris)
     except UsageError as error:
         raise UsageError(f"{cert}: {error}" if cert not in str(error) else str(error)) from None
+
+
+def router_network(router: str = "", environ: Mapping[str, str] | None = None) -> Network | None:
+    """The way to the arms behind the router.
+
+    Args:
+        router: Its endpoint; that of the file in `FLEET_VARIABLE` if empty.
+        environ: The environment; that of this program if None.
+
+    Returns:
+        None if no router is named.
+
+    Raises:
+        UsageError: The endpoint is wrong; or certificates are missing.
+        ConfigError: The file cannot be read or is wrong.
+    """
+    file = (os.environ if environ is None else environ).get(FLEET_VARIABLE)
+    values = read_fleet_file(file) if file else {}
+    endpoint = router or values.get("router", "")
+    if not endpoint:
+        return None
+    ca, cert, key = (values.get(name, "") for name in ("ca", "cert", "key"))
+    return Network(connect=(endpoint,), ca=ca, cert=cert, key=key)
 
 
 def _role(word: str) -> Role:

@@ -28,6 +28,7 @@ __all__ = [
     "endpoints_of",
     "host_and_port",
     "is_served",
+    "local_name",
     "local_socket",
     "local_sockets",
     "make_socket_folder",
@@ -156,6 +157,12 @@ def local_socket(name: str) -> Path:
     if len(os.fsencode(path)) > _MOST_PATH:
         raise UsageError(f"{folder} is too long for the address of a socket; set XDG_RUNTIME_DIR to a shorter one")
     return path
+
+
+def local_name(path: Path) -> str:
+    """The name for which a socket was made; empty if its path was too long for the name."""
+    name = path.stem.replace("+", "/")
+    return name if path == local_socket(name) else ""
 
 
 def local_sockets() -> list[Path]:

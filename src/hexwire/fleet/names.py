@@ -18,7 +18,18 @@ from enum import IntEnum
 
 from hexwire.errors import UsageError
 
-__all__ = ["HERE", "ROOT", "SCHEME", "Keys", "Role", "check_name", "check_pattern", "name_of"]
+__all__ = [
+    "HERE",
+    "ROOT",
+    "SCHEME",
+    "Keys",
+    "Role",
+    "check_name",
+    "check_pattern",
+    "is_name",
+    "matches",
+    "name_of",
+]
 
 ROOT = "hexwire"
 SCHEME = "zenoh"
@@ -47,14 +58,19 @@ class Role(IntEnum):
         return self.name.lower()
 
 
+def is_name(name: str) -> bool:
+    """Whether it is the name of an arm."""
+    parts = name.split("/")
+    return all(_SEGMENT.fullmatch(part) for part in parts) and len(parts) <= _MOST_SEGMENTS
+
+
 def check_name(name: str) -> str:
     """Check the name of an arm.
 
     Raises:
         UsageError: It is not a name.
     """
-    parts = name.split("/")
-    if not all(_SEGMENT.fullmatch(part) for part in parts) or len(parts) > _MOST_SEGMENTS:
+    if not is_name(name):
         raise UsageError(f"{name!r} is not the name of an arm: {_RULE}")
     return name
 
@@ -69,6 +85,19 @@ def check_pattern(pattern: str) -> str:
     if not all(_WILD.fullmatch(part) for part in parts) or len(parts) > _MOST_SEGMENTS:
         raise UsageError(f"{pattern!r} matches no arm: {_RULE}; * stands for any part")
     return pattern
+
+
+def matches(pattern: str, name: str) -> bool:
+    """Whether a name is one of those that a pattern stands for; both are checked."""
+
+    def fits(wanted: list[str], parts: list[str]) -> bool:
+        if not wanted or not parts:
+            return all(part == "**" for part in wanted) and not parts
+        if wanted[0] == "**":
+            return fits(wanted[1:], parts) or fits(wanted, parts[1:])
+        return wanted[0] in ("*", parts[0]) and fits(wanted[1:], parts[1:])
+
+    return fits(pattern.split("/"), name.split("/"))
 
 
 class Keys:

@@ -45,6 +45,7 @@ __all__ = [
     "Network",
     "NoAnswerError",
     "Node",
+    "Pending",
     "Question",
     "endpoints_of",
     "is_served",
@@ -256,6 +257,34 @@ class Question:
             self._query.drop()
 
 
+class Pending:
+    """A question on its way.
+
+    Args:
+        replies: Zenoh's channel of replies.
+        closed: The exception of a channel without further replies.
+    """
+
+    def __init__(self, replies: Any, closed: type[Exception]) -> None:
+        self._replies, self._closed = replies, closed
+
+    def poll(self) -> bytes | None:
+        """The answer; None while there is none. Does not wait.
+
+        Raises:
+            NoAnswerError: There will be no answer.
+        """
+        try:
+            reply = self._replies.try_recv()
+        except self._closed:
+            raise NoAnswerError(absent=True) from None
+        if reply is None:
+            return None
+        if reply.ok is None:
+            raise NoAnswerError(absent=False)
+        return bytes(reply.ok.payload.to_bytes())
+
+
 class Node:
     """An open session. Any thread may call its methods.
 
@@ -331,11 +360,26 @@ class Node:
             NoAnswerError: There is no answer.
             LinkClosedError: The session is closed.
         """
+        # Receiving in this thread takes half the time of a callback in another one.
+        for reply in self._get(key, payload, timeout, urgent):
+            if reply.ok is not None:
+                return bytes(reply.ok.payload.to_bytes())
+            raise NoAnswerError(absent=False)
+        raise NoAnswerError(absent=True)
+
+    def question(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> Pending:
+        """Ask a question without waiting for its answer; otherwise as `ask`.
+
+        Raises:
+            LinkClosedError: The session is closed.
+        """
+        return Pending(self._get(key, payload, timeout, urgent), self._zenoh.ZError)
+
+    def _get(self, key: str, payload: bytes, timeout: float, urgent: bool) -> Any:
         zenoh = self._zenoh
         extra = {"priority": zenoh.Priority.REAL_TIME, "express": True} if urgent else {"express": True}
         try:
-            # Receiving in this thread takes half the time of a callback in another one.
-            replies = self._session.get(
+            return self._session.get(
                 key,
                 payload=payload,
                 timeout=timeout,
@@ -343,13 +387,8 @@ class Node:
                 consolidation=zenoh.ConsolidationMode.NONE,
                 **extra,
             )
-            for reply in replies:
-                if reply.ok is not None:
-                    return bytes(reply.ok.payload.to_bytes())
-                raise NoAnswerError(absent=False)
         except zenoh.ZError as error:
             raise LinkClosedError(f"the session is closed: {str(error)[:200]}") from None
-        raise NoAnswerError(absent=True)
 
     def answer(self, key: str, on_question: Callable[[Question], object]) -> None:
         """Answer questions; `on_question` gets each in a thread of Zenoh's, and must not wait."""

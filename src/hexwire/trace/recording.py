@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,11 +29,14 @@ __all__ = [
     "JOINT_STATES",
     "RecordedJoints",
     "RecordingWriter",
+    "arm_of",
     "is_joint_state",
     "make_positions",
     "nanoseconds",
     "parse_joints",
     "read_joint_states",
+    "several_arms",
+    "topic_of",
 ]
 
 JOINT_STATES = "/joint_states"
@@ -77,6 +80,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
                         "current": {**_NUMBER, "description": "amperes"},
                         "voltage": {**_NUMBER, "description": "volts"},
                         "temperature": {**_NUMBER, "description": "degrees Celsius"},
+                        "age": {**_NUMBER, "description": "seconds from the joint's sample to the timestamp"},
                         "flags": {"type": "integer", "description": "condition, as hexwire.model.state.JointFlag"},
                     },
                 },
@@ -98,6 +102,18 @@ SCHEMAS["foxglove.Log"] = {
         "hex": {"type": "string", "description": "the bytes"},
     },
 }
+SCHEMAS["hexwire.Clock"] = {
+    "title": "hexwire.Clock",
+    "description": "The clock of an arm's server, compared with the recorder's",
+    "type": "object",
+    "properties": {
+        "timestamp": _TIME,
+        "offset": {**_NUMBER, "description": "seconds: server's monotonic clock minus recorder's wall clock"},
+        "uncertainty": {**_NUMBER, "description": "seconds: the offset is right to this"},
+        "round_trip": {**_NUMBER, "description": "seconds: of this exchange"},
+        "jumps": {"type": "integer", "description": "times that the server's clock jumped"},
+    },
+}
 """JSON schemas by name."""
 
 
@@ -110,12 +126,14 @@ class RecordedJoints:
         names: Joint names.
         position: Radians.
         values: Other recorded values of each joint, by their names in the file.
+        topic: Its channel; an arm has one of its own in the recording of a fleet.
     """
 
     time: float
     names: tuple[str, ...]
     position: tuple[float, ...]
     values: tuple[dict[str, float], ...]
+    topic: str = JOINT_STATES
 
 
 class RecordingWriter:
@@ -200,12 +218,21 @@ class RecordingWriter:
                 )
             self._add(topic, stamp, data)
 
-    def joint_state(self, state: JointState, stamp: float) -> None:
+    def joint_state(
+        self,
+        state: JointState,
+        stamp: float,
+        *,
+        topic: str = JOINT_STATES,
+        extra: Mapping[str, Any] | None = None,
+    ) -> None:
         """Write a joint state; unknown values (NaN) are omitted.
 
         Args:
             state: The state.
             stamp: Time of the state, seconds since 1970.
+            topic: Its channel: one for each arm.
+            extra: Further fields, by name.
         """
         joints = []
         for i, name in enumerate(state.names):
@@ -220,11 +247,13 @@ class RecordingWriter:
             ):
                 if math.isfinite(column[i]):
                     joint[key] = column[i]
+            if 0.0 < state.age[i] < math.inf:
+                joint["age"] = state.age[i]
             joint["flags"] = int(state.flags[i])
             joints.append(joint)
         ns = nanoseconds(stamp)
-        body = {"timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC}, "joints": joints}
-        self.message(JOINT_STATES, "foxglove.JointStates", stamp, body)
+        body = {"timestamp": {"sec": ns // _NSEC, "nsec": ns % _NSEC}, "joints": joints, **(extra or {})}
+        self.message(topic, "foxglove.JointStates", stamp, body)
 
     def close(self) -> None:
         """Finish the file. Does nothing if it is finished; after a write error, the file stays truncated.
@@ -289,7 +318,9 @@ def make_positions(names: Sequence[str], position: Sequence[float]) -> JointStat
     )
 
 
-def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[RecordedJoints]:
+def read_joint_states(
+    path: str | Path, *, whole: bool = False, topic: str | None = None, several: bool = False
+) -> Iterator[RecordedJoints]:
     """The joint states of a recording in file order; of a truncated one, those before the cut.
 
     Also reads files of other programs that have ``foxglove.JointStates`` messages in JSON. Joints without a
@@ -298,12 +329,14 @@ def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[Reco
     Args:
         path: The file.
         whole: Refuse a truncated or damaged file, once its intact part is read.
+        topic: Only those of this channel.
+        several: Those of several arms; otherwise a file that has them is refused.
 
     Raises:
         UsageError: It is not a recording, or the package ``mcap`` is not installed.
         ConfigError: The file cannot be read, or a joint state is wrong; the text says which, and where in it.
     """
-    number = 0
+    number, only = 0, topic
     try:
         if Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir():
             raise ConfigError("is a pipe or a device, not a file", file=str(path))
@@ -313,8 +346,15 @@ def read_joint_states(path: str | Path, *, whole: bool = False) -> Iterator[Reco
                     if whole:
                         raise ConfigError(f"{record}: recover it with 'hexwire record recover'", file=str(path))
                 elif is_joint_state(record[0], record[1]):
+                    found = record[1].topic
+                    if topic is not None and found != topic:
+                        continue
+                    if only is None:
+                        only = found
+                    if found != only and not several:
+                        raise several_arms(str(path), only, found)
                     number += 1
-                    yield _joints(record[2], str(path), number)
+                    yield _joints(record[2], str(path), number, found)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
 
@@ -342,7 +382,24 @@ def parse_joints(data: bytes, file: str, number: int) -> tuple[float | None, lis
     return stamp, joints
 
 
-def _joints(message: Any, file: str, number: int) -> RecordedJoints:
+def several_arms(file: str, first: str, second: str) -> UsageError:
+    """The error for a recording of several arms where one is needed."""
+    return UsageError(
+        f"{file} has the states of several arms ({arm_of(first)}, {arm_of(second)}, ...): choose one with --arm"
+    )
+
+
+def arm_of(topic: str) -> str:
+    """Name of the arm whose joint states a channel has; empty if it has no name."""
+    return topic.removesuffix(JOINT_STATES).removeprefix("/")
+
+
+def topic_of(arm: str) -> str:
+    """Channel of the joint states of an arm in the recording of a fleet."""
+    return f"/{arm}{JOINT_STATES}"
+
+
+def _joints(message: Any, file: str, number: int, topic: str) -> RecordedJoints:
     stamp, joints = parse_joints(message.data, file, number)
     rows = [joint for joint in joints if "position" in joint and joint["position"].value is not None]
     return RecordedJoints(
@@ -350,6 +407,7 @@ def _joints(message: Any, file: str, number: int) -> RecordedJoints:
         tuple([joint["name"].text() for joint in rows]),
         tuple([joint["position"].number(-_MOST, _MOST, "rad") for joint in rows]),
         tuple([_numbers(joint) for joint in rows]),
+        topic,
     )
 
 

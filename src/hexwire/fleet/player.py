@@ -1,0 +1,450 @@
+"""Plays motions on several arms with a common start time.
+
+Owns the order of things: clocks, leases, path checks, torque, a slow approach, the motion; that either all arms
+begin or none; and that all stop when one fails. The arms' servers follow the motions themselves. Must not know
+files and terminals.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from hexwire.control.power import give_torque
+from hexwire.errors import DeviceError, HexwireError, ServoError, UsageError
+from hexwire.motion.teach import approach
+from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
+
+from . import messages as m
+from .remote import RemoteRobot
+
+__all__ = ["Arm", "FleetMotionError", "Played", "Report", "attached_to", "each_of", "play_together"]
+
+_T = TypeVar("_T")
+_A = TypeVar("_A")
+
+Shield = Callable[[], AbstractContextManager[object]]
+
+MOST_DOUBT = 0.010
+"""Default greatest uncertainty of an arm's clock, seconds."""
+_LEAD = 0.8
+"""Least seconds from the request to the start: a refusal of one arm must reach the others before."""
+_MARGIN = 0.1
+"""Seconds before the start at which all arms must have accepted."""
+_KNOT = 0.05
+"""Seconds between two points of an approach."""
+_SHORTEST = 0.5
+"""Shortest approach, seconds."""
+_POLL = 0.1
+"""Seconds between two questions how a motion goes on."""
+_GRACE = 5.0
+"""Seconds after its end in which an arm must arrive."""
+_WATCHDOG = 1.0
+"""Seconds without a call of this program after which an arm's server stops it."""
+_PATIENCE = 30.0
+"""Seconds for a step that needs the arm's line."""
+_RESTING = 1e-6
+
+
+class FleetMotionError(DeviceError):
+    """Arms refused or failed.
+
+    Args:
+        text: What happened to the motion.
+        why: Reasons by the arms' names.
+    """
+
+    def __init__(self, text: str, why: Mapping[str, str]) -> None:
+        super().__init__(f"{text}: {'; '.join(f'{name}: {reason}' for name, reason in sorted(why.items()))}")
+        self.why = dict(why)
+
+
+@dataclass(slots=True)
+class Arm:
+    """An arm and what it shall do.
+
+    Attributes:
+        robot: Attached.
+        path: The motion of some joints; the others stay where they are.
+    """
+
+    robot: RemoteRobot
+    path: Spline
+
+    @property
+    def name(self) -> str:
+        """Its name in the fleet."""
+        return self.robot.address.name
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """What one arm did.
+
+    Attributes:
+        moved: When it had begun to move, seconds after the common start; NaN if it did not move.
+        doubt: Uncertainty of its clock, seconds.
+        slips: Stalls of its server, by which its motion was shifted.
+    """
+
+    moved: float
+    doubt: float
+    slips: int
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How a motion went.
+
+    Attributes:
+        duration: Of the longest motion, seconds.
+        arms: By name; empty after a dry run.
+    """
+
+    duration: float
+    arms: Mapping[str, Played] = field(default_factory=dict)
+
+    @property
+    def skew(self) -> float:
+        """Seconds between the first movement of the first and of the last arm; NaN if fewer than two moved."""
+        times = [row.moved for row in self.arms.values() if math.isfinite(row.moved)]
+        return max(times) - min(times) if len(times) > 1 else math.nan
+
+    @property
+    def doubt(self) -> float:
+        """Uncertainty of the skew that comes from the clocks, seconds."""
+        rows = sorted((row.doubt for row in self.arms.values()), reverse=True)
+        return sum(rows[:2])
+
+
+def play_together(
+    arms: Sequence[Arm],
+    *,
+    take: bool = False,
+    dry_run: bool = False,
+    most_doubt: float = MOST_DOUBT,
+    tell: Callable[[str], object] = lambda text: None,
+    shield: Shield = nullcontext,
+) -> Report:
+    """Play motions on several arms; returns when all have arrived.
+
+    If one arm refuses, none begins. If one fails, or this call is interrupted, all are stopped: the others might
+    run into it.
+
+    Args:
+        arms: At least one; each name once.
+        take: Pre-empt other holders of the leases.
+        dry_run: Have the servers check the paths, and move nothing; then no holder is pre-empted.
+        most_doubt: Greatest uncertainty of an arm's clock, seconds.
+        tell: Is told what happens.
+        shield: Keeps signals away while the arms are stopped.
+
+    Raises:
+        FleetMotionError: Arms refused, and nothing moved; or one failed, and all were stopped.
+    """
+    player = _Player(arms, tell, shield)
+    player.check_clocks(most_doubt)
+    player.each(lambda arm: arm.robot.take(force=take and not dry_run), "no arm moved")
+    try:
+        player.prepare()
+        if dry_run:
+            return Report(player.duration)
+        return player.play()
+    finally:
+        player.give_back()
+
+
+@contextmanager
+def attached_to(urls: Mapping[str, str]) -> Iterator[dict[str, RemoteRobot]]:
+    """Attach to several arms at once, for a `with` block.
+
+    Args:
+        urls: Addresses by the arms' names.
+
+    Raises:
+        FleetMotionError: Some cannot be reached.
+    """
+
+    def attach(url: str) -> RemoteRobot:
+        robot = RemoteRobot.from_url(url)
+        robot.attach()
+        return robot
+
+    robots, failed = each_of(urls, attach, _PATIENCE)
+    try:
+        if failed:
+            raise FleetMotionError("no arm moved", {name: str(error) for name, error in failed.items()})
+        yield robots
+    finally:
+        each_of(robots, lambda robot: robot.abort(), _PATIENCE)
+
+
+class _Player:
+    def __init__(self, arms: Sequence[Arm], tell: Callable[[str], object], shield: Shield) -> None:
+        if not arms or len({arm.name for arm in arms}) < len(arms):
+            raise UsageError("a motion needs arms, each once")
+        self._arms, self._tell, self._shield = {arm.name: arm for arm in arms}, tell, shield
+        self._paths: dict[str, tuple[Spline, Spline]] = {}
+        self._lead = _LEAD
+
+    @property
+    def duration(self) -> float:
+        """Seconds of the longest motion."""
+        return max(path.duration for _, path in self._paths.values())
+
+    def check_clocks(self, most_doubt: float) -> None:
+        """Refuse arms whose clock is not known well enough."""
+        doubts = {arm.name: arm.robot.clock_offset[1] for arm in self._arms.values()}
+        bad = {
+            name: f"its clock is known to {1000 * doubt:.1f} ms only, and {1000 * most_doubt:.1f} ms are needed"
+            for name, doubt in doubts.items()
+            if not doubt <= most_doubt
+        }
+        if bad:
+            raise FleetMotionError("no arm moved", bad)
+
+    def prepare(self) -> None:
+        """Plan the approaches, and have the servers check everything; nothing moves."""
+        began = time.monotonic()
+
+        def check(arm: Arm) -> tuple[Spline, Spline]:
+            paths = _paths(arm)
+            for path in paths:
+                arm.robot.check_path(path)
+            return paths
+
+        self._paths = self.each(check, "no arm moved")
+        # Each server checks the path again before it accepts the motion.
+        self._lead = _LEAD + 2.0 * (time.monotonic() - began)
+
+    def play(self) -> Report:
+        self.each(lambda arm: arm.robot.watchdog(_WATCHDOG), "no arm moved")
+        powered = self.each(
+            lambda arm: give_torque(arm.robot, arm.robot.model.names, arm.robot.read()), "no arm moved"
+        )
+        for name, joints in powered.items():
+            if joints:
+                self._tell(f"{name}: torque on: {' '.join(joints)}")
+        # An arm without torque may have sunk since it was checked.
+        self._paths = self.each(_paths, "no arm moved")
+        try:
+            self._run("approach", 0)
+            start, ended = self._run("motion", 1)
+        except BaseException as error:
+            if not isinstance(error, _NotBegunError):
+                self.stop()
+            raise
+        rows = {}
+        for arm in self._arms.values():
+            offset, doubt = arm.robot.clock_offset
+            goal = ended[arm.name]
+            moved = math.nan if goal.moved is None else goal.moved - offset - start
+            rows[arm.name] = Played(moved, doubt, goal.slips)
+        return Report(self.duration, rows)
+
+    def _run(self, what: str, number: int) -> tuple[float, dict[str, m.Goal]]:
+        """Do the approaches (0) or the motions (1); returns the start time, and how they ended."""
+        longest = max(paths[number].duration for paths in self._paths.values())
+        self._tell(f"{what}: {longest:.2f} s, starts in {self._lead:.1f} s")
+        start, goals = self._begin(number)
+        return start, self._wait(number, goals, start)
+
+    def _begin(self, number: int) -> tuple[float, dict[str, int]]:
+        """Send the motions to all arms; returns the start time and the numbers of the motions.
+
+        Raises:
+            FleetMotionError: An arm refused, and none has begun.
+        """
+        start = time.monotonic() + self._lead
+        patience = self._lead - _MARGIN
+        goals, failed = each_of(
+            self._arms,
+            lambda arm: arm.robot.follow(self._paths[arm.name][number], start, anywhere=number == 0),
+            patience,
+        )
+        if not failed:
+            return start, goals
+        accepted = {name: arm for name, arm in self._arms.items() if name in goals}
+        _, kept = each_of(accepted, lambda arm: arm.robot.cancel(goals[arm.name]), _MARGIN)
+        # Whether these will begin is not known.
+        unknown = {
+            name: arm
+            for name, arm in self._arms.items()
+            if name in kept or isinstance(failed.get(name), _SilentError)
+        }
+        if unknown:
+            self.stop(unknown)
+        raise _NotBegunError("no arm began", {name: str(error) for name, error in failed.items()})
+
+    def _wait(self, number: int, goals: Mapping[str, int], start: float) -> dict[str, m.Goal]:
+        """Wait until all have arrived.
+
+        Raises:
+            FleetMotionError: One failed.
+        """
+        over = threading.Event()
+
+        def watch(arm: Arm) -> m.Goal:
+            deadline = start + self._paths[arm.name][number].duration + _GRACE
+            while True:
+                row = arm.robot.goal(goals[arm.name])
+                if row.outcome == "succeeded":
+                    return row
+                if row.outcome:
+                    raise ServoError(row.text or row.reason)
+                if time.monotonic() > deadline:
+                    raise ServoError(f"has not arrived {_GRACE:g} s after the end of its motion")
+                if over.wait(_POLL):
+                    raise ServoError("another arm failed")
+
+        longest = max(self._paths[arm.name][number].duration for arm in self._arms.values())
+        try:
+            done, failed = each_of(
+                self._arms, watch, start - time.monotonic() + longest + _GRACE + _PATIENCE, together=True
+            )
+        finally:
+            over.set()
+        if failed:
+            raise FleetMotionError("all arms are stopped", {name: str(error) for name, error in failed.items()})
+        return done
+
+    def each(self, call: Callable[[Arm], _T], text: str) -> dict[str, _T]:
+        """Call for all arms at once.
+
+        Raises:
+            FleetMotionError: It failed for some; begins with the text.
+        """
+        done, failed = each_of(self._arms, call, _PATIENCE)
+        if failed:
+            if not self._paths:
+                self.give_back()
+            raise FleetMotionError(text, {name: str(error) for name, error in failed.items()})
+        return done
+
+    def stop(self, arms: Mapping[str, Arm] | None = None) -> None:
+        """Stop arms at once; tells which have not confirmed it."""
+        with self._shield():
+            _, failed = each_of(self._arms if arms is None else arms, lambda arm: arm.robot.stop(), _PATIENCE)
+        for name, error in failed.items():
+            self._tell(f"{name}: THE STOP IS NOT CONFIRMED: {error}")
+
+    def give_back(self) -> None:
+        """Give the leases back; what moves holds."""
+
+        def leave(arm: Arm) -> None:
+            with suppress(HexwireError):
+                arm.robot.release()
+
+        each_of(self._arms, leave, _PATIENCE)
+
+
+class _NotBegunError(FleetMotionError):
+    """No arm has begun; those of which that was not sure were stopped."""
+
+
+class _SilentError(HexwireError):
+    """There was no result in time."""
+
+
+def each_of(
+    arms: Mapping[str, _A], call: Callable[[_A], _T], patience: float, *, together: bool = False
+) -> tuple[dict[str, _T], dict[str, HexwireError]]:
+    """Call for all arms at once, so that none delays another.
+
+    Args:
+        arms: The arms by name.
+        call: What to do.
+        patience: Seconds to wait; an interruption ends the wait at once.
+        together: The first failure ends the wait.
+
+    Returns:
+        Results and errors by name.
+    """
+    done: dict[str, _T] = {}
+    failed: dict[str, HexwireError] = {}
+    changed = threading.Condition()
+
+    def run(name: str, arm: _A) -> None:
+        result: Any = None
+        error: HexwireError | None = None
+        try:
+            result = call(arm)
+        except HexwireError as problem:
+            error = problem
+        except Exception as problem:  # noqa: BLE001  # the other arms must learn of it
+            error = DeviceError(f"the program failed: {problem}")
+        with changed:
+            if error is not None:
+                failed[name] = error
+            else:
+                done[name] = result
+            changed.notify_all()
+
+    for name, arm in arms.items():
+        threading.Thread(target=run, args=(name, arm), name=f"play {name}", daemon=True).start()
+    deadline = time.monotonic() + patience
+    with changed:
+        while len(done) + len(failed) < len(arms) and not (together and failed):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                break
+            changed.wait(min(left, 0.5))
+        errors = dict(failed)
+        if not together or not errors:
+            for name in arms:
+                if name not in done and name not in errors:
+                    errors[name] = _SilentError(f"no answer in {patience:.1f} s")
+        return dict(done), errors
+
+
+def _paths(arm: Arm) -> tuple[Spline, Spline]:
+    """The approach and the motion of all joints of an arm.
+
+    Raises:
+        ServoError: A joint does not answer, or the arm is stopped.
+    """
+    robot, state = arm.robot, arm.robot.read()
+    if state.stopped:
+        raise ServoError(f"it is stopped; 'hexwire --port {robot.url} resume' ends the stop")
+    if state.silent:
+        raise ServoError(f"the position of {', '.join(state.silent)} is unknown: no answer")
+    here = state.positions
+    unknown = [name for name in arm.path.names if name not in here]
+    if unknown:
+        raise UsageError(f"it has no {', '.join(unknown)}, but {', '.join(here)}")
+    path = _filled(arm.path, here)
+    way = approach(robot.model, path.names, [here[name] for name in path.names], path.start)
+    return _as_spline(way), path
+
+
+def _filled(path: Spline, here: Mapping[str, float]) -> Spline:
+    """The motion with all joints of the arm, in its order; those that it omits rest."""
+    places = {name: i for i, name in enumerate(path.names)}
+
+    def row(values: Sequence[float] | None, rest: Callable[[str], float]) -> tuple[float, ...] | None:
+        if values is None:
+            return None
+        return tuple(values[places[name]] if name in places else rest(name) for name in here)
+
+    points = []
+    for point in path.waypoints:
+        position = row(point.position, lambda name: here[name])
+        still = (row(point.velocity, lambda name: 0.0), row(point.acceleration, lambda name: 0.0))
+        points.append(Waypoint(point.time, position or (), *still))
+    return Spline(tuple(here), points)
+
+
+def _as_spline(way: Trajectory) -> Spline:
+    rest = (0.0,) * len(way.names)
+    if way.duration < _SHORTEST:
+        return Spline(way.names, [Waypoint(0.0, way.start, rest), Waypoint(_SHORTEST, way.goal, rest)])
+    points = [Waypoint(t, sample.position, sample.velocity) for t, sample in way.samples(_KNOT)]
+    # Knots closer than that at the end add nothing.
+    if len(points) > 2 and points[-1].time - points[-2].time < _RESTING:
+        del points[-2]
+    return Spline(way.names, points)

@@ -1,0 +1,168 @@
+"""`hexwire fleet list`, `watch` and `stop`."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
+from tests.fleet.eventually import eventually, hexwire_program
+
+import hexwire
+from hexwire.cli import fleet_ops
+from hexwire.cli.main import cli
+from hexwire.fleet.endpoints import local_socket
+from hexwire.fleet.overview import Overview
+
+# ruff: noqa: F811  # fixtures that are imported
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(cli, ["fleet", *words])
+
+
+def test_an_empty_list_says_what_to_do(runtime: Path) -> None:
+    result = run("list")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("no arm is served on this machine by this user: start one with 'hexwire serve'")
+    assert json.loads(run("list", "--json").stdout) == []
+    assert "under the name lab/*" in run("list", "lab/*").stdout
+
+
+def test_arms_are_listed_with_their_condition(serve: Serve) -> None:
+    for name in ("lab/arm1", "lab/arm2", "hall"):
+        serve(name, robot="sim")
+    result = run("list", "lab/*")
+    assert result.exit_code == 0, result.stderr
+    head, *rows = result.stdout.splitlines()
+    assert head.split()[:5] == ["arm", "robot", "host", "holder", "torque"]
+    assert [row.split()[:2] for row in rows] == [["lab/arm1", "hex7bot"], ["lab/arm2", "hex7bot"]]
+    assert all(row.endswith("ok") for row in rows)
+    with hexwire.connect("zenoh:hall") as robot:
+        robot.torque(True)
+        eventually(lambda: robot.holder)
+        (row,) = json.loads(run("list", "hall", "--json").stdout)
+        assert (row["torque"], row["stopped"], row["answers"], row["local"]) == ("on", False, True, True)
+        assert str(os.getpid()) in row["holder"]
+        robot.stop()
+        eventually(lambda: json.loads(run("list", "hall", "--json").stdout)[0]["condition"].startswith("stopped: "))
+
+
+def test_a_stop_stops_what_it_names_and_nothing_else(serve: Serve) -> None:
+    for name in ("lab/arm1", "lab/arm2", "hall"):
+        serve(name, robot="sim")
+    result = run("stop", "lab/*")
+    assert result.exit_code == 0, result.stderr
+    assert sorted(line.partition(" (")[0] for line in result.stdout.splitlines()) == [
+        f"lab/arm{i}: stopped, holding: J1 J2 J3 J4 J5 J6 J7" for i in (1, 2)
+    ]
+    stopped = {row["name"]: row["stopped"] for row in json.loads(run("list", "--json").stdout)}
+    assert stopped == {"lab/arm1": True, "lab/arm2": True, "hall": False}
+    rows = json.loads(run("stop", "--all", "--torque-off", "--json").stdout)
+    assert [row["confirmed"] for row in rows] == [True] * 3
+
+
+def test_a_stop_that_stops_nothing_says_so(runtime: Path) -> None:
+    for words in ((), ("lab/*", "--all")):
+        result = run("stop", *words)
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert "nothing was stopped: write 'hexwire fleet stop --all'" in result.stderr
+    result = run("stop", "lab/*")
+    assert result.exit_code == 1
+    assert "nothing was stopped: no arm is served" in result.stderr
+
+
+def test_an_arm_that_hangs_is_not_confirmed_and_the_status_says_so(serve: Serve) -> None:
+    serve("lab/arm1", robot="sim")
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(local_socket("lab/hung")))
+        hung.listen()
+        result = run("stop", "--all")
+        assert result.exit_code == 1
+        first, second = result.stdout.splitlines()
+        assert first.startswith("lab/arm1: stopped")
+        assert second.startswith("lab/hung: NOT CONFIRMED: its program is there, but does not answer")
+        assert "not confirmed by lab/hung: switch the power off" in result.stderr
+        result = run("list")
+        assert (result.exit_code, "no answer from lab/hung" in result.stderr) == (1, True)
+        assert "no answer: its program is there" in result.stdout
+
+
+def test_watch_tells_changes_in_lines_and_ends_like_ctrl_c(serve: Serve) -> None:
+    service = serve("lab/arm1", robot="sim")
+    lines: list[str] = []
+    with hexwire_program("fleet", "watch") as program:
+        assert program.stdout is not None
+        reader = threading.Thread(target=lambda: lines.extend(iter(program.stdout.readline, "")))  # type: ignore[union-attr]
+        reader.start()
+        eventually(lambda: any("lab/arm1: hex7bot at" in line for line in lines))
+        service.close()
+        eventually(lambda: any(line.endswith("lab/arm1: gone\n") for line in lines))
+        program.send_signal(signal.SIGINT)
+        assert program.wait(20) == 130
+        reader.join()
+
+
+def test_watch_prints_all_arms_a_line_as_json(serve: Serve) -> None:
+    serve("lab/arm1", robot="sim")
+    with hexwire_program("fleet", "watch", "lab/*", "--json", "--rate", "20") as program:
+        assert program.stdout is not None
+        rows = [json.loads(program.stdout.readline()) for _ in range(3)]
+        program.send_signal(signal.SIGTERM)
+        assert program.wait(20) == 130
+    assert [arm["name"] for arm in rows[-1]["arms"]] == ["lab/arm1"]
+    assert rows[0]["time"] < rows[2]["time"]
+
+
+def shown(monkeypatch: pytest.MonkeyPatch, *steps: list[Overview]) -> list[str]:
+    """What the table on a terminal shows after each step."""
+    from hexwire.cli import draw
+
+    pages: list[str] = []
+
+    class Page:
+        def update(self, what: Any, refresh: bool) -> None:
+            console = draw.SafeConsole(width=120)
+            with console.capture() as text:
+                console.print(what)
+            pages.append(text.get())
+
+    monkeypatch.setattr(draw, "live", Page)
+    table = fleet_ops._Table("**", None)
+    for step in steps:
+        table(step)
+    return pages
+
+
+def test_the_table_on_a_terminal_names_those_that_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    ok = Overview("lab/arm1", "hex7bot", "pc", "", "on", False, "", 0.004, False, True)
+    bad = Overview("lab/arm2", "hex7bot", "pc", "Ann", "off", True, "Ann stopped it", 1.5)
+    none, two, one, back = shown(monkeypatch, [], [ok, bad], [bad], [ok, bad])
+    assert "no arm is served" in none
+    assert "stopped: Ann stopped it" in two
+    assert "2 arms" in two
+    assert "gone: lab/arm1 (" in one
+    assert "1 arm," in one
+    assert "gone" not in back
+
+
+@pytest.mark.parametrize("words", [("list",), ("stop",), ("watch",), ("record", "a.mcap")])
+def test_a_wrong_pattern_and_a_wrong_router_are_usage_errors(
+    runtime: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    words: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli, ["fleet", *words, "lab/arm*"])
+    assert (result.exit_code, "matches no arm" in result.stderr) == (2, True), result.stderr
+    result = CliRunner().invoke(cli, ["fleet", *words, "lab/*", "--router", "lab-pc"])
+    assert (result.exit_code, "not an endpoint" in result.stderr) == (2, True), result.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,141 @@
+"""Many arms at once: how they are, and their stop."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hexwire
+from hexwire.errors import LinkLostError, StoppedError
+from hexwire.fleet import messages as m
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.names import Keys
+from hexwire.fleet.network import Network, Node
+from hexwire.fleet.overview import look, stop_all
+from hexwire.fleet.roster import HUNG, Roster
+from hexwire.model.state import JointTarget
+
+from .conftest import Serve
+from .eventually import eventually
+
+
+def puppet(name: str, **answers: Any) -> Node:
+    """A server that gives these answers, by the last part of the key; an answer of None hangs."""
+    node = Network(listen=endpoints_of([local_socket(name)])).open(wait=False)
+    node.announce(Keys(name).token("1"))
+    held = []
+
+    def reply(query: Any, answer: m.Answer | None) -> None:
+        if answer is None:
+            held.append(query)
+        else:
+            query.reply(m.encode(answer))
+
+    for key, answer in answers.items():
+        node.answer(f"hexwire/{name}/{key}", lambda query, answer=answer: reply(query, answer))
+    return node
+
+
+def test_an_arm_says_how_it_is(serve: Serve) -> None:
+    serve("lab/arm1", robot="sim")
+    with Roster() as roster:
+        assert roster.settle(5.0)
+        (row,) = look(roster, 2.0)
+        assert (row.name, row.robot, row.torque) == ("lab/arm1", "hex7bot", "off")
+        assert [row.stopped, row.silent] == [False, False]
+        assert row.host
+        assert row.age is not None
+        with hexwire.connect("zenoh:lab/arm1") as robot:
+            robot.torque(True, ["J1", "J2"])
+            eventually(lambda: f"process {os.getpid()}" in look(roster, 2.0)[0].holder)
+            eventually(lambda: look(roster, 2.0)[0].torque == "J1 J2")
+            robot.torque(True)
+            eventually(lambda: look(roster, 2.0)[0].torque == "on")
+            # Nothing but a stop is asked for here.
+            (done,) = stop_all(roster, "Bob")
+            assert (done.name, done.confirmed, done.joints) == ("lab/arm1", True, robot.model.names)
+            eventually(lambda: look(roster, 2.0)[0].stopped)
+            assert "Bob stopped it" in look(roster, 2.0)[0].why
+            with pytest.raises(StoppedError):
+                robot.write(JointTarget.of({"J1": 0.1}, 1.0))
+
+
+def test_an_arm_that_hangs_is_shown_as_silent_and_one_that_starts_too(runtime: Path) -> None:
+    hung, starts = puppet("lab/hung", ask=None), puppet("lab/starts")
+    with Roster() as roster:
+        assert roster.settle(5.0)
+        one, two = look(roster, 1.0)
+    assert (one.name, one.silent, one.why) == ("lab/hung", True, HUNG)
+    assert (two.name, two.silent) == ("lab/starts", True)
+    assert "does not answer yet" in two.why
+    hung.close()
+    starts.close()
+
+
+def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
+    """Those that answer are confirmed before the one that does not is given up."""
+    confirmed = m.Answer("", value=["J1", "J2"])
+    partly = m.Answer("", "", {"missing": ["J2"]}, ["J1"])
+    refused = m.Answer("LinkLostError", "the port is gone")
+    nodes = [
+        puppet("lab/a", stop=confirmed),
+        puppet("lab/b", stop=None),
+        puppet("lab/c", stop=partly),
+        puppet("lab/d", stop=refused),
+        puppet("lab/e"),
+        puppet("lab/f", stop=m.Answer("", value=[])),
+    ]
+    with Roster("lab/*") as roster:
+        rows = list(stop_all(roster, "Bob", timeout=1.0))
+    assert rows[-1].name == "lab/b"
+    by_name = {row.name: row for row in rows}
+    assert sorted(by_name) == [f"lab/{letter}" for letter in "abcdef"]
+    assert [name for name, row in by_name.items() if row.confirmed] == ["lab/a"]
+    assert by_name["lab/b"].error == HUNG
+    assert by_name["lab/c"].error == "not confirmed by J2"
+    assert by_name["lab/d"].error == "the port is gone"
+    assert "may not stop it" in by_name["lab/e"].error
+    assert by_name["lab/f"].error == "no joint confirmed it"
+    for node in nodes:
+        node.close()
+
+
+def test_a_stop_does_not_wait_for_the_way_to_others(runtime: Path) -> None:
+    """A server that hangs already when the stop is called is reported last, and as not confirmed."""
+
+    node = puppet("lab/a", stop=m.Answer("", value=["J1"]))
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(local_socket("lab/hung")))
+        hung.listen()
+        with Roster() as roster:
+            rows = stop_all(roster, "Bob")
+            assert next(rows).confirmed
+            assert not roster.settled
+            assert [(row.name, row.confirmed, row.error) for row in rows] == [("lab/hung", False, HUNG)]
+    node.close()
+
+
+def test_a_stop_of_nobody_yields_nothing(runtime: Path) -> None:
+    with Roster("lab/*") as roster:
+        assert list(stop_all(roster, "Bob")) == []
+
+
+def test_a_connection_that_ends_in_between_is_an_error_of_that_arm(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = puppet("lab/a", stop=m.Answer("", value=["J1"]))
+
+    def lost(*_: object, **__: object) -> None:
+        raise LinkLostError("gone")
+
+    with Roster() as roster:
+        assert roster.settle(5.0)
+        monkeypatch.setattr(Node, "question", lost)
+        (row,) = stop_all(roster, "Bob")
+        assert (row.confirmed, row.error) == (False, "gone")
+        assert [row.silent for row in look(roster, 1.0)] == [True]
+    node.close()

@@ -1,0 +1,96 @@
+"""Which arms are there: those with a server, as soon as it is there and as long as it is."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from hexwire.errors import UsageError
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.names import Keys
+from hexwire.fleet.network import Network, Node
+from hexwire.fleet.roster import HUNG, Roster
+
+from .eventually import eventually
+
+
+def offer(name: str, *instances: str, endpoint: str = "") -> Node:
+    """A server as others see it: a socket and a token."""
+    network = Network(listen=(endpoint,)) if endpoint else Network(listen=endpoints_of([local_socket(name)]))
+    node = network.open(wait=False)
+    for instance in instances or ("1",):
+        node.announce(Keys(name).token(instance))
+    return node
+
+
+def test_arms_appear_and_vanish_with_their_servers(runtime: Path) -> None:
+    changes: list[tuple[str, bool]] = []
+    with Roster(on_change=lambda name, there: changes.append((name, there))) as roster:
+        assert roster.settle(1.0)
+        assert roster.seen() == {}
+        one = offer("lab/arm1")
+        two = offer("arm2")
+        eventually(lambda: len(roster.seen()) == 2)
+        assert [seen.local for seen in roster.seen().values()] == [True, True]
+        one.close()
+        eventually(lambda: list(roster.seen()) == ["arm2"])
+        # The same name, another server.
+        one = offer("lab/arm1", "2")
+        eventually(lambda: len(roster.seen()) == 2)
+        one.close()
+        two.close()
+        eventually(lambda: not roster.seen())
+    assert changes.count(("lab/arm1", True)) == changes.count(("lab/arm1", False)) == 2
+
+
+def test_a_pattern_selects_arms(runtime: Path) -> None:
+    nodes = [offer(name) for name in ("lab/arm1", "lab/arm2", "hall/arm1")]
+    with Roster("lab/*") as roster:
+        assert roster.settle(5.0)
+        assert list(roster.seen()) == ["lab/arm1", "lab/arm2"]
+    for node in nodes:
+        node.close()
+    with pytest.raises(UsageError, match="matches no arm"):
+        Roster("lab/arm*")
+
+
+def test_a_server_that_hangs_is_named_and_delays_no_other(runtime: Path) -> None:
+    path = local_socket("lab/hung")
+    node = offer("lab/arm1")
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(path))
+        hung.listen()
+        with Roster() as roster:
+            eventually(roster.seen)
+            assert not roster.settled
+            assert roster.settle(10.0)
+            assert roster.silent() == {"lab/hung": HUNG}
+            assert list(roster.seen()) == ["lab/arm1"]
+    node.close()
+
+
+def test_arms_behind_a_router_and_a_router_that_is_lost(runtime: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    way = Network(connect=(endpoint,))
+    with Roster(router=way) as roster:
+        assert roster.settle(10.0)
+        assert "nobody answers" in roster.silent()[endpoint]
+        router = Network(listen=(endpoint,), router=True).open()
+        far = Network(connect=(endpoint,)).open()
+        far.announce(Keys("lab/far").token("1"))
+        seen = eventually(roster.seen)["lab/far"]
+        assert not seen.local
+        assert roster.silent() == {}
+        # The same arm on two ways is one arm, and the near way counts.
+        near = offer("lab/far")
+        eventually(lambda: roster.seen()["lab/far"].local)
+        near.close()
+        eventually(lambda: not roster.seen()["lab/far"].local)
+        router.close()
+        eventually(lambda: not roster.seen())
+        assert eventually(roster.silent)
+    far.close()
