@@ -6,6 +6,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -62,6 +63,18 @@ def test_waiting_for_another_target_makes_a_set_point_older() -> None:
         bench.clock.time += 0.3
     with pytest.raises(LeaseError, match="300 ms old"):
         service.answer()
+    assert not bench.sent
+
+
+def test_the_path_of_a_far_target_is_checked_however_short_it_is_meant_to_be() -> None:
+    bench = SharedBench(check_table=True)
+    key = bench.take()
+    start, state = HOME | {"J2": 2.4, "J5": -1.4, "J3": 1.2}, bench.owner.newest()
+    there = replace(state, position=tuple(start[name] for name in state.names))
+    bench.owner.newest = lambda: there  # type: ignore[method-assign]
+    through = JointTarget.of({"J2": -0.2, "J3": 0.9, "J5": 0.7}, 0.05)
+    with pytest.raises(LimitError, match="% of the path"):
+        bench.shared.write(bench.order(key, age=0.0), through)
     assert not bench.sent
 
 

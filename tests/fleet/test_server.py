@@ -126,7 +126,9 @@ def test_the_role_is_that_of_the_key_and_a_maintainers_lease_is_not_an_operators
     key = served.take("Ann", MAINTAINER).value
     assert served.take("Bob", force=True).text == "Ann, maintainer holds the lease, and your role may not take it"
     assert served.take("Bob").text.startswith("Ann, maintainer holds the lease; wait")
-    assert served.order(key, m.Ioctl(0, b"")).text == "servo settings and firmware need the role maintainer"
+    refused = served.order(key, m.Ioctl(0, b""))
+    assert refused.text == "servo settings and firmware need the role maintainer"
+    assert refused.details["lost"] is False, "the lease stays, so that its motion goes on"
     assert served.take("Eve", MAINTAINER, force=True).kind == ""
 
 

@@ -45,7 +45,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 _LONG = 0.25
-"""Seconds; of a longer target the whole path is checked, since it may lead far. Shorter ones are a stream's."""
+"""Seconds; of a target that takes longer the whole path is checked, since it leads far."""
 _LOOK = 0.5
 """Longest wait of the supervising thread, seconds."""
 _BUSY = 1.0
@@ -479,11 +479,14 @@ class SharedArm:
             return call()
 
     def _check_path(self, target: JointTarget) -> None:
-        goal = dict(target.positions)
-        if target.duration <= _LONG:
-            self.path_check.posture(self._owner.newest().positions, goal)
+        goal, here = dict(target.positions), self._owner.newest().positions
+        # However short it is meant to be: the robot takes the time that its speed limits require.
+        joint = self._robot.model.joint
+        turns = [abs(angle - here.get(name, angle)) / joint(name).max_speed for name, angle in goal.items()]
+        if max(target.duration, *turns) <= _LONG:
+            self.path_check.posture(here, goal)
         else:
-            self.path_check.target(self._owner.newest().positions, goal)
+            self.path_check.target(here, goal)
 
     def _remaining(self) -> float:
         """Seconds until the present motion ends."""

@@ -336,7 +336,7 @@ class ArmServer:
             self._refuse(query, shared.refusal(order))
             return
         if isinstance(envelope.order, m.Ioctl) and role < Role.MAINTAINER:
-            self._refuse(query, LeaseError("servo settings and firmware need the role maintainer"))
+            self._refuse(query, LeaseError("servo settings and firmware need the role maintainer", lost=False))
             return
         self._queue("orders", query, lambda: self._do(order, envelope))
 
