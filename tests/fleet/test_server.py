@@ -150,6 +150,26 @@ def test_a_stop_needs_no_lease_and_its_answer_names_what_confirmed_it(served: Se
     assert (served.node.states[-1].stopped, served.node.states[-1].reason) == (True, "Bob stopped it")
 
 
+def test_a_stop_voids_the_orders_of_its_own_program_that_it_overtakes(served: Served) -> None:
+    key = served.take("Ann").value
+    late = [served.envelope(key, served.write(J1=0.1)), served.envelope(key, m.Resume())]
+    stop = served.ask(KEYS.stop, m.StopRequest("Ann", key=key, sequence=late[-1].sequence))
+    assert stop.kind == ""
+    for order in late:
+        refused = served.ask(KEYS.order(OPERATOR), order)
+        assert (refused.kind, refused.details["lost"]) == ("LeaseError", False)
+        assert refused.text == f"order {order.sequence} was made before a stop of the same program; it is not done"
+    assert served.bench.board.state.stopped
+    assert not served.bench.sent
+    assert served.order(key, m.Resume()).kind == "", "made after the stop"
+
+
+def test_the_stop_of_another_program_voids_no_later_order_of_the_holder(served: Served) -> None:
+    key = served.take("Ann").value
+    assert served.ask(KEYS.stop, m.StopRequest("Bob", key=key ^ 1, sequence=2**40)).kind == ""
+    assert served.order(key, m.Resume()).kind == ""
+
+
 def test_an_unconfirmed_stop_is_an_error_in_its_answer(served: Served) -> None:
     served.bench.bench.link.lost = True
     query = served.put(KEYS.stop, m.StopRequest("Bob"))

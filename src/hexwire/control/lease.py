@@ -62,6 +62,7 @@ class Grant:
         heard: Its last sign of life.
         active: When its program last used the arm: silence of the program, not of its heartbeat thread.
         sequence: Number of its last accepted order.
+        voided: Number of the last order that it made before a stop of its own; none up to it is accepted any more.
         ends: For a holder that has left while a motion of its own ends: when it ends. Infinite otherwise.
         watchdog: Seconds without a call of the holder's program after which the arm is stopped; 0 for never.
         watchdog_mode: How it is stopped then.
@@ -74,6 +75,7 @@ class Grant:
     heard: float
     active: float
     sequence: int = 0
+    voided: int = 0
     ends: float = math.inf
     watchdog: float = 0.0
     watchdog_mode: StopMode = StopMode.HOLD
@@ -165,6 +167,20 @@ class Lease:
         self.holder = Grant(self.new_key(), client, rank, now, now, now)
         return self.holder
 
+    def void(self, key: int, sequence: int) -> None:
+        """Void the orders that the holder made before a stop, since a stop may overtake them on the way.
+
+        Call it when the stop arrives, in any thread: nothing here waits. Without effect for another program's stop.
+
+        Args:
+            key: Key of the lease of the program that stops.
+            sequence: Number of the last order that it had made.
+        """
+        holder = self.holder
+        # Only the holder's own stops write this number.
+        if holder is not None and holder.key == key:
+            holder.voided = max(holder.voided, sequence)
+
     def leave(self, key: int, now: float, ends: float = -math.inf) -> None:
         """Give the lease back; it ends now, or when the holder's motion ends. Without effect for a former holder.
 
@@ -218,6 +234,9 @@ class Lease:
         except LeaseError:
             self.counters.without_lease += 1
             raise
+        if sequence <= holder.voided:
+            self.counters.out_of_order += 1
+            raise self._late(f"order {sequence} was made before a stop of the same program; it is not done")
         if not sequence > holder.sequence:
             self.counters.out_of_order += 1
             raise self._late(f"order {sequence} came after order {holder.sequence}; it is not done")

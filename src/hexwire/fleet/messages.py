@@ -253,10 +253,14 @@ class StopRequest(_Message, tag=2):
     Attributes:
         client: Who stops it, for display.
         mode: As `StopMode`.
+        key: Key of the client's lease; 0 if it has none.
+        sequence: Number of the client's last order before the stop: what it overtakes on the way is void.
     """
 
     client: _Text
     mode: int = 0
+    key: _Count = 0
+    sequence: _Count = 0
 
 
 Question = Ask | StopRequest

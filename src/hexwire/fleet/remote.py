@@ -350,7 +350,8 @@ class RemoteRobot(Following, RobotDriver):
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
         self._attached()
         with self.epochs.stopping():
-            answer = self._exchange(self._keys.stop, m.StopRequest(self._me, int(mode)), _SLOW, urgent=True)
+            request = m.StopRequest(self._me, int(mode), self._lease, self._sequence)
+            answer = self._exchange(self._keys.stop, request, _SLOW, urgent=True)
             self._states.require(answer.done)
             return self._names(answer.value)
 

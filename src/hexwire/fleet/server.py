@@ -269,7 +269,11 @@ class ArmServer:
 
     def _on_stop(self, query: Question) -> None:
         request = self._parse(query, m.StopRequest)
-        if request is not None and not self._stops[_mode(request.mode)].put((query, _shown(request.client))):
+        if request is None:
+            return
+        if request.key:
+            self._shared.rules.void(request.key, request.sequence)
+        if not self._stops[_mode(request.mode)].put((query, _shown(request.client))):
             self.refused += 1
             self._refuse(query, DeviceError("so many stop the arm that this is not answered; it is being stopped"))
 
