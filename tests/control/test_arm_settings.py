@@ -12,7 +12,7 @@ from tests.motion.arms import HOME
 from hexwire.control.arm import Arm
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
-from hexwire.errors import LinkLostError
+from hexwire.errors import LinkLostError, UsageError
 from hexwire.model.state import JointTarget
 
 J1 = HOME["J1"]
@@ -81,3 +81,12 @@ def test_a_robot_that_does_not_answer_is_waited_for_as_long_as_is_set(timeout: f
         arm.connect()
     assert emulated.clock.time - begin == pytest.approx(timeout, abs=0.5)
     arm.shutdown()
+
+
+def test_a_pose_that_a_joint_does_not_reach_is_given_up_with_its_name() -> None:
+    bench = make_bench(poses={"near": {"J1": J1 + 0.1}}, constraints={"J1": {"goal": 0.02}})
+    bench.jam("J1")
+    begin = bench.clock.time
+    with pytest.raises(UsageError, match=r"^J1 is .* off its goal, tolerance 0\.02 rad"):
+        bench.ask(lambda: bench.arm.go_to("near"))
+    assert 10.0 < bench.clock.time - begin < 15.0

@@ -155,3 +155,17 @@ def test_without_a_table_a_target_may_be_below_its_height() -> None:
     bench = Bench()
     free = bench.options(kinematics=Hex7BotModel().within_arm(), table=None)
     assert run_motion(bench.robot, JointTarget.of(down, 3.0), free).arrived
+
+
+def test_whether_other_joints_move_is_seen_in_two_states_a_tenth_of_a_second_apart() -> None:
+    bench = Bench()
+    bench.robot.torque(True)
+    target, read, times = bench.target(), bench.robot.read, []
+
+    def noted() -> JointState:
+        times.append(bench.arm.clock.time)
+        return read()
+
+    bench.robot.read = noted  # type: ignore[method-assign]  # it watches
+    run_motion(bench.robot, target, bench.options(kinematics=Hex7BotModel().within_arm()), wait=False)
+    assert [b - a for a, b in pairwise(times)] == [pytest.approx(0.1, abs=0.01)]
