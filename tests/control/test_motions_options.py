@@ -11,7 +11,9 @@ from tests.control.test_motions import Bench, Watched
 from tests.drivers.arms import Arm
 
 from hexwire.control import run_motion
+from hexwire.control.motions import check_path
 from hexwire.drivers.values import StopMode
+from hexwire.errors import GoalError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits
@@ -169,3 +171,13 @@ def test_whether_other_joints_move_is_seen_in_two_states_a_tenth_of_a_second_apa
     bench.robot.read = noted  # type: ignore[method-assign]  # it watches
     run_motion(bench.robot, target, bench.options(kinematics=Hex7BotModel().within_arm()), wait=False)
     assert [b - a for a, b in pairwise(times)] == [pytest.approx(0.1, abs=0.01)]
+
+
+def test_a_path_is_checked_from_the_positions_that_are_given() -> None:
+    bench = Bench()
+    way, options = bench.way("J2", math.radians(55), 3.0), bench.options(kinematics=Hex7BotModel().within_arm())
+    here = dict(bench.robot.read().positions)
+    bent = here | {"J3": here["J3"] + math.radians(40)}
+    assert check_path(bench.robot, way, options, start=here) == check_path(bench.robot, way, options)
+    with pytest.raises(GoalError, match="elbow folded"):
+        check_path(bench.robot, way, options, start=bent)
