@@ -281,6 +281,13 @@ def test_a_legacy_servo_is_believed_only_if_it_answers_twice() -> None:
     assert play.sent == [make_read(1, 63, 2)] * 2
 
 
+def test_a_legacy_servo_in_doubt_is_not_settled_by_an_answer_of_the_other_kind() -> None:
+    machine, servos = make_machine(Series.SEVEN_BOT), Servos(1)
+    doubt(machine, 1, 2)
+    assert not Play(machine, servos)(questions.settle(machine, 1, 2))
+    assert machine.doubts.holds(1, 2, machine.now)
+
+
 def test_a_servo_silent_in_a_sync_read_is_not_asked_again_for_half_a_second() -> None:
     machine, servos = make_machine(retries=1), Servos(1, 2)
     plan = machine.plans.block(56, 2, (1, 2, 3))

@@ -526,6 +526,7 @@ def test_facts() -> None:
     assert not facts.connected
     assert facts.error
     assert diagnose(facts)
+    assert set(facts.counters) == {"stalls_of_the_loop", "set_points_lost"}, "those of the line are gone"
 
 
 def test_enabling_at_the_start_may_fail_and_the_node_continues() -> None:

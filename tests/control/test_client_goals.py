@@ -218,6 +218,26 @@ def test_answers_keep_their_order_and_are_given_before_the_end(goals: Goals) -> 
     assert not goals.goals.open
 
 
+@pytest.mark.parametrize(
+    ("own", "reason"),
+    [
+        ({"path": [("J1", 0.02, 0.0, 0.0)]}, "path tolerance"),
+        ({"goal": [("J1", 0.02, 0.0, 0.0)], "goal_time": 0.5}, "goal tolerance"),
+        ({}, "reached"),
+    ],
+)
+def test_the_tolerances_of_a_goal_decide_how_it_ends(goals: Goals, own: dict[str, Any], reason: str) -> None:
+    goals.goals.start()
+    goals.bench.jam("J1")
+    client, order = Client(), TrajectoryGoal(("J1",), (Point(1.0, (HOME["J1"] + 0.1,)),))
+    goals.goals.send("", "one", client, lambda: Request(order, **own))
+    wait_for(lambda: client.said)
+    goals.bench.until(lambda: goals.bench.controller.listener is None)
+    wait_for(lambda: client.over)
+    assert client.said[0] == "accepted"
+    assert client.said[1][0] == reason
+
+
 def test_a_machine_that_stood_still_answers_no_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
     looks = 0
 

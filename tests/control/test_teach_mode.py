@@ -202,7 +202,7 @@ def test_a_stopped_arm_keeps_its_torque_and_is_not_taught() -> None:
 
 
 def record(arm: EmulatedArm, take: Callable[[JointState], object], **options: Any) -> None:
-    record_by_hand(arm.driver, take, clock=lambda: arm.clock.time, sleep=arm.wait, **options)
+    record_by_hand(arm.driver, take, sleep=arm.wait, **options)
 
 
 @pytest.mark.parametrize("limp", [False, True])
@@ -255,6 +255,13 @@ def test_torque_comes_back_when_a_state_does_not_come_and_no_stop_is_latched() -
     assert not arm.driver.read().stopped
 
 
+def test_a_program_that_stalls_while_it_records_latches_no_stop() -> None:
+    arm = EmulatedArm(2)
+    record(arm, lambda state: arm.wait(3.0), duration=1.0)
+    assert arm.torques() == [True] * 7
+    assert not arm.driver.read().stopped
+
+
 def test_a_rate_that_makes_no_sense_leaves_the_torque_on() -> None:
     arm = EmulatedArm(2)
     arm.driver.torque(True)
@@ -278,7 +285,6 @@ def test_joints_whose_torque_is_unknown_count_as_having_torque(limp: bool) -> No
         duration=1.0,
         torque_off_at_end=limp,
         on_start=lambda: started.append(arm.torques()),
-        clock=lambda: arm.clock.time,
         sleep=arm.wait,
     )
     assert started == [[False] * 7]

@@ -240,6 +240,8 @@ def test_a_repeat_is_answered_from_store_with_a_new_number_and_time() -> None:
     assert again.sn == first.sn + 1
     assert again.time_sec + again.time_nsec * 1e-9 == pytest.approx(first.time_sec + 1.9)
     assert b.counters.repeats == 1
+    assert ask(b, request_frame(sn=2, time_sec=1), 1.95) == []
+    assert b.counters.repeats == 2
     assert len(ask(b, request_frame(sn=3), 2.0)) == 1
 
 

@@ -144,6 +144,18 @@ def test_of_several_frames_some_may_have_gone() -> None:
     assert host.data_to_send() == []
 
 
+def test_no_frame_of_any_kind_is_longer_than_the_line_takes() -> None:
+    board = maker(Role.BOARD, max_frame=253)
+    for send in (
+        lambda body: board.report(Command.JOINT_STATE, body, 0.0),
+        lambda body: board.reply_dialect1(body, 0.0),
+    ):
+        send(bytes(208))
+        with pytest.raises(LocalProtocolError, match="needs a frame of 256 bytes, the line takes 253"):
+            send(bytes(209))
+    assert [len(data) for data in board.data_to_send()] == [252, 252]
+
+
 @pytest.mark.parametrize("role", Role)
 @pytest.mark.parametrize("cautious", [False, True])
 def test_who_keeps_the_end_of_a_frame_out(role: Role, cautious: bool) -> None:

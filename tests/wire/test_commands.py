@@ -171,6 +171,27 @@ def test_a_body_cut_or_lengthened_anywhere_is_refused(row: dict[str, Any]) -> No
             read(data + b"\0")
 
 
+@pytest.mark.parametrize(
+    "empty",
+    [
+        c.LimitTable(7, ()),
+        c.OffsetTable(7, ()),
+        c.MoveRequest(500, ()),
+        c.MoveReply(500, ()),
+        c.Identity(2, (1, 2, 3), 4, 5, 253, 0, ()),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_table_of_no_rows_is_its_head_alone(empty: Any) -> None:
+    assert type(empty).parse(empty.serialize()) == empty
+    with pytest.raises(RemoteProtocolError):
+        type(empty).parse(empty.serialize()[:-1])
+
+
+def test_a_request_may_store_no_rows() -> None:
+    assert c.LimitTable.parse_request(b"\0") == c.OffsetTable.parse_request(b"\0") == ()
+
+
 @pytest.mark.parametrize("fields", [64, 128, 255])
 def test_a_state_with_fields_that_nobody_knows_is_refused(fields: int) -> None:
     with pytest.raises(RemoteProtocolError, match=f"unknown fields 0x{fields:02X}"):

@@ -163,7 +163,6 @@ def record_by_hand(
     duration: float = math.inf,
     torque_off_at_end: bool = False,
     on_start: Callable[[], object] = lambda: None,
-    clock: Callable[[], float] | None = None,
     sleep: Callable[[float], object] = time.sleep,
 ) -> None:
     """Switch an arm's torque off, record its states for a time or until Ctrl-C, then hold the arm.
@@ -178,17 +177,14 @@ def record_by_hand(
         torque_off_at_end: Leave the torque off at the end. Otherwise all joints hold their position then, also
             those that had no torque before.
         on_start: Called once the arm has no torque.
-        clock: Monotonic seconds; the robot's clock if None.
         sleep: Waits for so many seconds.
 
     Raises:
         HexwireError: A joint kept its torque, or got none at the end, or the robot failed.
     """
     names = robot.model.names
-    # A failure must not latch a stop, which would refuse the torque.
-    owner = RobotOwner(
-        robot, borrowed=True, command_rate=rate, watchdog=0.0, stop_on_failure=False, clock=clock, sleep=sleep
-    )
+    # A failure must not latch a stop, which would refuse the torque. Nor must a watchdog.
+    owner = RobotOwner(robot, borrowed=True, command_rate=rate, watchdog=0.0, stop_on_failure=False, sleep=sleep)
     passing = _Passing(record)
     guiding = HandGuiding(owner, passing)
     with owner:
