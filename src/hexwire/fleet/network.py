@@ -58,6 +58,11 @@ __all__ = [
 _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
 _OPEN = 3.0
 """Seconds in which a connection must stand."""
+_SILENT = 5.0
+"""Seconds of silence after which a connection counts as lost, so that a computer that was cut off shows as gone.
+Where every fifth packet is lost, TCP is silent for up to 3 s."""
+_SIGNS = 5
+"""Signs of life in that time."""
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
 _STUCK = 0.1
 """Seconds for which an answer waits for a program that takes nothing; then its connection is closed. Behind such
@@ -172,6 +177,8 @@ class Network:
             "transport/shared_memory/enabled": False,
             "transport/link/protocols": sorted({UNIX, "tls", *(["tcp"] if self._has_tcp else [])}),
             "transport/unicast/open_timeout": round(1000 * _OPEN),
+            "transport/link/tx/lease": round(1000 * _SILENT),
+            "transport/link/tx/keep_alive": _SIGNS,
         }
         if self.ca:
             tls = {
