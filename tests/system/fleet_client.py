@@ -182,6 +182,7 @@ class Client:
                         ids=[self.robot.model.joint(name).servo_id for name in state.names],
                         counts=[self._counts(name, state[name].position) for name in state.names],
                         age=list(state.age),
+                        booted=state.stamp - SHIFT - state.board_time,
                         stopped=state.stopped,
                         holder=self.robot.holder,
                         held=self.robot.held,

@@ -6,6 +6,7 @@ Owns their start and end, and where they run. Ends only what it has started.
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -16,7 +17,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from tests.system.fleet_watch import Span, rows_of, servos_of, violations
+from tests.system.fleet_watch import BoardLog, ClientLog, Span, violations
 from tests.system.programs import HEXWIRE, PATIENCE, environment
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -141,8 +142,11 @@ class Scene:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.cuts: list[Span] = []
+        self.others: list[Span] = []
         self._stack = ExitStack()
-        self._logs: list[Path] = []
+        self._logs: list[ClientLog] = []
+        self._board = BoardLog(folder / "board.log")
+        self._checked = -math.inf
         self._runtime = {"XDG_RUNTIME_DIR": str(folder / "run"), "XDG_STATE_HOME": str(folder / "state")}
 
     def __enter__(self) -> Scene:
@@ -181,7 +185,7 @@ class Scene:
         """Start a client; it is connected unless `attach` is False."""
         log = self._log(f"client{len(self._logs)}")
         log.touch()
-        self._logs.append(log)
+        self._logs.append(ClientLog(log, len(self._logs)))
         words = [sys.executable, "-m", "tests.system.fleet_client", f"zenoh:{NAME}{options}", str(log)]
         client = self._started(ClientProgram(words, self._log("errors"), where, self._runtime | (extra or {})))
         assert client.line() == "ready"
@@ -191,14 +195,16 @@ class Scene:
 
     def rows(self, client: int | None = None) -> list[dict[str, Any]]:
         """What the clients wrote down so far; of one of them, in the order of their start."""
-        return [row for row in rows_of(self._logs) if client is None or row["client"] == client]
+        logs = self._logs if client is None else [self._logs[client]]
+        return [row for log in logs for row in log.read()]
 
     def check(self) -> None:
         """Check the promises on everything since the start."""
         assert self.board.process.poll() is None
         end = time.monotonic()
         time.sleep(0.05)
-        found = violations(servos_of(self._log("board")), self.rows(), end, self.cuts)
+        found = violations(self._board.read(), self.rows(), end, self.cuts, self.others, self._checked)
+        self._checked = end
         assert not found, "\n".join(found[:10])
 
     def errors(self) -> str:
@@ -211,7 +217,7 @@ class Scene:
 
     def position(self, number: int) -> float:
         """Where a servo is, in counts, as its log says."""
-        return servos_of(self._log("board"))[number].positions[-1]
+        return self._board.read()[number].positions[-1]
 
     def came(self, found: Callable[[], object], seconds: float) -> float:
         """Wait until something holds; returns after how many seconds it did."""

@@ -29,6 +29,8 @@ STILL = 1.5
 """Counts by which a servo at rest may differ: its position is rounded, a held joint is not stiff."""
 ROUNDING = 1.0
 """Counts by which a position that was read may differ: the servo rounds."""
+SAME = 1.0
+"""Seconds by which the start of a board may differ, as its log and a state tell it."""
 LATE = 0.05
 """Seconds by which the stamp of a state may be wrong: the way from the board, and its clock."""
 
@@ -71,23 +73,46 @@ class Servo:
         return min(values), max(values)
 
 
-def servos_of(log: Path) -> dict[int, Servo]:
-    """The log of a board, by the ids of its servos."""
-    servos: dict[int, Servo] = {}
-    data = log.read_bytes()
-    for time, number, *row in ROW.iter_unpack(data[: len(data) // ROW.size * ROW.size]):
-        servos.setdefault(number, Servo()).add(time, *row)
-    return servos
+class BoardLog:
+    """The log of a board that may go on; `servos` is what it says so far, by id."""
+
+    def __init__(self, path: Path) -> None:
+        self.servos: dict[int, Servo] = {}
+        self._path, self._read = path, 0
+
+    def read(self) -> dict[int, Servo]:
+        """Read what was added; returns `servos`."""
+        with self._path.open("rb") as file:
+            file.seek(self._read)
+            data = file.read()
+        whole = len(data) // ROW.size * ROW.size
+        self._read += whole
+        for time, number, *row in ROW.iter_unpack(data[:whole]):
+            self.servos.setdefault(number, Servo()).add(time, *row)
+        return self.servos
 
 
-def rows_of(logs: Iterable[Path]) -> list[dict[str, Any]]:
-    """The logs of clients, together. The last line of a program that was killed may be cut."""
-    return [
-        json.loads(line) | {"client": client}
-        for client, log in enumerate(logs)
-        for line in log.read_text(encoding="utf-8").splitlines(keepends=True)
-        if line.endswith("\n")
-    ]
+class ClientLog:
+    """The log of a client that may go on; the last line of one that was killed may be cut.
+
+    Args:
+        path: The file.
+        client: Number of the client, which its rows get.
+    """
+
+    def __init__(self, path: Path, client: int) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self._path, self._client, self._read = path, client, 0
+
+    def read(self) -> list[dict[str, Any]]:
+        """Read what was added; returns all rows."""
+        with self._path.open("rb") as file:
+            file.seek(self._read)
+            data = file.read()
+        whole = data.rfind(b"\n") + 1
+        self._read += whole
+        self.rows += [json.loads(line) | {"client": self._client} for line in data[:whole].splitlines()]
+        return self.rows
 
 
 def leases(rows: Sequence[dict[str, Any]], cuts: Sequence[Span] = ()) -> list[Span]:
@@ -160,7 +185,12 @@ def moved(servos: dict[int, Servo], begin: float, end: float) -> str:
 
 
 def violations(
-    servos: dict[int, Servo], rows: Sequence[dict[str, Any]], end: float, cuts: Sequence[Span] = ()
+    servos: dict[int, Servo],
+    rows: Sequence[dict[str, Any]],
+    end: float,
+    cuts: Sequence[Span] = (),
+    others: Sequence[Span] = (),
+    since: float = -math.inf,
 ) -> list[str]:
     """What contradicts a promise: nothing moves without a lease, nothing moves after a stop before a resume, and
     nobody reads a position that the servo has not had since the time that its age gives.
@@ -170,6 +200,8 @@ def violations(
         rows: The logs of all its clients.
         end: When the last look was taken.
         cuts: As for `leases`.
+        others: Times in which clients may read another board, which was started under the same name.
+        since: States that arrived before were checked already.
     """
     found = []
     begin = min((servo.times[0] for servo in servos.values()), default=end)
@@ -182,7 +214,12 @@ def violations(
             if what := moved(servos, first, last):
                 found.append(f"{name}, from {first - begin:.2f} to {last - begin:.2f} s: {what}")
     for row in rows:
-        if row["e"] == "state":
+        if row["t"] <= since:
+            continue
+        if row["e"] == "state" and row["stamp"] > begin and abs(row["booted"] - begin) > SAME:
+            if not any(first <= row["t"] <= last for first, last in others):
+                found.append(f"at {row['t'] - begin:.2f} s client {row['client']} read another board")
+        elif row["e"] == "state":
             for number, counts, age in zip(row["ids"], row["counts"], row["age"], strict=True):
                 low, high = servos[number].had(row["stamp"] - age - LATE, row["t"])
                 if math.isfinite(counts) and not low - ROUNDING <= counts <= high + ROUNDING:

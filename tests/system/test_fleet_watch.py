@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.system.fleet_watch import HOLD, SETTLING, TIMEOUT, Servo, rows_of, servos_of, violations
+from tests.system.fleet_watch import HOLD, SETTLING, TIMEOUT, BoardLog, ClientLog, Servo, violations
 from tests.system.watched_board import ROW, Notes
 
 from hexwire.emulator.arms import make_hex7bot_servos
@@ -43,8 +43,10 @@ class Log:
             self.rows.append({"e": "answered", "n": number, "t": end, "refused": refused, "client": 0})
         return self
 
-    def reads(self, stamp: float, counts: float, age: float = 0.0, arrived: float | None = None) -> Log:
-        row = {"stamp": stamp, "t": stamp + 0.01 if arrived is None else arrived, "client": 0}
+    def reads(
+        self, stamp: float, counts: float, age: float = 0.0, arrived: float = 3.01, booted: float = 0.1
+    ) -> Log:
+        row = {"stamp": stamp, "t": arrived, "booted": booted, "client": 0}
         self.rows.append({"e": "state", "ids": [4], "counts": [counts], "age": [age], **row})
         return self
 
@@ -126,6 +128,12 @@ def test_a_position_that_the_servo_did_not_have_is_found(
     assert true or "of servo 4, which had" in found[0]
 
 
+def test_a_state_of_another_board_is_found() -> None:
+    log = Log().reads(3.0, 2000.0, booted=2.0)
+    assert check(servo(), log) == ["at 3.01 s client 0 read another board"]
+    assert not violations(servo(), log.rows, END, others=[(2.5, 3.5)])
+
+
 def test_the_board_writes_down_every_change(tmp_path: Path) -> None:
     (moving, *_) = make_hex7bot_servos(start=0.0)
     notes, log = Notes(moving), b""
@@ -136,7 +144,7 @@ def test_the_board_writes_down_every_change(tmp_path: Path) -> None:
         log += notes.look(0.01 * i)
     path = tmp_path / "log"
     path.write_bytes(log + b"a row that was cut")
-    servos = servos_of(path)
+    servos = BoardLog(path).read()
     assert servos[0].times == pytest.approx([0.0, 0.99, 1.0])
     assert servos[0].positions[2] - servos[0].positions[1] == 5.0
     assert len(log) == 3 * ROW.size
@@ -144,4 +152,7 @@ def test_the_board_writes_down_every_change(tmp_path: Path) -> None:
 
 def test_the_last_line_of_a_killed_client_may_be_cut(tmp_path: Path) -> None:
     (tmp_path / "a").write_text('{"e": "lost"}\n{"e": "sta', encoding="utf-8")
-    assert rows_of([tmp_path / "a"]) == [{"e": "lost", "client": 0}]
+    log = ClientLog(tmp_path / "a", 3)
+    assert log.read() == [{"e": "lost", "client": 3}]
+    (tmp_path / "a").write_text('{"e": "lost"}\n{"e": "state"}\n', encoding="utf-8")
+    assert [row["e"] for row in log.read()] == ["lost", "state"]
