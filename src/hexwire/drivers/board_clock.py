@@ -17,10 +17,8 @@ _DRIFT = 0.01
 """Difference in rate that the clocks may have. Boards with a ceramic resonator are specified to 0.5 %."""
 _WAITED = 10.0
 """Longest time that a report waits, seconds, while a later answer is taken before it."""
-_MOST_WAITING = 64
-"""Reports that can wait: what a session keeps, or the system for a port."""
 _AT_ONCE = 1.0
-"""Seconds in which they are taken then; a board that was reset needs longer to be back."""
+"""Seconds in which all that waited are taken; a board that was reset needs longer to be back."""
 
 
 class BoardClock:
@@ -29,7 +27,6 @@ class BoardClock:
     def __init__(self) -> None:
         self._clock = self._arrived = math.inf
         self._difference = 0.0
-        self._older = 0
 
     def sent(self, clock: float, arrived: float) -> float:
         """When a frame was sent, in seconds of the host's clock; at the latest when it arrived.
@@ -43,21 +40,20 @@ class BoardClock:
             drift = _DRIFT * max(0.0, arrived - self._arrived)
             self._set(clock, arrived, min(difference, self._difference + drift))
         elif self._waited(clock, arrived):
-            self._older += 1
             # One that arrived sooner than those before tells the relation better, too.
             self._difference = min(difference, self._difference)
         else:
-            # The board was reset; or it has no clock, which stands still.
+            # The board was reset; or it has no clock.
             self._set(clock, arrived, difference)
         return clock + self._difference
 
     def _waited(self, clock: float, arrived: float) -> bool:
-        """Whether a frame from before the newest one is a report that waited."""
+        """Whether a frame that is not newer than the newest one is a report that waited."""
         return (
-            self._clock - _WAITED < clock < self._clock < math.inf
+            self._clock - _WAITED < clock <= self._clock < math.inf
+            and clock != 0.0
             and arrived - self._arrived < _AT_ONCE
-            and self._older < _MOST_WAITING
         )
 
     def _set(self, clock: float, arrived: float, difference: float) -> None:
-        self._clock, self._arrived, self._difference, self._older = clock, arrived, difference, 0
+        self._clock, self._arrived, self._difference = clock, arrived, difference
