@@ -253,7 +253,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, Node]]:
 
 def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRobot, Node]) -> None:
     robot, node = fake
-    node.answers = [m.Answer("", value=99), SENT, SENT]
+    node.answers = [m.Answer("", value=99, clock=time.monotonic()), SENT, SENT]
     before = time.monotonic()
     robot.write(TARGET)
     robot.write(TARGET)
@@ -261,6 +261,16 @@ def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRo
     assert (first.key, first.sequence, second.sequence) == (99, 1, 2)
     assert 0.0 < first.doubt < 10.0
     assert before - first.doubt <= first.made <= time.monotonic() + first.doubt
+
+
+def test_the_first_order_after_the_restart_of_the_owners_computer_carries_its_new_clock(
+    fake: tuple[RemoteRobot, Node],
+) -> None:
+    robot, node = fake
+    node.answers = [m.Answer("", value=99, clock=time.monotonic() - 1000.0), SENT]
+    robot.write(TARGET)
+    (order,) = node.orders()
+    assert abs(order.made - (time.monotonic() - 1000.0)) < 10.0
 
 
 def test_an_order_that_came_late_does_not_cost_the_lease(fake: tuple[RemoteRobot, Node]) -> None:

@@ -93,6 +93,8 @@ class RemoteRobot(Following, RobotDriver):
         self._commands_as = Role.OBSERVER
         self._me = whoami()
         self._clock = ClockOffset()
+        # Both the thread of a call and that of the heartbeat add to it.
+        self._comparing = threading.Lock()
         self._states = ArrivedStates(address.text, self._clock)
         self._round_trips: deque[float] = deque(maxlen=1000)
         # One order at a time, so that they arrive in the order of their numbers.
@@ -245,6 +247,7 @@ class RemoteRobot(Following, RobotDriver):
         """
         with self._ordering:
             force = self.address.take if force is None else force
+            sent = time.monotonic()
             answer = self._exchange(
                 self._keys.lease(self._role),
                 m.Take(self._me, force, self._watchdog, int(self._watchdog_mode)),
@@ -252,6 +255,8 @@ class RemoteRobot(Following, RobotDriver):
             )
             if type(answer.value) is not int or answer.value <= 0:
                 raise RemoteProtocolError("not a lease")
+            # The first order follows at once, and the owner's computer may have been restarted since the last time.
+            self._compare(sent, answer.clock, time.monotonic())
             self._sequence, self._lost = 0, ""
             self._used = time.monotonic()
             self._lease = answer.value
@@ -463,6 +468,11 @@ class RemoteRobot(Following, RobotDriver):
 
     # -- the heartbeat --------------------------------------------------------------------------------
 
+    def _compare(self, sent: float, other: float, received: float) -> None:
+        """Compare the clocks by an exchange; see `ClockOffset.add`."""
+        with self._comparing:
+            self._clock.add(sent, other, received)
+
     def _keep(self, node: Node, ending: threading.Event) -> None:
         """Renew the lease and follow the owner's clock, in a thread of its own."""
         measured, server = time.monotonic(), 0
@@ -481,7 +491,7 @@ class RemoteRobot(Following, RobotDriver):
                 continue
             if not answer.kind:
                 measured, server = time.monotonic(), sender
-                self._clock.add(now, answer.clock, measured)
+                self._compare(now, answer.clock, measured)
             elif lease and self._lease == lease:
                 error = restore(answer.kind, answer.text, answer.details)
                 if isinstance(error, LeaseError) and error.lost:
