@@ -262,3 +262,40 @@ def test_a_program_that_asks_much_and_then_takes_nothing_delays_nobody_else(runt
         asker.communicate()
         client.close()
         server.close()
+
+
+# -- the end of a program ---------------------------------------------------------------------------------
+
+_FORGETFUL = """
+import time
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.network import Network
+node = Network(connect=endpoints_of([local_socket("a")])).open()
+arrived = []
+node.subscribe("hexwire/a/state", lambda payload, key: arrived.append(payload))
+while not arrived:
+    time.sleep(0.01)
+print("received")
+"""
+
+
+def test_a_program_that_forgets_to_close_its_session_ends(runtime: Path) -> None:
+    node = Network(listen=endpoints_of([local_socket("a")])).open(wait=False)
+    put, ending = node.publisher("hexwire/a/state"), threading.Event()
+
+    def publish() -> None:
+        # Also while the other program ends.
+        while not ending.wait(0.005):
+            put(b"state")
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        run = subprocess.run(
+            [sys.executable, "-c", _FORGETFUL], capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+    finally:
+        ending.set()
+        thread.join()
+        node.close()
+    assert (run.returncode, run.stdout, run.stderr) == (0, "received\n", "")

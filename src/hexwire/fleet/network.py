@@ -11,7 +11,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import re
+import threading
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -54,6 +57,8 @@ __all__ = [
     "make_socket_folder",
     "read_access",
 ]
+
+_log = logging.getLogger(__name__)
 
 _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
 _OPEN = 3.0
@@ -230,6 +235,10 @@ def _why_not(text: str) -> str:
     return text
 
 
+_RECEIVING = 1.0
+"""Seconds in which a sample that has arrived is handled, at most, when the session is closed."""
+
+
 class NoAnswerError(Exception):
     """No answer to a question; `absent` if nobody offers to answer it, as far as this program may know."""
 
@@ -305,6 +314,9 @@ class Node:
         # Zenoh's stubs leave out the types of what ends a session.
         self._session = session
         self._zenoh = _zenoh()
+        self._receivers: list[threading.Thread] = []
+        # Also at the end of a program that forgets it.
+        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, self._receivers)
 
     @property
     def is_closed(self) -> bool:
@@ -351,8 +363,7 @@ class Node:
 
     def close(self) -> None:
         """Close it; everything declared in it ends."""
-        with contextlib.suppress(self._zenoh.ZError):
-            self._session.close()
+        self._closing()
 
     def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
         """Ask a question and wait for the first answer.
@@ -402,13 +413,25 @@ class Node:
         self._session.declare_queryable(key, lambda query: on_question(Question(key, query)), complete=True)
 
     def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
-        """Receive what is published; returns how to end it. A thread of Zenoh's passes payload and key."""
-        subscriber = self._session.declare_subscriber(
-            key, lambda sample: on_sample(sample.payload.to_bytes(), str(sample.key_expr))
-        )
+        """Receive what is published; returns how to end it. A thread of its own passes payload and key."""
+        subscriber, lost = self._session.declare_subscriber(key), self._zenoh.ZError
+
+        def receive() -> None:
+            # It raises when it is undeclared, or when the session is closed.
+            with contextlib.suppress(lost):
+                for sample in subscriber:
+                    try:
+                        on_sample(sample.payload.to_bytes(), str(sample.key_expr))
+                    except Exception:  # noqa: BLE001  # logged; the next sample may be right
+                        _log.exception("a sample of %s failed", sample.key_expr)
+
+        # Zenoh's own thread for callbacks would keep a program alive that ends without closing the session.
+        thread = threading.Thread(target=receive, name=f"receive {key}", daemon=True)
+        self._receivers[:] = [*(other for other in self._receivers if other.is_alive()), thread]
+        thread.start()
 
         def undeclare() -> None:
-            with contextlib.suppress(self._zenoh.ZError):
+            with contextlib.suppress(lost):
                 subscriber.undeclare()
 
         return undeclare
@@ -452,6 +475,15 @@ class Node:
         self._watch = self._session.liveliness().declare_subscriber(
             key, lambda sample: on_change(str(sample.key_expr), sample.kind == put), history=True
         )
+
+
+def _close(session: Any, error: type[Exception], receivers: list[threading.Thread]) -> None:
+    with contextlib.suppress(error):
+        session.close()
+    # A thread that comes back from Zenoh into an interpreter that has ended would abort the program.
+    for thread in receivers:
+        if thread is not threading.current_thread():
+            thread.join(_RECEIVING)
 
 
 def read_access(path: str) -> dict[str, Any]:
