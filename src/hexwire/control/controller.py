@@ -377,8 +377,8 @@ class TrajectoryController:
             desired = self._desired(ages, state.stamp, now)
         except HexwireError:
             return  # the position of a joint is unknown
-        position = tuple(state.position[i] for i in self._places)
-        speed = tuple(velocity[i] for i in self._places)
+        position = tuple([state.position[i] for i in self._places])
+        speed = tuple([velocity[i] for i in self._places])
         self._progress = Progress(self.joints, desired, position, speed, sampled)
         active = self._active
         if active is None or self._pending is not None:

@@ -107,19 +107,22 @@ class StateFilter:
         """
         when = self._clock.time(state)
         names, positions, velocities, ages = [], [], [], []
+        finite, slopes = math.isfinite, self._slopes
         columns = zip(state.names, state.position, state.velocity, state.flags, state.age, strict=True)
         for name, position, velocity, flags, age in columns:
-            if not math.isfinite(position) or not math.isfinite(age):
+            if not finite(position) or not finite(age):
                 continue
             if flags & _SILENT and age > self._max_age:
                 continue
-            slope = self._slopes.get(name)
-            if slope is None:
-                slope = self._slopes[name] = _Slope()
-            slope.add(when - age, position)
+            if not finite(velocity):
+                slope = slopes.get(name)
+                if slope is None:
+                    slope = slopes[name] = _Slope()
+                slope.add(when - age, position)
+                velocity = slope.value
             names.append(name)
             positions.append(position)
-            velocities.append(velocity if math.isfinite(velocity) else slope.value)
+            velocities.append(velocity)
             ages.append(age)
         if not names:
             return None
@@ -134,6 +137,8 @@ class StateFilter:
 
 class _Slope:
     """Velocity of one joint from its positions."""
+
+    __slots__ = ("_samples", "value")
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()

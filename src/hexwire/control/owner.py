@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -60,6 +61,8 @@ _PERIODS = 4.0
 """Least watchdog timeout of a borrowed robot, in periods."""
 _FEEDS = 4.0
 """States read per watchdog timeout: a driver feeds the watchdog between them."""
+_SHORT = 0.02
+"""Seconds for which a shutdown may wait until the owner notices it."""
 _FRESH = 1.0
 """Greatest age in seconds of a state from which a motion may begin; on a slow line, three command periods."""
 _SILENT = 0.5
@@ -142,7 +145,7 @@ class RobotOwner:
             asked=asked,
             clock=clock,
         )
-        self._clock, self._sleep = clock or robot.now, sleep or self._ending.wait
+        self._clock, self._sleep = clock or robot.now, sleep or self._wait
         # A stop that could not be sent, and must be when the robot is back.
         self._owes_stop = False
         self._reader: StateReader | None = None
@@ -591,6 +594,13 @@ class RobotOwner:
             # Last, when nothing can be sent: if the board did not receive the stop, its watchdog must stop the arm.
             with suppress(HexwireError):
                 self._watched.close()
+
+    def _wait(self, seconds: float) -> None:
+        # The wait of an event costs several times a plain sleep, and this is asked for with every state.
+        if 0.0 < seconds < _SHORT:
+            time.sleep(seconds)
+        else:
+            self._ending.wait(seconds)
 
     def _fail_calls(self) -> None:
         self._calls.fail(LinkLostError(f"the robot cannot be reached: {self.error}"))

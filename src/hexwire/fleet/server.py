@@ -217,7 +217,7 @@ class ArmServer:
             time.time(),
             state.names if state else (),
             state.position if state else empty,
-            _known(state.velocity, owner.speeds(state.names)) if state else empty,
+            self._velocity(state) if state else empty,
             state.load if state else empty,
             state.current if state else empty,
             state.voltage if state else empty,
@@ -235,8 +235,19 @@ class ArmServer:
             self._done_before_sample(state),
         )
 
+    def _velocity(self, state: JointState) -> tuple[float, ...]:
+        """Velocities; short reports leave them out, so that those out of the positions take their place."""
+        measured = state.velocity
+        if not any(map(math.isnan, measured)):
+            return measured
+        computed = self._owner.speeds(state.names)
+        return tuple([b if math.isnan(a) else a for a, b in zip(measured, computed, strict=True)])
+
     def _done_before_sample(self, state: JointState | None) -> int:
         """Number of orders that were done before the values of a state were sampled."""
+        if state is not None and not self._ends:
+            # An order that ends now ends after the sample.
+            return self._done_before
         if state is None:
             # It has no values, and may say that the robot is lost.
             return self._done
@@ -467,11 +478,6 @@ class ArmServer:
             shared.now(),
             socket.gethostname(),
         )
-
-
-def _known(measured: Sequence[float], computed: Sequence[float]) -> tuple[float, ...]:
-    """Velocities; short reports leave them out, so that those out of the positions take their place."""
-    return tuple(b if math.isnan(a) else a for a, b in zip(measured, computed, strict=True))
 
 
 def _shown(text: str) -> str:

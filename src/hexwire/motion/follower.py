@@ -328,15 +328,17 @@ class Follower:
 
     def _present(self, names: tuple[str, ...]) -> tuple[float, ...]:
         """Last commanded positions of joints, or their present positions if there was no command."""
-        state = self._state
+        command, state = self._command, self._state
+        # Asked for with every state: the state is looked up once, and only for joints without a command.
+        known: Mapping[str, float] = {} if state is None or command.keys() >= set(names) else state.positions
         values = []
         for name in names:
-            if name in self._command:
-                values.append(self._command[name])
-            elif state is not None and name in state.names and math.isfinite(state[name].position):
-                values.append(state[name].position)
-            else:
-                raise UsageError(f"the position of {name} is still unknown: it has not answered yet")
+            value = command.get(name)
+            if value is None:
+                value = known.get(name, math.nan)
+                if not math.isfinite(value):
+                    raise UsageError(f"the position of {name} is still unknown: it has not answered yet")
+            values.append(value)
         return tuple(values)
 
     def _refuse_if_stopped(self) -> None:
