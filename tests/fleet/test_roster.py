@@ -11,9 +11,11 @@ from hexwire.errors import UsageError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network, Node
+from hexwire.fleet.rights import Kind
 from hexwire.fleet.roster import HUNG, Roster
 
 from .eventually import eventually
+from .lab import Lab
 
 
 def offer(name: str, *instances: str, endpoint: str = "") -> Node:
@@ -94,3 +96,31 @@ def test_arms_behind_a_router_and_a_router_that_is_lost(runtime: Path) -> None:
         eventually(lambda: not roster.seen())
         assert eventually(roster.silent)
     far.close()
+
+
+@pytest.mark.parametrize("pattern", ["**", "lab/*", "lab/**", "*/arm1", "lab/arm1"])
+def test_whoever_asks_for_more_than_the_certificate_is_for_sees_what_it_is_for(
+    runtime: Path, tmp_path: Path, pattern: str
+) -> None:
+    lab = Lab(tmp_path)
+    lab.issue("one", Kind.ARM, "lab/arm1")
+    lab.issue("two", Kind.ARM, "hall/arm1")
+    lab.issue("anna", Kind.OPERATOR, "lab/*", "cellar/x")
+    with lab.routing(), lab.session("one") as one, lab.session("two") as two:
+        one.announce(Keys("lab/arm1").token("1"))
+        two.announce(Keys("hall/arm1").token("1"))
+        eventually(lambda: one.visible(Keys("lab/arm1").alive, 1.0) and two.visible(Keys("hall/arm1").alive, 1.0))
+        with Roster(pattern, lab.network("anna")) as roster:
+            assert roster.settle(10.0)
+            assert list(roster.seen()) == ["lab/arm1"]
+
+
+def test_many_looks_see_all_arms_at_once(runtime: Path) -> None:
+    """Zenoh's answer is complete only if nothing subscribes to the same at that moment."""
+    nodes = [offer(f"lab/arm{i}") for i in range(5)]
+    for _ in range(10):
+        with Roster("lab/*") as roster:
+            assert roster.settle(5.0)
+            assert len(roster.seen()) == len(nodes)
+    for node in nodes:
+        node.close()

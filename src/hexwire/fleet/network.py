@@ -472,9 +472,10 @@ class Node:
     def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
         """Be told in a thread of Zenoh's when programs become visible or vanish, and of those visible now."""
         put = self._zenoh.SampleKind.PUT
-        self._watch = self._session.liveliness().declare_subscriber(
+        watch = self._session.liveliness().declare_subscriber(
             key, lambda sample: on_change(str(sample.key_expr), sample.kind == put), history=True
         )
+        self._watches = [*getattr(self, "_watches", []), watch]
 
 
 def _close(session: Any, error: type[Exception], receivers: list[threading.Thread]) -> None:

@@ -82,7 +82,7 @@ class FleetRecorder:
         self._arms: dict[str, _Recorded] = {}
         self._queue: queue.Queue[tuple[str, Node, bytes]] = queue.Queue(_WAITING)
         self._roster = Roster(pattern, router)
-        self._subscribed: set[Node] = set()
+        self._subscribed: set[tuple[str, Node]] = set()
         self._ending = threading.Event()
         # Guards the writer.
         self._lock = threading.Lock()
@@ -134,23 +134,24 @@ class FleetRecorder:
                 self._event(f"{name} {words}")
             elif arm.node is not one.node:
                 arm.node = one.node
-            if one.node not in self._subscribed:
-                self._subscribed.add(one.node)
-                self._subscribe(one.node)
+            if (name, one.node) not in self._subscribed:
+                self._subscribed.add((name, one.node))
+                self._subscribe(name, one.node)
         for name, arm in self._arms.items():
             if arm.there and name not in seen:
                 arm.there = False
                 self._event(f"{name} is gone", warning=True)
-        self._subscribed = {node for node in self._subscribed if not node.is_closed}
+        self._subscribed = {(name, node) for name, node in self._subscribed if not node.is_closed}
 
-    def _subscribe(self, node: Node) -> None:
+    def _subscribe(self, name: str, node: Node) -> None:
         def put(payload: bytes, key: str) -> None:
             try:
                 self._queue.put_nowait((key, node, payload))
             except queue.Full:
                 self.overflows += 1
 
-        node.subscribe(Keys(self._roster.pattern).state, put)
+        # For each arm by itself: a pattern may be more than the certificate is for.
+        node.subscribe(Keys(name).state, put)
 
     def _event(self, text: str, *, warning: bool = False, tell: bool = True) -> None:
         now = time.monotonic() + self._wall

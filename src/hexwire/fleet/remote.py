@@ -232,6 +232,10 @@ class RemoteRobot(Following, RobotDriver):
         self._states.close()
         if node is not None:
             node.close()
+        keeper = self._keeper
+        if keeper is not None and keeper is not threading.current_thread():
+            # A thread that is in Zenoh when the interpreter ends would abort the program.
+            keeper.join(_TIMEOUT)
 
     # -- the lease ------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from hexwire.errors import UsageError
 
-from .names import HERE, ROOT, Keys, Role, check_pattern
+from .names import HERE, ROOT, Keys, Role, check_pattern, matches
 
 __all__ = ["KEY_WORDS", "Kind", "Rights", "access_control"]
 
@@ -92,7 +92,7 @@ class Rights:
 
     def covers(self, name: str) -> bool:
         """Whether they are for the arm of that name."""
-        return self.kind is Kind.ROUTER or any(_matches(pattern, name) for pattern in self.arms)
+        return self.kind is Kind.ROUTER or any(matches(pattern, name) for pattern in self.arms)
 
     def uris(self) -> tuple[str, ...]:
         """As they stand in a certificate."""
@@ -115,19 +115,6 @@ class Rights:
         if any(len(parts) != 3 for parts in ours) or len(kinds) > 1 or not kinds <= set(Kind):
             raise UsageError("a role that this version does not know, or more than one")
         return cls(Kind(kinds.pop()), tuple(parts[2] for parts in ours if parts[2]))
-
-
-def _matches(pattern: str, name: str) -> bool:
-    return _parts_match(pattern.split("/"), name.split("/"))
-
-
-def _parts_match(pattern: Sequence[str], name: Sequence[str]) -> bool:
-    if not pattern:
-        return not name
-    first, rest = pattern[0], pattern[1:]
-    if first == "**":
-        return any(_parts_match(rest, name[skipped:]) for skipped in range(len(name) + 1))
-    return bool(name) and first in ("*", name[0]) and _parts_match(rest, name[1:])
 
 
 def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from typing import Self
 
 from hexwire.errors import HexwireError, UsageError
 
+from .address import rights_of
 from .endpoints import endpoints_of, is_served, local_name, local_sockets
 from .names import Keys, check_pattern, matches, name_of
 from .network import Network, Node
@@ -59,7 +60,7 @@ class Roster:
         on_change: Called when an arm appears (True) or vanishes (False), in a thread that must not wait.
 
     Raises:
-        UsageError: It is not a pattern.
+        UsageError: It is not a pattern; or the certificate cannot be read.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class Roster:
     ) -> None:
         self.pattern = check_pattern(pattern)
         self._router, self._on_change = router, on_change
+        self._rights = rights_of(router.cert) if router is not None and router.cert else None
         self._ways: dict[str, _Way] = {}
         # Arm -> connection -> instances of its server. An arm may be reached on two ways.
         self._arms: dict[str, dict[_Way, set[str]]] = {}
@@ -132,6 +134,8 @@ class Roster:
         way.thread.start()
 
     def _token(self, way: _Way, key: str, there: bool) -> None:
+        if not self._is_wanted(key):
+            return
         with contextlib.suppress(UsageError):
             name, instance = name_of(key)
             with self._lock:
@@ -166,7 +170,7 @@ class Roster:
             del self._arms[name]
 
     def _run(self, way: _Way) -> None:
-        pattern = Keys(self.pattern).alive
+        keys = [Keys(pattern).alive for pattern in self._patterns(way)]
         while not self._ending.is_set():
             try:
                 way.node = node = way.network.open()
@@ -180,8 +184,9 @@ class Roster:
             way.error = ""
             try:
                 # In this order: Zenoh answers a question from what a subscriber has heard so far.
-                found = self._tokens(node, way)
-                node.watch_visible(pattern, lambda key, there: self._token(way, key, there))
+                found = self._tokens(node, way, keys)
+                for key in keys:
+                    node.watch_visible(key, lambda key, there: self._token(way, key, there))
                 deadline = time.monotonic() + _TOKENS
                 while not self._knows(way, found) and time.monotonic() < deadline:
                     self._ending.wait(_MOMENT)
@@ -198,10 +203,20 @@ class Roster:
         if way.socket is not None:
             self._ways.pop(str(way.socket), None)
 
-    def _tokens(self, node: Node, way: _Way) -> list[str]:
+    def _patterns(self, way: _Way) -> list[str]:
+        """What to ask for on a way: who asks for more than its certificate is for hears nothing."""
+        if way.socket is not None:
+            # Its only server has a token, so that an empty answer comes too early.
+            return ["**"]
+        arms = self._rights.arms if self._rights is not None else ()
+        # One part of a pattern stands for itself here; for '**' only '**' does.
+        covered = any(matches(arm, self.pattern) for arm in arms) and "**" not in self.pattern
+        return [self.pattern] if not arms or covered or "**" in arms else list(arms)
+
+    def _tokens(self, node: Node, way: _Way, keys: list[str]) -> list[str]:
         """The tokens that are there; a server's own ones come a moment after the connection stands."""
-        everybody, deadline = Keys("**").alive, time.monotonic() + _TOKENS
-        while not (found := node.visible(everybody, _TOKENS)):
+        deadline = time.monotonic() + _TOKENS
+        while not (found := [token for key in keys for token in node.visible(key, _TOKENS)]):
             if way.socket is None or time.monotonic() > deadline or self._ending.wait(_MOMENT):
                 break
         return [key for key in found if self._is_wanted(key)]
