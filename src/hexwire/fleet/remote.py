@@ -6,17 +6,12 @@ know what is behind the arm, nor the bytes of a robot.
 
 from __future__ import annotations
 
-import getpass
 import math
-import os
-import socket
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Self
 
 from hexwire.drivers.base import RobotDriver
@@ -37,6 +32,7 @@ from .address import Address
 from .clock import ClockOffset
 from .failures import restore
 from .following import Following
+from .identity import whoami
 from .names import Keys, Role
 from .network import NoAnswerError, Node
 from .questions import ask, decoded
@@ -59,18 +55,6 @@ _EXCHANGES = 4
 """Measurements of the owner's clock at the beginning."""
 _SILENCE = 1.0
 """Seconds without a state after which `read` asks for the reason; as long as the server answers, it waits on."""
-
-
-def whoami() -> str:
-    """This program, for display at other computers."""
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):
-        user = f"user {os.getuid()}"
-    program = Path(sys.argv[0] or "python").name
-    text = f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
-    # A name out of a file system may have bytes that are no text.
-    return text.encode(errors="replace").decode()
 
 
 class RemoteRobot(Following, RobotDriver):
@@ -232,10 +216,9 @@ class RemoteRobot(Following, RobotDriver):
         self._states.close()
         if node is not None:
             node.close()
-        keeper = self._keeper
-        if keeper is not None and keeper is not threading.current_thread():
-            # A thread that is in Zenoh when the interpreter ends would abort the program.
-            keeper.join(_TIMEOUT)
+        # A thread that is in Zenoh when the interpreter ends would abort the program.
+        if self._keeper is not None and self._keeper is not threading.current_thread():
+            self._keeper.join(_TIMEOUT)
 
     # -- the lease ------------------------------------------------------------------------------------
 
