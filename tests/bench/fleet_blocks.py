@@ -63,7 +63,7 @@ class Process:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise RuntimeError(f"the worker {self._role} has ended")
+            raise RuntimeError(f"the worker {self._role} has ended with status {self._process.wait()}")
         return line
 
     def _end(self) -> None:

@@ -45,16 +45,16 @@ def arms(endpoint: str, first: str, count: str, rate: str) -> Iterator[w.Worker]
 
 @contextmanager
 def replay(endpoint: str, first: str, count: str, rate: str) -> Iterator[w.Worker]:
-    """Arms that are only recordings: each has its session and publishes its states, with nothing behind it."""
+    """Arms of which there are only states, with nothing behind them; they share one session."""
     robot = FakeRobot(read_arms({"fleet/arm": {"robot": "sim"}})[0].driver)
     state = robot.read()
     columns = [getattr(state, name) for name in m.State.__struct_fields__[5:14]]
     ending = threading.Event()
     with ExitStack() as stack:
         puts = []
+        node = Network(connect=(endpoint,)).open()
+        stack.callback(node.close)
         for i in range(int(count)):
-            node = Network(connect=(endpoint,)).open()
-            stack.callback(node.close)
             name = f"fleet/arm{int(first) + i}"
             node.announce(Keys(name).token("0"))
             puts.append((random.getrandbits(53), node.publisher(Keys(name).state)))

@@ -12,33 +12,29 @@ _FLEET = (10, 50, 200)
 _FLEET_RATE = 50.0
 _FLEET_SECONDS = 3.0
 _FLEET_PROCESSES = 4
+_PARTS = ("arms", "router", "reader")
 
 
 def run() -> Iterator[str]:
-    yield (
-        f"arms at {_FLEET_RATE:g} Hz in {_FLEET_PROCESSES} processes behind one router, each with its own session, "
-        "read by one program;"
-    )
-    yield "  replayed: only states, since the owners of so many arms would be the limit of two cores:"
+    yield f"arms at {_FLEET_RATE:g} Hz in {_FLEET_PROCESSES} processes behind one router, read by one program."
+    yield "  A complete arm has an owner, a lease and a session. Many of them would be the limit of two cores: the"
+    yield "  other rows are only states, sent by processes with one session each:"
     replayed = []
     for role, count in (("arms", _FLEET[0]), *(("replay", count) for count in _FLEET)):
         row = _fleet(role, count)
         if role == "replay":
             replayed.append(row)
-        yield (
-            f"  {count:3} {'complete' if role == 'arms' else 'replayed'}: delivered {row['share']:.2%}, "
-            f"lost {row['lost']:.0f}, p50 / p99 {row['p50']:.2f} / {row['p99']:.2f} ms; CPU of one core: arms "
-            f"{row['arms']:.1%} ({row['arms'] / count:.3%} an arm), router {row['router']:.1%} "
-            f"({row['router'] / count:.3%}), reader {row['reader']:.1%} ({row['reader'] / count:.3%})"
+        each = ", ".join(
+            f"{part} {row[part]:.1%} ({row[part] / count:.3%} an arm, {row[f'{part} us']:.0f} us a state)"
+            for part in _PARTS
         )
-    for part in ("arms", "router", "reader"):
-        low, middle, high = (row[part] for row in replayed)
-        first = (middle - low) / (_FLEET[1] - _FLEET[0])
-        second = (high - middle) / (_FLEET[2] - _FLEET[1])
         yield (
-            f"  {part}: an arm more costs {second:.3%} of a core from {_FLEET[1]} to {_FLEET[2]}, "
-            f"{second / first:.2f} times what it costs from {_FLEET[0]} to {_FLEET[1]}: linear is 1"
+            f"  {count:3} {'complete' if role == 'arms' else 'states'}: {row['rate']:.1f} Hz an arm sent, "
+            f"{row['delivered']:.2%} of it delivered, {row['lost']:.0f} lost, p50 / p99 {row['p50']:.2f} / "
+            f"{row['p99']:.2f} ms; CPU of one core: {each}"
         )
+    ratios = ", ".join(f"{part} {replayed[-1][f'{part} us'] / replayed[0][f'{part} us']:.2f}" for part in _PARTS)
+    yield f"  CPU a state with {_FLEET[-1]} arms, times that with {_FLEET[0]}: {ratios}; linear growth is at most 1"
 
 
 def _fleet(role: str, count: int) -> Block:
@@ -57,12 +53,15 @@ def _fleet(role: str, count: int) -> Block:
         found = reader.ask("read", seconds=_FLEET_SECONDS)
         after = [process.ask("cpu") for process in (router, *servers)]
         shares = [(b["cpu"] - a["cpu"]) / (b["now"] - a["now"]) for a, b in zip(before, after, strict=True)]
-    rows = found["arms"]
+    seen, lost = (sum(row[i] for row in found["arms"]) for i in range(2))
+    cores = {"arms": sum(shares[1:]), "router": shares[0], "reader": found["cpu"] / _FLEET_SECONDS}
+    # A machine without room for the rate sends less: CPU time is related to what was sent.
+    sent = (seen + lost) / _FLEET_SECONDS
     return {
         **quantiles(found["ages"]),
-        "share": sum(seen for seen, _ in rows) / (count * _FLEET_RATE * _FLEET_SECONDS),
-        "lost": float(sum(lost for _, lost in rows)),
-        "router": shares[0],
-        "arms": sum(shares[1:]),
-        "reader": found["cpu"] / _FLEET_SECONDS,
+        **cores,
+        **{f"{part} us": 1e6 * share / sent for part, share in cores.items()},
+        "rate": sent / count,
+        "delivered": seen / (seen + lost),
+        "lost": float(lost),
     }

@@ -238,8 +238,13 @@ def physical_owner(name: str) -> Iterator[Worker]:
 
 
 @contextmanager
-def physical_client(name: str) -> Iterator[Worker]:
-    """Its clients. They wait for a state inside the driver: its own call only looks whether there is one."""
+def physical_client(name: str, own_call: str = "") -> Iterator[Worker]:
+    """Its clients. They wait for a state inside the driver: its own call only looks whether there is one.
+
+    Args:
+        name: Of the robot.
+        own_call: If not empty, they look by its own call instead, in a loop at the rate of the states.
+    """
     import numpy
     from physicalai.robot.transport import SharedRobot
     from physicalai.robot.transport._codec import decode_state
@@ -249,9 +254,15 @@ def physical_client(name: str) -> Iterator[Worker]:
         robot.connect()
 
         def following() -> float:
+            if own_call:
+                next(loop)
+                return time.monotonic() - robot.get_observation().timestamp
             state = decode_state(robot._state_sub.recv().payload.to_bytes())
             return time.monotonic() - state.timestamp
 
+        loop = beats(RATE)
+        # The loop of a program and that of the owner know nothing of each other.
+        time.sleep(random.uniform(0.0, 1.0 / RATE))
         return following, robot.disconnect
 
     readers = Readers(open_one)
