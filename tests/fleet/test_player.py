@@ -33,7 +33,8 @@ def way(by: float = 0.2, seconds: float = 1.0, joint: str = "J1") -> Spline:
 @pytest.fixture
 def robots(serve: Serve) -> Iterator[dict[str, RemoteRobot]]:
     for name in NAMES:
-        serve(name, robot="sim")
+        # A longer time than usual, so that a busy machine is not taken for a player that died.
+        serve(name, lease=3.0, robot="sim")
     with attached_to({name: f"zenoh:{name}" for name in NAMES}) as attached:
         yield attached
 

@@ -69,7 +69,7 @@ Where every fifth packet is lost, TCP is silent for up to 3 s."""
 _SIGNS = 5
 """Signs of life in that time."""
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
-_STUCK = 0.1
+_STUCK = 0.25
 """Seconds for which an answer waits for a program that takes nothing; then its connection is closed. Behind such
 answers the questions of others wait, even a stop: 5 s by Zenoh's own limit, each time."""
 _MOST_SESSIONS = 10_000
