@@ -13,7 +13,7 @@ from tests.drivers.arms import Arm
 from hexwire.control import run_motion
 from hexwire.control.motions import check_path
 from hexwire.drivers.values import StopMode
-from hexwire.errors import GoalError
+from hexwire.errors import GoalError, PreemptedError
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.state import JointState, JointTarget
 from hexwire.motion.safety import SafetyLimits
@@ -181,3 +181,17 @@ def test_a_path_is_checked_from_the_positions_that_are_given() -> None:
     assert check_path(bench.robot, way, options, start=here) == check_path(bench.robot, way, options)
     with pytest.raises(GoalError, match="elbow folded"):
         check_path(bench.robot, way, options, start=bent)
+
+
+@KINDS
+def test_a_motion_whose_target_a_stop_took_the_line_from_ends_as_stopped(what: str) -> None:
+    bench = Bench()
+    wanted = motion(bench, what, "J4", 0.5, 1.0)
+
+    def preempted(target: JointTarget) -> Any:
+        raise PreemptedError("a stop took the line")
+
+    bench.robot.write = preempted  # type: ignore[method-assign]
+    result = run_motion(bench.robot, wanted, bench.options())
+    assert result.arrived is False
+    assert result.why == "stopped: a stop command has stopped the arm"

@@ -28,7 +28,7 @@ from hexwire.errors import (
     StoppedError,
     UsageError,
 )
-from hexwire.motion.safety import StopReason, board_stop
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 
 from .calls import QueuedCalls, voided_by_stop
 from .group import ControllerGroup
@@ -490,6 +490,9 @@ class RobotOwner:
         except PreemptedError:
             # A stop interrupted the exchange on the line: not a failure, and the stop handles the rest.
             self._close_reader()
+            if self._borrowed and self.group.reason is None:
+                # The one motion of a borrowed robot is over; its target may never have been sent.
+                self.group.stop(StopReason("board", STOP_COMMAND))
         except HexwireError as error:
             self._lose(error)
             if self._borrowed:
