@@ -5,8 +5,11 @@ Owns the moment before anything is loaded. Must not import anything slow itself.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import os
 import signal
+import sys
 
 __all__ = ["main", "ros1"]
 
@@ -29,7 +32,21 @@ def _start(name: str) -> None:
     program = importlib.import_module(f"hexwire.cli.{name}")
     if ours:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    program.main()
+    try:
+        program.main()
+    except SystemExit as end:
+        if "zenoh" in sys.modules:
+            _end_at_once(end.code)
+        raise
+
+
+def _end_at_once(code: object) -> None:
+    """End without the interpreter's shutdown, which aborts if a thread is inside Zenoh. All is closed by now."""
+    for stream in (sys.stdout, sys.stderr):
+        # Closed, or nobody reads it any more.
+        with contextlib.suppress(AttributeError, OSError, ValueError):
+            stream.flush()
+    os._exit(code if isinstance(code, int) else 0 if code is None else 1)
 
 
 if __name__ == "__main__":
