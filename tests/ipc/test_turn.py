@@ -78,3 +78,47 @@ def test_a_nudge_that_fails_leaves_nothing_counted() -> None:
     assert turn.urgent_waiting == 0
     with turn.taken():
         pass
+
+
+def test_a_listener_is_woken_by_those_who_wait_and_lets_them_in_first() -> None:
+    turn = Turn()
+    woken = threading.Event()
+    order: list[str] = []
+
+    def waiter() -> None:
+        with turn.taken():
+            order.append("waiter")
+
+    assert turn.begin_listening(woken.set)
+    thread = threading.Thread(target=waiter)
+    thread.start()
+    assert woken.wait(PATIENCE)
+    turn.end()
+    assert turn.begin_listening(woken.set)
+    order.append("listener")
+    turn.end()
+    thread.join(PATIENCE)
+    assert order == ["waiter", "listener"]
+    assert (turn.waiting, turn.listening) == (0, None)
+
+
+def test_a_listener_stays_awake_to_others_after_a_request_of_its_own() -> None:
+    turn = Turn()
+
+    def wake() -> None: ...
+
+    assert turn.begin_listening(wake)
+    with turn.taken():
+        pass
+    assert turn.listening is wake
+    turn.end()
+    assert turn.listening is None
+
+
+def test_the_owner_that_listens_keeps_the_lock() -> None:
+    turn = Turn()
+    with turn.taken():
+        assert not turn.begin_listening(lambda: None)
+        assert turn.listening is None
+        turn.end()
+        assert turn.owner == threading.get_ident()

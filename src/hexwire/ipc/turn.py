@@ -101,10 +101,9 @@ class Turn:
 
     def end(self) -> None:
         """Release the lock."""
-        self.listening = None
         self._depth -= 1
         if not self._depth:
-            self.owner = 0
+            self.owner, self.listening = 0, None
         self._lock.release()
 
     @contextmanager
