@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hexwire.cli.main import LazyGroup, cli
+from hexwire.cli.lazy import LazyGroup
+from hexwire.cli.main import cli
 from hexwire.cli.trace import trace
 
 LOG = """\

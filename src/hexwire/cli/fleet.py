@@ -1,13 +1,13 @@
 """`fleet`: the group of commands for many shared arms.
 
-Owns the names of its commands; each is imported when it is used. Must not know what a command does.
+Owns the names of its commands. Must not know what a command does.
 """
 
 from __future__ import annotations
 
-import importlib
-
 import click
+
+from .lazy import LazyGroup
 
 __all__ = ["COMMANDS", "fleet"]
 
@@ -23,25 +23,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """Name -> location of the command (module:attribute) and its one-line help."""
 
 
-class _Group(click.Group):
-    """A group whose commands are imported when they are used."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
-        command: click.Command = getattr(importlib.import_module(module), attribute)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
-
-
-@click.group(cls=_Group)
+@click.group(cls=LazyGroup, table=COMMANDS)
 def fleet() -> None:
     """Many shared arms: see, stop, record and play them at once; the router, and rights by certificate.
 

@@ -1,4 +1,4 @@
-"""The program `hexwire`: the table of commands and their lookup.
+"""The program `hexwire`: the table of commands, and the options of all of them.
 
 Owns command names and one-line help texts, so that `hexwire --help` imports no command. A command's module is
 imported when the command is used. Must not know what a command does.
@@ -7,7 +7,6 @@ imported when the command is used. Must not know what a command does.
 from __future__ import annotations
 
 import difflib
-import importlib
 import itertools
 import sys
 from typing import Any
@@ -15,8 +14,9 @@ from typing import Any
 import click
 
 from .exits import INTERRUPTED, ends_like_ctrl_c, fill_standard_streams, note, run, show_more, warnings_shown
+from .lazy import LazyGroup
 
-__all__ = ["COMMANDS", "LazyGroup", "cli", "main"]
+__all__ = ["COMMANDS", "cli", "main"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "bus": ("hexwire.cli.bus:bus", "Talk to bus servos through an adapter, without a board."),
@@ -55,22 +55,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
 _ANYWHERE = ("--trace", "--explain")
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported when they are used."""
+class _Program(LazyGroup):
+    """The group of all commands, run as a program."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
-        command: click.Command = getattr(importlib.import_module(module), attribute)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, table=COMMANDS, **options)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         # Users type `hexwire state --trace`, so these options are accepted at any position.
@@ -115,7 +104,7 @@ class LazyGroup(click.Group):
 
 
 @click.command(
-    cls=LazyGroup,
+    cls=_Program,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="To try it without hardware, run 'hexwire sim board'; it prints the port of an emulated arm.",
