@@ -21,7 +21,6 @@ from collections.abc import Callable
 from typing import Any
 
 from hexwire.errors import HexwireError, RemoteProtocolError, UsageError
-from hexwire.model.state import JointState
 from hexwire.trace.recording import RecordingWriter, topic_of
 
 from . import messages as m
@@ -29,6 +28,7 @@ from .clock import ClockOffset
 from .names import ROOT, Keys, check_name
 from .network import Network, NoAnswerError, Node
 from .roster import Roster
+from .rows import joint_state
 
 __all__ = ["EVENTS", "FleetRecorder"]
 
@@ -167,7 +167,7 @@ class FleetRecorder:
         try:
             name = check_name(key.removeprefix(f"{ROOT}/").removesuffix("/state"))
             state = m.decode(payload, m.State)
-            joints = _joints(state)
+            joints = joint_state(state, state.stamp)
         except (RemoteProtocolError, UsageError):
             return
         arm = self._arms.get(name)
@@ -236,21 +236,3 @@ class FleetRecorder:
 def _time(seconds: float) -> dict[str, int]:
     ns = round(seconds * 1e9)
     return {"sec": ns // 1_000_000_000, "nsec": ns % 1_000_000_000}
-
-
-def _joints(state: m.State) -> JointState:
-    rows = (state.position, state.velocity, state.load, state.current, state.voltage, state.temperature, state.age)
-    if any(len(column) != len(state.names) for column in (*rows, state.flags)):
-        raise RemoteProtocolError("a state whose columns differ in length")
-    return JointState(
-        names=state.names,
-        position=state.position,
-        velocity=state.velocity,
-        load=state.load,
-        current=state.current,
-        voltage=state.voltage,
-        temperature=state.temperature,
-        flags=state.flags,
-        age=state.age,
-        stamp=state.stamp,
-    )

@@ -1,6 +1,6 @@
 """Values of a robot as plain rows in messages, and back.
 
-Owns the conversion of arm models and probe reports. Must not know Zenoh.
+Owns the conversion of states, arm models and probe reports. Must not know Zenoh.
 """
 
 from __future__ import annotations
@@ -14,15 +14,48 @@ import msgspec
 from hexwire.drivers.values import ProbeReport
 from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.state import JointState
 
 from . import messages as m
 
-__all__ = ["arm_model", "as_probe_report", "as_probe_rows", "joints_of"]
+__all__ = ["arm_model", "as_probe_report", "as_probe_rows", "joint_state", "joints_of"]
 
 # Learns the type, before any second thread: see the decoders of messages.
 msgspec.json.Decoder(ProbeReport)
 _MOST_JOINTS = 64
 _LARGEST = 1e6
+
+
+def joint_state(state: m.State, stamp: float) -> JointState:
+    """The joint state in a message.
+
+    Args:
+        state: The message.
+        stamp: Time of its newest sample on the reader's clock, seconds.
+
+    Raises:
+        RemoteProtocolError: Its columns differ in length.
+    """
+    result = JointState(
+        names=state.names,
+        position=state.position,
+        velocity=state.velocity,
+        load=state.load,
+        current=state.current,
+        voltage=state.voltage,
+        temperature=state.temperature,
+        flags=state.flags,
+        age=state.age,
+        stamp=stamp,
+        board_time=state.board_time,
+        stopped=state.stopped,
+        watchdog_tripped=state.tripped,
+        maintenance=state.maintenance,
+    )
+    numbers = (result.position, result.velocity, result.load, result.current, result.voltage, result.temperature)
+    if any(len(column) != len(result.names) for column in (*numbers, result.flags, result.age)):
+        raise RemoteProtocolError("a state whose columns differ in length")
+    return result
 
 
 def joints_of(model: ArmModel) -> tuple[m.Joint, ...]:

@@ -16,6 +16,7 @@ from hexwire.model.state import JointState
 
 from . import messages as m
 from .clock import ClockOffset
+from .rows import joint_state
 
 __all__ = ["ArrivedStates"]
 
@@ -129,33 +130,9 @@ class ArrivedStates:
         url = self._url
         if state.error:
             raise LinkLostError(f"{url}: {state.error}", url=url)
-        columns = (
-            state.position,
-            state.velocity,
-            state.load,
-            state.current,
-            state.voltage,
-            state.temperature,
-            state.flags,
-            state.age,
-        )
-        if any(len(column) != len(state.names) for column in columns):
-            raise RemoteProtocolError(f"{url}: a state whose columns differ in length")
         offset, _ = self._clock.at(arrived)
-        return JointState(
-            names=state.names,
-            position=state.position,
-            velocity=state.velocity,
-            load=state.load,
-            current=state.current,
-            voltage=state.voltage,
-            temperature=state.temperature,
-            flags=state.flags,
-            age=state.age,
+        try:
             # Not after its arrival, whatever the uncertainty.
-            stamp=min(state.stamp - offset, arrived),
-            board_time=state.board_time,
-            stopped=state.stopped,
-            watchdog_tripped=state.tripped,
-            maintenance=state.maintenance,
-        )
+            return joint_state(state, min(state.stamp - offset, arrived))
+        except RemoteProtocolError as error:
+            raise RemoteProtocolError(f"{url}: {error}") from None
