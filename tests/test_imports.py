@@ -91,6 +91,26 @@ def test_a_circle_would_be_seen(tmp_path: Path) -> None:
     assert _circle(_imports(tmp_path)) == []
 
 
+def _importers(source: Path, name: str) -> list[str]:
+    """Files below `source` that import a module of this name or one inside it, at any line."""
+
+    def modules(node: ast.AST) -> list[str]:
+        if isinstance(node, ast.Import):
+            return [alias.name for alias in node.names]
+        return [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+
+    return [
+        str(path.relative_to(source))
+        for path in sorted(source.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if any(module.split(".")[0] == name for module in modules(node))
+    ]
+
+
+def test_one_module_imports_zenoh() -> None:
+    assert _importers(Path(hexwire.__file__).parent, "zenoh") == ["fleet/node.py"]
+
+
 def test_import_hexwire_loads_nothing_heavy() -> None:
     loaded = _loaded_by("import hexwire")
     assert not HEAVY & loaded

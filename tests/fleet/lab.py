@@ -10,7 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hexwire.fleet.network import Network, Node
+from hexwire.fleet.network import Network
+from hexwire.fleet.node import Node
 from hexwire.fleet.rights import Kind, Rights, access_control
 from hexwire.link.cert_facts import read_certificate
 from hexwire.link.certs import issue_certificate, make_authority

@@ -14,7 +14,8 @@ from hexwire.errors import LinkLostError, StoppedError
 from hexwire.fleet import messages as m
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
-from hexwire.fleet.network import Network, Node
+from hexwire.fleet.network import Network
+from hexwire.fleet.node import Node
 from hexwire.fleet.overview import look, stop_all
 from hexwire.fleet.roster import HUNG, Roster
 from hexwire.model.state import JointTarget

@@ -14,7 +14,8 @@ import pytest
 from hexwire.fleet import messages as m
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
-from hexwire.fleet.network import Network, Node
+from hexwire.fleet.network import Network
+from hexwire.fleet.node import Node
 from hexwire.fleet.recorder import EVENTS, FleetRecorder
 from hexwire.trace.capture import read_messages
 from hexwire.trace.recording import RecordingWriter, read_joint_states, topic_of

@@ -24,7 +24,7 @@ from hexwire.errors import (
 from hexwire.fleet import messages as m
 from hexwire.fleet.address import Address
 from hexwire.fleet.names import Role
-from hexwire.fleet.network import NoAnswerError
+from hexwire.fleet.node import NoAnswerError
 from hexwire.fleet.remote import RemoteRobot, whoami
 from hexwire.fleet.rows import joints_of
 from hexwire.model.hex7bot import HEX7BOT

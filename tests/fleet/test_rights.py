@@ -9,7 +9,7 @@ import pytest
 
 from hexwire.errors import UsageError
 from hexwire.fleet.names import Keys, Role
-from hexwire.fleet.network import NoAnswerError, Node
+from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.rights import Kind, Rights, access_control
 
 from .lab import Lab

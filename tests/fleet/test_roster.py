@@ -10,7 +10,8 @@ import pytest
 from hexwire.errors import UsageError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
-from hexwire.fleet.network import Network, Node
+from hexwire.fleet.network import Network
+from hexwire.fleet.node import Node
 from hexwire.fleet.rights import Kind
 from hexwire.fleet.roster import HUNG, Roster
 

@@ -13,7 +13,8 @@ from collections.abc import Callable
 
 from hexwire.errors import HexwireError
 
-from .network import Network, Node
+from .network import Network
+from .node import Node
 
 __all__ = ["NameGuard"]
 

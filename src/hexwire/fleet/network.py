@@ -1,7 +1,7 @@
-"""A Zenoh session with hexwire's settings: no scouting, no multicast, and nobody reached who was not named.
+"""How a Zenoh session is set up: no scouting, no multicast, and nobody reached who was not named.
 
-Owns the settings, asking a question within a time limit, and what is published and visible. The only module that
-imports Zenoh. Must not know arms, messages or roles.
+Owns Zenoh's settings and why a session does not open; `node` owns what an open one does. Must not know arms,
+messages or roles.
 
 Programs of one user on one machine meet at a Unix socket in a folder that only this user can read. Beyond the
 machine both ends show certificates of the lab's authority (TLS).
@@ -9,23 +9,16 @@ machine both ends show certificates of the lab's authority (TLS).
 
 from __future__ import annotations
 
-import contextlib
 import json
-import logging
 import re
-import threading
-import weakref
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from hexwire.errors import (
     ConfigError,
     HexwireError,
-    LinkClosedError,
     LinkNotFoundError,
     LinkPermissionError,
-    NotSupportedError,
     UsageError,
 )
 from hexwire.inputs import LARGEST_DATA, parse_json, read_text
@@ -41,15 +34,11 @@ from .endpoints import (
     local_sockets,
     make_socket_folder,
 )
-from .names import HERE
+from .node import Node, load_zenoh
 from .reach import why_unreachable
 
 __all__ = [
     "Network",
-    "NoAnswerError",
-    "Node",
-    "Pending",
-    "Question",
     "endpoints_of",
     "is_served",
     "local_socket",
@@ -57,8 +46,6 @@ __all__ = [
     "make_socket_folder",
     "read_access",
 ]
-
-_log = logging.getLogger(__name__)
 
 _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
 _OPEN = 3.0
@@ -74,16 +61,6 @@ _STUCK = 0.25
 answers the questions of others wait, even a stop: 5 s by Zenoh's own limit, each time."""
 _MOST_SESSIONS = 10_000
 """Programs that may be connected to a router; Zenoh's own limit is 1000."""
-
-
-def _zenoh() -> Any:
-    try:
-        import zenoh
-    except ImportError:
-        raise NotSupportedError(
-            "sharing an arm needs Eclipse Zenoh, which is not installed: pip install 'hexwire[fleet]'"
-        ) from None
-    return zenoh
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +118,9 @@ class Network:
             LinkNotFoundError: No endpoint can be reached.
             LinkPermissionError: An endpoint cannot be listened on.
             NotSupportedError: Zenoh is not installed.
-        UsageError: The certificates or the access control cannot be used.
+            UsageError: The certificates or the access control cannot be used.
         """
-        zenoh = _zenoh()
+        zenoh = load_zenoh()
         zenoh.init_log_from_env_or("off")
         if self.files is not None:
             check_usable(self.files)
@@ -233,258 +210,6 @@ def _why_not(text: str) -> str:
         if words in text:
             return plain
     return text
-
-
-_RECEIVING = 1.0
-"""Seconds in which a sample that has arrived is handled, at most, when the session is closed."""
-
-
-class NoAnswerError(Exception):
-    """No answer to a question; `absent` if nobody offers to answer it, as far as this program may know."""
-
-    def __init__(self, *, absent: bool) -> None:
-        super().__init__("nobody answers this" if absent else "no answer in time")
-        self.absent = absent
-
-
-class Question:
-    """A question that arrived.
-
-    Args:
-        key: Where it is answered. It may have been asked at a pattern, but the answer is for this key: a program
-            may have no right to answer for all that the pattern names.
-        query: Zenoh's.
-    """
-
-    def __init__(self, key: str, query: Any) -> None:
-        self._key, self._query = key, query
-
-    @property
-    def payload(self) -> bytes:
-        """What was asked."""
-        payload = self._query.payload
-        return bytes(payload.to_bytes()) if payload is not None else b""
-
-    def reply(self, payload: bytes) -> None:
-        """Answer it, once. Whoever asked may be gone."""
-        with contextlib.suppress(Exception):
-            self._query.reply(self._key, payload)
-        with contextlib.suppress(Exception):
-            self._query.drop()
-
-
-class Pending:
-    """A question on its way.
-
-    Args:
-        replies: Zenoh's channel of replies.
-        closed: The exception of a channel without further replies.
-    """
-
-    def __init__(self, replies: Any, closed: type[Exception]) -> None:
-        self._replies, self._closed = replies, closed
-
-    def poll(self) -> bytes | None:
-        """The answer; None while there is none. Does not wait.
-
-        Raises:
-            NoAnswerError: There will be no answer.
-        """
-        try:
-            reply = self._replies.try_recv()
-        except self._closed:
-            raise NoAnswerError(absent=True) from None
-        if reply is None:
-            return None
-        if reply.ok is None:
-            raise NoAnswerError(absent=False)
-        return bytes(reply.ok.payload.to_bytes())
-
-
-class Node:
-    """An open session. Any thread may call its methods.
-
-    Args:
-        session: As Zenoh opened it.
-        cert: Certificate by which others know this program; empty for none.
-    """
-
-    def __init__(self, session: Any, *, cert: str = "") -> None:
-        self.cert = cert
-        # Zenoh's stubs leave out the types of what ends a session.
-        self._session = session
-        self._zenoh = _zenoh()
-        self._receivers: list[threading.Thread] = []
-        # Also at the end of a program that forgets it.
-        self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, self._receivers)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether it was closed."""
-        return bool(self._session.is_closed())
-
-    @property
-    def connections(self) -> int:
-        """Number of other programs that this one is connected to: peers and routers."""
-        info = self._session.info
-        return len(list(info.peers_zid())) + len(list(info.routers_zid()))
-
-    def ask_neighbours(self, timeout: float) -> None:
-        """Ask the routers and servers that this program is connected to whether they know it.
-
-        Args:
-            timeout: Seconds.
-
-        Raises:
-            NoAnswerError: None answers; `absent` if none is silent, but their access control does not know this
-                program.
-        """
-        info = self._session.info
-        silent = NoAnswerError(absent=False)
-        for neighbour in (*info.routers_zid(), *info.peers_zid()):
-            try:
-                self.ask(HERE.replace("*", str(neighbour)), b"", timeout)
-            except NoAnswerError as none:
-                silent = none
-            else:
-                return
-        raise silent
-
-    def answer_neighbours(self) -> None:
-        """Answer `ask_neighbours` of those who connect to this program."""
-        key = HERE.replace("*", str(self._session.info.zid()))
-
-        self.answer(key, lambda question: question.reply(b""))
-
-    @property
-    def routers(self) -> int:
-        """Number of routers that this one is connected to."""
-        return len(list(self._session.info.routers_zid()))
-
-    def close(self) -> None:
-        """Close it; everything declared in it ends."""
-        self._closing()
-
-    def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
-        """Ask a question and wait for the first answer.
-
-        Args:
-            key: Where.
-            payload: The question.
-            timeout: Seconds.
-            urgent: Before everything else on the way.
-
-        Raises:
-            NoAnswerError: There is no answer.
-            LinkClosedError: The session is closed.
-        """
-        # Receiving in this thread takes half the time of a callback in another one.
-        for reply in self._get(key, payload, timeout, urgent):
-            if reply.ok is not None:
-                return bytes(reply.ok.payload.to_bytes())
-            raise NoAnswerError(absent=False)
-        raise NoAnswerError(absent=True)
-
-    def question(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> Pending:
-        """Ask a question without waiting for its answer; otherwise as `ask`.
-
-        Raises:
-            LinkClosedError: The session is closed.
-        """
-        return Pending(self._get(key, payload, timeout, urgent), self._zenoh.ZError)
-
-    def _get(self, key: str, payload: bytes, timeout: float, urgent: bool) -> Any:
-        zenoh = self._zenoh
-        extra = {"priority": zenoh.Priority.REAL_TIME, "express": True} if urgent else {"express": True}
-        try:
-            return self._session.get(
-                key,
-                payload=payload,
-                timeout=timeout,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                consolidation=zenoh.ConsolidationMode.NONE,
-                **extra,
-            )
-        except zenoh.ZError as error:
-            raise LinkClosedError(f"the session is closed: {str(error)[:200]}") from None
-
-    def answer(self, key: str, on_question: Callable[[Question], object]) -> None:
-        """Answer questions; `on_question` gets each in a thread of Zenoh's, and must not wait."""
-        self._session.declare_queryable(key, lambda query: on_question(Question(key, query)), complete=True)
-
-    def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
-        """Receive what is published; returns how to end it. A thread of its own passes payload and key."""
-        subscriber, lost = self._session.declare_subscriber(key), self._zenoh.ZError
-
-        def receive() -> None:
-            # It raises when it is undeclared, or when the session is closed.
-            with contextlib.suppress(lost):
-                for sample in subscriber:
-                    try:
-                        on_sample(sample.payload.to_bytes(), str(sample.key_expr))
-                    except Exception:  # noqa: BLE001  # logged; the next sample may be right
-                        _log.exception("a sample of %s failed", sample.key_expr)
-
-        # Zenoh's own thread for callbacks would keep a program alive that ends without closing the session.
-        thread = threading.Thread(target=receive, name=f"receive {key}", daemon=True)
-        self._receivers[:] = [*(other for other in self._receivers if other.is_alive()), thread]
-        thread.start()
-
-        def undeclare() -> None:
-            with contextlib.suppress(lost):
-                subscriber.undeclare()
-
-        return undeclare
-
-    def publisher(self, key: str) -> Callable[[bytes], None]:
-        """How to publish: nobody who is slow delays the publisher, and what does not get through is dropped."""
-        zenoh = self._zenoh
-        publisher = self._session.declare_publisher(
-            key,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
-            express=True,
-            reliability=zenoh.Reliability.BEST_EFFORT,
-        )
-
-        def put(payload: bytes) -> None:
-            with contextlib.suppress(zenoh.ZError):
-                publisher.put(payload)
-
-        return put
-
-    def announce(self, key: str) -> None:
-        """Be visible under a key as long as this session lasts."""
-        self._tokens = [*getattr(self, "_tokens", []), self._session.liveliness().declare_token(key)]
-
-    def visible(self, key: str, timeout: float) -> list[str]:
-        """Keys under which programs are visible.
-
-        Args:
-            key: A key or a pattern.
-            timeout: Seconds.
-        """
-        with contextlib.suppress(self._zenoh.ZError):
-            replies = self._session.liveliness().get(key, timeout=timeout)
-            return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
-        return []
-
-    def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
-        """Be told in a thread of Zenoh's when programs become visible or vanish, and of those visible now."""
-        put = self._zenoh.SampleKind.PUT
-        watch = self._session.liveliness().declare_subscriber(
-            key, lambda sample: on_change(str(sample.key_expr), sample.kind == put), history=True
-        )
-        self._watches = [*getattr(self, "_watches", []), watch]
-
-
-def _close(session: Any, error: type[Exception], receivers: list[threading.Thread]) -> None:
-    with contextlib.suppress(error):
-        session.close()
-    # A thread that comes back from Zenoh into an interpreter that has ended would abort the program.
-    for thread in receivers:
-        if thread is not threading.current_thread():
-            thread.join(_RECEIVING)
 
 
 def read_access(path: str) -> dict[str, Any]:

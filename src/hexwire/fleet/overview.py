@@ -19,7 +19,7 @@ from hexwire.model.state import JointFlag
 from . import messages as m
 from .failures import restore
 from .names import Keys
-from .network import NoAnswerError, Pending
+from .node import NoAnswerError, Pending
 from .roster import HUNG, Roster, Seen
 
 __all__ = ["Overview", "Stopped", "look", "stop_all"]

@@ -23,7 +23,7 @@ from . import messages as m
 from .address import Address, rights_of
 from .failures import restore
 from .names import Keys
-from .network import NoAnswerError, Node
+from .node import NoAnswerError, Node
 from .rights import KEY_WORDS
 
 __all__ = ["ask", "decoded"]

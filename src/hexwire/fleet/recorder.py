@@ -26,7 +26,8 @@ from hexwire.trace.recording import RecordingWriter, topic_of
 from . import messages as m
 from .clock import ClockOffset
 from .names import ROOT, Keys, check_name
-from .network import Network, NoAnswerError, Node
+from .network import Network
+from .node import NoAnswerError, Node
 from .roster import Roster
 from .rows import joint_state
 

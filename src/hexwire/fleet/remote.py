@@ -34,7 +34,7 @@ from .failures import restore
 from .following import Following
 from .identity import whoami
 from .names import Keys, Role
-from .network import NoAnswerError, Node
+from .node import NoAnswerError, Node
 from .questions import ask, decoded
 from .rows import arm_model, as_probe_report
 from .states import ArrivedStates

@@ -19,7 +19,8 @@ from hexwire.errors import HexwireError, UsageError
 from .address import rights_of
 from .endpoints import endpoints_of, is_served, local_name, local_sockets
 from .names import Keys, check_pattern, matches, name_of
-from .network import Network, Node
+from .network import Network
+from .node import Node
 
 __all__ = ["HUNG", "Roster", "Seen"]
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
     from .guard import NameGuard
-    from .network import Node, Question
+    from .node import Node, Question
 
 __all__ = ["ArmServer"]
 

@@ -27,7 +27,8 @@ from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
 from .address import rights_of
 from .guard import NameGuard
 from .names import Keys
-from .network import Network, NoAnswerError, Node, endpoints_of, local_socket, make_socket_folder
+from .network import Network, endpoints_of, local_socket, make_socket_folder
+from .node import NoAnswerError, Node
 from .rights import Kind
 from .server import ArmServer
 

@@ -1,0 +1,125 @@
+"""An open session: questions, programs that take nothing, and the end of a program."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.network import Network
+from hexwire.fleet.node import NoAnswerError, Question
+
+PATIENCE = 15.0
+
+
+# -- questions --------------------------------------------------------------------------------------------
+
+
+def test_a_question_at_a_pattern_is_answered_for_the_own_key(runtime: Path) -> None:
+    where = endpoints_of([local_socket("a")])
+    server = Network(listen=where).open(wait=False)
+    client = Network(connect=where).open()
+    try:
+        asked: list[bytes] = []
+        server.answer("hexwire/a/ask", lambda question: (asked.append(question.payload), question.reply(b"yes")))
+        assert client.ask("hexwire/*/ask", b"?", 5.0) == b"yes"
+        assert asked == [b"?"]
+        with pytest.raises(NoAnswerError) as absent:
+            client.ask("hexwire/a/other", b"", 5.0)
+        assert absent.value.absent
+        server.answer("hexwire/a/silent", lambda question: threading.Timer(3.0, question.reply, (b"",)).start())
+        with pytest.raises(NoAnswerError) as silent:
+            client.ask("hexwire/a/silent", b"", 1.0)
+        assert not silent.value.absent
+        client.ask_neighbours(5.0)
+    finally:
+        client.close()
+        server.close()
+
+
+# -- programs that take nothing ----------------------------------------------------------------------------
+
+_ASKS_MUCH = """
+import time
+import zenoh
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.network import Network
+nodes = [Network(connect=endpoints_of([local_socket("a")])).open() for _ in range(4)]
+for _ in range(600):
+    for node in nodes:
+        node._session.get(
+            "much", lambda reply: None, timeout=60.0, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+time.sleep(0.5)
+print("asked", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_program_that_asks_much_and_then_takes_nothing_delays_nobody_else(runtime: Path) -> None:
+    frozen = threading.Event()
+
+    def much(question: Question) -> None:
+        frozen.wait(PATIENCE)
+        question.reply(bytes(60_000))
+
+    way = endpoints_of([local_socket("a")])
+    server = Network(listen=way).open(wait=False)
+    server.answer("much", much)
+    server.answer("stop", lambda question: question.reply(b"stopped"))
+    client = Network(connect=way).open()
+    asker = subprocess.Popen([sys.executable, "-c", _ASKS_MUCH], stdout=subprocess.PIPE, text=True)
+    try:
+        assert asker.stdout is not None
+        assert asker.stdout.readline() == "asked\n"
+        asker.send_signal(signal.SIGSTOP)
+        frozen.set()
+        # The connection of the frozen program is closed meanwhile.
+        assert client.ask("stop", b"", 4.5) == b"stopped"
+    finally:
+        asker.kill()
+        asker.communicate()
+        client.close()
+        server.close()
+
+
+# -- the end of a program ---------------------------------------------------------------------------------
+
+_FORGETFUL = """
+import time
+from hexwire.fleet.endpoints import endpoints_of, local_socket
+from hexwire.fleet.network import Network
+node = Network(connect=endpoints_of([local_socket("a")])).open()
+arrived = []
+node.subscribe("hexwire/a/state", lambda payload, key: arrived.append(payload))
+while not arrived:
+    time.sleep(0.01)
+print("received")
+"""
+
+
+def test_a_program_that_forgets_to_close_its_session_ends(runtime: Path) -> None:
+    node = Network(listen=endpoints_of([local_socket("a")])).open(wait=False)
+    put, ending = node.publisher("hexwire/a/state"), threading.Event()
+
+    def publish() -> None:
+        # Also while the other program ends.
+        while not ending.wait(0.005):
+            put(b"state")
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        run = subprocess.run(
+            [sys.executable, "-c", _FORGETFUL], capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+    finally:
+        ending.set()
+        thread.join()
+        node.close()
+    assert (run.returncode, run.stdout, run.stderr) == (0, "received\n", "")
