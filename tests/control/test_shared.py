@@ -17,7 +17,10 @@ from tests.motion.arms import HOME
 from hexwire.control import shared as module
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, LeaseError, LimitError, LinkLostError, StoppedError, UsageError
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.state import JointTarget
+from hexwire.wire.command_frame import Command
+from hexwire.wire.commands import MoveRequest, MoveRow
 
 AWAY = 0.4
 STILL = 0.004
@@ -132,6 +135,99 @@ def test_joints_without_torque_do_not_hold() -> None:
     bench.turn(0.7)
     (held,) = bench.sent
     assert [name for name, _ in held.positions] == ["J1"]
+
+
+def special(bench: SharedBench, key: int, **by: float) -> None:
+    """Move joints over 10 s by a command that only the board understands."""
+    rows = []
+    for name, way in by.items():
+        model = HEX7BOT.joint(name)
+        rows.append(MoveRow(model.servo_id, model.angle_to_counts(bench.where(name) + way)))
+    body = MoveRequest(10_000, tuple(rows)).serialize()
+    bench.ask(lambda: bench.shared.ioctl(bench.order(key), Command.JOINT_MOVE, body))
+
+
+@pytest.mark.parametrize("end", ["lost", "taken", "given back"])
+def test_the_motion_of_a_special_command_ends_with_the_lease(end: str) -> None:
+    bench = SharedBench()
+    key = bench.take(rank=2)
+    special(bench, key, J1=AWAY, J3=0.1)
+    bench.keep(key, 0.5)
+    assert bench.travel("J1", 0.3) > 0.005
+    if end == "taken":
+        bench.take("Bob", rank=2, force=True)
+    elif end == "given back":
+        bench.shared.leave(key, finish=False)
+    bench.turn(0.5)
+    (held,) = bench.sent
+    assert {name for name, _ in held.positions} == set(bench.robot.model.names)
+    assert bench.travel("J1", 1.0) < STILL
+    assert bench.travel("J3", 1.0) < STILL
+    assert not bench.board.state.stopped, "a hold is no stop"
+
+
+def test_an_arm_that_cannot_hold_after_a_special_command_is_stopped() -> None:
+    bench = SharedBench()
+    key = bench.take(rank=2)
+    special(bench, key, J1=AWAY)
+    bench.keep(key, 0.5)
+    bench.bench.silence("J2")
+    bench.turn(1.5)
+    assert bench.board.state.stopped
+    assert bench.travel("J1", 1.0) < STILL
+
+
+def test_the_end_of_the_server_stops_the_motion_of_a_special_command() -> None:
+    bench = SharedBench()
+    key = bench.take(rank=2)
+    special(bench, key, J1=AWAY)
+    bench.keep(key, 0.5)
+    bench.shared.shutdown()
+    assert bench.board.state.stopped
+
+
+def test_after_a_special_command_that_moves_nothing_no_joint_gets_a_target() -> None:
+    bench = SharedBench()
+    key = bench.take(rank=2)
+    for command, body in ((Command.STATS, b""), (Command.IO, b"\1\1"), (Command.LIMITS, b"")):
+        bench.ask(lambda command=command, body=body: bench.shared.ioctl(bench.order(key), command, body))
+    bench.turn(1.0)
+    assert bench.shared.held
+    assert not bench.sent
+
+
+@pytest.mark.parametrize("by", ["a hold", "targets", "a stop"])
+def test_what_ends_the_motion_of_a_special_command_ends_it_for_good(by: str) -> None:
+    bench = SharedBench()
+    key = bench.take(rank=2)
+    special(bench, key, J1=AWAY)
+    if by == "a hold":
+        bench.turn(1.0)
+        key = bench.take(rank=2)
+    elif by == "targets":
+        bench.move(key, seconds=0.1, **dict.fromkeys(bench.robot.model.names, 0.0))
+    else:
+        bench.shared.stop("a test")
+        bench.ask(lambda: bench.shared.resume(bench.order(key)))
+    bench.keep(key, 1.0)
+    del bench.sent[:]
+    bench.turn(1.0)
+    assert bench.shared.held
+    assert not bench.sent
+
+
+def test_who_leaves_the_motion_of_a_special_command_to_itself_does_not_keep_the_lease() -> None:
+    bench = SharedBench()
+    key = bench.take(rank=2)
+    special(bench, key, J1=AWAY)
+    bench.shared.leave(key, finish=True)
+    bench.turn(0.5)
+    assert not bench.sent
+    assert bench.shared.holder is None
+    # Whoever has it next answers for it.
+    key = bench.take("Bob")
+    bench.turn(0.6)
+    assert bench.sent
 
 
 def test_an_arm_at_rest_gets_no_target_when_the_lease_ends() -> None:

@@ -104,6 +104,7 @@ def test_a_robot_needs_no_session() -> None:
         assert robot.write(JointTarget.of({"J1": 0.5})).positions == (("J1", 0.5),)
         assert robot.read()["J1"].position == 0.5
         assert robot.probe().missing == ()
+        assert robot.may_move(1), "who does not know says so"
     assert not robot.is_attached
 
 

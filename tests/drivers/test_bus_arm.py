@@ -26,7 +26,7 @@ from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.wire.command_frame import Command
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_read
+from hexwire.wire.servo_packet import make_read, make_write
 
 _KINDS: dict[type[BusArm], tuple[Series, ...]] = {
     So101Arm: (Series.STS_SMS,) * 6,
@@ -244,6 +244,8 @@ def test_raw_packets(monkeypatch: pytest.MonkeyPatch) -> None:
     assert arm.ioctl(Command.TRANSACT, bytes((7, 0)) + make_read(4, 5, 1)) == b"\x04"
     with pytest.raises(NotSupportedError):
         arm.ioctl(Command.PING)
+    assert not arm.may_move(Command.TRANSACT, bytes((7, 0)) + make_read(4, 5, 1))
+    assert arm.may_move(Command.TRANSACT, bytes((0, 0)) + make_write(4, 0x2A, b"\0\10"))
 
 
 def test_arms_are_robots_by_name_and_by_file(tmp_path: Path) -> None:

@@ -254,6 +254,11 @@ def test_transact_ioctl_ping_stats_and_signals() -> None:
     with pytest.raises(UsageError, match="at most"):
         driver.transact(sp.make_ping(0), 6, 1.0)
     assert driver.ioctl(Command.IO, b"\7\5") == b"\7\5"
+    still = (Command.IO, b"\7\5"), (Command.STATS, b""), (Command.STOP, b"\0"), (Command.TORQUE, b"\0\0")
+    assert not any(driver.may_move(*command) for command in still)
+    assert all(
+        driver.may_move(*command) for command in ((Command.JOINT_MOVE, b""), (Command.OFFSETS, b"\1"), (0x66, b""))
+    )
     with pytest.raises(CommandRefusedError):
         driver.ioctl(0x66)
     assert driver.ping(0) == 0

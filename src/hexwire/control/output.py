@@ -7,6 +7,7 @@ joints move to what was sent. Must not know connections or threads: one thread m
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -67,7 +68,7 @@ class Output:
         self._clock = clock or robot.now
         self.before: Callable[[], object] = lambda: None
         self.refusal: Callable[[], HexwireError | None] | None = None
-        # When each joint has reached its last target, owner's clock.
+        # When each joint has reached its last target, owner's clock; infinite if only a special command knows.
         self._ends: dict[str, float] = {}
         self._periodic = Periodic()
         self._clamped = frozenset[str]()
@@ -99,8 +100,13 @@ class Output:
         return tuple([name for name, ends in self._ends.items() if now < ends])
 
     def time_left(self) -> float:
-        """Seconds until the last joint has reached its last target; 0 if none moves."""
-        return max(0.0, max(self._ends.values(), default=0.0) - self._clock())
+        """Seconds until the last joint has reached its last target; 0 if none moves to one."""
+        known = [ends for ends in self._ends.values() if ends < math.inf]
+        return max(0.0, max(known, default=0.0) - self._clock())
+
+    def set_free(self) -> None:
+        """Count all joints as moving until each gets a target, holds, or was stopped."""
+        self._ends = dict.fromkeys(self._robot.model.names, math.inf)
 
     def _note(self, sent: SentTarget | JointTarget) -> None:
         ends = self._clock() + sent.duration + _SETTLING
@@ -196,12 +202,16 @@ class Output:
         Raises:
             UsageError: The stop was not cleared.
         """
-        suspects = [joint for joint in self._robot.read() if joint.name in self._group.blamed]
+        state = self._robot.read()
+        suspects = [joint for joint in state if joint.name in self._group.blamed]
         faults = [(joint.name, JointFlag(joint.flags).faults) for joint in suspects]
         if blamed := [f"{name} still reports {fault}" for name, fault in faults if fault]:
             # A servo reports an overload until its next command. This one holds; the next reset sees the result.
             self._robot.stop()
             raise UsageError(f"{', '.join(blamed)}; remove the cause, and reset again")
+        if state.stopped and not self._robot.epochs.failed:
+            # The stop has ended all motions.
+            self._ends = {}
         try:
             self._robot.resume()
         except StoppedError as error:

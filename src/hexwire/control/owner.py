@@ -378,6 +378,21 @@ class RobotOwner:
         """
         self._output.before, self._output.refusal = before, refusal
 
+    def command(self, sub_cmd: int, data: bytes) -> bytes:
+        """Send a special command; see `RobotDriver.ioctl`. What it may move counts as moving.
+
+        Raises:
+            HexwireError: As `call`, and as the command.
+        """
+
+        def command() -> bytes:
+            if self.robot.may_move(sub_cmd, data):
+                # First: without an answer the robot may have it all the same.
+                self._output.set_free()
+            return self.robot.ioctl(sub_cmd, data)
+
+        return self.call(command)
+
     def running(self) -> tuple[str, ...]:
         """Joints that are on the way to the last target sent, or may still be."""
         return self._output.running()

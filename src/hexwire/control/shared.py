@@ -295,9 +295,9 @@ class SharedArm:
             self._changed.notify_all()
 
     def ioctl(self, order: Order, sub_cmd: int, data: bytes) -> bytes:
-        """Send a special command; see `RobotDriver.ioctl`."""
+        """Send a special command, whose path is not checked; see `RobotDriver.ioctl`."""
         self._admit(order)
-        return self._called(order, lambda: self._owner.call(lambda: self._robot.ioctl(sub_cmd, data)))
+        return self._called(order, lambda: self._owner.command(sub_cmd, data))
 
     def follow(
         self,

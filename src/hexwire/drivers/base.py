@@ -260,6 +260,10 @@ class RobotDriver(ABC):
             NotSupportedError: This robot, board or dialect has no such command.
         """
 
+    def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
+        """Whether a special command may set joints in motion; also True where a driver does not know."""
+        return True
+
     @abstractmethod
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         """Switch torque on, without motion, or off.

@@ -414,6 +414,9 @@ class BusArm(RobotDriver):
         answers = self.bus.raw(packet, (packet[2],) if length else (), max(0, length - 6))
         return answers.get(packet[2], b"")
 
+    def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
+        return not packet_only_reads(data[2:])
+
     def _check_attached(self) -> None:
         if not self._attached:
             raise UsageError("the driver is not attached; call attach() first")

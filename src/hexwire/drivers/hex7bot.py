@@ -364,6 +364,10 @@ class Hex7BotDriver(SessionDriver):
         with self._calling(command_name(sub_cmd), freeing=effect is not Effect.ACT):
             return self._attached().command(sub_cmd, data)
 
+    def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
+        # Pump and valve act, but move no joint.
+        return sub_cmd != Command.IO and effect_of(tables.PROTO_HEXWIRE, sub_cmd, data) is Effect.ACT
+
     # -- after resets and reconnections -------------------------------------------------------------
 
     def _calling(self, what: str, *, freeing: bool = False) -> AbstractContextManager[object]:
