@@ -7,7 +7,13 @@ from pathlib import Path
 import pytest
 
 from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
-from hexwire.fleet.address import FLEET_VARIABLE, Address, read_fleet_file
+from hexwire.fleet.address import (
+    FLEET_VARIABLE,
+    Address,
+    address_text,
+    read_fleet_file,
+    router_network,
+)
 from hexwire.fleet.names import Role
 from hexwire.link.certs import issue_certificate, make_authority
 
@@ -109,3 +115,61 @@ def test_a_router_of_another_machine_is_not_reached_without_certificates() -> No
     assert plain.connect == ("tcp/lab-pc:7447",)
     with pytest.raises(UsageError, match="needs certificates"):
         parse("zenoh:arm?router=tls/lab-pc:7447").network()
+
+
+# -- the way of the commands for many arms ----------------------------------------------------------------
+
+
+def test_the_way_is_what_is_given_and_else_what_the_file_says(tmp_path: Path) -> None:
+    make_authority(tmp_path)
+    for name in ("anna", "bob"):
+        issue_certificate(tmp_path, name, "client", uris=["hexwire:operator:lab/*"])
+    file = tmp_path / "anna.toml"
+    file.write_text('router = "tls/pc:7447"\nca = "ca.pem"\ncert = "anna.pem"\nkey = "anna.key"\n')
+    environ = {FLEET_VARIABLE: str(file)}
+    network = router_network(environ=environ)
+    assert network is not None
+    assert (network.connect, network.cert) == (("tls/pc:7447",), str(tmp_path / "anna.pem"))
+    bob = {"cert": str(tmp_path / "bob.pem"), "key": str(tmp_path / "bob.key")}
+    network = router_network("tls/hall:7447", **bob, environ=environ)
+    assert network is not None
+    assert (network.connect, network.ca, network.cert) == (
+        ("tls/hall:7447",),
+        str(tmp_path / "ca.pem"),
+        bob["cert"],
+    )
+    assert router_network(environ={}) is None
+
+
+def test_an_address_that_is_made_of_a_way_leads_there_whatever_the_environment_says(tmp_path: Path) -> None:
+    folder = tmp_path / "a +&%b"
+    make_authority(folder)
+    for name in ("anna", "bob"):
+        issue_certificate(folder, name, "client", uris=["hexwire:operator:lab/*"])
+    file = folder / "anna.toml"
+    file.write_text('router = "tls/pc:7447"\nca = "ca.pem"\ncert = "anna.pem"\nkey = "anna.key"\n')
+    files = {key: str(folder / name) for key, name in (("ca", "ca.pem"), ("cert", "bob.pem"), ("key", "bob.key"))}
+    network = router_network("tls/[::1]:7447", **files, environ={})
+    address = parse(address_text("lab/arm1", network), **{FLEET_VARIABLE: str(file)})
+    assert (address.router, address.ca, address.cert, address.key) == ("tls/[::1]:7447", *files.values())
+    assert address_text("lab/arm1", None) == "zenoh:lab/arm1"
+
+
+def test_a_router_beyond_this_machine_without_certificates_needs_the_option() -> None:
+    with pytest.raises(UsageError, match="without certificates"):
+        router_network("tcp/lab-pc:7447", environ={})
+    network = router_network("tcp/lab-pc:7447", without_certificates=True, environ={})
+    assert network is not None
+    assert parse(address_text("arm", network)).without_certificates
+
+
+def test_a_way_that_cannot_be_used_is_an_error_of_what_was_given(tmp_path: Path) -> None:
+    make_authority(tmp_path)
+    files = {key: str(tmp_path / f"none.{key}") for key in ("cert", "key")} | {"ca": str(tmp_path / "ca.pem")}
+    with pytest.raises(UsageError, match=r"none\.(cert|key)"):
+        router_network("tls/pc:7447", **files, environ={})
+    assert router_network("tls/pc:7447", **files, check=False, environ={}) is not None
+    with pytest.raises(UsageError, match="--router tls/HOST:7447"):
+        router_network(**files, environ={})
+    with pytest.raises(UsageError, match="--router tls/HOST:7447"):
+        router_network(without_certificates=True, environ={})

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +16,14 @@ import click
 from hexwire.errors import LinkLostError, LinkNotFoundError, UsageError
 
 from .common import json_option, number_option, on_terminal
+from .fleet_options import way_options
 from .output import print_json, say, say_table
 
 if TYPE_CHECKING:
     from hexwire.fleet.network import Network
     from hexwire.fleet.overview import Overview
 
-__all__ = ["list_arms", "nobody", "router_option", "stop", "watch"]
+__all__ = ["list_arms", "nobody", "stop", "watch"]
 
 _HEAD = ("arm", "robot", "host", "holder", "torque", "age ms", "condition")
 _ANSWERS = 1.0
@@ -36,23 +37,13 @@ _DO = (
 )
 
 
-def router_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--router``; the command gets ``router``: the way to other machines' arms, or None."""
-
-    @functools.wraps(command)
-    def packed(*args: Any, router: str | None, **rest: Any) -> Any:
-        from hexwire.fleet.address import router_network
-
-        return command(*args, router=router_network(router or ""), **rest)
-
-    return click.option(
-        "--router", metavar="ENDPOINT", help="Router of the fleet, as in tls/lab-pc:7447.  [env var: HEXWIRE_FLEET]"
-    )(packed)
+_way_of_a_stop = functools.partial(way_options, check=False)
+"""Certificates that have expired keep no stop from the arms of this machine."""
 
 
 @click.command("list")
 @click.argument("pattern", default="**")
-@router_option
+@way_options
 @json_option
 def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
     """List the arms that this program may see; PATTERN such as 'lab/*' selects some.
@@ -78,7 +69,7 @@ def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
 @click.command()
 @click.argument("pattern", default="**")
 @number_option("--rate", "HZ", "Updates per second.", above=0, default=2.0)
-@router_option
+@way_options
 @json_option
 def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> None:
     """Follow the arms until interrupted: a live table on a terminal, otherwise a line for each change.
@@ -106,7 +97,7 @@ def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> N
 @click.argument("pattern", required=False)
 @click.option("--all", "every", is_flag=True, help="Stop every arm that this program may stop.")
 @click.option("--torque-off", is_flag=True, help="Switch torque off as well: the arms may fall.")
-@router_option
+@_way_of_a_stop
 @json_option
 def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | None, as_json: bool) -> None:
     """Stop all arms that PATTERN names, such as lab/arm1 or 'lab/*', at the same time. It needs no lease.

@@ -16,7 +16,8 @@ from hexwire.errors import LinkNotFoundError, UsageError
 
 from .common import FiniteFloat, force_option, json_option, number_option
 from .exits import ends_when_asked, note, shielded
-from .fleet_ops import nobody, router_option
+from .fleet_ops import nobody
+from .fleet_options import way_options
 from .output import answer, print_json, say
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ _SETTLE = 4.0
 @click.argument("pattern", default="**")
 @number_option("--duration", "SECONDS", "End after this time; otherwise Ctrl-C ends it.", above=0)
 @force_option
-@router_option
+@way_options
 @json_option
 def record(
     file: str, pattern: str, duration: float | None, force: bool, router: Network | None, as_json: bool
@@ -86,7 +87,7 @@ def record(
     metavar="MS",
     help="Refuse an arm whose clock is known less well.",
 )
-@router_option
+@way_options
 @json_option
 def play(
     file: str,
@@ -105,6 +106,7 @@ def play(
     first point, and then begin together. Each follows its motion by itself, so that the network cannot disturb it.
     If one refuses, none begins. Ctrl-C or the failure of one arm stops all of them: 'hexwire resume' ends the stop.
     """
+    from hexwire.fleet.address import address_text
     from hexwire.fleet.player import Arm, attached_to, play_together
     from hexwire.fleet.score import assign, read_motions
 
@@ -116,8 +118,7 @@ def play(
     given = assign(motions, file, arms, mapped)
     if unused := sorted({*motions} - {mapped.get(arm, arm) for arm in arms} - {""}):
         note(f"not played: {', '.join(unused)}")
-    way = f"?router={router.connect[0]}" if router is not None else ""
-    with attached_to({name: f"zenoh:{name}{way}" for name in arms}) as robots:
+    with attached_to({name: address_text(name, router) for name in arms}) as robots:
         try:
             report = play_together(
                 [Arm(robots[name], given[name]) for name in arms],

@@ -15,6 +15,7 @@ from hexwire.errors import UsageError
 
 from .common import force_option
 from .exits import note
+from .fleet_options import certificate_options
 from .output import say
 
 if TYPE_CHECKING:
@@ -38,15 +39,8 @@ _LOOK = 0.2
     help="Where arms and clients connect, as in tls/0.0.0.0:7447; repeatable.",
 )
 @click.option("--router", "connect", multiple=True, metavar="ENDPOINT", help="Another router to connect to.")
-@click.option("--ca", default="", metavar="FILE", help="Certificate of the lab's authority, for tls endpoints.")
-@click.option("--cert", default="", metavar="FILE", help="Certificate of this router.")
-@click.option("--key", default="", metavar="FILE", help="Its key.")
+@certificate_options("this router")
 @click.option("--access", metavar="FILE", help="Rights by certificate, as 'hexwire fleet config' writes them.")
-@click.option(
-    "--reachable-without-certificates",
-    is_flag=True,
-    help="Allow tcp endpoints beyond this machine: anybody there can then move the arms.",
-)
 def router(
     listen: tuple[str, ...],
     connect: tuple[str, ...],

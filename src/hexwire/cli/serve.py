@@ -14,6 +14,7 @@ from hexwire.errors import UsageError
 
 from .common import DEFAULT_ROBOT, early_port, is_typed, number_option, table_options
 from .exits import note
+from .fleet_options import certificate_options
 from .model import links_option
 from .output import say
 
@@ -41,15 +42,8 @@ _SWITCH = 0.001
 @click.option("--wait", is_flag=True, help="Wait for a port that is not there yet, instead of failing after 10 s.")
 @click.option("--listen", multiple=True, metavar="ENDPOINT", help="Also listen there, as in tls/0.0.0.0:7447.")
 @click.option("--router", multiple=True, metavar="ENDPOINT", help="Also connect to this router.")
-@click.option("--ca", metavar="FILE", help="Certificate of the lab's authority, for tls endpoints.")
-@click.option("--cert", metavar="FILE", help="Certificate of this arm.")
-@click.option("--key", metavar="FILE", help="Its key.")
+@certificate_options("this arm")
 @click.option("--access", metavar="FILE", help="Rights by certificate, as 'hexwire fleet config' writes them.")
-@click.option(
-    "--reachable-without-certificates",
-    is_flag=True,
-    help="Allow tcp endpoints beyond this machine: anybody there can then move the arm.",
-)
 @number_option("--lease", "SECONDS", "Silence after which a lease is lost.", minimum=0.1, default=0.5)
 @links_option
 @table_options
@@ -61,9 +55,9 @@ def serve(
     wait: bool,
     listen: tuple[str, ...],
     router: tuple[str, ...],
-    ca: str | None,
-    cert: str | None,
-    key: str | None,
+    ca: str,
+    cert: str,
+    key: str,
     access: str | None,
     reachable_without_certificates: bool,
     lease: float,

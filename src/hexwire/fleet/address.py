@@ -10,22 +10,23 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import parse_qsl
+from urllib.parse import parse_qsl, urlencode
 
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.inputs import parse_toml, read_text
-from hexwire.link.cert_facts import read_certificate
+from hexwire.link.cert_facts import check_usable, read_certificate
 
 from .names import SCHEME, Role, check_name
 from .network import Network, endpoints_of, is_served, local_socket
 from .rights import Rights
 
-__all__ = ["FLEET_VARIABLE", "Address", "read_fleet_file", "rights_of", "router_network"]
+__all__ = ["FLEET_VARIABLE", "Address", "address_text", "read_fleet_file", "rights_of", "router_network"]
 
 FLEET_VARIABLE = "HEXWIRE_FLEET"
 """Environment variable with the path of a file that names router and certificates."""
 
-_KEYS = ("router", "ca", "cert", "key", "role", "take", "without-certificates")
+_WAY = ("router", "ca", "cert", "key")
+_KEYS = (*_WAY, "role", "take", "without-certificates")
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,27 +146,63 @@ def rights_of(cert: str) -> Rights | None:
         raise UsageError(f"{cert}: {error}" if cert not in str(error) else str(error)) from None
 
 
-def router_network(router: str = "", environ: Mapping[str, str] | None = None) -> Network | None:
-    """The way to the arms behind the router.
+def router_network(
+    router: str = "",
+    *,
+    ca: str = "",
+    cert: str = "",
+    key: str = "",
+    without_certificates: bool = False,
+    check: bool = True,
+    environ: Mapping[str, str] | None = None,
+) -> Network | None:
+    """The way to the arms behind the router; what is left out comes from the file in `FLEET_VARIABLE`.
 
     Args:
-        router: Its endpoint; that of the file in `FLEET_VARIABLE` if empty.
+        router: Its endpoint.
+        ca: Certificate of the lab's authority.
+        cert: Own certificate.
+        key: Its key.
+        without_certificates: The router may be on another machine though it asks for no certificates.
+        check: Read the certificates now, so that what is wrong with them is an error of their files.
         environ: The environment; that of this program if None.
 
     Returns:
-        None if no router is named.
+        None if nothing of it is named.
 
     Raises:
-        UsageError: The endpoint is wrong; or certificates are missing.
+        UsageError: The endpoint is wrong; certificates are missing or cannot be used; or no router is named.
         ConfigError: The file cannot be read or is wrong.
     """
     file = (os.environ if environ is None else environ).get(FLEET_VARIABLE)
-    values = read_fleet_file(file) if file else {}
-    endpoint = router or values.get("router", "")
+    given = {name: value for name, value in zip(_WAY, (router, ca, cert, key), strict=True) if value}
+    values = {**(read_fleet_file(file) if file else {}), **given}
+    endpoint, ca, cert, key = (values.get(name, "") for name in _WAY)
     if not endpoint:
+        if given or without_certificates:
+            raise UsageError("these options are for the way to a router: name it, as in --router tls/HOST:7447")
         return None
-    ca, cert, key = (values.get(name, "") for name in ("ca", "cert", "key"))
-    return Network(connect=(endpoint,), ca=ca, cert=cert, key=key)
+    network = Network(
+        connect=(endpoint,),
+        ca=ca,
+        cert=cert,
+        key=key,
+        reachable_without_certificates=without_certificates,
+    )
+    if check and network.files is not None:
+        check_usable(network.files)
+    return network
+
+
+def address_text(name: str, network: Network | None) -> str:
+    """The address of an arm that is reached on the way of `router_network`; None for an arm of this machine."""
+    if network is None:
+        return f"{SCHEME}:{name}"
+    values = dict(zip(_WAY, (network.connect[0], network.ca, network.cert, network.key), strict=True))
+    given = {key: value for key, value in values.items() if value}
+    if network.reachable_without_certificates:
+        given["without-certificates"] = "1"
+    return f"{SCHEME}:{name}?{urlencode(given, safe='/:[]')}"
 
 
 def _role(word: str) -> Role:
@@ -183,7 +220,7 @@ def read_fleet_file(path: str) -> dict[str, str]:
     """
     values = {}
     folder = Path(path).resolve().parent
-    for key, item in parse_toml(read_text(path), path).table(("router", "ca", "cert", "key", "role")).items():
+    for key, item in parse_toml(read_text(path), path).table((*_WAY, "role")).items():
         value = item.text()
         values[key] = str(folder / value) if key in ("ca", "cert", "key") else value
     return values

@@ -1,0 +1,71 @@
+"""The options that name the way to a router: the same for whoever connects to one or is one.
+
+Owns their names and help. Must not know what they are used for.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+__all__ = ["certificate_options", "way_options"]
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def certificate_options(owner: str) -> Callable[[_F], _F]:
+    """``--ca``, ``--cert``, ``--key`` and ``--reachable-without-certificates``, under these names.
+
+    Args:
+        owner: Whose certificate it is, for the help.
+    """
+    files = (
+        ("--ca", "Certificate of the lab's authority, for tls endpoints."),
+        ("--cert", f"Certificate of {owner}."),
+        ("--key", "Its key."),
+    )
+
+    def add(command: _F) -> _F:
+        command = click.option(
+            "--reachable-without-certificates",
+            is_flag=True,
+            help="Allow tcp endpoints beyond this machine: anybody there can then move the arms.",
+        )(command)
+        for name, words in reversed(files):
+            command = click.option(name, default="", metavar="FILE", help=words)(command)
+        return command
+
+    return add
+
+
+def way_options(command: Callable[..., Any], *, check: bool = True) -> Callable[..., Any]:
+    """``--router`` and `certificate_options`; the command gets ``router``, the way to other machines' arms or None.
+
+    What is not typed comes from the file in HEXWIRE_FLEET.
+
+    Args:
+        command: The command.
+        check: Certificates that cannot be used end it; otherwise only the router cannot be reached.
+    """
+
+    @functools.wraps(command)
+    def packed(
+        *args: Any, router: str, ca: str, cert: str, key: str, reachable_without_certificates: bool, **rest: Any
+    ) -> Any:
+        from hexwire.fleet.address import router_network
+
+        way = router_network(
+            router, ca=ca, cert=cert, key=key, without_certificates=reachable_without_certificates, check=check
+        )
+        return command(*args, router=way, **rest)
+
+    with_certificates = certificate_options("this program")(packed)
+    return click.option(
+        "--router",
+        default="",
+        metavar="ENDPOINT",
+        help="Router of the fleet, as in tls/lab-pc:7447.  [env var: HEXWIRE_FLEET]",
+    )(with_certificates)
