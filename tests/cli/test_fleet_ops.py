@@ -18,7 +18,9 @@ from tests.fleet.eventually import eventually, hexwire_program
 import hexwire
 from hexwire.cli import fleet_ops
 from hexwire.cli.main import cli
+from hexwire.fleet import overview
 from hexwire.fleet.endpoints import local_socket
+from hexwire.fleet.names import Role
 from hexwire.fleet.overview import Overview
 
 # ruff: noqa: F811  # fixtures that are imported
@@ -67,6 +69,18 @@ def test_a_stop_stops_what_it_names_and_nothing_else(serve: Serve) -> None:
     assert stopped == {"lab/arm1": True, "lab/arm2": True, "hall": False}
     rows = json.loads(run("stop", "--all", "--torque-off", "--json").stdout)
     assert [row["confirmed"] for row in rows] == [True] * 3
+
+
+def test_a_stop_that_holds_instead_of_switching_torque_off_says_so(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    serve("lab/arm1", robot="sim")
+    monkeypatch.setattr(overview, "role_of", lambda cert: Role.OBSERVER)
+    result = run("stop", "lab/*", "--torque-off")
+    assert result.exit_code == 1
+    assert result.stdout.startswith("lab/arm1: stopped, holding: J1 ")
+    assert "; with torque: an observer may stop it, but not switch its torque off" in result.stdout
+    assert "stopped, but torque is still on: lab/arm1" in result.stderr
 
 
 def test_a_stop_that_stops_nothing_says_so(runtime: Path) -> None:

@@ -38,6 +38,7 @@ def test_the_key_of_an_order_names_the_role_so_that_rights_can_be_given_by_key()
     keys = Keys("lab/arm1")
     assert keys.order(Role.OPERATOR) == "hexwire/lab/arm1/as/operator/order"
     assert keys.lease(Role.MAINTAINER) == "hexwire/lab/arm1/as/maintainer/lease"
+    assert keys.off(Role.OPERATOR) == "hexwire/lab/arm1/as/operator/off"
 
 
 @pytest.mark.parametrize(

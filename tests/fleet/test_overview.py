@@ -10,10 +10,12 @@ from typing import Any
 import pytest
 
 import hexwire
+from hexwire.drivers.values import StopMode
 from hexwire.errors import LinkLostError, StoppedError
 from hexwire.fleet import messages as m
+from hexwire.fleet import overview
 from hexwire.fleet.endpoints import endpoints_of, local_socket
-from hexwire.fleet.names import Keys
+from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
 from hexwire.fleet.overview import look, stop_all
@@ -101,6 +103,28 @@ def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
     assert by_name["lab/d"].error == "the port is gone"
     assert "may not stop it" in by_name["lab/e"].error
     assert by_name["lab/f"].error == "no joint confirmed it"
+    for node in nodes:
+        node.close()
+
+
+def test_torque_off_that_is_denied_stops_the_arm_all_the_same(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    confirmed = m.Answer("", value=["J1"])
+    nodes = [
+        puppet("lab/a", **{"stop": confirmed, "as/maintainer/off": confirmed}),
+        puppet("lab/b", stop=confirmed),
+        puppet("lab/c", **{"stop": confirmed, "as/maintainer/off": None}),
+    ]
+    with Roster("lab/*") as roster:
+        rows = {row.name: row for row in stop_all(roster, "Bob", StopMode.TORQUE_OFF, timeout=1.0)}
+        assert [rows[name].confirmed for name in sorted(rows)] == [True, True, False]
+        assert [bool(rows[name].kept) for name in sorted(rows)] == [False, True, False]
+        assert "'hexwire fleet config'" in rows["lab/b"].kept
+        monkeypatch.setattr(overview, "role_of", lambda cert: Role.OBSERVER)
+        rows = {row.name: row for row in stop_all(roster, "Bob", StopMode.TORQUE_OFF, timeout=1.0)}
+        assert all(row.confirmed for row in rows.values())
+        assert all(row.kept.startswith("an observer may stop it") for row in rows.values())
     for node in nodes:
         node.close()
 

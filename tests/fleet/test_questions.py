@@ -15,6 +15,7 @@ import pytest
 
 import hexwire
 from hexwire.drivers.base import RobotDriver
+from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     LinkLostError,
     LinkNotFoundError,
@@ -28,8 +29,10 @@ from hexwire.fleet import questions
 from hexwire.fleet.address import Address
 from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
+from hexwire.fleet.overview import stop_all
 from hexwire.fleet.questions import ask, decoded
 from hexwire.fleet.rights import Kind
+from hexwire.fleet.roster import Roster
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.link.certs import issue_certificate
@@ -119,6 +122,62 @@ def test_an_observer_reads_and_stops_and_is_told_that_it_may_not_command(lab: La
         why(raised.value)
         robot.stop()
         assert robot.read().stopped
+
+
+@pytest.mark.parametrize("name", ["anna", "cora"])
+def test_who_may_command_stops_with_torque_off(lab: Lab, served: Service, name: str) -> None:
+    with connected(lab, "lab/arm1", name) as robot:
+        robot.torque(True)
+        assert robot.stop(StopMode.TORQUE_OFF) == robot.model.names
+        state = robot.read()
+        assert (state.stopped, state.torque_on) == (True, ())
+
+
+def test_an_observer_that_asks_for_torque_off_stops_the_arm_and_is_told_that_it_holds(
+    lab: Lab, served: Service
+) -> None:
+    with connected(lab, "lab/arm1", "cora") as cora, connected(lab, "lab/arm1", "watcher") as watcher:
+        cora.torque(True)
+        words = r"is stopped and holds, with torque: an observer may stop it, but .*watcher\.pem"
+        with pytest.raises(LinkPermissionError, match=words) as raised:
+            watcher.stop(StopMode.TORQUE_OFF)
+        why(raised.value)
+        state = watcher.read()
+        assert (state.stopped, state.torque_on) == (True, watcher.model.names)
+        assert not watcher.epochs.failed, "that stop is confirmed"
+        # As a program that does not know its own certificate.
+        watcher._commands_as = Role.OPERATOR  # type: ignore[attr-defined]
+        with pytest.raises(
+            LinkPermissionError, match=r"holds.*\(observer for lab/\*\) does not allow to switch its"
+        ):
+            watcher.stop(StopMode.TORQUE_OFF)
+        cora.resume()
+
+
+def test_with_an_older_access_file_torque_off_stops_the_arm_and_says_what_to_do(
+    runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = Lab(tmp_path)
+    lab.issue("arm1", Kind.ARM, "lab/arm1")
+    lab.issue("anna", Kind.OPERATOR, "lab/*")
+    access = lab.access()
+    for rule in access["rules"]:
+        rule["key_exprs"] = [key for key in rule["key_exprs"] if not key.endswith("/off")]
+    monkeypatch.setattr(lab, "access", lambda: access)
+    with lab.routing(), Service(read_arms({"lab/arm1": {"robot": "sim"}}), lab.network("arm1")):
+        with elsewhere(tmp_path), connected(lab, "lab/arm1", "anna") as robot:
+            robot.torque(True)
+            words = r"is stopped and holds, with torque: .*may not switch its torque off; .*'hexwire fleet config'"
+            with pytest.raises(LinkPermissionError, match=words) as raised:
+                robot.stop(StopMode.TORQUE_OFF)
+            why(raised.value)
+            state = robot.read()
+            assert (state.stopped, state.torque_on) == (True, robot.model.names)
+        with elsewhere(tmp_path), Roster("lab/*", lab.network("anna")) as roster:
+            assert roster.settle(5.0)
+            (row,) = stop_all(roster, "Anna", StopMode.TORQUE_OFF)
+        assert (row.confirmed, row.joints) == (True, robot.model.names)
+        assert "'hexwire fleet config'" in row.kept
 
 
 def test_a_role_above_that_of_the_certificate_is_denied_by_the_router_and_explained(

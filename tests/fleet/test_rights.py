@@ -163,8 +163,8 @@ def eventually(what: Callable[[], object]) -> None:
 
 
 READ = ["ask", "stop"]
-OPERATE = [*READ, "as/operator/lease", "as/operator/order"]
-MAINTAIN = [*OPERATE, "as/maintainer/lease", "as/maintainer/order"]
+OPERATE = [*READ, "as/operator/lease", "as/operator/order", "as/operator/off"]
+MAINTAIN = [*OPERATE, "as/maintainer/lease", "as/maintainer/order", "as/maintainer/off"]
 
 
 @pytest.mark.parametrize(

@@ -150,10 +150,28 @@ def test_a_stop_needs_no_lease_and_its_answer_names_what_confirmed_it(served: Se
     assert (served.node.states[-1].stopped, served.node.states[-1].reason) == (True, "Bob stopped it")
 
 
-def test_a_stop_voids_the_orders_of_its_own_program_that_it_overtakes(served: Served) -> None:
+def test_torque_off_is_only_for_those_whose_key_proves_it_and_the_others_stop_the_arm(served: Served) -> None:
+    for key, torque in ((KEYS.stop, True), (KEYS.off(OPERATOR), False), (KEYS.off(MAINTAINER), False)):
+        holder = served.take().value
+        assert served.order(holder, m.Resume()).kind == ""
+        assert served.order(holder, m.Torque(True, None)).kind == ""
+        answer = served.ask(key, m.StopRequest("Bob", 1))
+        assert answer.value == list(served.bench.robot.model.names)
+        assert served.bench.board.state.stopped
+        assert served.bench.bench.torques() == [torque] * len(answer.value)
+        served.bench.turn(1.0)
+
+
+def test_a_stop_that_holds_may_come_by_the_key_of_torque_off(served: Served) -> None:
+    assert served.ask(KEYS.off(OPERATOR), m.StopRequest("Bob", 0)).kind == ""
+    assert all(served.bench.bench.torques())
+
+
+@pytest.mark.parametrize("by", [KEYS.stop, KEYS.off(OPERATOR)])
+def test_a_stop_voids_the_orders_of_its_own_program_that_it_overtakes(served: Served, by: str) -> None:
     key = served.take("Ann").value
     late = [served.envelope(key, served.write(J1=0.1)), served.envelope(key, m.Resume())]
-    stop = served.ask(KEYS.stop, m.StopRequest("Ann", key=key, sequence=late[-1].sequence))
+    stop = served.ask(by, m.StopRequest("Ann", mode=1, key=key, sequence=late[-1].sequence))
     assert stop.kind == ""
     for order in late:
         refused = served.ask(KEYS.order(OPERATOR), order)
@@ -218,7 +236,7 @@ def test_a_stop_that_switches_torque_off_does_not_wait_for_one_that_holds(served
     served.bench.robot.stop = hang  # type: ignore[method-assign]
     first = served.put(KEYS.stop, m.StopRequest("Ann", 0))
     assert inside.wait(30)
-    second = served.put(KEYS.stop, m.StopRequest("Bob", 1))
+    second = served.put(KEYS.off(OPERATOR), m.StopRequest("Bob", 1))
     assert second.answered.wait(30)
     assert not any(served.bench.bench.torques())
     release.set()

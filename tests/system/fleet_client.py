@@ -51,9 +51,9 @@ class Client:
     def _watched_ask(self) -> Any:
         def ask(node: network.Node, key: str, payload: bytes, timeout: float, **more: Any) -> bytes:
             last = key.rpartition("/")[2]
-            if last not in ("lease", "order", "stop"):
+            kinds = {"lease": m.LeaseRequest, "order": m.Envelope, "stop": m.StopRequest, "off": m.StopRequest}
+            if last not in kinds:
                 return _PLAIN_ASK(node, key, payload, timeout, **more)
-            kinds = {"lease": m.LeaseRequest, "order": m.Envelope, "stop": m.StopRequest}
             message = m.decode(payload, kinds[last])
             what = type(message.order if isinstance(message, m.Envelope) else message).__name__
             number = next(self._numbers)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hexwire.errors import LinkLostError, LinkNotFoundError, UsageError
+from hexwire.errors import LinkLostError, LinkNotFoundError, LinkPermissionError, UsageError
 
 from .common import json_option, number_option, on_terminal
 from .fleet_options import way_options
@@ -115,23 +115,28 @@ def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | N
             "nothing was stopped: write 'hexwire fleet stop --all' for every arm, or name some, as in "
             "'hexwire fleet stop \"lab/*\"'"
         )
-    failed, rows = [], []
+    failed, kept, rows = [], [], []
     with Roster(pattern or "**", router) as roster:
         for row in stop_all(roster, whoami(), StopMode.TORQUE_OFF if torque_off else StopMode.HOLD):
             rows.append(row)
             if not row.confirmed:
                 failed.append(row.name)
+            elif row.kept:
+                kept.append(row.name)
             if not as_json:
-                words = "stopped, torque off" if torque_off else "stopped, holding"
+                words = "stopped, torque off" if torque_off and not row.kept else "stopped, holding"
                 done = f"{words}: {' '.join(row.joints)} ({1000 * row.seconds:.0f} ms)"
+                done += f"; with torque: {row.kept}" if row.kept else ""
                 say(f"{row.name}: {done if row.confirmed else f'NOT CONFIRMED: {row.error}'}", flush=True)
     if as_json:
-        keys = ("name", "confirmed", "joints", "error", "seconds")
+        keys = ("name", "confirmed", "joints", "error", "seconds", "kept")
         print_json([{key: getattr(row, key) for key in keys} for row in rows])
     if not rows:
         raise LinkNotFoundError(f"nothing was stopped: {nobody(pattern or '**', router)}; see 'hexwire fleet list'")
     if failed:
         raise LinkLostError(f"not confirmed by {', '.join(failed)}: switch the power off if they may move")
+    if kept:
+        raise LinkPermissionError(f"stopped, but torque is still on: {', '.join(kept)}")
 
 
 def nobody(pattern: str, router: Network | None) -> str:

@@ -96,12 +96,7 @@ class Address:
         Args:
             cert: The certificate by which the other side knows it; empty for none, which is for every role.
         """
-        if self.role is not None:
-            return self.role
-        rights = rights_of(cert) if cert else None
-        if rights is not None and rights.role is not None:
-            return rights.role
-        return Role.OPERATOR if cert else Role.MAINTAINER
+        return role_of(cert) if self.role is None else self.role
 
     def network(self) -> Network:
         """The way to the arm: the socket of a server of this user, else the router.
@@ -132,6 +127,18 @@ class Address:
             key=self.key,
             reachable_without_certificates=self.without_certificates,
         )
+
+
+def role_of(cert: str) -> Role:
+    """Role of a program that is known by a certificate; that of a maintainer without one.
+
+    Raises:
+        UsageError: It cannot be read.
+    """
+    rights = rights_of(cert) if cert else None
+    if rights is not None and rights.role is not None:
+        return rights.role
+    return Role.OPERATOR if cert else Role.MAINTAINER
 
 
 def rights_of(cert: str) -> Rights | None:

@@ -252,7 +252,7 @@ class StopRequest(_Message, tag=2):
 
     Attributes:
         client: Who stops it, for display.
-        mode: As `StopMode`.
+        mode: As `StopMode`; where only a stop that holds is done, that is done whatever it says.
         key: Key of the client's lease; 0 if it has none.
         sequence: Number of the client's last order before the stop: what it overtakes on the way is void.
     """

@@ -4,9 +4,10 @@ Owns the grammar of names, roles and keys. Must not know Zenoh or messages.
 
     hexwire/<name>/state                   every state of the arm and of its lease, published
     hexwire/<name>/ask                     questions that move nothing
-    hexwire/<name>/stop                    stops the arm; needs no lease
+    hexwire/<name>/stop                    stops the arm, which keeps its torque; needs no lease
     hexwire/<name>/as/<role>/lease         take, renew and give back the lease
     hexwire/<name>/as/<role>/order         orders of its holder
+    hexwire/<name>/as/<role>/off           stops the arm with torque off; needs no lease
     hexwire/<name>/alive/<instance>        liveliness token of the server
     hexwire/@here/<session>                answered by the router or server that a program is connected to
 """
@@ -48,7 +49,7 @@ class Role(IntEnum):
     OBSERVER = 0
     """Read, and stop."""
     OPERATOR = 1
-    """And move the arm."""
+    """And move the arm, or stop it with torque off."""
     MAINTAINER = 2
     """And write servo settings and firmware."""
 
@@ -121,10 +122,18 @@ class Keys:
         """Key of the orders of clients of that role."""
         return f"{self.base}/as/{role.word}/order"
 
+    def off(self, role: Role) -> str:
+        """Key of the stop with torque off of clients of that role."""
+        return f"{self.base}/as/{role.word}/off"
+
     def asked(self, role: Role) -> list[str]:
         """Keys at which clients of that role ask and order."""
         commanding = [each for each in Role if Role.OBSERVER < each <= role]
-        return [self.ask, self.stop, *(key(each) for each in commanding for key in (self.lease, self.order))]
+        return [
+            self.ask,
+            self.stop,
+            *(key(each) for each in commanding for key in (self.lease, self.order, self.off)),
+        ]
 
     def answered(self) -> list[str]:
         """Keys at which a server answers."""

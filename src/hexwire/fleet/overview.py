@@ -17,8 +17,9 @@ from hexwire.errors import HexwireError
 from hexwire.model.state import JointFlag
 
 from . import messages as m
+from .address import role_of
 from .failures import restore
-from .names import Keys
+from .names import Keys, Role
 from .node import NoAnswerError, Pending
 from .roster import HUNG, Roster, Seen
 
@@ -29,6 +30,11 @@ _WAIT = 0.002
 _OPEN = 3.5
 """Seconds in which a way must be tried: connecting takes up to 3 s if somebody hangs."""
 _NO_RIGHT = "this program may not stop it, or it has just vanished"
+_OBSERVER = "an observer may stop it, but not switch its torque off"
+_DENIED = (
+    "this program may not switch its torque off; if its certificate allows it, write the router's access file "
+    "again with 'hexwire fleet config'"
+)
 _STARTING = "it does not answer yet: it starts, or this program may not ask it"
 
 
@@ -71,6 +77,7 @@ class Stopped:
         joints: Joints that confirmed.
         error: Why it is not confirmed; empty if it is.
         seconds: How long the answer took.
+        kept: Why it holds, although torque off was asked for; empty if it does as was asked.
     """
 
     name: str
@@ -78,6 +85,7 @@ class Stopped:
     joints: tuple[str, ...] = ()
     error: str = ""
     seconds: float = 0.0
+    kept: str = ""
 
 
 def look(roster: Roster, timeout: float) -> list[Overview]:
@@ -155,55 +163,95 @@ def stop_all(
     Args:
         roster: Which arms.
         client: Who stops them, for display.
-        mode: How they stop.
+        mode: How they stop. Torque off is for operators and maintainers; an arm where it is denied is stopped all
+            the same, and holds.
         timeout: Seconds for the confirmation of an arm.
     """
-    message = m.encode(m.StopRequest(client, int(mode)))
-    asked: dict[str, tuple[float, Pending | None]] = {}
+    stops: dict[str, _Stop | None] = {}
+    request = m.StopRequest(client, int(mode))
+    # Of each certificate, read once: many arms are behind one router.
+    roles: dict[str, Role] = {}
     began = time.monotonic()
     while True:
         settled = roster.settled or time.monotonic() - began > _OPEN
         for name, seen in roster.seen().items():
-            if name not in asked:
+            if name not in stops:
                 try:
-                    question = seen.node.question(Keys(name).stop, message, timeout, urgent=True)
+                    stops[name] = _Stop(seen, request, roles, timeout)
                 except HexwireError as error:
-                    asked[name] = time.monotonic(), None
+                    stops[name] = None
                     yield Stopped(name, False, error=str(error))
-                else:
-                    asked[name] = time.monotonic(), question
-        for name, (since, waiting) in list(asked.items()):
-            if waiting is None:
-                continue
-            done = _stopped(name, waiting, time.monotonic() - since)
-            if done is not None:
-                asked[name] = since, None
+        for name, stop in list(stops.items()):
+            if stop is not None and (done := stop.poll()) is not None:
+                stops[name] = None
                 yield done
-        if settled and all(waiting is None for _, waiting in asked.values()):
+        if settled and not any(stops.values()):
             break
         time.sleep(_WAIT)
     for name, why in roster.silent().items():
-        if name not in asked:
+        if name not in stops:
             yield Stopped(name, False, error=why)
 
 
-def _stopped(name: str, question: Pending, seconds: float) -> Stopped | None:
-    try:
-        payload = question.poll()
-        if payload is None:
-            return None
-        answer = m.decode(payload, m.Answer)
-        if answer.kind:
-            raise restore(answer.kind, answer.text, answer.details)
+class _Stop:
+    """The stop of one arm, on its way."""
+
+    def __init__(self, seen: Seen, request: m.StopRequest, roles: dict[str, Role], timeout: float) -> None:
+        self._seen, self._payload, self._timeout = seen, m.encode(request), timeout
+        self._began = time.monotonic()
+        self._kept = ""
+        keys = Keys(seen.name)
+        self._plain = key = keys.stop
+        if request.mode == StopMode.TORQUE_OFF:
+            role = _role(seen.node.cert, roles)
+            self._kept = _OBSERVER if role is Role.OBSERVER else ""
+            key = keys.stop if self._kept else keys.off(role)
+        self._ask(key)
+
+    def _ask(self, key: str) -> None:
+        self._key = key
+        self._question = self._seen.node.question(key, self._payload, self._timeout, urgent=True)
+
+    def poll(self) -> Stopped | None:
+        """What became of it; None while that is not known."""
+        name, seconds = self._seen.name, time.monotonic() - self._began
+        try:
+            payload = self._question.poll()
+            if payload is None:
+                return None
+            answer = m.decode(payload, m.Answer)
+            if answer.kind:
+                raise restore(answer.kind, answer.text, answer.details)
+        except NoAnswerError as none:
+            if none.absent and self._key != self._plain:
+                return self._hold()
+            return Stopped(name, False, error=_NO_RIGHT if none.absent else HUNG, seconds=seconds)
+        except HexwireError as error:
+            return Stopped(name, False, error=str(error), seconds=seconds)
         joints = tuple(map(str, answer.value)) if isinstance(answer.value, list | tuple) else ()
         missing = answer.details.get("missing")
         silent = ", ".join(map(str, missing)) if isinstance(missing, list) else ""
-        error = f"not confirmed by {silent}" if silent else "" if joints else "no joint confirmed it"
-        return Stopped(name, not error, joints, error, seconds)
-    except NoAnswerError as none:
-        return Stopped(name, False, error=_NO_RIGHT if none.absent else HUNG, seconds=seconds)
-    except HexwireError as error:
-        return Stopped(name, False, error=str(error), seconds=seconds)
+        why = f"not confirmed by {silent}" if silent else "" if joints else "no joint confirmed it"
+        return Stopped(name, not why, joints, why, seconds, self._kept)
+
+    def _hold(self) -> Stopped | None:
+        """Torque off was denied: stop it all the same."""
+        self._kept = _DENIED
+        try:
+            self._ask(self._plain)
+        except HexwireError as error:
+            return Stopped(self._seen.name, False, error=str(error))
+        return None
+
+
+def _role(cert: str, roles: dict[str, Role]) -> Role:
+    """Role by a certificate; if that cannot be read any more, the least."""
+    if cert not in roles:
+        try:
+            roles[cert] = role_of(cert)
+        except HexwireError:
+            roles[cert] = Role.OBSERVER
+    return roles[cert]
 
 
 def _ask_all(

@@ -1,15 +1,20 @@
 """Questions to the server of an arm, and why there is no answer.
 
-Owns the difference between "no such arm", "no right" and "no answer", which Zenoh does not tell. Must not know
-what is asked.
+Owns the difference between "no such arm", "no right" and "no answer", which Zenoh does not tell, and that a stop is
+done though torque off is denied. Must not know what else is asked.
 """
 
 from __future__ import annotations
 
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import msgspec
 
+from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     HexwireError,
     LinkLostError,
@@ -22,11 +27,11 @@ from hexwire.errors import (
 from . import messages as m
 from .address import Address, rights_of
 from .failures import restore
-from .names import Keys
+from .names import Keys, Role
 from .node import NoAnswerError, Node
 from .rights import KEY_WORDS
 
-__all__ = ["ask", "decoded"]
+__all__ = ["Questions", "ask", "decoded"]
 
 _TIMEOUT = 2.0
 """Seconds for the questions that find the reason."""
@@ -52,12 +57,83 @@ def ask(node: Node, address: Address, key: str, message: Any, timeout: float, *,
         HexwireError: What the server refused, and why.
     """
     try:
-        answer = m.decode(node.ask(key, m.encode(message), timeout, urgent=urgent), m.Answer)
+        return _answer(node.ask(key, m.encode(message), timeout, urgent=urgent))
     except NoAnswerError as none:
         raise _reason(node, address, key, none) from None
+
+
+def _answer(payload: bytes) -> m.Answer:
+    answer = m.decode(payload, m.Answer)
     if answer.kind:
         raise restore(answer.kind, answer.text, answer.details)
     return answer
+
+
+class Questions:
+    """What one program asks the server of an arm, counted and timed.
+
+    Args:
+        address: The arm.
+
+    Attributes:
+        counters: Numbers of requests, replies and time-outs.
+        round_trips: Seconds from question to answer, newest last.
+    """
+
+    def __init__(self, address: Address) -> None:
+        self._address, self._keys = address, Keys(address.name)
+        self.counters = dict.fromkeys(("requests", "replies", "timeouts"), 0)
+        self.round_trips: deque[float] = deque(maxlen=1000)
+
+    def ask(self, node: Node, key: str, message: Any, timeout: float, *, urgent: bool = False) -> m.Answer:
+        """As the function `ask`."""
+        with self._timed():
+            return ask(node, self._address, key, message, timeout, urgent=urgent)
+
+    def stop(self, node: Node, role: Role, request: m.StopRequest, timeout: float) -> tuple[m.Answer, str]:
+        """Stop the arm. Whoever may not do that with torque off stops it all the same, and the joints hold.
+
+        Args:
+            node: The session.
+            role: Of this program.
+            request: The stop.
+            timeout: Seconds for an answer.
+
+        Returns:
+            The answer to the stop that was done, and why torque stays on; empty if that is as asked.
+
+        Raises:
+            HexwireError: As `ask`: the stop is not confirmed.
+        """
+        if request.mode != StopMode.TORQUE_OFF:
+            return self.ask(node, self._keys.stop, request, timeout, urgent=True), ""
+        if role is Role.OBSERVER:
+            whose = f"with {_holder(node.cert)}" if node.cert else "as the address says"
+            kept = f"an observer may stop it, but not switch its torque off ({whose})"
+            return self.ask(node, self._keys.stop, request, timeout, urgent=True), kept
+        key = self._keys.off(role)
+        try:
+            with self._timed():
+                return _answer(node.ask(key, m.encode(request), timeout, urgent=True)), ""
+        except NoAnswerError as none:
+            if not none.absent:
+                raise _reason(node, self._address, key, none) from None
+            # First it is stopped; then there is time to find out why this was denied.
+            answer = self.ask(node, self._keys.stop, request, timeout, urgent=True)
+            return answer, str(_reason(node, self._address, key, none)).removeprefix(f"{self._address.text}: ")
+
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        self.counters["requests"] += 1
+        sent = time.monotonic()
+        try:
+            yield
+        except ReplyTimeoutError:
+            self.counters["timeouts"] += 1
+            raise
+        received = time.monotonic()
+        self.counters["replies"] += 1
+        self.round_trips.append(received - sent)
 
 
 def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> HexwireError:
@@ -109,5 +185,5 @@ def _missing(cert: str, name: str, key: str) -> str:
     if rights.role is None:
         return f"{holder} serves, and may not {what}; use that of a client"
     if key not in Keys(name).asked(rights.role):
-        return f"{holder} does not allow to command it as {key.split('/')[-2]}"
+        return f"{holder} does not allow to {what} as {key.split('/')[-2]}"
     return ""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any, Self
@@ -22,7 +21,6 @@ from hexwire.errors import (
     LinkLostError,
     LinkPermissionError,
     RemoteProtocolError,
-    ReplyTimeoutError,
     UsageError,
 )
 from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -35,7 +33,7 @@ from .following import Following
 from .identity import whoami
 from .names import Keys, Role
 from .node import NoAnswerError, Node
-from .questions import ask, decoded
+from .questions import Questions, ask, decoded
 from .rows import arm_model, as_probe_report
 from .states import ArrivedStates
 
@@ -80,7 +78,7 @@ class RemoteRobot(Following, RobotDriver):
         # Both the thread of a call and that of the heartbeat add to it.
         self._comparing = threading.Lock()
         self._states = ArrivedStates(address.text, self._clock)
-        self._round_trips: deque[float] = deque(maxlen=1000)
+        self._questions = Questions(address)
         # One order at a time, so that they arrive in the order of their numbers.
         self._ordering = threading.RLock()
         self._lease, self._sequence, self._timeout = 0, 0, facts.timeout
@@ -88,7 +86,7 @@ class RemoteRobot(Following, RobotDriver):
         self._watchdog, self._watchdog_mode = 0.0, StopMode.HOLD
         self._used = time.monotonic()
         self._discarded = -math.inf
-        self._counters = dict.fromkeys(("requests", "replies", "refused", "timeouts"), 0)
+        self._refused = 0
         self._keeper: threading.Thread | None = None
         self._ending = threading.Event()
 
@@ -145,7 +143,7 @@ class RemoteRobot(Following, RobotDriver):
 
     @property
     def round_trips(self) -> Sequence[float]:
-        return self._round_trips
+        return self._questions.round_trips
 
     @property
     def holder(self) -> str:
@@ -165,8 +163,8 @@ class RemoteRobot(Following, RobotDriver):
         return self._clock.at(time.monotonic())
 
     def host_counters(self) -> dict[str, int]:
-        states = self._states
-        return {**self._counters, "states": states.seen, "lost_states": states.lost, "damaged": states.damaged}
+        states, counters = self._states, {**self._questions.counters, "refused": self._refused}
+        return {**counters, "states": states.seen, "lost_states": states.lost, "damaged": states.damaged}
 
     def board_counters(self) -> dict[str, int]:
         rows = self._question(m.Ask("counters"))
@@ -340,12 +338,21 @@ class RemoteRobot(Following, RobotDriver):
         return value
 
     def stop(self, mode: StopMode = StopMode.HOLD) -> tuple[str, ...]:
-        self._attached()
+        """Stop it; see `RobotDriver.stop`. Torque off is for operators and maintainers.
+
+        Raises:
+            LinkPermissionError: It is stopped, but holds, since this program may not switch torque off.
+        """
+        node = self._attached()
         with self.epochs.stopping():
             request = m.StopRequest(self._me, int(mode), self._lease, self._sequence)
-            answer = self._exchange(self._keys.stop, request, _SLOW, urgent=True)
+            answer, kept = self._questions.stop(node, self._commands_as, request, _SLOW)
             self._states.require(answer.done)
-            return self._names(answer.value)
+            names = self._names(answer.value)
+        if kept:
+            # The stop is done: an error inside would count as an unconfirmed one.
+            raise LinkPermissionError(f"{self.url} is stopped and holds, with torque: {kept}", url=self.url)
+        return names
 
     def resume(self) -> None:
         token = self.epochs.token("resume", freeing=True)
@@ -396,7 +403,7 @@ class RemoteRobot(Following, RobotDriver):
             try:
                 answer = self._exchange(self._keys.order(self._role), envelope, _SLOW if slow else _TIMEOUT)
             except LeaseError as error:
-                self._counters["refused"] += 1
+                self._refused += 1
                 if error.lost:
                     self._lose(error.reason)
                 raise
@@ -425,19 +432,8 @@ class RemoteRobot(Following, RobotDriver):
         self._use()
         return self._exchange(self._keys.ask, question, _SLOW).value
 
-    def _exchange(self, key: str, message: Any, timeout: float, *, urgent: bool = False) -> m.Answer:
-        node = self._attached()
-        self._counters["requests"] += 1
-        sent = time.monotonic()
-        try:
-            answer = ask(node, self.address, key, message, timeout, urgent=urgent)
-        except ReplyTimeoutError:
-            self._counters["timeouts"] += 1
-            raise
-        received = time.monotonic()
-        self._counters["replies"] += 1
-        self._round_trips.append(received - sent)
-        return answer
+    def _exchange(self, key: str, message: Any, timeout: float) -> m.Answer:
+        return self._questions.ask(self._attached(), key, message, timeout)
 
     @staticmethod
     def _names(value: object) -> tuple[str, ...]:

@@ -43,9 +43,9 @@ class Kind(StrEnum):
     """What the holder of a certificate is."""
 
     OBSERVER = "observer"
-    """Reads, and stops."""
+    """Reads, and stops; a stop keeps the torque."""
     OPERATOR = "operator"
-    """Also moves."""
+    """Also moves, and may stop with torque off."""
     MAINTAINER = "maintainer"
     """Also writes servo settings and firmware."""
     ARM = "arm"
@@ -56,7 +56,7 @@ class Kind(StrEnum):
 
 _ROLES = {Kind.OBSERVER: Role.OBSERVER, Kind.OPERATOR: Role.OPERATOR, Kind.MAINTAINER: Role.MAINTAINER}
 
-KEY_WORDS = {"ask": "read", "state": "read", "stop": "stop"}
+KEY_WORDS = {"ask": "read", "state": "read", "stop": "stop", "off": "switch its torque off"}
 """What the last part of a key is for, in words; all others command."""
 
 

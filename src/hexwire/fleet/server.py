@@ -143,11 +143,12 @@ class ArmServer:
         node.watch_visible(keys.alive, self._on_token)
         if self._guard is not None:
             self._guard.watch(self._on_token)
-        node.answer(keys.stop, self._guarded(self._on_stop))
+        node.answer(keys.stop, self._guarded(partial(self._on_stop, StopMode.HOLD)))
         node.answer(keys.ask, self._guarded(self._on_question))
         for role in _ROLES:
             node.answer(keys.lease(role), self._guarded(partial(self._on_lease, role)))
             node.answer(keys.order(role), self._guarded(partial(self._on_order, role)))
+            node.answer(keys.off(role), self._guarded(partial(self._on_stop, StopMode.TORQUE_OFF)))
         self._owner.observers.append(self._on_state)
         self._ticker.start()
 
@@ -278,13 +279,15 @@ class ArmServer:
 
         return guarded
 
-    def _on_stop(self, query: Question) -> None:
+    def _on_stop(self, most: StopMode, query: Question) -> None:
         request = self._parse(query, m.StopRequest)
         if request is None:
             return
         if request.key:
             self._shared.rules.void(request.key, request.sequence)
-        if not self._stops[_mode(request.mode)].put((query, _shown(request.client))):
+        # Who has no right to switch torque off stops the arm all the same: it holds.
+        mode = _mode(request.mode) if most is StopMode.TORQUE_OFF else StopMode.HOLD
+        if not self._stops[mode].put((query, _shown(request.client))):
             self.refused += 1
             self._refuse(query, DeviceError("so many stop the arm that this is not answered; it is being stopped"))
 
