@@ -14,9 +14,9 @@ from __future__ import annotations
 import argparse
 import ast
 import difflib
+import hashlib
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
@@ -286,6 +286,16 @@ def find_mutants(folder: Path, room: str) -> tuple[int, list[Mutant]]:
     return total, found
 
 
+def draw(found: Iterable[Mutant], count: int, seed: int) -> list[Mutant]:
+    """A random sample; other mutants stay drawn when some code changes."""
+
+    def lot(mutant: Mutant) -> tuple[str, str]:
+        what = json.dumps([seed, mutant.place, mutant.change])
+        return hashlib.sha256(what.encode()).hexdigest(), mutant.name
+
+    return sorted(found, key=lot)[:count]
+
+
 def take_codes(folder: Path, room: str, mutants: Iterable[Mutant]) -> None:
     """What came of them."""
     codes: dict[str, int | None] = {}
@@ -336,7 +346,7 @@ def judge(room: str, count: int, seed: int, jobs: int) -> Score:
     if not found:
         raise SystemExit(f"mutmut made no mutants of {room}: see {folder / 'mutmut.log'}")
     score = Score(room, total, len(found))
-    score.mutants = sorted(random.Random(seed).sample(found, min(count, len(found))), key=lambda m: m.name)
+    score.mutants = sorted(draw(found, count, seed), key=lambda m: m.name)
     mutmut(folder, [mutant.name for mutant in score.mutants], jobs)
     take_codes(folder, room, score.mutants)
     hung = [mutant.name for mutant in score.mutants if mutant.exit_code in _HUNG]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.mutation import changed_lines, is_meaningful, put_in
+from tests.mutation import Mutant, changed_lines, draw, is_meaningful, put_in
 
 BEFORE = """
 def f(x):
@@ -105,3 +105,16 @@ def test_a_mutant_takes_the_place_of_its_function_in_the_source(
     key: str, function: str, old: str, new: str
 ) -> None:
     assert put_in(SOURCE, key, function) == SOURCE.replace(old, new)
+
+
+def test_a_sample_is_random_and_stays_when_other_code_changes() -> None:
+    found = [Mutant(f"m{i}", f"wire/a.py:f{i}", (f"-{i}", f"+{i + 1}")) for i in range(200)]
+    sample = draw(found, 40, 1)
+    assert len({mutant.name for mutant in sample}) == 40
+    assert len(draw(found, 300, 1)) == 200
+    assert {mutant.name for mutant in draw(found, 40, 2)} != {mutant.name for mutant in sample}
+    # Half of the code is gone, and mutmut numbers the rest anew.
+    rest = [Mutant(f"n{i}", mutant.place, mutant.change) for i, mutant in enumerate(found[100:])]
+    kept = {mutant.place for mutant in sample} & {mutant.place for mutant in rest}
+    assert 10 < len(kept) < 30
+    assert kept <= {mutant.place for mutant in draw(rest, 40, 1)}
