@@ -81,6 +81,7 @@ def test_a_goal_is_accepted_and_reached(goals: Goals) -> None:
     goals.goals.start()
     client = goals.send({"J1": HOME["J1"] + 0.2})
     wait_for(lambda: client.said == ["accepted"])
+    assert goals.goals._worker.daemon, "a program that does not close it ends all the same"
     goal = goals.bench.controller.listener
     assert isinstance(goal, ClientGoal)
     wait_for(lambda: goal.accepted)

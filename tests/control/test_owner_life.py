@@ -202,6 +202,8 @@ def test_a_life_with_its_own_thread(served: Served) -> None:
 def test_stops_from_several_threads_while_the_owner_waits(served: Served, publish_rate: float) -> None:
     node = Threaded(served, publish_rate=publish_rate)
     owner, names = node.owner, node.driver.model.names
+    assert owner._thread is not None
+    assert owner._thread.daemon, "a program that does not shut it down ends all the same"
     answers: list[tuple[str, ...]] = []
 
     def keep_stopping() -> None:

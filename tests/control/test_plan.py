@@ -11,7 +11,7 @@ from hexwire.control.goals import Point
 from hexwire.control.outcomes import Reason
 from hexwire.control.plan import Plan
 from hexwire.errors import GoalError
-from hexwire.motion.waypoints import Sample
+from hexwire.motion.waypoints import Sample, Spline
 
 # -- the bridge from where the arm is ---------------------------------------------------------------
 
@@ -175,6 +175,16 @@ def test_a_plan_begins_from_where_the_joints_are_then() -> None:
         assert trajectory.at(0.0).velocity == start.velocity
         assert trajectory.goal == (1.0, 1.0, 1.0)
     assert (plan.late(105.0), plan.is_over(105.0)) == (0.0, False), "without a stamp it begins whenever it begins"
+
+
+@pytest.mark.parametrize("first", [0.0, 1.0])
+def test_points_that_are_checked_already_are_not_looked_at_again(
+    first: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would take long for many."""
+    plan = Plan(order(Point(first, STILL.position), Point(2.0, REST), delay=0.5), JOINTS, 100.0)
+    monkeypatch.setattr(Spline, "_check", lambda *given: pytest.fail("looked at again"))
+    assert plan.trajectory(STILL, 100.0).duration == 2.0
 
 
 def test_a_plan_with_a_stamp_is_late_and_over_by_the_clock() -> None:

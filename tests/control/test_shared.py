@@ -666,6 +666,7 @@ def test_the_supervision_survives_its_own_failure_and_stops_the_arm(caplog: pyte
             threading.Event().wait(0.001)
     assert bench.shared.holder is None
     assert bench.shared._supervisor.is_alive()
+    assert bench.shared._supervisor.daemon, "a program that does not shut it down ends all the same"
     bench.shared.shutdown()
     assert not bench.shared._supervisor.is_alive()
 

@@ -79,7 +79,7 @@ class Plan:
         """
         last = self._filled(self._points[-1], start).position
         self._check_there(start.position, last)
-        return Spline(self._joints, [Waypoint(0.0, last)], checked=True)
+        return Spline(self._joints, [Waypoint(0.0, last)])
 
     def trajectory(self, start: Sample, now: float) -> Spline:
         """The remaining trajectory at a time.
