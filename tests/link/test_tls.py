@@ -1,15 +1,21 @@
 from __future__ import annotations
 
+import contextlib
+import os
+import pty
 import re
 import select
+import signal
 import socket
 import ssl
+import sys
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from conformance import PATIENCE, Background, LinkConformance, descriptors, in_a_moment, soon
+from cryptography.hazmat.primitives import serialization
 from far_ends import free_port
 
 from hexwire.errors import LinkError, LinkLostError, LinkPermissionError, LinkTimeoutError, UsageError
@@ -117,7 +123,34 @@ def test_the_settings_are_strict(lab: Path) -> None:
     for context in (server, client):
         assert context.minimum_version == ssl.TLSVersion.TLSv1_2
         assert context.verify_mode == ssl.CERT_REQUIRED
+        usual = ssl.SSLContext(context.protocol).options
+        assert context.options == usual | ssl.OP_NO_RENEGOTIATION, "Python's own settings, such as no compression"
     assert client.check_hostname
+
+
+def test_a_key_with_a_pass_phrase_is_refused_and_nobody_is_asked_on_the_terminal(lab: Path, tmp_path: Path) -> None:
+    """In a service nobody would answer. Only a program with a terminal is asked, so it has one here."""
+    key = serialization.load_pem_private_key((lab / "client.key").read_bytes(), None)
+    locked = serialization.BestAvailableEncryption(b"secret")
+    pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, locked)
+    (tmp_path / "locked.key").write_bytes(pem)
+    files = f"{str(lab / 'ca.pem')!r}, {str(lab / 'client.pem')!r}, {str(tmp_path / 'locked.key')!r}"
+    program = f"from hexwire.link.tls import TlsFiles; TlsFiles({files}).client_context()"
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(sys.executable, [sys.executable, "-c", program])
+    said = b""
+    try:
+        # Linux ends the terminal of a program that has ended with EIO.
+        with contextlib.suppress(OSError):
+            while b"Enter" not in said and (more := os.read(terminal, 65536)):
+                said += more
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        os.close(terminal)
+    assert b"Enter" not in said
+    assert b"without a pass phrase" in said
 
 
 def test_files_that_cannot_be_used(lab: Path, tmp_path: Path) -> None:
