@@ -134,6 +134,21 @@ def test_calls_between_two_stops_share_their_token_and_no_stop_keeps_it() -> Non
     assert not epochs.holds(held)
 
 
+def test_what_waited_too_long_is_refused_right_before_its_bytes_leave_and_not_later() -> None:
+    epochs = Epochs()
+    why: list[HexwireError] = [LeaseError("too old")]
+    token = epochs.mark()._replace(late=lambda: why[0] if why else None)
+    # Also asked while an answer is awaited.
+    assert epochs.holds(token)
+    epochs.check(token, "a move")
+    with pytest.raises(LeaseError, match="too old"):
+        epochs.check_leaving(token, "a move")
+    with epochs.stopping(), pytest.raises(StoppedError, match="a stop came"):
+        epochs.check_leaving(token, "a move")
+    why.clear()
+    epochs.check_leaving(epochs.mark()._replace(late=token.late), "a move")
+
+
 def test_a_token_with_a_condition_is_refused_with_the_error_of_the_condition() -> None:
     epochs = Epochs()
     why: list[HexwireError] = []

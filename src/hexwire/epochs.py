@@ -38,12 +38,15 @@ class Token(NamedTuple):
         urgent: The call is the stop itself.
         refusal: A further condition: returns the error with which the call is refused, or None. Asked whenever the
             epoch is checked, so also right before the bytes leave. Must not block.
+        late: Another one, asked only right before the bytes of a request that acts leave; later it does not matter.
+            Must not wait for the line.
     """
 
     epoch: object
     stopped: bool
     urgent: bool = False
     refusal: Callable[[], HexwireError | None] | None = None
+    late: Callable[[], HexwireError | None] | None = None
 
 
 class _Local(threading.local):
@@ -155,6 +158,17 @@ class Epochs:
         if not self._epoch_holds(token):
             raise StoppedError.unsent(what, _STOPPED, _CAME if token.epoch is not self._current else _RESUMED)
         if token.refusal is not None and (error := token.refusal()) is not None:
+            raise error
+
+    def check_leaving(self, token: Token, what: str) -> None:
+        """As `check`, for a request that acts and is the next on the line: refuse also what has waited too long.
+
+        Raises:
+            StoppedError: The arm was stopped after the call.
+            HexwireError: The refusal of the token.
+        """
+        self.check(token, what)
+        if token.late is not None and (error := token.late()) is not None:
             raise error
 
     def calling(self, what: str, *, freeing: bool = False) -> _Within:

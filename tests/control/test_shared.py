@@ -258,6 +258,28 @@ def test_the_lease_is_judged_again_right_before_the_bytes_leave() -> None:
     assert bench.travel("J1") < STILL
 
 
+@pytest.mark.parametrize("dialect", [2, 1])
+def test_a_set_point_that_waited_for_the_line_is_refused_and_counted(dialect: int) -> None:
+    bench = SharedBench(dialect=dialect)
+    key, session = bench.take(), bench.robot.session
+    order = bench.order(key, age=0.1)
+    # Something else has the line, such as a probe of an arm with silent servos.
+    session._turn.begin(None)
+    service = Service(lambda: bench.shared.write(order, JointTarget.of({"J1": HOME["J1"] + 0.1}, 1.0)))
+    while not bench.shared.rules.holder.sequence:  # type: ignore[union-attr]
+        service.thread.join(0.001)
+    service.thread.join(0.05)
+    bench.clock.time += 0.3
+    session._turn.end()
+    with pytest.raises(LeaseError, match="400 ms old"):
+        service.answer()
+    assert bench.shared.refusals()["lease_too_old"] == 1
+    assert bench.shared.holder is not None, "only this order was refused"
+    bench.shared.beat(key, 0.0)
+    assert bench.travel("J1", 0.3) < STILL
+    bench.move(key, J1=AWAY)
+
+
 def test_after_a_halt_of_the_program_nothing_that_waited_is_done_or_revives_the_lease() -> None:
     bench = SharedBench()
     key = bench.take()

@@ -15,6 +15,7 @@ from hexwire.emulator.faults import FaultPlan
 from hexwire.errors import (
     CommandRefusedError,
     ConfigError,
+    LeaseError,
     LimitError,
     NotSupportedError,
     ReplyTimeoutError,
@@ -246,6 +247,19 @@ def test_raw_packets(monkeypatch: pytest.MonkeyPatch) -> None:
         arm.ioctl(Command.PING)
     assert not arm.may_move(Command.TRANSACT, bytes((7, 0)) + make_read(4, 5, 1))
     assert arm.may_move(Command.TRANSACT, bytes((0, 0)) + make_write(4, 0x2A, b"\0\10"))
+
+
+def test_a_target_that_waited_too_long_for_the_bus_is_not_sent(arm: BusArm) -> None:
+    arm.torque(True)
+    here = arm.read()
+    old = arm.epochs.mark()._replace(late=lambda: LeaseError("too old"))
+    name, angle = here.names[0], here.position[0]
+    with arm.epochs.using(old):
+        arm.read()
+        with pytest.raises(LeaseError, match="too old"):
+            arm.write(JointTarget.of({name: angle + 0.2}))
+    _settle(arm, 1.0)
+    assert arm.read().position[0] == pytest.approx(angle, abs=0.01)
 
 
 def test_arms_are_robots_by_name_and_by_file(tmp_path: Path) -> None:

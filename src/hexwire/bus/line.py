@@ -97,15 +97,22 @@ class BusLine:
         """Return the call that a packet belongs to, which a stop cancels until the packet is sent."""
         return nullcontext() if packet_only_reads(request) else self.epochs.calling(_WHAT)
 
-    def check_call(self) -> None:
+    def check_call(self, packet: bytes | None = None) -> None:
         """Refuse to send more of a call made before a stop.
+
+        Args:
+            packet: The packet that is sent next, if it is known.
 
         Raises:
             StoppedError: The arm was stopped after the call.
         """
         token = self.epochs.of_this_call
-        if token is not None:
+        if token is None:
+            return
+        if packet is None or packet_only_reads(packet):
             self.epochs.check(token, _WHAT)
+        else:
+            self.epochs.check_leaving(token, _WHAT)
 
     # --- transactions -----------------------------------------------------------------------------------------
 
@@ -126,7 +133,7 @@ class BusLine:
             while True:
                 if isinstance(step, Send):
                     try:
-                        self.check_call()
+                        self.check_call(step.packet)
                     except BaseException:
                         conversation.close()
                         raise
@@ -190,8 +197,8 @@ class BusLine:
             PreemptedError: The arm was stopped while the packet was sent.
         """
         epochs = self.epochs
-        if token is not None and not epochs.holds(token):
-            epochs.check(token, _WHAT)
+        if token is not None and (token.late is not None or not epochs.holds(token)):
+            epochs.check_leaving(token, _WHAT)
         machine = self.machine
         if packet[2] != BROADCAST_ID:
             # Its echo may pass for an answer.

@@ -243,11 +243,20 @@ class Lease:
         # The number counts even if the order is too old: an older one must not follow.
         holder.sequence = sequence
         if age is not None:
-            self._check_age(age, doubt)
+            self.check_age(age, doubt)
         holder.heard = holder.active = now
         return holder
 
-    def _check_age(self, age: float, doubt: float) -> None:
+    def check_age(self, age: float, doubt: float) -> None:
+        """Check that a set-point is not too old; again when its bytes are about to leave.
+
+        Args:
+            age: Its estimated age, seconds.
+            doubt: Uncertainty of the age, seconds.
+
+        Raises:
+            LeaseError: It is, or its age is not known; it is counted.
+        """
         # Compared so that NaN is refused.
         if not 0.0 <= doubt <= self.max_age or not -_ROUNDING <= age + doubt < math.inf:
             self.counters.undated += 1

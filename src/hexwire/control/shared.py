@@ -24,13 +24,12 @@ from hexwire.errors import LeaseError, StoppedError, UsageError
 from .holding import hold_moving, stop_or_log
 from .lease import Lease
 from .path_check import PathCheck
-from .shared_order import Order
+from .shared_order import Judge, Order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hexwire.drivers.base import ProbeReport
-    from hexwire.epochs import Token
     from hexwire.model.state import JointTarget, SentTarget
 
     from .arm import Arm
@@ -97,7 +96,8 @@ class SharedArm:
         # When the last trajectory ends, owner's clock.
         self._followed_until = -math.inf
         self._ending = False
-        self._owner.guard(self._expire, self._refusal_of_targets)
+        self._judge = Judge(self._lease, self._changed, clock, self._owner.now)
+        self._owner.guard(self._expire, self._judge.of_targets)
         self._supervisor = threading.Thread(target=self._supervise, name="lease", daemon=True)
 
     def start(self) -> None:
@@ -158,17 +158,11 @@ class SharedArm:
 
     def refusal(self, order: Order) -> LeaseError:
         """Count an order whose sender does not hold the lease; returns the error for it."""
-        with self._changed:
-            self._lease.counters.without_lease += 1
-            try:
-                self._lease.check(order.key, self._clock())
-            except LeaseError as error:
-                return error
-        return LeaseError("the lease has just changed; nothing was done", lost=False)
+        return self._judge.refusal(order)
 
     def admit(self, order: Order) -> None:
         """Check that an order that moves nothing may be done; raises `LeaseError` if it may not."""
-        self._admit(order)
+        self._judge.admit(order)
 
     def take(
         self,
@@ -259,13 +253,13 @@ class SharedArm:
         with owner.deciding():
             # Before the check, so that an order without a lease costs little; and nothing comes between it and
             # the sending, since a loss of the lease waits for `deciding`.
-            self._admit(order)
+            self._judge.admit(order)
             self._check_path(target)
-            return owner.send(target, self._token(order))
+            return owner.send(target, self._judge.token(order))
 
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
-        self._admit(order)
+        self._judge.admit(order)
         model = self._robot.model
         wanted = set(model.names) if joints is None else {model.joint(name).name for name in joints}
         names = tuple(name for name in model.names if name in wanted)
@@ -275,7 +269,7 @@ class SharedArm:
 
     def resume(self, order: Order) -> None:
         """End a stop. Nothing moves."""
-        self._admit(order)
+        self._judge.admit(order)
         self._called(order, self._owner.reset)
         with self._changed:
             self.tripped = False
@@ -289,14 +283,14 @@ class SharedArm:
             UsageError: The timeout is outside 0.05..60 s.
         """
         _check_watchdog(timeout)
-        grant = self._admit(order)
+        grant = self._judge.admit(order)
         with self._changed:
             grant.watchdog, grant.watchdog_mode = timeout, mode
             self._changed.notify_all()
 
     def ioctl(self, order: Order, sub_cmd: int, data: bytes) -> bytes:
         """Send a special command, whose path is not checked; see `RobotDriver.ioctl`."""
-        self._admit(order)
+        self._judge.admit(order)
         return self._called(order, lambda: self._owner.command(sub_cmd, data))
 
     def follow(
@@ -323,8 +317,8 @@ class SharedArm:
             LeaseError: The sender does not hold the lease.
             GoalError: The goal is refused; CANCELLED if its check took until `latest`.
         """
-        self._admit(order)
-        token, epochs = self._token(order), self._robot.epochs
+        self._judge.admit(order)
+        token, epochs = self._judge.token(order), self._robot.epochs
 
         def wanted() -> bool:
             # The path check takes time, in which the lease may be lost or the arm stopped.
@@ -450,32 +444,9 @@ class SharedArm:
         if self._ending:
             raise LeaseError("the arm is no longer shared: its program ends")
 
-    def _admit(self, order: Order) -> Grant:
-        with self._changed:
-            # Not earlier: waiting for the locks makes a set-point older.
-            age = None if order.made is None else self.now() - order.made
-            return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt)
-
-    def _token(self, order: Order) -> Token:
-        """What cancels an admitted order: a stop since its arrival, and the end of the lease."""
-
-        def refusal() -> LeaseError | None:
-            try:
-                self._lease.check(order.key, self._clock())
-            except LeaseError as error:
-                return error
-            return None
-
-        return order.arrived._replace(refusal=refusal)
-
-    def _refusal_of_targets(self) -> LeaseError | None:
-        if self._lease.is_alive(self._clock()):
-            return None
-        return LeaseError(self._lease.ended or "nobody holds the lease")
-
     def _called(self, order: Order, call: Callable[[], _T]) -> _T:
         """Make a call of the owner, unless it is cancelled until then."""
-        with self._robot.epochs.using(self._token(order)):
+        with self._robot.epochs.using(self._judge.token(order)):
             return call()
 
     def _check_path(self, target: JointTarget) -> None:

@@ -1,16 +1,23 @@
-"""An order to a shared arm: what proves that it may be done.
+"""An order to a shared arm: what proves that it may be done, and who judges that.
 
-Owns the value. Must not know what is ordered, nor the rules.
+Owns when an order is judged: at its admission, and right before its bytes leave. Must not know what is ordered, nor
+the rules themselves.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
+
+from hexwire.errors import LeaseError
 
 if TYPE_CHECKING:
     from hexwire.epochs import Token
 
-__all__ = ["Order"]
+    from .lease import Grant, Lease
+
+__all__ = ["Judge", "Order"]
 
 
 class Order:
@@ -31,3 +38,78 @@ class Order:
         self, key: int, sequence: int, arrived: Token, made: float | None = None, doubt: float = 0.0
     ) -> None:
         self.key, self.sequence, self.arrived, self.made, self.doubt = key, sequence, arrived, made, doubt
+
+
+class Judge:
+    """Judges orders by the rules of a lease. Any thread may call its methods.
+
+    Args:
+        lease: The rules.
+        lock: Guards them; nobody waits for the line of the arm while holding it.
+        clock: Counts the lease, seconds.
+        now: The owner's clock, seconds.
+    """
+
+    def __init__(
+        self,
+        lease: Lease,
+        lock: AbstractContextManager[object],
+        clock: Callable[[], float],
+        now: Callable[[], float],
+    ) -> None:
+        self._lease, self._lock, self._clock, self._now = lease, lock, clock, now
+
+    def admit(self, order: Order) -> Grant:
+        """Accept an order of the holder; raises `LeaseError`, as `Lease.admit`."""
+        with self._lock:
+            # Not earlier: waiting for the locks makes a set-point older.
+            age = None if order.made is None else self._now() - order.made
+            return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt)
+
+    def refusal(self, order: Order) -> LeaseError:
+        """Count an order whose sender does not hold the lease; returns the error for it."""
+        with self._lock:
+            self._lease.counters.without_lease += 1
+            try:
+                self._lease.check(order.key, self._clock())
+            except LeaseError as error:
+                return error
+        return LeaseError("the lease has just changed; nothing was done", lost=False)
+
+    def of_targets(self) -> LeaseError | None:
+        """Why no controller may send a target now; None if one may."""
+        if self._lease.is_alive(self._clock()):
+            return None
+        return LeaseError(self._lease.ended or "nobody holds the lease")
+
+    def token(self, order: Order) -> Token:
+        """What cancels an admitted order: a stop since its arrival, the end of the lease, waiting for the line."""
+
+        def refusal() -> LeaseError | None:
+            try:
+                self._lease.check(order.key, self._clock())
+            except LeaseError as error:
+                return error
+            return None
+
+        return order.arrived._replace(refusal=refusal, late=self._lateness(order))
+
+    def _lateness(self, order: Order) -> Callable[[], LeaseError | None] | None:
+        """What judges the age of a set-point until its first bytes leave."""
+        made, leaving = order.made, False
+        if made is None:
+            return None
+
+        def late() -> LeaseError | None:
+            nonlocal leaving
+            try:
+                if not leaving:
+                    with self._lock:
+                        self._lease.check_age(self._now() - made, order.doubt)
+            except LeaseError as error:
+                return error
+            # Some robots take several packets for a target; half of one would be worse than a late one.
+            leaving = True
+            return None
+
+        return late

@@ -311,6 +311,8 @@ class Session(SessionLine, Openable):
                         self.connection.dialect == tables.PROTO_CHAPTER
                     ):  # bytes received before cannot be its answer
                         self.connection.receive(self.ipc.link.read(self._now()), self._now())
+                    if token is not None and effect is Effect.ACT:
+                        self.epochs.check_leaving(token, command_name(cmd))
                     ticket = self.connection.request(
                         cmd, body, self.now(), window=window, attempts=attempts, urgent=urgent
                     )
@@ -359,7 +361,7 @@ class Session(SessionLine, Openable):
                 self._introduction.ask(self.connection, self.now())
                 self._write()
             if token is not None:
-                self.epochs.check(token, command_name(cmd))
+                self.epochs.check_leaving(token, command_name(cmd))
             if self.connection.in_conversation:
                 ticket = self.connection.request(cmd, body, self.now(), attempts=1, urgent=urgent)
                 try:
