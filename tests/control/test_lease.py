@@ -295,3 +295,17 @@ class Rules(RuleBasedStateMachine):
 
 TestRules = Rules.TestCase
 TestRules.settings = settings(max_examples=60, stateful_step_count=40)
+
+
+def test_who_holds_it_keeps_it_and_nobody_else_by_a_guess() -> None:
+    lease = Lease(timeout=0.5)
+    grant = lease.take("Ann", 1, 0.0)
+    lease.admit(grant.key, 7, 0.1)
+    assert lease.keep(grant.key, 0.4) is grant
+    assert (grant.sequence, grant.heard, lease.counters.preempted) == (7, 0.4, 0)
+    assert lease.keep(grant.key ^ 1, 0.4) is None
+    assert lease.keep(0, 0.4) is None
+    lease.leave(grant.key, 0.4, 5.0)
+    assert lease.keep(grant.key, 0.5) is None, "it has left"
+    lease = Lease(timeout=0.5)
+    assert lease.keep(lease.take("Ann", 1, 0.0).key, 0.6) is None, "it was lost"

@@ -402,6 +402,26 @@ def test_pre_emption_ends_the_former_holders_right_then_holds_then_grants() -> N
     assert bench.shared.refusals()["lease_preempted"] == 1
 
 
+@pytest.mark.parametrize("force", [False, True])
+def test_who_holds_the_lease_may_take_it_and_its_motion_goes_on(force: bool) -> None:
+    bench = SharedBench()
+    key = bench.take()
+    bench.move(key, J1=AWAY)
+    bench.keep(key, 1.0)
+    waiting = bench.order(key)
+    del bench.sent[:]
+    assert bench.take(key=key, force=force, watchdog=5.0) == key
+    assert bench.shared.holder is not None
+    assert bench.shared.holder.watchdog == 5.0
+    assert bench.travel("J1", 0.3) > 0.005
+    assert not bench.sent, "no hold"
+    assert not bench.shared.held
+    # An order from before is as good as before.
+    bench.shared.write(waiting, JointTarget.of({"J1": bench.where("J1")}, 0.1))
+    with pytest.raises(LeaseError, match="Ann holds the lease"):
+        bench.take("Eve", key=key ^ 1)
+
+
 def test_a_rank_below_does_not_pre_empt_and_moves_nothing() -> None:
     bench = SharedBench()
     key = bench.take(rank=2)

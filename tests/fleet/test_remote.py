@@ -120,6 +120,23 @@ def test_pre_emption_tells_the_former_holder_who_does_not_take_it_back_by_itself
     assert ann.read()["J1"].position == pytest.approx(here, abs=0.05)
 
 
+def test_who_holds_it_takes_it_again_without_effect(connect: Callable[..., RemoteRobot]) -> None:
+    ann, bob = connect(), connect()
+    ann.torque(True)
+    before = ann.board_counters()["lease_preempted"]
+    for force in (None, True):
+        ann.take(force=force)
+        ann.write(near(ann))
+    assert not ann.held
+    bob.take(force=True)
+    # The key of a former holder is worth nothing.
+    with pytest.raises(LeaseError, match="holds the lease; wait"):
+        ann.take()
+    ann.take(force=True)
+    ann.write(near(ann))
+    assert ann.board_counters()["lease_preempted"] == before + 2
+
+
 def test_a_silent_holder_loses_it_and_a_resume_takes_it_again(connect: Callable[..., RemoteRobot]) -> None:
     ann, bob = connect(), connect()
     ann.torque(True)

@@ -167,6 +167,18 @@ class Lease:
         self.holder = Grant(self.new_key(), client, rank, now, now, now)
         return self.holder
 
+    def keep(self, key: int, now: float) -> Grant | None:
+        """Renew the lease of a client that takes what it holds already; None if it does not hold it.
+
+        Args:
+            key: Of the lease that the client had.
+            now: Seconds.
+        """
+        try:
+            return self.beat(key, now)
+        except LeaseError:
+            return None
+
     def void(self, key: int, sequence: int) -> None:
         """Void the orders that the holder made before a stop, since a stop may overtake them on the way.
 

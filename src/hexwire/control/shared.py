@@ -169,15 +169,17 @@ class SharedArm:
         client: str,
         rank: Rank,
         *,
+        key: int = 0,
         force: bool = False,
         watchdog: float = 0.0,
         watchdog_mode: StopMode = StopMode.HOLD,
     ) -> Grant:
-        """Grant the lease. If another holder loses it by this, the arm holds first.
+        """Grant the lease. If another holder loses it by this, the arm holds first; who holds it already keeps it.
 
         Args:
             client: Who asks, for display.
             rank: Its rank.
+            key: Key of the lease that it holds already; 0 if it has none.
             force: Pre-empt another holder, if the rank permits it.
             watchdog: Seconds without a call of the client's program after which the arm is stopped; 0 for never.
             watchdog_mode: How it is stopped then.
@@ -191,6 +193,10 @@ class SharedArm:
             self._expire()
             with self._changed:
                 self._refuse_at_end()
+                if (kept := self._lease.keep(key, self._clock())) is not None:
+                    kept.watchdog, kept.watchdog_mode = watchdog, watchdog_mode
+                    self._changed.notify_all()
+                    return kept
                 self._lease.check_take(rank, force=force)
                 former = self._lease.holder
                 why = f"{client} took the lease from {former.client}" if former else ""

@@ -108,12 +108,14 @@ class Take(_Message, tag=1):
         force: Pre-empt the holder.
         watchdog: Seconds without a call of the client's program after which the arm is stopped; 0 for never.
         mode: How it is stopped then, as `StopMode`.
+        key: Key of the lease that the client holds already, which it keeps; 0 if it has none.
     """
 
     client: _Text
     force: bool = False
     watchdog: float = 0.0
     mode: int = 0
+    key: _Count = 0
 
 
 class Beat(_Message, tag=2):

@@ -221,7 +221,7 @@ class RemoteRobot(Following, RobotDriver):
     # -- the lease ------------------------------------------------------------------------------------
 
     def take(self, *, force: bool | None = None) -> None:
-        """Take the lease.
+        """Take the lease; without effect if this program holds it.
 
         Args:
             force: Pre-empt another holder; as the address says if None.
@@ -235,16 +235,17 @@ class RemoteRobot(Following, RobotDriver):
             sent = time.monotonic()
             answer = self._exchange(
                 self._keys.lease(self._role),
-                m.Take(self._me, force, self._watchdog, int(self._watchdog_mode)),
+                m.Take(self._me, force, self._watchdog, int(self._watchdog_mode), self._lease),
                 _TIMEOUT,
             )
             if type(answer.value) is not int or answer.value <= 0:
                 raise RemoteProtocolError("not a lease")
             # The first order follows at once, and the owner's computer may have been restarted since the last time.
             self._compare(sent, answer.clock, time.monotonic())
-            self._sequence, self._lost = 0, ""
             self._used = time.monotonic()
-            self._lease = answer.value
+            if answer.value != self._lease:
+                self._sequence = 0
+            self._lost, self._lease = "", answer.value
 
     def release(self, *, finish: bool = False) -> None:
         """Give the lease back.

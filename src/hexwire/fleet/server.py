@@ -405,6 +405,7 @@ class ArmServer:
         grant = self._shared.take(
             f"{_shown(request.client)}, {role.word}",
             role,
+            key=request.key,
             force=request.force,
             watchdog=request.watchdog,
             watchdog_mode=_mode(request.mode),
