@@ -13,8 +13,16 @@ from hypothesis import strategies as st
 from hexwire.drivers.values import JointProbe, ProbeReport
 from hexwire.errors import RemoteProtocolError
 from hexwire.fleet import messages as m
-from hexwire.fleet.rows import arm_model, as_probe_report, as_probe_rows, joints_of
+from hexwire.fleet.rows import (
+    arm_model,
+    as_probe_report,
+    as_probe_rows,
+    joint_names,
+    joints_of,
+    sent_target,
+)
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import SentTarget
 
 
 def facts(joints: tuple[m.Joint, ...]) -> m.Facts:
@@ -118,3 +126,19 @@ def test_whatever_arrives_is_a_probe_report_or_one_error(rows: object) -> None:
         return
     assert isinstance(report, ProbeReport)
     assert report.link == "zenoh:arm"
+
+
+def test_a_target_as_it_was_sent_comes_back() -> None:
+    row = [["J1", "J2"], [0.1, 2], 1.5, ["J2"], []]
+    assert sent_target(row) == SentTarget((("J1", 0.1), ("J2", 2.0)), 1.5, ("J2",), ())
+    assert joint_names(["J1", "J2"]) == ("J1", "J2")
+
+
+@pytest.mark.parametrize(
+    "value", [None, 5, [], [["J1"], [0.1, 0.2], 1.0, [], []], [["J1"], ["x"], 1.0, [], []], [[], [], None, [], []]]
+)
+def test_what_is_no_target_as_sent_is_refused(value: Any) -> None:
+    with pytest.raises(RemoteProtocolError, match="not a target as sent"):
+        sent_target(value)
+    with pytest.raises(RemoteProtocolError, match="not names of joints"):
+        joint_names("J1")

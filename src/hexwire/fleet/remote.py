@@ -34,7 +34,8 @@ from .identity import whoami
 from .names import Keys, Role
 from .node import NoAnswerError, Node
 from .questions import Questions, ask, decoded
-from .rows import arm_model, as_probe_report
+from .rows import arm_model, as_probe_report, joint_names, sent_target
+from .silence import Silence
 from .states import ArrivedStates
 
 __all__ = ["RemoteRobot", "whoami"]
@@ -45,6 +46,8 @@ _SLOW = 25.0
 """Seconds for an answer that does: a probe of an arm with silent servos takes long."""
 _BEATS = 5.0
 """Heartbeats per time-out of the lease."""
+_LOOK = 0.1
+"""Most seconds between two looks whether states still come."""
 _SHARE = 0.5
 """Part of the lease's time-out for which a heartbeat waits for its answer; then the next one is sent."""
 _CLOCK_PERIOD = 5.0
@@ -72,6 +75,8 @@ class RemoteRobot(Following, RobotDriver):
         self.model = arm_model(facts)
         self._facts, self._keys = facts, Keys(address.name)
         self._node: Node | None = None
+        # In which the facts were asked; `attach` goes on with it.
+        self._opened: Node | None = None
         self._commands_as = Role.OBSERVER
         self._me = whoami()
         self._clock = ClockOffset()
@@ -109,11 +114,14 @@ class RemoteRobot(Following, RobotDriver):
         node = address.network().open()
         try:
             facts = decoded(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT), m.Facts)
-        finally:
+            if robot is not None and robot != facts.robot:
+                raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; leave out --robot")
+            driver = cls(address, facts)
+        except BaseException:
             node.close()
-        if robot is not None and robot != facts.robot:
-            raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; leave out --robot")
-        return cls(address, facts)
+            raise
+        driver._opened = node
+        return driver
 
     # -- properties -----------------------------------------------------------------------------------
 
@@ -177,7 +185,7 @@ class RemoteRobot(Following, RobotDriver):
     def attach(self) -> None:
         if self._node is not None:
             return
-        node = self.address.network().open()
+        node = self._session()
         try:
             self._commands_as = self.address.role_by(node.cert)
             for _ in range(_EXCHANGES):
@@ -195,9 +203,18 @@ class RemoteRobot(Following, RobotDriver):
         self._keeper = threading.Thread(target=self._keep, args=(node, self._ending), name="lease", daemon=True)
         self._keeper.start()
 
+    def _session(self) -> Node:
+        """The session in which the facts were asked if its connection stands, else a new one."""
+        node, self._opened = self._opened, None
+        if node is not None:
+            if node.connections:
+                return node
+            node.close()
+        return self.address.network().open()
+
     def detach(self, *, torque_off: bool = False) -> None:
-        node = self._node
-        if node is None:
+        if self._node is None:
+            self.abort()
             return
         try:
             if torque_off:
@@ -209,11 +226,12 @@ class RemoteRobot(Following, RobotDriver):
             self.abort()
 
     def abort(self) -> None:
-        node, self._node = self._node, None
+        nodes, self._node, self._opened = (self._node, self._opened), None, None
         self._ending.set()
         self._states.close()
-        if node is not None:
-            node.close()
+        for node in nodes:
+            if node is not None:
+                node.close()
         # A thread that is in Zenoh when the interpreter ends would abort the program.
         if self._keeper is not None and self._keeper is not threading.current_thread():
             self._keeper.join(_TIMEOUT)
@@ -320,17 +338,11 @@ class RemoteRobot(Following, RobotDriver):
 
     def write(self, target: JointTarget) -> SentTarget:
         names, angles = zip(*target.positions, strict=True)
-        value = self._order("a move", m.Write(names, angles, target.duration))
-        try:
-            names, angles, duration, clamped, silent = value
-            pairs = tuple((str(name), float(angle)) for name, angle in zip(names, angles, strict=True))
-            return SentTarget(pairs, float(duration), tuple(map(str, clamped)), tuple(map(str, silent)))
-        except (TypeError, ValueError, OverflowError):
-            raise RemoteProtocolError("not a target as sent") from None
+        return sent_target(self._order("a move", m.Write(names, angles, target.duration)))
 
     def torque(self, on: bool, joints: Sequence[str] | None = None) -> tuple[str, ...]:
         names = None if joints is None else tuple(joints)
-        return self._names(self._order("torque", m.Torque(on, names), freeing=not on))
+        return joint_names(self._order("torque", m.Torque(on, names), freeing=not on))
 
     def ioctl(self, sub_cmd: int, data: bytes = b"") -> bytes:
         value = self._order("a special command", m.Ioctl(sub_cmd, bytes(data)))
@@ -349,7 +361,7 @@ class RemoteRobot(Following, RobotDriver):
             request = m.StopRequest(self._me, int(mode), self._lease, self._sequence)
             answer, kept = self._questions.stop(node, self._commands_as, request, _SLOW)
             self._states.require(answer.done)
-            names = self._names(answer.value)
+            names = joint_names(answer.value)
         if kept:
             # The stop is done: an error inside would count as an unconfirmed one.
             raise LinkPermissionError(f"{self.url} is stopped and holds, with torque: {kept}", url=self.url)
@@ -436,12 +448,6 @@ class RemoteRobot(Following, RobotDriver):
     def _exchange(self, key: str, message: Any, timeout: float) -> m.Answer:
         return self._questions.ask(self._attached(), key, message, timeout)
 
-    @staticmethod
-    def _names(value: object) -> tuple[str, ...]:
-        if not isinstance(value, list | tuple):
-            raise RemoteProtocolError("not names of joints")
-        return tuple(map(str, value))
-
     def _attached(self) -> Node:
         if self._node is None:
             raise UsageError("the driver is not attached; call attach() first")
@@ -459,9 +465,14 @@ class RemoteRobot(Following, RobotDriver):
 
     def _keep(self, node: Node, ending: threading.Event) -> None:
         """Renew the lease and follow the owner's clock, in a thread of its own."""
-        measured, server = time.monotonic(), 0
-        while not ending.wait(self._timeout / _BEATS):
+        measured, server, period, due = time.monotonic(), 0, self._timeout / _BEATS, 0.0
+        silence = Silence(self.url, measured)
+        while not ending.wait(min(period, _LOOK)):
             lease, now, newest = self._lease, time.monotonic(), self._states.newest
+            silence.look(now, self._states.arrived)
+            if now < due:
+                continue
+            due = now + period
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
             if not lease and sender == server and now - measured < _CLOCK_PERIOD:

@@ -1,6 +1,6 @@
 """Values of a robot as plain rows in messages, and back.
 
-Owns the conversion of states, arm models and probe reports. Must not know Zenoh.
+Owns the conversion of states, targets, arm models and probe reports. Must not know Zenoh.
 """
 
 from __future__ import annotations
@@ -14,11 +14,19 @@ import msgspec
 from hexwire.drivers.values import ProbeReport
 from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.state import JointState
+from hexwire.model.state import JointState, SentTarget
 
 from . import messages as m
 
-__all__ = ["arm_model", "as_probe_report", "as_probe_rows", "joint_state", "joints_of"]
+__all__ = [
+    "arm_model",
+    "as_probe_report",
+    "as_probe_rows",
+    "joint_names",
+    "joint_state",
+    "joints_of",
+    "sent_target",
+]
 
 # Learns the type, before any second thread: see the decoders of messages.
 msgspec.json.Decoder(ProbeReport)
@@ -89,6 +97,31 @@ def arm_model(facts: m.Facts) -> ArmModel:
         return ArmModel(facts.robot, tuple(JointModel(*msgspec.structs.astuple(joint)) for joint in facts.joints))
     except UsageError as error:
         raise RemoteProtocolError(f"not the model of an arm: {error}") from None
+
+
+def sent_target(value: Any) -> SentTarget:
+    """A target as it was sent: names, angles, duration, clamped and silent joints.
+
+    Raises:
+        RemoteProtocolError: It is not one.
+    """
+    try:
+        names, angles, duration, clamped, silent = value
+        pairs = tuple((str(name), float(angle)) for name, angle in zip(names, angles, strict=True))
+        return SentTarget(pairs, float(duration), tuple(map(str, clamped)), tuple(map(str, silent)))
+    except (TypeError, ValueError, OverflowError):
+        raise RemoteProtocolError("not a target as sent") from None
+
+
+def joint_names(value: object) -> tuple[str, ...]:
+    """Names of joints.
+
+    Raises:
+        RemoteProtocolError: They are not names.
+    """
+    if not isinstance(value, list | tuple):
+        raise RemoteProtocolError("not names of joints")
+    return tuple(map(str, value))
 
 
 def as_probe_rows(report: ProbeReport) -> dict[str, Any]:

@@ -1,0 +1,84 @@
+"""The session of a shared arm as a driver: one for all, closed with it; and states that cease to come."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import hexwire
+from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.fleet.network import Network
+from hexwire.fleet.node import Node
+from hexwire.fleet.remote import RemoteRobot
+
+from .conftest import Serve
+from .eventually import eventually
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[Node]:
+    """The sessions that were opened."""
+    nodes: list[Node] = []
+    plain = Network.open
+
+    def counted(network: Network, **options: Any) -> Node:
+        nodes.append(plain(network, **options))
+        return nodes[-1]
+
+    monkeypatch.setattr(Network, "open", counted)
+    return nodes
+
+
+def test_one_session_serves_what_is_asked_before_and_what_follows(serve: Serve, opened: list[Node]) -> None:
+    serve("lab/arm1", robot="sim")
+    del opened[:]
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        assert robot.read().names == robot.model.names
+        (node,) = opened
+        robot.detach()
+        assert node.is_closed
+        robot.attach()
+        assert len(opened) == 2
+
+
+def test_a_session_whose_connection_has_ended_meanwhile_is_not_used(serve: Serve, opened: list[Node]) -> None:
+    service = serve("lab/arm1", robot="sim")
+    del opened[:]
+    robot = RemoteRobot.from_url("zenoh:lab/arm1")
+    (node,) = opened
+    service.close()
+    eventually(lambda: not node.connections)
+    # What is wrong is told by the attempt to open another one.
+    with pytest.raises(LinkNotFoundError, match="no arm lab/arm1 is served"):
+        robot.attach()
+    assert node.is_closed
+    serve("lab/arm1", robot="sim")
+    robot.attach()
+    try:
+        assert robot.read().names
+    finally:
+        robot.abort()
+
+
+def test_a_robot_that_was_never_attached_keeps_no_session(serve: Serve, opened: list[Node]) -> None:
+    serve("lab/arm1", robot="sim")
+    del opened[:]
+    with pytest.raises(UsageError, match="leave out --robot"):
+        RemoteRobot.from_url("zenoh:lab/arm1", robot="so101")
+    for end in (RemoteRobot.detach, RemoteRobot.abort):
+        end(RemoteRobot.from_url("zenoh:lab/arm1"))
+    assert [node.is_closed for node in opened] == [True] * 3
+    del opened[:]
+
+
+def test_states_that_cease_to_come_are_told(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
+    service = serve("lab/arm1", robot="sim")
+    with hexwire.connect("zenoh:lab/arm1") as robot:
+        robot.read()
+        assert caplog.messages == []
+        # As if the network was cut.
+        (served,) = service._arms
+        assert served.server is not None
+        served.server._publish = lambda payload: None
+        eventually(lambda: any("states have ceased to come" in text for text in caplog.messages))
