@@ -102,11 +102,11 @@ def test_an_arm_that_hangs_is_not_confirmed_and_the_status_says_so(serve: Serve)
         assert result.exit_code == 1
         first, second = result.stdout.splitlines()
         assert first.startswith("lab/arm1: stopped")
-        assert second.startswith("lab/hung: NOT CONFIRMED: its program is there, but does not answer")
+        assert second.startswith("lab/hung: NOT CONFIRMED: its program does not answer")
         assert "not confirmed by lab/hung: switch the power off" in result.stderr
         result = run("list")
         assert (result.exit_code, "no answer from lab/hung" in result.stderr) == (1, True)
-        assert "no answer: its program is there" in result.stdout
+        assert "no answer: its program does not answer" in result.stdout
 
 
 def test_watch_tells_changes_in_lines_and_ends_like_ctrl_c(serve: Serve) -> None:

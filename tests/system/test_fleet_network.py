@@ -6,15 +6,18 @@ test ends with the check of everything since the start.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -25,13 +28,12 @@ from tests.system.hosts import HUB, Hosts
 from tests.system.programs import PATIENCE
 
 from hexwire.cli.main import cli
+from hexwire.fleet.network import SILENT
 from hexwire.fleet.rights import Kind, Rights
 from hexwire.link.certs import issue_certificate
 
 pytestmark = [pytest.mark.system, pytest.mark.soak, pytest.mark.timeout(rounds(300, 3600))]
 
-SILENT = 5.0
-"""Seconds after which a host that is silent counts as gone: the lease of the transport."""
 ASKING = 6.0
 """Seconds that a reader needs for its questions why no states come: they wait for their answers."""
 ROUNDS = rounds(1, 20)
@@ -56,6 +58,28 @@ def hexwire(*words: str) -> None:
     """Run a command in this process, where a new one would take longer than the command."""
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 0, (words, done.output)
+
+
+class Lines:
+    """The lines of a program's output, each with its time.
+
+    Args:
+        program: The program; it ends before this.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self._lines: list[tuple[float, str]] = []
+        threading.Thread(target=self._read, args=(program,), daemon=True).start()
+
+    def when(self, words: str, since: float) -> float:
+        """When it has said some words since a time; 0 if it has not."""
+        return next((when for when, line in list(self._lines) if when > since and words in line), 0.0)
+
+    def _read(self, program: Program) -> None:
+        assert program.process.stdout is not None
+        with contextlib.suppress(ValueError):  # its end closes the pipe
+            for line in program.process.stdout:
+                self._lines.append((time.monotonic(), line))
 
 
 class Site(Lab):
@@ -90,19 +114,38 @@ class Site(Lab):
     def start_server(self, at: str = "arm", cert: str = "arm", port: str = "") -> Program:
         words = ["--router", f"tls/{self.hosts.hub(at)}:7447"]
         words += [word for key, file in self.files(cert).items() for word in (f"--{key}", file)]
-        return self.serve(*words, where=self.hosts.at(at), port=port, extra=self._own(at))
+        return self.serve(*words, where=self.hosts.at(at), port=port, extra=self.own(at))
 
     def start_client(self, name: str, cert: str = "", *, attach: bool = True) -> ClientProgram:
         options = {"router": f"tls/{self.hosts.hub(name)}:7447", **self.files(cert or name)}
         text = "&".join(f"{key}={value}" for key, value in options.items())
-        return self.client(f"?{text}", self.hosts.at(name), self._own(name), attach=attach)
+        return self.client(f"?{text}", self.hosts.at(name), self.own(name), attach=attach)
+
+    def way(self, at: str, cert: str) -> list[str]:
+        """The options for the way to the router."""
+        rows = {"router": f"tls/{self.hosts.hub(at)}:7447", **self.files(cert)}
+        return [word for key, value in rows.items() for word in (f"--{key}", value)]
+
+    def beside(self, at: str) -> dict[str, Any]:
+        """Where `begin` starts a program on a host."""
+        return {"where": self.hosts.at(at), "extra": self.own(at)}
+
+    def until(self, found: Callable[[], float], seconds: float) -> float:
+        """As `came`; returns what was found."""
+        self.came(found, seconds)
+        return found()
+
+    def address(self, at: str, cert: str) -> str:
+        """The address of the arm for a host."""
+        rows = {"router": f"tls/{self.hosts.hub(at)}:7447", **self.files(cert)}
+        return f"zenoh:{NAME}?{'&'.join(f'{key}={value}' for key, value in rows.items())}"
 
     def begin_all(self) -> None:
         if not hasattr(self, "router") or self.router.process.poll() is not None:
             self.start_router()
         super().begin_all()
 
-    def _own(self, name: str) -> dict[str, str]:
+    def own(self, name: str) -> dict[str, str]:
         """A host has sockets of its own."""
         return {"XDG_RUNTIME_DIR": str(self.folder / name)}
 
@@ -197,6 +240,42 @@ def test_an_arm_that_is_cut_off_holds_and_is_missed_and_a_second_one_of_its_name
         assert site.position(0) == pytest.approx(there, abs=1.5)
         site.check()
         site.begin_all()
+
+
+def cut_off(site: Site, watch: Lines) -> tuple[float, float, float]:
+    """Cut the arm off; seconds until `watch` and a reader say so, and until `watch` says that it is gone."""
+    reader = site.begin("state", "--watch", "--port", site.address("rd", "rd"), **site.beside("rd"))
+    states, told = Lines(reader), len(site.errors())
+    site.came(lambda: states.when("deg", 0.0), BACK)
+    with site.hosts.cut("arm", SILENT + 2.0) as (begin, end):
+        site.cuts.append((begin, end))
+        site.came(lambda: "its states have ceased to come" in site.errors()[told:], SILENT)
+        quiet = time.monotonic()
+        shown = site.until(lambda: watch.when(f"{NAME}: no answer", begin), SILENT)
+        gone = site.until(lambda: watch.when(f"{NAME}: gone", begin), SILENT + ASKING)
+    # It has ended meanwhile, and said why.
+    assert reader.process.wait(PATIENCE) == 1
+    site.until(lambda: watch.when("hex7bot at", end), BACK)
+    return shown - begin, quiet - begin, gone - begin
+
+
+def test_an_arm_that_is_cut_off_shows_within_a_second_and_is_gone_after_five(
+    site: Site, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A second on a quiet machine; asserted is that it shows long before it is gone."""
+    watch = site.begin("fleet", "watch", NAME, *site.way("rd", "rd"), **site.beside("rd"))
+    lines = Lines(watch)
+    site.until(lambda: lines.when("hex7bot at", 0.0), BACK)
+    for _ in range(ROUNDS):
+        shown, quiet, gone = cut_off(site, lines)
+        with capsys.disabled():
+            print(f"\ncut off: watch {shown:.2f} s, state --watch {quiet:.2f} s, gone {gone:.2f} s", end=" ")
+        assert max(shown, quiet) < SILENT - 2.0
+        assert gone > SILENT - 1.0
+        came_back(site, time.monotonic())
+        site.check()
+        site.begin_all()
+    watch.end()
 
 
 def test_a_router_that_is_killed_leaves_an_arm_that_holds_and_is_found_again(site: Site) -> None:

@@ -28,6 +28,8 @@ __all__ = ["list_arms", "nobody", "stop", "watch"]
 _HEAD = ("arm", "robot", "host", "holder", "torque", "age ms", "condition")
 _ANSWERS = 1.0
 """Seconds in which an arm must say how it is."""
+_SOON = 0.4
+"""The same for `watch`: with two updates a second, an arm that is cut off shows within a second."""
 _SETTLE = 4.0
 """Seconds until all ways were tried; a server that hangs takes 3 s."""
 _NONE = "no arm is served on this machine by this user"
@@ -74,8 +76,8 @@ def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
 def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> None:
     """Follow the arms until interrupted: a live table on a terminal, otherwise a line for each change.
 
-    An arm that appears or vanishes shows at once, and not only with the next update. --json prints one line an
-    update, with all arms.
+    An arm that appears or vanishes shows at once, and not only with the next update; one that does not answer in
+    0.4 s is shown so. --json prints one line an update, with all arms.
     """
     import threading
 
@@ -88,9 +90,11 @@ def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> N
         roster.settle(_SETTLE)
         with show if isinstance(show, _Table) else nullcontext():
             while True:
+                begun = time.monotonic()
                 changed.clear()
-                show(look(roster, min(_ANSWERS, 1.0 / rate)))
-                changed.wait(1.0 / rate)
+                show(look(roster, _SOON))
+                # An arm that does not answer makes the updates no slower.
+                changed.wait(max(0.0, begun + 1.0 / rate - time.monotonic()))
 
 
 @click.command()

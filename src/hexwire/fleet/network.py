@@ -38,6 +38,7 @@ from .node import Node, load_zenoh
 from .reach import why_unreachable
 
 __all__ = [
+    "SILENT",
     "Network",
     "endpoints_of",
     "is_served",
@@ -50,7 +51,7 @@ __all__ = [
 _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
 _OPEN = 3.0
 """Seconds in which a connection must stand."""
-_SILENT = 5.0
+SILENT = 5.0
 """Seconds of silence after which a connection counts as lost, so that a computer that was cut off shows as gone.
 Where every fifth packet is lost, TCP is silent for up to 3 s."""
 _SIGNS = 5
@@ -159,7 +160,7 @@ class Network:
             "transport/shared_memory/enabled": False,
             "transport/link/protocols": sorted({UNIX, "tls", *(["tcp"] if self._has_tcp else [])}),
             "transport/unicast/open_timeout": round(1000 * _OPEN),
-            "transport/link/tx/lease": round(1000 * _SILENT),
+            "transport/link/tx/lease": round(1000 * SILENT),
             "transport/link/tx/keep_alive": _SIGNS,
         }
         if self.ca:

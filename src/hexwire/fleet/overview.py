@@ -27,6 +27,8 @@ __all__ = ["Overview", "Stopped", "look", "stop_all"]
 
 _WAIT = 0.002
 """Seconds between two looks for answers."""
+_LATE = 0.05
+"""Seconds for the end of a question whose time is over."""
 _OPEN = 3.5
 """Seconds in which a way must be tried: connecting takes up to 3 s if somebody hangs."""
 _NO_RIGHT = "this program may not stop it, or it has just vanished"
@@ -35,7 +37,7 @@ _DENIED = (
     "this program may not switch its torque off; if its certificate allows it, write the router's access file "
     "again with 'hexwire fleet config'"
 )
-_STARTING = "it does not answer yet: it starts, or this program may not ask it"
+_STARTING = "nobody answers for it: it starts or ends, or this program may not ask it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +269,7 @@ def _ask_all(
             except HexwireError:
                 # Its connection has just ended.
                 continue
-    deadline = time.monotonic() + timeout + 0.5
+    deadline = time.monotonic() + timeout + _LATE
     while waiting and time.monotonic() < deadline:
         left = []
         for name, question in waiting:

@@ -1,7 +1,7 @@
 """The arms that this program may see: those of this user on this machine, and those behind a router.
 
-Owns finding them, and telling when one appears or vanishes (by liveliness: within a second when its program or its
-machine's connection ends). Must not know what is asked of them.
+Owns finding them, and telling when one appears or vanishes (by liveliness: at once when its program
+ends, after `network.SILENT` seconds when its machine is cut off). Must not know what is asked of them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .node import Node
 
 __all__ = ["HUNG", "Roster", "Seen"]
 
-HUNG = "its program is there, but does not answer: is it halted, or the network slow?"
+HUNG = "its program does not answer: is it halted, or the network slow or cut?"
 
 _LOOK = 0.2
 """Seconds between two looks for sockets that appeared and connections that ended."""
