@@ -20,12 +20,12 @@ from typing import Any
 
 from hexwire.errors import HexwireError
 from hexwire.fleet import messages as m
-from hexwire.fleet import network
+from hexwire.fleet.node import Node
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.model.state import JointTarget
 
 SHIFT = float(os.environ.get("FLEET_SHIFT", "0"))
-_PLAIN_ASK = network.Node.ask
+_PLAIN_ASK = Node.ask
 
 
 def clock() -> float:
@@ -43,13 +43,13 @@ class Client:
         self._numbers = iter(range(1, 1 << 62))
         self._streams: list[threading.Thread] = []
         self._ending = threading.Event()
-        network.Node.ask = self._watched_ask()  # type: ignore[method-assign]  # every message passes here
+        Node.ask = self._watched_ask()  # type: ignore[method-assign]  # every message passes here
 
     def note(self, **row: object) -> None:
         self._log.write(json.dumps(row) + "\n")
 
     def _watched_ask(self) -> Any:
-        def ask(node: network.Node, key: str, payload: bytes, timeout: float, **more: Any) -> bytes:
+        def ask(node: Node, key: str, payload: bytes, timeout: float, **more: Any) -> bytes:
             last = key.rpartition("/")[2]
             kinds = {"lease": m.LeaseRequest, "order": m.Envelope, "stop": m.StopRequest, "off": m.StopRequest}
             if last not in kinds:
