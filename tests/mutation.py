@@ -38,6 +38,9 @@ _NOTICED = frozenset({1, 3, 24, 36, 152, 255, -9, -11, -24, -6})
 _HUNG = frozenset({24, 36, 152, -9, -24})
 # Takes minutes where every call of the link is counted: a thousand signals have to hit it in the middle.
 _TOO_SLOW = "tests/link/test_poll_link.py::test_a_signal_handler_may_close_the_link_at_any_moment"
+# A test that takes ten times as long as the slowest one hangs, and fails: mutmut itself waits five times as long as
+# all tests of the function take, which may be minutes.
+_HANG = ["-o", "faulthandler_timeout=60", "-o", "faulthandler_exit_on_timeout=true"]
 
 CONFIG = """
 [tool.mutmut]
@@ -45,10 +48,10 @@ source_paths = ["src"]
 only_mutate = ["src/hexwire/{room}/*.py"]
 do_not_mutate = {generated}
 also_copy = ["conftest.py", "vectors", "schema", "docs", "README.md", "PROTOCOL.md"]
-pytest_add_cli_args = ["-q", "-p", "no:cacheprovider", "--deselect", "{too_slow}"]
+pytest_add_cli_args = ["-q", "-p", "no:cacheprovider", "--deselect", "{too_slow}", {hang}]
 pytest_add_cli_args_test_selection = ["tests/{room}"]
 timeout_multiplier = 5.0
-timeout_constant = 10.0
+timeout_constant = 5.0
 use_setproctitle = false
 """
 
@@ -248,7 +251,8 @@ def prepare(room: str) -> Path:
             shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(source, folder / name)
-    config = CONFIG.format(room=room, generated=json.dumps(list(GENERATED)), too_slow=_TOO_SLOW)
+    generated, hang = json.dumps(list(GENERATED)), json.dumps(_HANG)[1:-1]
+    config = CONFIG.format(room=room, generated=generated, too_slow=_TOO_SLOW, hang=hang)
     (folder / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text() + config)
     return folder
 
