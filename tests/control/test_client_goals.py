@@ -151,6 +151,8 @@ def test_the_end_of_a_goal_is_not_that_of_another_one_with_its_key(goals: Goals)
     second = goals.send({"J1": HOME["J1"] + 0.5}, 5.0)
     goals.goals.start()
     wait_for(lambda: first.over and second.said)
+    ((reason, text),) = first.said
+    assert (reason, text.partition(";")[0]) == ("wrong joints", "joint_names: 'elbow' unknown")
     assert goals.goals.open
     goals.goals.cancel("", "one")
     wait_for(lambda: second.over)

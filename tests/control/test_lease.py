@@ -66,6 +66,18 @@ def test_a_heartbeat_that_comes_late_does_not_revive_it_though_nobody_has_looked
     assert lease.expire(3.0) is not None
 
 
+def test_a_lease_is_over_at_its_very_end_for_all_who_ask() -> None:
+    lease = make()
+    key = lease.take("Ann", 1, 0.0).key
+    assert lease.is_alive(0.25)
+    assert lease.check(key, 0.25).key == key
+    assert lease.due == 0.5
+    assert not lease.is_alive(0.5)
+    with pytest.raises(LeaseError):
+        lease.check(key, 0.5)
+    assert lease.expire(0.5) is not None
+
+
 def test_a_longer_time_out_is_kept_to() -> None:
     lease = Lease(timeout=2.0)
     key = lease.take("Ann", 1, 0.0).key

@@ -11,7 +11,7 @@ from tests.motion.arms import rest_to_rest
 
 from hexwire.control.group import ControllerGroup
 from hexwire.control.output import Output
-from hexwire.errors import CommandRefusedError, LeaseError, UsageError
+from hexwire.errors import CommandRefusedError, LeaseError, StoppedError, UsageError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
 
@@ -74,6 +74,37 @@ def test_a_stop_since_the_last_state_voids_what_is_followed_though_it_is_resumed
     bench.update(PERIOD)
     assert len(bench.sent) == 1
     assert str(bench.group.reason) == "the arm was stopped by another caller"
+
+
+@pytest.mark.parametrize("before", ["the watchdog", "the target", "another target"])
+def test_a_stop_on_the_way_voids_the_watchdog_and_the_target_though_it_is_resumed(before: str) -> None:
+    bench = Bench()
+    write = bench.robot.write
+
+    def stop() -> None:
+        bench.robot.stop()
+        bench.robot.resume()
+
+    def arm_watchdog() -> None:
+        if before == "the watchdog":
+            stop()
+        bench.robot.watchdog(1.0)
+
+    def stopped_write(target: JointTarget) -> SentTarget:
+        if before != "the watchdog":
+            stop()
+        return write(target)
+
+    bench.output._arm_watchdog = arm_watchdog
+    bench.robot.write = stopped_write  # type: ignore[method-assign]  # a stop from another thread, right before
+    if before == "another target":
+        with pytest.raises(StoppedError):
+            bench.output.send(JointTarget.of({"J1": 0.1}, 1.0), bench.robot.epochs.mark())
+    else:
+        bench.update()
+        assert bench.group.reason is not None
+    assert not bench.sent
+    assert (bench.arm.board.state.watchdog_timeout > 0.0) == (before == "the target"), "armed before the stop"
 
 
 def test_a_refused_target_ends_the_motion_or_comes_out() -> None:

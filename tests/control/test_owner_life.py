@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 from tests.control.owner_bench import BoardBench, Served, Threaded, moving, wait_for
 
+from hexwire.control import owner as module
 from hexwire.control.known_state import KnownState
 from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import claim
@@ -103,6 +104,16 @@ def test_no_watchdog_runs_before_somebody_feeds_it() -> None:
     bench.turn(2.0)
     assert bench.board.state.watchdog_trips == 0
     assert bench.owner.watchdog == 1.0
+
+
+def test_the_owner_waits_as_long_as_it_says_but_not_beyond_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    waited: list[float] = []
+    monkeypatch.setattr(module.time, "sleep", waited.append)
+    owner = RobotOwner(BoardBench().robot, borrowed=True)
+    monkeypatch.setattr(owner._ending, "wait", lambda seconds: waited.append(-seconds))
+    for seconds in (0.005, 0.02, 5.0, 0.0):
+        owner._sleep(seconds)
+    assert waited == [0.005, -0.02, -5.0, 0.0], "a short wait is a plain sleep; the end interrupts a long one"
 
 
 # -- going --------------------------------------------------------------------------------------------------------

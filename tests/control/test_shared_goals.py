@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from tests.control.arm_bench import order
@@ -64,6 +65,23 @@ def test_arms_whose_clocks_differ_begin_together() -> None:
         late.append(report.moved - report.start)
     assert all(0.0 < seconds < 0.5 for seconds in late)
     assert max(late) - min(late) <= bench.owner.command_period
+
+
+def test_the_first_movement_is_interpolated_between_two_samples() -> None:
+    bench = Goals()
+    number = bench.follow(delay=1.0)
+    report = bench.goals.report(number)
+    assert report is not None
+    state, place = bench.owner.newest(), bench.robot.model.index("J1")
+    for seconds, degrees in ((-0.5, 0.5), (0.0, 0.0), (0.1, 0.1), (0.1, 0.1), (0.2, -0.5), (0.3, 2.0)):
+        position = list(state.position)
+        position[place] += math.radians(degrees)
+        old = (0.02,) * len(state.names)
+        seen = replace(state, position=tuple(position), stamp=report.start + seconds + 0.02, age=old)
+        assert report.moved is None or seconds == 0.3
+        for observe in bench.owner.observers:
+            observe(seen)
+    assert report.moved == pytest.approx(report.start + 0.15), "0.3 deg lie half-way between 0.1 and 0.5"
 
 
 def test_a_start_in_the_past_is_refused_and_nothing_moves() -> None:

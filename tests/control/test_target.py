@@ -91,6 +91,13 @@ def test_steps_lead_there_on_a_straight_line() -> None:
     assert (controller.sent.duration, controller.sent.silent) == (1.0, ("J1",))
 
 
+def test_steps_of_a_long_target_are_as_much_slower() -> None:
+    controller = make(2.0, step=0.25)
+    targets = [write(controller, 10.0 + 0.25 * i) for i in range(8)]
+    places = [target.positions[0][1] - HOME["J1"] for target in targets if target is not None]
+    assert places == pytest.approx([0.3 * (i + 1) / 8 for i in range(8)])
+
+
 def test_a_joint_of_unknown_position_is_sent_to_its_end() -> None:
     controller = make(step=0.25, here={**HOME, "J1": math.nan})
     target = write(controller, 10.0)

@@ -67,7 +67,7 @@ class Facts:
         reconnects: Number of reconnections.
         probe: The last probe; None before the first.
         state: The last state; None before the first.
-        state_age: Seconds since that state.
+        state_age: Seconds since that state; infinite before the first.
         rate: States published per second; NaN if unknown.
         wanted_rate: Wanted states per second; 0 if none are wanted.
         stopped: Why the arm is stopped; empty if it is not.
@@ -161,7 +161,7 @@ def _judge_link(facts: Facts, states: str) -> Verdict:
         ("reconnects", str(facts.reconnects)),
         *_number(f"{states} wanted (Hz)", facts.wanted_rate, 1),
         *_number(f"{states} (Hz)", facts.rate, 1),
-        *_number("age of the last state (s)", facts.state_age if facts.state is not None else math.nan, 3),
+        *_number("age of the last state (s)", facts.state_age, 3),
     ]
     if error:
         values.append(("last error", error))

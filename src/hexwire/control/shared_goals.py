@@ -89,8 +89,7 @@ class _Goal:
                 share = (_MOVED - least) / (distance - least)
                 report.moved = before + share * (sampled - before)
                 return
-            if sampled > before:
-                self._from[name] = origin, sampled, distance
+            self._from[name] = origin, sampled, distance
 
 
 class SharedGoals:
