@@ -390,6 +390,28 @@ def test_the_boards_watchdog_stops_the_arm_of_a_killed_server(runtime: Path, plu
         assert state.positions["J1"] < 0.9
 
 
+def test_of_an_arm_without_a_watchdog_only_a_short_step_remains_when_its_server_is_killed(runtime: Path) -> None:
+    board = make_hex7bot_board(dialect=1, start=time.monotonic())
+    with contextlib.closing(Plug(board)) as plug:
+        with process("serve", "--port", plug.path, "--name", "lab/arm1") as server:
+            assert server.stdout is not None
+            server.stdout.readline()
+            with hexwire.connect(ARM) as robot:
+                robot.torque(True)
+                sent = robot.write(JointTarget.of({"J1": 1.0}, 30.0))
+                assert (dict(sent.positions), sent.duration) == ({"J1": 1.0}, 30.0)
+                eventually(lambda: robot.read().positions["J1"] > 0.05)
+                server.kill()
+                server.wait()
+        time.sleep(3.0)
+        with hexwire.connect(plug.path) as robot:
+            there = robot.read().positions["J1"]
+            # Without steps it would be at 1.0 rad in the end, wherever it is now.
+            assert there < 0.8
+            time.sleep(1.5)
+            assert robot.read().positions["J1"] == pytest.approx(there, abs=0.01)
+
+
 def test_if_the_line_hangs_the_end_says_so_and_the_arm_is_stopped(runtime: Path, plug: Plug) -> None:
     service = Service(read_arms({"lab/arm1": {"port": plug.path}}))
     service.start()

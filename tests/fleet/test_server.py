@@ -259,7 +259,8 @@ def test_a_request_for_the_lease_does_not_wait_for_a_slow_order(served: Served) 
     taken = served.put(KEYS.lease(OPERATOR), m.Take("Eve", True))
     assert taken.answered.wait(30)
     assert taken.replies[0].kind == ""
-    assert served.wait(slow).text == "Eve, operator holds the lease"
+    # Or "took the lease from", between the end of the one lease and the grant of the other.
+    assert served.wait(slow).text.startswith("Eve, operator ")
 
 
 def test_what_waits_for_the_owner_when_the_arm_is_stopped_is_void(served: Served) -> None:

@@ -25,6 +25,7 @@ from .holding import hold_moving, stop_or_log
 from .lease import Lease
 from .path_check import PathCheck
 from .shared_order import Judge, Order
+from .shared_steps import SteppedTargets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,6 +97,7 @@ class SharedArm:
         # When the last trajectory ends, owner's clock.
         self._followed_until = -math.inf
         self._ending = False
+        self._steps = SteppedTargets(self._owner)
         self._judge = Judge(self._lease, self._changed, clock, self._owner.now)
         self._owner.guard(self._expire, self._judge.of_targets)
         self._supervisor = threading.Thread(target=self._supervise, name="lease", daemon=True)
@@ -248,7 +250,7 @@ class SharedArm:
     # -- orders of the holder ---------------------------------------------------------------------------
 
     def write(self, order: Order, target: JointTarget) -> SentTarget:
-        """Send a target.
+        """Send a target; a far one in steps, if the robot has no watchdog.
 
         Raises:
             LeaseError: The sender does not hold the lease, or the target came too late.
@@ -261,7 +263,7 @@ class SharedArm:
             # the sending, since a loss of the lease waits for `deciding`.
             self._judge.admit(order)
             self._check_path(target)
-            return owner.send(target, self._judge.token(order))
+            return self._steps.send(target, self._judge.token(order))
 
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
@@ -328,7 +330,11 @@ class SharedArm:
 
         def wanted() -> bool:
             # The path check takes time, in which the lease may be lost or the arm stopped.
-            return epochs.holds(token) and self.now() < latest
+            if not epochs.holds(token) or self.now() >= latest:
+                return False
+            # Under the lock of the controllers, so that no joint obeys two of them.
+            self._steps.release(self.arm.controllers[controller].joints)
+            return True
 
         with epochs.using(token):
             self.arm.command(controller, goal, listener=listener, wanted=wanted, received=received)
@@ -468,7 +474,7 @@ class SharedArm:
     def _remaining(self) -> float:
         """Seconds until the present motion ends."""
         running, followed = self._owner.time_left(), self._followed_until - self.now()
-        return max(running, followed if self._owner.group.busy else 0.0)
+        return max(running, self._steps.time_left(), followed if self._owner.group.busy else 0.0)
 
 
 def _check_watchdog(timeout: float) -> None:

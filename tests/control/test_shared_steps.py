@@ -1,0 +1,236 @@
+"""Far targets of a shared arm without a watchdog go out in short steps, and end with who answers for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from tests.control.arm_bench import order
+from tests.control.shared_bench import SharedBench
+from tests.motion.arms import HOME
+
+from hexwire.control.shared_steps import JointWay, SteppedTargets
+from hexwire.errors import LeaseError, LimitError, StoppedError
+from hexwire.model.state import JointTarget, SentTarget
+from hexwire.motion.safety import StopReason
+
+AWAY = 0.8
+LEAD = 1.0
+"""Duration of a step's target with dialect 1, seconds."""
+STILL = 0.01
+
+
+def goals(bench: SharedBench, joint: str = "J1") -> list[float]:
+    return [dict(target.positions)[joint] for target in bench.sent if joint in dict(target.positions)]
+
+
+def make(dialect: int = 1) -> tuple[SharedBench, int]:
+    bench = SharedBench(dialect=dialect)
+    return bench, bench.take()
+
+
+def test_a_far_target_goes_out_in_short_steps_and_arrives() -> None:
+    bench, key = make()
+    goal = bench.where("J1") + AWAY
+    sent = bench.move(key, 8.0, J1=AWAY)
+    assert sent.duration == 8.0
+    assert dict(sent.positions) == pytest.approx({"J1": goal})
+    bench.keep(key, 4.0)
+    assert abs(bench.where("J1") - goal) > 0.3 * AWAY, "in its time"
+    bench.keep(key, 7.0)
+    assert bench.where("J1") == pytest.approx(goal, abs=0.02)
+    assert all(target.duration <= LEAD + 0.01 for target in bench.sent)
+    steps = goals(bench)
+    assert steps == sorted(steps)
+    assert len(steps) > 8
+    assert steps[-1] == pytest.approx(goal)
+    assert not bench.owner.group.busy
+
+
+def test_only_a_step_and_a_half_remains_when_this_program_dies() -> None:
+    bench, key = make()
+    bench.move(key, 8.0, J1=AWAY)
+    bench.keep(key, 3.0)
+    here = bench.where("J1")
+    # Nobody turns any more: time passes for the servos alone.
+    bench.bench.emulated.wait(10.0)
+    assert 0.0 <= bench.where("J1") - here < 1.7 * LEAD * AWAY / 8.0 + STILL
+
+
+def test_a_far_target_that_is_meant_to_be_short_takes_steps_too() -> None:
+    bench = SharedBench(dialect=1, command_rate=5.0)
+    key = bench.take()
+    sent = bench.move(key, 0.05, J1=-1.2)
+    assert sent.duration == pytest.approx(1.2 / bench.robot.model.joint("J1").max_speed, rel=0.01)
+    assert goals(bench)[0] > bench.where("J1") - 0.7
+    assert bench.sent[0].duration == pytest.approx(0.3)
+
+
+def test_a_robot_with_a_watchdog_gets_it_whole() -> None:
+    bench, key = make(dialect=2)
+    bench.move(key, 8.0, J1=AWAY)
+    bench.keep(key, 1.0)
+    (whole,) = bench.sent
+    assert whole.duration == 8.0
+
+
+def test_a_stream_of_set_points_is_sent_as_it_comes() -> None:
+    bench, key = make()
+    given = []
+    for _ in range(5):
+        target = JointTarget.of({"J1": bench.where("J1") + 0.05}, LEAD)
+        given.append(target)
+        assert isinstance(bench.shared.write(bench.order(key, age=0.0), target), SentTarget)
+        bench.keep(key, 0.7)
+    assert bench.sent == given
+
+
+def test_a_target_outside_the_limits_is_refused_as_a_whole() -> None:
+    bench, key = make()
+    with pytest.raises(LimitError):
+        bench.move(key, 8.0, J1=20.0)
+    bench.keep(key, 1.0)
+    assert not bench.sent
+
+
+ENDS: dict[str, Callable[[SharedBench, int], object]] = {
+    "a stop": lambda bench, key: bench.shared.stop("a test"),
+    "a stop of somebody else": lambda bench, key: bench.robot.stop(),
+    "silence": lambda bench, key: bench.turn(1.0),
+    "pre-emption": lambda bench, key: bench.take("Eve", force=True),
+    "giving back": lambda bench, key: bench.shared.leave(key, finish=False),
+    "torque off": lambda bench, key: bench.ask(lambda: bench.shared.torque(bench.order(key), False, ["J1"])),
+    "the end of the server": lambda bench, key: bench.shared.shutdown(),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_the_steps_end_with_who_answers_for_them(end: str) -> None:
+    bench, key = make()
+    bench.move(key, 20.0, J1=AWAY)
+    bench.keep(key, 3.0)
+    ENDS[end](bench, key)
+    bench.turn(1.5)
+    del bench.sent[:]
+    assert bench.travel("J1", 3.0) < STILL
+    assert not bench.sent
+    assert not bench.owner.group.busy
+
+
+def test_a_resume_does_not_continue_them() -> None:
+    bench, key = make()
+    bench.move(key, 20.0, J1=AWAY)
+    bench.keep(key, 3.0)
+    bench.shared.stop("a test")
+    bench.ask(lambda: bench.shared.resume(bench.order(key)))
+    bench.keep(key, 1.5)
+    del bench.sent[:]
+    here = bench.where("J1")
+    bench.keep(key, 3.0)
+    assert bench.where("J1") == pytest.approx(here, abs=STILL)
+    assert not bench.sent
+
+
+def test_a_new_target_ends_the_steps_of_its_joints_only_and_begins_where_they_were_led() -> None:
+    bench, key = make()
+    bench.move(key, 20.0, J1=AWAY, J4=AWAY)
+    bench.keep(key, 3.0)
+    last = goals(bench)[-1]
+    del bench.sent[:]
+    bench.move(key, 20.0, J1=-AWAY)
+    assert goals(bench)[0] == pytest.approx(last, abs=0.1 * AWAY), "no jump"
+    bench.keep(key, 5.0)
+    one, four = goals(bench, "J1"), goals(bench, "J4")
+    assert one == sorted(one, reverse=True)
+    assert four == sorted(four)
+    assert len(four) > 3
+
+
+def test_a_trajectory_takes_over_from_the_steps() -> None:
+    bench, key = make()
+    bench.move(key, 20.0, J1=AWAY)
+    bench.keep(key, 3.0)
+    del bench.sent[:]
+    bench.shared.follow(bench.order(key), "", order((8.0, {"J1": HOME["J1"]})), None)
+    bench.keep(key, 12.0)
+    assert all(len(dict(target.positions)) == len(target.positions) for target in bench.sent), "no joint twice"
+    assert bench.where("J1") == pytest.approx(HOME["J1"], abs=0.03)
+    assert bench.owner.group.reason is None
+
+
+def test_who_leaves_and_lets_the_motion_end_gets_to_the_end() -> None:
+    bench, key = make()
+    goal = bench.where("J1") + AWAY
+    bench.move(key, 8.0, J1=AWAY)
+    bench.keep(key, 1.0)
+    bench.shared.leave(key, finish=True)
+    assert bench.shared.holder is not None
+    bench.turn(12.0)
+    assert bench.where("J1") == pytest.approx(goal, abs=0.02)
+    assert bench.shared.holder is None
+
+
+def test_a_stop_between_the_first_step_and_the_next_leaves_no_steps() -> None:
+    for resumed in (False, True):
+        bench, key = make()
+        write = bench._write
+
+        def stopped(
+            target: JointTarget, bench: SharedBench = bench, write: Any = write, again: bool = resumed
+        ) -> Any:
+            sent = write(target)
+            bench.owner.group.stop(StopReason("asked", "a test"))
+            bench.robot.stop()
+            if again:
+                bench.robot.resume()
+                bench.owner.group.reset(bench.owner.group.stops)
+            return sent
+
+        bench._write = stopped  # type: ignore[method-assign]
+        with pytest.raises(StoppedError):
+            bench.move(key, 8.0, J1=AWAY)
+        assert not bench.owner.group.busy
+
+
+def test_a_first_step_that_is_refused_leaves_no_steps() -> None:
+    bench, key = make()
+
+    def refused(target: JointTarget) -> Any:
+        raise LeaseError("too old", lost=False)
+
+    bench._write = refused  # type: ignore[method-assign]
+    with pytest.raises(LeaseError):
+        bench.move(key, 8.0, J1=AWAY)
+    assert not bench.owner.group.busy
+    assert SteppedTargets(bench.owner).time_left() == 0.0
+
+
+def test_a_joint_of_unknown_position_is_sent_to_its_target() -> None:
+    bench, key = make()
+    newest = bench.owner.newest()
+    unknown = {name: math.nan if name == "J1" else angle for name, angle in newest.positions.items()}
+    bench.shared._steps._here = lambda now: unknown  # type: ignore[method-assign]
+    bench.move(key, 8.0, J1=0.1)
+    assert goals(bench)[0] == pytest.approx(bench.where("J1") + 0.1, abs=0.01)
+
+
+def test_a_way_is_a_controller_that_nobody_hears_of() -> None:
+    way = JointWay("J1")
+    assert not way.busy
+    assert way.cycle(None, 0.0, 0.1) is None  # type: ignore[arg-type]
+    way.begin(0.0, 1.0, 10.0, 2.0, 0.5)
+    assert way.moving
+    assert way.aim(10.0) == 0.25
+    assert way.left(11.0) > 1.0
+    assert way.cycle(None, 10.5, 0.75) == JointTarget.of({"J1": 0.5}, 0.75)  # type: ignore[arg-type]
+    assert way.cycle(None, 12.0, 0.75) == JointTarget.of({"J1": 1.0}, 0.5)  # type: ignore[arg-type]
+    assert not way.busy
+    assert way.aim(12.6) == 1.0
+    assert way.aim(13.0) is None
+    assert way.take_ended() == []
+    way.begin(0.0, 1.0, 10.0, 2.0, 0.5)
+    way.stop(StopReason("asked", "a test"))
+    way.reset()
+    assert (way.busy, way.reason, way.aim(10.0)) == (False, None, None)
