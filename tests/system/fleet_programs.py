@@ -270,9 +270,9 @@ class Lab(Scene):
         """The last row of a kind, of the reader or of another client."""
         return next((row for row in reversed(self.rows(client)) if row["e"] == kind), {})
 
-    def setting_out(self) -> float:
+    def setting_out(self, operator: ClientProgram | None = None) -> float:
         """Set out for a far target, and wait until the arm moves; returns where its first servo was."""
         before = self.position(0)
-        self.operator.do("move", 6.0, J1=-0.7 if before > 2300 else 0.7)
+        (operator or self.operator).do("move", 6.0, J1=-0.7 if before > 2300 else 0.7)
         self.came(lambda: abs(self.position(0) - before) > 10, 10.0)
         return before

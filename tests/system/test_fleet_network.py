@@ -111,6 +111,16 @@ class Site(Lab):
         self.router = self.begin("fleet", "router", *words, where=self.hosts.at(HUB))
         self.router.line()
 
+    def start_router_anew(self) -> None:
+        """Write the rights again, and start the router with them; returns when states arrive again."""
+        hexwire("fleet", "config", str(self.certs), "--force")
+        self.router.end()
+        ended = time.monotonic()
+        self.start_router()
+        started = time.monotonic()
+        self.cuts.append((ended, started))
+        came_back(self, started)
+
     def start_server(self, at: str = "arm", cert: str = "arm", port: str = "") -> Program:
         words = ["--router", f"tls/{self.hosts.hub(at)}:7447"]
         words += [word for key, file in self.files(cert).items() for word in (f"--{key}", file)]
@@ -351,6 +361,36 @@ def test_certificates_that_are_wrong_move_nothing(site: Site) -> None:
     observer.end()
     time.sleep(1.0)
     assert site.position(0) == before
+
+
+def test_a_certificate_that_is_revoked_loses_the_lease_when_the_router_starts_again(site: Site) -> None:
+    site.issue("bob", "operator", NAME)
+    # He has copies of his own.
+    (site.folder / "bob").mkdir()
+    for end in ("pem", "key"):
+        shutil.copy(site.certs / f"bob.{end}", site.folder / "bob")
+    site.start_router_anew()
+    bob = site.start_client("op", "../bob/bob")
+    bob.do("take", force=True)
+    site.setting_out(bob)
+    for end in ("pem", "key"):
+        (site.certs / f"bob.{end}").unlink()
+    site.start_router_anew()
+    site.came(lambda: "lost the lease" in str(site.last().get("held")), TIMEOUT + HOLD)
+    time.sleep(HOLD)
+    there = site.position(0)
+    for what in (("move", 1.0), ("take", True), ("stop",)):
+        answer = bob.ask(*what, **({"J1": 0.0} if what[0] == "move" else {}))
+        assert answer.get("error") == "LinkPermissionError", (what, answer)
+        assert "does not know the certificate" in answer["text"]
+    # Nor does he read, and nobody else is concerned.
+    answer = site.start_client("op", "../bob/bob", attach=False).ask("connect")
+    assert answer.get("error") == "LinkPermissionError", answer
+    assert site.position(0) == there
+    assert not site.last()["stopped"]
+    bob.end()
+    site.operator.do("take", force=True)
+    site.setting_out()
 
 
 def test_a_certificate_for_another_arm_gives_nobody_a_state_of_this_one(site: Site) -> None:
