@@ -109,6 +109,8 @@ class Lease:
     holder: Grant | None = None
     ended: str = ""
     counters: LeaseCounters = field(default_factory=LeaseCounters)
+    _former: tuple[int, str] = field(default=(0, ""), repr=False)
+    """Key of the last holder that lost it, and why: it shall hear that although others have had it since."""
 
     # -- taking and leaving ---------------------------------------------------------------------------
 
@@ -147,6 +149,7 @@ class Lease:
             return None
         self.counters.preempted += 1
         self.ended = why
+        self._former = former.key, why
         return former
 
     def take(self, client: str, rank: Rank, now: float, *, force: bool = False) -> Grant:
@@ -303,6 +306,7 @@ class Lease:
             return None
         self.counters.lost += 1
         self.ended = f"{holder.client} lost the lease after {self.timeout:g} s of silence"
+        self._former = holder.key, self.ended
         return holder
 
     @property
@@ -331,5 +335,6 @@ class Lease:
         if holder is not None and holder.key != key:
             raise LeaseError(f"{holder.client} holds the lease", holder=holder.client)
         if holder is not None and not holder.finishing:
-            raise LeaseError(f"the lease was lost after {self.timeout:g} s of silence; take it again")
-        raise LeaseError(f"{self.ended or 'this program holds no lease'}; take the lease again")
+            raise LeaseError(f"the lease was lost after {self.timeout:g} s of silence")
+        former, why = self._former
+        raise LeaseError(why if key == former else "this program holds no lease")
