@@ -224,6 +224,23 @@ def test_an_arm_guided_by_hand_holds_at_the_end_unless_torque_stays_off(limp: bo
     assert arm.torques() == [not limp] * 7
 
 
+def test_a_recording_by_hand_ends_when_somebody_else_switches_torque_on() -> None:
+    arm = EmulatedArm(2)
+    arm.driver.torque(True)
+    states: list[JointState] = []
+
+    def take(state: JointState) -> None:
+        states.append(state)
+        if len(states) == 3:
+            arm.driver.torque(True, ["J2"])
+
+    with pytest.raises(ServoError, match="torque of J2 was switched on from elsewhere"):
+        record(arm, take, duration=60.0)
+    assert len(states) == 4
+    # Nobody needs to go on holding it.
+    assert arm.torques() == [True] * 7
+
+
 @pytest.mark.parametrize(
     ("duration", "rate", "count"), [(1.0, 0.0, 20), (0.3, 10.0, 3), (0.01, 10.0, 1), (0.25, 10.0, 3)]
 )

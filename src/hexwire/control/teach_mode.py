@@ -15,7 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from hexwire.errors import HexwireError, UsageError
+from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.state import JointFlag
 
 from .owner import RobotOwner
@@ -180,7 +180,8 @@ def record_by_hand(
         sleep: Waits for so many seconds.
 
     Raises:
-        HexwireError: A joint kept its torque, or got none at the end, or the robot failed.
+        HexwireError: A joint kept its torque, got it from elsewhere meanwhile, or got none at the end; or the robot
+            failed.
     """
     names = robot.model.names
     # A failure must not latch a stop, which would refuse the torque. Nor must a watchdog.
@@ -204,11 +205,19 @@ def record_by_hand(
 def _turn_for(owner: RobotOwner, duration: float) -> None:
     """Run the owner's loop for so many seconds, at least one turn."""
     timing = owner.timing
-    owner.turn()
+    _turn_guided(owner)
     # Slightly less, so that 0.3 s of 0.1 s periods are three states and not four.
     end = timing.due + duration - (1.0 + 1e-6) * timing.period
     while timing.due < end:
-        owner.turn()
+        _turn_guided(owner)
+
+
+def _turn_guided(owner: RobotOwner) -> None:
+    owner.turn()
+    # Somebody holds the arm, and must hear that another program is about to move it.
+    state = owner.state
+    if state is not None and (on := state.torque_on):
+        raise ServoError(f"torque of {', '.join(on)} was switched on from elsewhere; the recording ends")
 
 
 class TeachMode:
