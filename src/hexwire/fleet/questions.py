@@ -139,8 +139,10 @@ class Questions:
 def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> HexwireError:
     """Why nobody answered. Zenoh drops what is not allowed without a word, so other questions have to tell."""
     name, url = address.name, address.text
+    # Who is at the other end of the connection.
+    other = "server or router" if address.router else "server"
     if not node.connections:
-        return LinkLostError(f"{url}: the connection to the server or router is lost; it is tried again", url=url)
+        return LinkLostError(f"{url}: the connection to the {other} is lost", url=url)
     # The certificate comes first: the access control of the router was made from it.
     if node.cert and (missing := _missing(node.cert, name, key)):
         return LinkPermissionError(f"{url}: {missing}", url=url)
@@ -153,7 +155,7 @@ def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> Hexw
                 return LinkPermissionError(
                     f"{url}: the router does not know {_holder(node.cert)}; {_REMEDY}", url=url
                 )
-            return ReplyTimeoutError(f"a question to the router of {url}", advice=_SILENT)
+            return ReplyTimeoutError(f"a question to the {other} of {url}", advice=_SILENT)
         # It may have come meanwhile.
         if not node.visible(alive, _TIMEOUT):
             return LinkNotFoundError(
