@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from tests.fleet.conftest import Serve
+from tests.fleet.emulated import KINDS, emulated
 
 import hexwire
 from hexwire.control.motions import run_motion
@@ -19,7 +20,7 @@ from hexwire.drivers.values import Signal, StopCause, StopMode
 from hexwire.errors import HexwireError, LeaseError, LinkNotFoundError, UsageError
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.fleet.service import Service
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointTarget, SentTarget
 
 PATIENCE = 10.0
 
@@ -52,40 +53,59 @@ def eventually(what: Callable[[], object]) -> None:
 # -- the contract -----------------------------------------------------------------------------------------
 
 
-def write(**angles: float) -> Callable[[RobotDriver], object]:
-    return lambda robot: robot.write(JointTarget.of(angles, 0.05))
+def write(angle: float, *others: int) -> Callable[[RobotDriver], object]:
+    """Send the first joint, and others by their number, to an angle."""
+    return lambda robot: robot.write(
+        JointTarget.of({robot.model.names[i]: angle for i in (0, *others)}, 2.0 if angle else 0.05)
+    )
 
 
 def _stopped(robot: RobotDriver) -> object:
     return robot.read().stopped, robot.stop_latch().cause is not StopCause.NONE
 
 
+def if_own(call: Callable[[RobotDriver], object]) -> Callable[[RobotDriver], object]:
+    """For what only a board with hexwire's firmware can do, and every shared arm: a server does it."""
+    return lambda robot: call(robot) if robot.has_own_watchdog else None
+
+
+def _bad(robot: RobotDriver) -> object:
+    return [row.text for row in robot.examine() if row.level.value == "BAD"]
+
+
+def _refuses(call: Callable[[], object]) -> None:
+    with pytest.raises(HexwireError):
+        call()
+
+
 CALLS: list[Callable[[RobotDriver], object]] = [
     lambda robot: robot.model,
     lambda robot: robot.is_attached,
-    lambda robot: (robot.has_watchdog, robot.reports_states, robot.watchdog_armed, robot.stop_kept_by),
+    lambda robot: (robot.has_own_watchdog, robot.watchdog_armed, robot.stop_kept_by == "board", robot.command_rate),
+    if_own(lambda robot: (robot.has_watchdog, robot.reports_states)),
     lambda robot: (robot.read().names, robot.read().torque_on, robot.read().silent),
-    lambda robot: robot.torque(True, ["J2", "J1"]),
+    # A PUMA 260 switches all on.
+    lambda robot: robot.torque(True, robot.model.names[:2])[:2],
     lambda robot: robot.torque(True),
     lambda robot: robot.torque(True, ["J9"]),
     lambda robot: robot.read().torque_on,
-    write(J1=0.2, J3=0.1),
-    write(J1=7.0),
-    write(J9=0.0),
-    lambda robot: robot.write(JointTarget.of({"J1": 0.2}, -1.0)),
+    write(0.2, 2),
+    write(7.0),
+    lambda robot: robot.write(JointTarget.of({"J9": 0.0}, 0.05)),
+    lambda robot: robot.write(JointTarget.of({robot.model.names[0]: 0.2}, -1.0)),
     lambda robot: (robot.ping(3), robot.ping(77)),
     lambda robot: robot.ping(-1),
     lambda robot: robot.probe().same_kind(robot.probe()),
     lambda robot: [(row.name, row.servo_id, row.present) for row in robot.probe().joints],
-    lambda robot: robot.watchdog(0.01),
-    lambda robot: robot.watchdog(0.5),
-    lambda robot: robot.watchdog_armed,
-    write(J1=0.1),
-    lambda robot: robot.watchdog(0.0),
+    if_own(lambda robot: robot.watchdog(0.01)),
+    if_own(lambda robot: robot.watchdog(0.5)),
+    if_own(lambda robot: robot.watchdog_armed),
+    write(0.1),
+    lambda robot: robot.watchdog(0.0) if robot.has_watchdog else None,
     lambda robot: robot.watchdog_armed,
     lambda robot: robot.stop(),
     _stopped,
-    write(J1=0.0),
+    write(0.0),
     lambda robot: robot.torque(True),
     lambda robot: robot.resume(),
     _stopped,
@@ -96,16 +116,16 @@ CALLS: list[Callable[[RobotDriver], object]] = [
     lambda robot: robot.signal(Signal.TORQUE_ON),
     lambda robot: robot.signal(99),
     lambda robot: robot.ioctl(0xEE),
-    lambda robot: len(next(robot.stream(0.02)).names),
-    lambda robot: next(robot.stream(0.0)),
-    lambda robot: [level.level.value for level in robot.examine() if level.level.value == "BAD"],
+    if_own(lambda robot: len(next(robot.stream(0.02)).names)),
+    if_own(lambda robot: next(robot.stream(0.0))),
+    _bad,
     lambda robot: robot.discard_reports(),
-    lambda robot: "requests" in robot.host_counters(),
+    lambda robot: "requests" in robot.host_counters() if robot.has_own_watchdog else None,
     lambda robot: robot.detach(torque_off=True),
     lambda robot: robot.is_attached,
     lambda robot: robot.detach(),
-    lambda robot: robot.read(),
-    lambda robot: robot.stop(),
+    lambda robot: _refuses(robot.read),
+    lambda robot: _refuses(robot.stop),
     lambda robot: robot.attach(),
     lambda robot: robot.read().torque_on,
 ]
@@ -122,23 +142,41 @@ def outcome(call: Callable[[RobotDriver], object], robot: RobotDriver) -> object
     return value
 
 
-def test_every_call_ends_as_that_of_the_robot_behind_it(shared: Service) -> None:
-    direct, remote = hexwire.connect("sim://hex7bot"), hexwire.connect("zenoh:lab/arm1")
-    with direct, remote:
-        for number, call in enumerate(CALLS):
-            assert (number, outcome(call, remote)) == (number, outcome(call, direct))
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_call_ends_as_that_of_the_robot_behind_it(serve: Serve, kind: str) -> None:
+    with emulated(kind) as own, emulated(kind) as behind:
+        serve("lab/arm1", **behind)
+        direct, remote = hexwire.connect(str(own["port"]), str(own["robot"])), hexwire.connect("zenoh:lab/arm1")
+        with direct, remote:
+            for number, call in enumerate(CALLS):
+                assert (number, outcome(call, remote)) == (number, outcome(call, direct))
 
 
-@pytest.mark.parametrize("settings", [{"robot": "sim"}, {"port": "sim://hex7bot?dialect=1"}], ids=["2", "1"])
-def test_a_motion_arrives_with_either_dialect(serve: Serve, settings: dict[str, object]) -> None:
-    serve("lab/arm1", **settings)
-    with hexwire.connect("zenoh:lab/arm1") as robot:
-        result = run_motion(robot, JointTarget.of({"J1": 0.3}, 0.3))
-        assert result.arrived, result.why
-        state = robot.read()
-        assert state.positions["J1"] == pytest.approx(0.3, abs=0.03)
-        # It may arrive early; the end of a motion is no stop.
-        assert not state.stopped
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_motion_arrives_and_does_not_outlive_the_server_by_more_than_a_step(serve: Serve, kind: str) -> None:
+    with emulated(kind) as behind:
+        serve("lab/arm1", **behind)
+        with hexwire.connect("zenoh:lab/arm1") as robot:
+            targets: list[JointTarget] = []
+            write = robot.write
+
+            def noted(target: JointTarget) -> SentTarget:
+                targets.append(target)
+                return write(target)
+
+            robot.write = noted  # type: ignore[method-assign]
+            joint = robot.model.names[0]
+            goal = robot.read()[joint].position + 0.2
+            result = run_motion(robot, JointTarget.of({joint: goal}, 0.6))
+            assert result.arrived, result.why
+            state = robot.read()
+            assert state[joint].position == pytest.approx(goal, abs=0.03)
+            # It may arrive early; the end of a motion is no stop.
+            assert not state.stopped
+            # Nothing else would stop a robot without a watchdog when the server dies.
+            longest = 0.6 if kind == "dialect 2" else 1.5 / robot.command_rate
+            assert max(target.duration for target in targets) == pytest.approx(longest)
+            assert (len(targets) > 1) == (kind != "dialect 2")
 
 
 # -- the address ------------------------------------------------------------------------------------------

@@ -213,10 +213,11 @@ def hold_on_ctrl_c(robot: RobotDriver) -> Iterator[None]:
 
 
 def unwatched_note(robot: RobotDriver, seconds: float) -> None:
-    """Warn that nothing stops the arm if this program dies."""
+    """Warn that nothing stops the arm if this program, or the server of a shared arm, dies."""
+    where, dies = ("at its server", "its server") if robot.has_watchdog else ("on this port", "this program")
     note(
-        f"note: {robot.model.name} has no watchdog on this port: "
-        f"if this program dies, the arm moves on to its last target, for up to {seconds:.2g} s"
+        f"note: {robot.model.name} has no watchdog {where}: "
+        f"if {dies} dies, the arm moves on to its last target, for up to {seconds:.2g} s"
     )
 
 

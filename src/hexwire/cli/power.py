@@ -23,7 +23,9 @@ _KEPT_HERE = (
     "note: no board latches this stop: hexwire keeps it for this user on this computer until 'hexwire resume'; "
     "other users and programs can move the arm"
 )
+_KEPT_BY_SERVER = "note: no board latches this stop: the arm's server keeps it until 'hexwire resume'"
 _KEPT_NOT = "note: this stop is not latched: it ended with this command, and the next command may move the arm"
+_KEPT = {"server": _KEPT_BY_SERVER, "user": _KEPT_HERE}
 
 
 @click.command()
@@ -60,7 +62,7 @@ def stop(torque_off: bool, options: RobotOptions, as_json: bool) -> None:
         words = "stopped, torque off" if torque_off else "stopped, holding"
         kept = robot.stop_kept_by
         if kept != "board":
-            note(_KEPT_HERE if kept else _KEPT_NOT)
+            note(_KEPT.get(kept, _KEPT_NOT))
         _report(robot.model, robot.model.names, confirmed, words, as_json)
 
 

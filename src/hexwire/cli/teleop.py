@@ -154,7 +154,7 @@ def teleop(
         owner = RobotOwner(robot, borrowed=True, command_rate=rate)
         robot.torque(True)
         note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
-        if not robot.has_watchdog:
+        if not robot.has_own_watchdog:
             unwatched_note(robot, OVERLAP / rate)
         with owner, _hold_at_the_end(robot, controller):
             owner.group.members = (controller,)

@@ -79,13 +79,22 @@ class RobotDriver(ABC):
         return False
 
     @property
+    def has_own_watchdog(self) -> bool:
+        """Whether that watchdog is in the robot; a program in between has one only as long as it lives itself."""
+        return self.has_watchdog
+
+    @property
     def reports_states(self) -> bool:
         """Whether the robot can report states periodically, see `stream`; known after `attach`."""
         return False
 
     @property
     def stop_kept_by(self) -> str:
-        """Where a stop outlives this program: ``board``, ``user`` (a file of this user), or empty for nowhere."""
+        """Where a stop outlives this program.
+
+        ``board``, ``server`` (the program that shares the arm), ``user`` (a file of this user), or empty for
+        nowhere.
+        """
         return "board"
 
     def now(self) -> float:

@@ -299,6 +299,8 @@ class Facts(_Message, tag=2):
         error: Why the robot is not connected; empty if it is.
         clock: Owner's monotonic clock, seconds.
         host: Name of the server's computer.
+        watchdog: The robot has a watchdog of its own.
+        kept: Where a stop outlives the server, as `RobotDriver.stop_kept_by`.
     """
 
     robot: _Name
@@ -313,6 +315,8 @@ class Facts(_Message, tag=2):
     error: _Text
     clock: float
     host: _Text = ""
+    watchdog: bool = False
+    kept: _Name = "board"
 
 
 class Goal(_Message, tag=3):

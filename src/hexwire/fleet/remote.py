@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
-from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.values import ProbeReport, StopCause, StopLatch, StopMode
 from hexwire.errors import (
     HexwireError,
@@ -28,6 +27,7 @@ from hexwire.model.state import JointState, JointTarget, SentTarget
 from . import messages as m
 from .address import Address
 from .clock import ClockOffset
+from .described import Described
 from .failures import restore
 from .following import Following
 from .identity import whoami
@@ -58,7 +58,7 @@ _SILENCE = 1.0
 """Seconds without a state after which `read` asks for the reason; as long as the server answers, it waits on."""
 
 
-class RemoteRobot(Following, RobotDriver):
+class RemoteRobot(Following, Described):
     """An arm that `hexwire serve` shares.
 
     Reading needs no lease. The first order takes it; a lease that was lost is not taken again by itself, but by
@@ -132,18 +132,6 @@ class RemoteRobot(Following, RobotDriver):
     @property
     def is_attached(self) -> bool:
         return self._node is not None
-
-    @property
-    def command_rate(self) -> float:
-        return self._facts.command_rate
-
-    @property
-    def has_watchdog(self) -> bool:
-        return True
-
-    @property
-    def reports_states(self) -> bool:
-        return True
 
     @property
     def watchdog_armed(self) -> bool:

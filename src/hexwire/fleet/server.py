@@ -481,6 +481,8 @@ class ArmServer:
             "" if owner.connected else owner.error,
             shared.now(),
             socket.gethostname(),
+            self._robot.has_own_watchdog,
+            self._robot.stop_kept_by,
         )
 
 
