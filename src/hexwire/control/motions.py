@@ -241,8 +241,8 @@ def run_motion(
     """Run one motion: check its path, switch torque on, arm the watchdog, monitor it, and check the arrival.
 
     A trajectory is sent cycle by cycle. A single target is sent once, and the board interpolates the motion; on a
-    robot without a watchdog of its own, it is sent in short steps. An exception during the motion, including
-    Ctrl-C, stops the arm.
+    robot without a watchdog, it is sent in short steps. An exception during the motion, including Ctrl-C, stops the
+    arm.
 
     Args:
         robot: Attached.
@@ -456,7 +456,7 @@ def _run_target(
         observer.sent(sent)
         return MotionResult(None, powered=powered, sent=sent, seconds=sent.duration)
     rate = options.rate or robot.command_rate
-    step = None if robot.has_own_watchdog else 1.0 / rate
+    step = None if robot.has_watchdog else 1.0 / rate
     here = state.positions
     if step is not None:
         target = check_target(robot.model, target, here)
