@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 from pathlib import Path
 
 import pytest
@@ -66,6 +67,10 @@ def test_what_is_recorded_can_be_shown_exported_and_played(serve: Serve, waypoin
     assert topics["/lab/arm1/clock"]["schema"] == "hexwire.Clock"
     result = run("record", "export", file, tmp_path / "a.csv")
     assert (result.exit_code, "choose one with --arm" in result.stderr) == (2, True)
+    for words in (("export", file, tmp_path / "b.csv"), ("plot", file, tmp_path / "b.svg")):
+        result = run("record", *words, "--arm", "lab/arm3")
+        assert (result.exit_code, f"{file} has no joint states of lab/arm3" in result.stderr) == (2, True)
+        assert not words[-1].exists()
     assert run("record", "export", file, tmp_path / "a.csv", "--arm", "lab/arm1").exit_code == 0
     assert run("record", "plot", file, tmp_path / "a.svg", "--arm", "lab/arm2").exit_code == 0
     again = run("fleet", "play", file, "--on", "lab/arm1", "--speed", "2", "--dry-run")
@@ -140,3 +145,17 @@ def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
         eventually(lambda: robot.read().stopped)
     with hexwire.connect("zenoh:lab/arm2") as other:
         assert other.read().stopped
+
+
+def test_why_no_arm_is_found_behind_a_router_is_said(runtime: Path, taught: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    for words, said in (
+        (("record", taught.with_name("none.mcap"), "--duration", "0.3"), "nothing was recorded: no arm is served"),
+        (("play", taught, "--on", "lab/*"), "no arm moved: no arm is served"),
+    ):
+        result = run("fleet", *words, "--router", endpoint)
+        last = result.stderr.splitlines()[-1]
+        assert (result.exit_code, said in last) == (1, True), result.stderr
+        assert last.count(f"nobody answers at {endpoint}") == 1

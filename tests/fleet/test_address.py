@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ from hexwire.fleet.address import (
     read_fleet_file,
     router_network,
 )
+from hexwire.fleet.endpoints import local_socket, make_socket_folder
 from hexwire.fleet.names import Role
 from hexwire.link.certs import issue_certificate, make_authority
 
@@ -173,3 +176,12 @@ def test_a_way_that_cannot_be_used_is_an_error_of_what_was_given(tmp_path: Path)
         router_network(**files, environ={})
     with pytest.raises(UsageError, match="--router tls/HOST:7447"):
         router_network(without_certificates=True, environ={})
+
+
+def test_whoever_mistypes_a_name_is_told_which_arms_are_served_here(runtime: Path) -> None:
+    with closing(socket.socket(socket.AF_UNIX)) as served:
+        make_socket_folder()
+        served.bind(str(local_socket("lab/arm1")))
+        served.listen()
+        with pytest.raises(LinkNotFoundError, match=r"no arm lab/arm is served .* user, but lab/arm1: start"):
+            parse("zenoh:lab/arm").network()

@@ -11,7 +11,7 @@ from hexwire.errors import UsageError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network
-from hexwire.fleet.node import Node
+from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.rights import Kind
 from hexwire.fleet.roster import HUNG, Roster
 
@@ -125,3 +125,44 @@ def test_many_looks_see_all_arms_at_once(runtime: Path) -> None:
             assert len(roster.seen()) == len(nodes)
     for node in nodes:
         node.close()
+
+
+def test_a_router_that_does_not_know_the_certificate_is_named_as_the_reason(runtime: Path, tmp_path: Path) -> None:
+    lab = Lab(tmp_path)
+    lab.issue("one", Kind.ARM, "lab/arm1")
+    lab.issue("anna", Kind.OPERATOR, "lab/*")
+    lab.issue("new", Kind.OPERATOR, "lab/*", known=False)
+    with lab.routing():
+        with Roster("**", lab.network("new")) as roster:
+            assert roster.settle(10.0)
+            assert "the router does not know the certificate" in roster.silent()[lab.endpoint]
+        with Roster("**", lab.network("anna")) as roster:
+            assert roster.settle(10.0)
+            # Nobody is there, and that is all.
+            assert (roster.seen(), roster.silent()) == ({}, {})
+            with lab.session("one") as one:
+                one.announce(Keys("lab/arm1").token("1"))
+                eventually(roster.seen)
+
+
+def test_a_router_that_does_not_answer_is_told_until_an_arm_is_seen(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    router = Network(listen=(endpoint,), router=True).open()
+
+    def silent(node: Node, timeout: float) -> None:
+        raise NoAnswerError(absent=False)
+
+    monkeypatch.setattr(Node, "ask_neighbours", silent)
+    with Roster(router=Network(connect=(endpoint,))) as roster:
+        assert roster.settle(10.0)
+        assert roster.silent() == {endpoint: HUNG}
+        far = Network(connect=(endpoint,)).open()
+        far.announce(Keys("lab/far").token("1"))
+        eventually(roster.seen)
+        assert roster.silent() == {}
+    far.close()
+    router.close()

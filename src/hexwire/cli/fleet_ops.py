@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -143,10 +143,17 @@ def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | N
         raise LinkPermissionError(f"stopped, but torque is still on: {', '.join(kept)}")
 
 
-def nobody(pattern: str, router: Network | None) -> str:
-    """That no arm is there, in words."""
+def nobody(pattern: str, router: Network | None, silent: Mapping[str, str] | None = None) -> str:
+    """That no arm is there, in words.
+
+    Args:
+        pattern: The arms.
+        router: The way to those of other machines.
+        silent: Ways on which nobody answers, and why; see `Roster.silent`.
+    """
     where = _NONE if router is None else f"{_NONE} or behind {', '.join(router.connect)}"
-    return where if pattern == "**" else f"{where} under the name {pattern}"
+    named = where if pattern == "**" else f"{where} under the name {pattern}"
+    return "; ".join([named, *(f"{way}: {why.removeprefix(f'{way}: ')}" for way, why in (silent or {}).items())])
 
 
 # -- rows -------------------------------------------------------------------------------------------------

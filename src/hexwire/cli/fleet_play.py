@@ -56,15 +56,16 @@ def record(
         with FleetRecorder(writer, pattern, router, tell=note) as recorder:
             began = time.monotonic()
             if not recorder.counts:
-                note(f"{nobody(pattern, router)}; waiting for one")
+                note(f"{nobody(pattern, router, recorder.silent)}; waiting for one")
             while not ended() and (left := began + end - time.monotonic()) > 0:
                 recorder.run(min(left, _SLICE))
             counts = recorder.counts
+            silent = recorder.silent
             if recorder.overflows:
                 note(f"warning: the disk was too slow; {recorder.overflows} states are missing")
         if not counts:
             writer.discard()
-            raise LinkNotFoundError(f"nothing was recorded: {nobody(pattern, router)}")
+            raise LinkNotFoundError(f"nothing was recorded: {nobody(pattern, router, silent)}")
     rows = [{"name": name, "states": states, "lost": lost} for name, (states, lost) in counts.items()]
     lines = [f"{row['name']}: {row['states']} states, {row['lost']} lost" for row in rows]
     answer(as_json, {"file": file, "arms": rows}, *lines, f"recorded in {file}")
@@ -165,12 +166,14 @@ def _arms(patterns: tuple[str, ...], router: Network | None) -> set[str]:
     with Roster("**", router) as roster:
         roster.settle(_SETTLE)
         # One that hangs is refused later, by name.
-        names = {name for name in (*roster.seen(), *roster.silent()) if is_name(name)}
+        silent = roster.silent()
+        names = {name for name in (*roster.seen(), *silent) if is_name(name)}
     found: set[str] = set()
     for pattern in patterns:
         some = {name for name in names if matches(pattern, name)}
         if not some:
-            raise LinkNotFoundError(f"no arm moved: {nobody(pattern, router)}; see 'hexwire fleet list'")
+            words = nobody(pattern, router, {way: why for way, why in silent.items() if way not in names})
+            raise LinkNotFoundError(f"no arm moved: {words}; see 'hexwire fleet list'")
         found |= some
     return found
 

@@ -192,7 +192,7 @@ def plot(file: str, picture: str, arm: str | None, force: bool, as_json: bool) -
             if len(drawn.planned) * len(drawn.names) > _MOST_DRAWN:
                 raise UsageError(f"{file} has more than {_MOST_DRAWN} angles: too many for a plot")
         if not drawn.planned:
-            raise UsageError(f"{file} has no joint states")
+            raise UsageError(f"{file} has no joint states" + (f" of {arm}" if arm is not None else ""))
         drawn.draw(out)
     words = f"{len(drawn.planned)} states plotted to {picture}"
     answer(as_json, {"count": len(drawn.planned), "file": picture}, words)
@@ -300,6 +300,8 @@ def _csv(data: BinaryIO, name: str, out: TextIO, arm: str | None) -> int:
             cells = [_cell(joints.get(joint, {}).get(key)) for joint, key in columns]
             writer.writerow([f"{message.time:.9f}", *cells])
             count += 1
+    if arm is not None and not count:
+        raise UsageError(f"{name} has no joint states of {arm}")
     return count
 
 

@@ -16,8 +16,9 @@ from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.inputs import parse_toml, read_text
 from hexwire.link.cert_facts import check_usable, read_certificate
 
+from .endpoints import endpoints_of, is_served, local_name, local_socket, local_sockets
 from .names import SCHEME, Role, check_name
-from .network import Network, endpoints_of, is_served, local_socket
+from .network import Network
 from .rights import Rights
 
 __all__ = ["FLEET_VARIABLE", "Address", "address_text", "read_fleet_file", "rights_of", "router_network"]
@@ -25,6 +26,8 @@ __all__ = ["FLEET_VARIABLE", "Address", "address_text", "read_fleet_file", "righ
 FLEET_VARIABLE = "HEXWIRE_FLEET"
 """Environment variable with the path of a file that names router and certificates."""
 
+_MOST_NAMES = 8
+"""Other arms that are named, for whoever has mistyped one."""
 _WAY = ("router", "ca", "cert", "key")
 _KEYS = (*_WAY, "role", "take", "without-certificates")
 
@@ -114,8 +117,10 @@ class Address:
             if is_served(path):
                 return Network(connect=endpoints_of([path]))
         if not self.router:
+            others = ", ".join([name for name in map(local_name, local_sockets()) if name][:_MOST_NAMES])
             raise LinkNotFoundError(
-                f"no arm {self.name} is served on this machine by this user: start 'hexwire serve --name "
+                f"no arm {self.name} is served on this machine by this user"
+                f"{f', but {others}' if others else ''}: start 'hexwire serve --name "
                 f"{self.name}', or name a router ({SCHEME}:{self.name}?router=tls/HOST:7447, or a file in "
                 f"{FLEET_VARIABLE})",
                 url=self.text,

@@ -31,7 +31,7 @@ from .names import Keys, Role
 from .node import NoAnswerError, Node
 from .rights import KEY_WORDS
 
-__all__ = ["Questions", "ask", "decoded"]
+__all__ = ["Questions", "ask", "decoded", "unknown_certificate"]
 
 _TIMEOUT = 2.0
 """Seconds for the questions that find the reason."""
@@ -152,9 +152,7 @@ def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> Hexw
             node.ask_neighbours(_TIMEOUT)
         except NoAnswerError as silent:
             if silent.absent and node.cert:
-                return LinkPermissionError(
-                    f"{url}: the router does not know {_holder(node.cert)}; {_REMEDY}", url=url
-                )
+                return LinkPermissionError(f"{url}: {unknown_certificate(node.cert)}", url=url)
             return ReplyTimeoutError(f"a question to the {other} of {url}", advice=_SILENT)
         # It may have come meanwhile.
         if not node.visible(alive, _TIMEOUT):
@@ -164,6 +162,11 @@ def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> Hexw
     if none.absent:
         return LinkPermissionError(f"{url} is there, but this program may not {_word(key)}; {_REMEDY}", url=url)
     return ReplyTimeoutError(f"{url}, whose server is there", advice=_SILENT)
+
+
+def unknown_certificate(cert: str) -> str:
+    """That a router's access control does not know a certificate, in words."""
+    return f"the router does not know {_holder(cert)}; {_REMEDY}"
 
 
 def _word(key: str) -> str:

@@ -106,6 +106,11 @@ class FleetRecorder:
         """Recorded and lost states, by arm."""
         return {name: (arm.count, arm.lost) for name, arm in sorted(self._arms.items())}
 
+    @property
+    def silent(self) -> dict[str, str]:
+        """As `Roster.silent`."""
+        return self._roster.silent()
+
     def run(self, seconds: float) -> None:
         """Write what arrives in that time."""
         end = time.monotonic() + seconds

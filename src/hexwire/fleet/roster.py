@@ -20,7 +20,8 @@ from .address import rights_of
 from .endpoints import endpoints_of, is_served, local_name, local_sockets
 from .names import Keys, check_pattern, matches, name_of
 from .network import Network
-from .node import Node
+from .node import NoAnswerError, Node
+from .questions import unknown_certificate
 
 __all__ = ["HUNG", "Roster", "Seen"]
 
@@ -143,6 +144,7 @@ class Roster:
                 before = name in self._arms
                 instances = self._arms.setdefault(name, {}).setdefault(way, set())
                 if there:
+                    way.error = ""
                     instances.add(instance)
                 else:
                     instances.discard(instance)
@@ -191,6 +193,8 @@ class Roster:
                 deadline = time.monotonic() + _TOKENS
                 while not self._knows(way, found) and time.monotonic() < deadline:
                     self._ending.wait(_MOMENT)
+                if not found and way.socket is None:
+                    way.error = self._denied(node)
                 way.tried.set()
                 while node.connections and not self._ending.wait(_LOOK):
                     pass
@@ -221,6 +225,16 @@ class Roster:
             if way.socket is None or time.monotonic() > deadline or self._ending.wait(_MOMENT):
                 break
         return [key for key in found if self._is_wanted(key)]
+
+    def _denied(self, node: Node) -> str:
+        """Why a router says of no arm that it is there; empty if none is."""
+        try:
+            node.ask_neighbours(_TOKENS)
+        except NoAnswerError as none:
+            return unknown_certificate(node.cert) if none.absent and node.cert else HUNG
+        except HexwireError as error:
+            return str(error)
+        return ""
 
     def _knows(self, way: _Way, keys: list[str]) -> bool:
         with self._lock:
