@@ -45,5 +45,7 @@ def test_an_adapter_without_a_timer(tmp_path: Path) -> None:
     assert report.latency_ms is None
     assert report.advice == ""
     assert math.isnan(report.overhead)
+    assert report.held_back is False
     held = inspect_adapter("/dev/ttyACM3", 0.0155, True, sysfs=tmp_path)
+    assert (held.device, held.driver, held.overhead, held.held_back) == ("/dev/ttyACM3", "", 0.0155, True)
     assert "16 ms longer" in held.advice

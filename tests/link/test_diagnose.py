@@ -43,7 +43,17 @@ def test_a_missing_rule_is_found_written_and_then_seen(ch340: PortInfo, tmp_path
     assert path == tmp_path / RULE_PATH
     after = diagnose_port(ch340, tmp_path)
     assert not any("no udev rule" in f.text for f in after)
-    assert any(str(path) in f.text for f in after)
+    assert any(f.level is Level.OK and str(path) in f.text for f in after)
+
+
+def test_files_of_others_may_hold_any_bytes(ch340: PortInfo, tmp_path: Path) -> None:
+    path = write_udev_rule([ch340.usb_id], tmp_path)
+    path.write_bytes(b"# caf\xe9\n" + path.read_bytes())
+    assert any(f"udev rule in {path}" == f.text for f in diagnose_port(ch340, tmp_path))
+    process(tmp_path, 6, "")
+    (tmp_path / "proc/6/comm").write_bytes(b"\xff\n")
+    process(tmp_path, 8, "brltty")
+    assert {f.about for f in diagnose_system([ch340], tmp_path)} == {"brltty"}
 
 
 def test_a_rule_that_is_there_is_replaced_and_all_may_read_it(tmp_path: Path) -> None:

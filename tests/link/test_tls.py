@@ -102,6 +102,8 @@ def test_addresses(lab: Path) -> None:
     caller = make_link(f"tcps://127.0.0.1:5?{options}&timeout=2&name=arm")
     assert isinstance(caller, TcpLink)
     assert caller.url == "tcps://127.0.0.1:5"
+    assert caller._tls is not None
+    assert (caller._tls.name, caller._tls.ca) == ("arm", f"{lab}/ca.pem")
     waiting = make_link(f"tcps-listen://:5?{options}")
     assert isinstance(waiting, TcpListenLink)
     assert waiting.url == "tcps-listen://127.0.0.1:5"
