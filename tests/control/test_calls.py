@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hexwire.control import calls as module
 from hexwire.control.calls import QueuedCalls
 from hexwire.errors import (
     DeviceError,
@@ -115,6 +116,14 @@ def test_no_caller_waits_forever_and_a_dropped_call_never_runs() -> None:
     jobs.run()
     assert done == []
     assert not jobs._waiting
+
+
+def test_a_caller_waits_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    waited: list[float] = []
+    monkeypatch.setattr(module, "wait", lambda futures, timeout: waited.append(timeout))
+    with pytest.raises(DeviceError, match=r"^the robot was busy for 10 s; nothing was done$"):
+        QueuedCalls().call(lambda: 1)
+    assert waited == [10.0]
 
 
 def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:

@@ -125,6 +125,17 @@ def test_a_goal_that_is_cancelled_before_it_begins_never_does(
     assert not goals.goals.open
 
 
+def test_a_goal_that_hangs_does_not_keep_the_program_from_ending(
+    goals: Goals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goals.goals.start()
+    waited: list[float] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(goals.goals._worker, "join", waited.append)
+        goals.goals.close()
+    assert waited == [1.0]
+
+
 def test_a_cancel_for_nobody_is_nothing(goals: Goals) -> None:
     goals.goals.cancel("", "nobody")
     assert not goals.goals.open

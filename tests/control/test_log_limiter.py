@@ -9,6 +9,7 @@ def test_same_text_is_logged_again_after_its_period() -> None:
     limiter = LogLimiter()
     assert [limiter.due("no", now, 1.0) for now in (0.0, 0.5, 0.9, 1.0, 1.5)] == [True, False, False, True, False]
     assert limiter.due("other", 1.5)
+    assert [limiter.due("usual", now) for now in (5.0, 5.9, 6.0)] == [True, False, True]
     assert not limiter.due("other", 30.0, 60.0)
 
 

@@ -49,6 +49,15 @@ def test_states_come_at_the_rate_that_was_asked_for(baud: int) -> None:
     assert stamps == sorted(stamps)
 
 
+def test_a_hundred_states_come_a_second_unless_another_rate_is_asked_for() -> None:
+    bench = BoardBench()
+    bench.owner.connect()
+    bench.turn(3.0)
+    assert bench.board.state.report_period == pytest.approx(0.01)
+    assert bench.owner.rate == pytest.approx(100.0, rel=0.005)
+    assert bench.owner._latest._period == 0.01
+
+
 def test_a_rate_above_what_a_board_reports_at_is_no_reason_to_lose_it() -> None:
     bench = BoardBench(publish_rate=1000.0)
     bench.owner.connect()

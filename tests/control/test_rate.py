@@ -122,7 +122,7 @@ def test_a_hurry_counts_from_what_was_done() -> None:
 
 
 def test_a_rate_counts_what_is_within_its_window() -> None:
-    meter = RateMeter(window=2.0)
+    meter = RateMeter()
     for now in (0.0, 1.0, 2.0):
         meter.count(now)
     assert meter.rate(2.0) == 1.0

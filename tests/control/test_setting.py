@@ -73,6 +73,7 @@ def test_other_kinds_and_their_defaults() -> None:
     assert faults.text("id", 1234, "x") == "x"
     assert faults.text("id", False, "x") == "x"
     assert faults.switch("check", 1, default=True) is True
+    assert faults.switch("other", 0) is False
     assert faults.names("joints", "J1") == ()
     assert faults.names("joints", ["J1", 2]) == ()
     assert faults.names("joints", ["J1", "J2", "J1", "J1"]) == ("J1", "J2")
@@ -81,6 +82,7 @@ def test_other_kinds_and_their_defaults() -> None:
         "id: 1234 must be text: in quotes",
         "id: must be text, not false",
         "check: must be true or false, not 1",
+        "other: must be true or false, not 0",
         "joints: must be a list of names, not the text 'J1'",
         "joints: must be a list of names, not the list ['J1', 2]",
         "joints: J1 is given twice",

@@ -34,6 +34,8 @@ def test_an_order_of_the_holder_moves_the_arm_and_nobody_elses_does() -> None:
     with pytest.raises(LeaseError, match="holds no lease"):
         bench.move(12345, J1=AWAY)
     key = bench.take()
+    assert bench.shared.holder is not None
+    assert bench.shared.holder.watchdog == 0.0
     with pytest.raises(LeaseError, match="Ann holds the lease"):
         bench.move(key + 1, J1=AWAY)
     assert not bench.sent

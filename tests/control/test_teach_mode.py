@@ -242,14 +242,21 @@ def test_a_recording_by_hand_ends_when_somebody_else_switches_torque_on() -> Non
 
 
 @pytest.mark.parametrize(
-    ("duration", "rate", "count"), [(1.0, 0.0, 20), (0.3, 10.0, 3), (0.01, 10.0, 1), (0.25, 10.0, 3)]
+    ("duration", "rate", "count"),
+    [
+        (1.0, {}, 20),
+        (1.0, {"rate": 0.0}, 20),
+        (0.3, {"rate": 10.0}, 3),
+        (0.01, {"rate": 10.0}, 1),
+        (0.25, {"rate": 10.0}, 3),
+    ],
 )
 def test_a_recording_has_as_many_states_as_periods_begin_in_its_time(
-    duration: float, rate: float, count: int
+    duration: float, rate: dict[str, float], count: int
 ) -> None:
     arm = EmulatedArm(2)
     states: list[JointState] = []
-    record(arm, states.append, duration=duration, rate=rate)
+    record(arm, states.append, duration=duration, **rate)
     assert len(states) == count
     assert arm.torques() == [True] * 7, "all hold, also those that had no torque"
 

@@ -168,6 +168,10 @@ def test_the_limit_ends_it_and_keeps_what_there_is() -> None:
     assert not teacher.full
 
 
+def test_ten_minutes_can_be_taught() -> None:
+    assert Teacher().limit == 600.0
+
+
 def test_the_limit_counts_though_nothing_can_be_taken() -> None:
     teacher = Teacher(limit=2.0)
     teacher.start(("J1",), 10.0)

@@ -102,7 +102,7 @@ class ClientGoals(Generic[_C]):
         answer_after: Least seconds until a client is answered.
     """
 
-    def __init__(self, arm: Arm, *, answer_after: float = 0.0) -> None:
+    def __init__(self, arm: Arm, *, answer_after: float) -> None:
         self._arm, self._answer_after = arm, answer_after
         self._goals: dict[tuple[str, str], ClientGoal[_C]] = {}
         # Goals and ends, in order; checking a goal takes longer than its sender may be blocked.
