@@ -85,7 +85,7 @@ def test_it_takes_its_turn_behind_another_reader() -> None:
         first: list[bytes] = []
         reader = threading.Thread(target=lambda: first.append(one.read(None)))
         reader.start()
-        while not one._reader:
+        while not one._reading.taken:
             time.sleep(0.001)
         threading.Timer(0.05, lambda: other.write(b"for the reader")).start()
         answer = one.exchange(b"ask", 0.2)

@@ -9,10 +9,12 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from unittest.mock import Mock
 
 import pytest
 from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
+from interrupts import interrupted_at
 
 from hexwire.errors import (
     LinkBusyError,
@@ -47,6 +49,9 @@ class ScriptedLink(PollLink):
     def _open(self) -> None:
         self.near, self.far = socket.socketpair()
         self.near.setblocking(False)
+        # By name, so that a test may replace them later.
+        self._read_now = lambda: self._read_ready()
+        self._write_now = lambda data: self._write_ready(data)
         if self.open_error:
             raise self.open_error
 
@@ -271,6 +276,120 @@ for _ in range(1000):
         pass
     assert not link.is_open
     assert link._fd == -1
+"""
+    # In a process of its own: what hangs in a lock cannot be ended from inside.
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)
+
+
+_USES: dict[str, Callable[[ScriptedLink], object]] = {
+    "read": lambda link: link.read(0.0),
+    "exchange": lambda link: link.exchange(b"x", 0.0, lambda data: 0.0),
+    "write": lambda link: link.write(b"x", 0.0),
+    "post": lambda link: link.post(b"x"),
+    "flush_input": lambda link: link.flush_input(),
+}
+
+
+def _use_all(link: ScriptedLink) -> None:
+    link.flush_input()
+    link.far.send(b"answer")
+    assert link.exchange(b"x", PATIENCE) == b"answer"
+    link.far.send(b"answer")
+    link.write(b"x", soon())
+    assert link.read(soon()) == b"answer"
+
+
+@pytest.mark.parametrize("marked", [False, True], ids=["free", "after waiting"])
+@pytest.mark.parametrize("name", _USES)
+def test_ctrl_c_at_any_step_leaves_a_link_that_can_be_used_and_closed(name: str, marked: bool) -> None:
+    use, step = _USES[name], 0
+    while True:
+        step += 1
+        link = ScriptedLink()
+        link.open()
+        link.far.send(b"answer")
+        # With the turns marked as taken, the call goes the way of one that finds another thread's call.
+        link._reading.taken = link._writing.taken = marked
+        where = interrupted_at(step, lambda use=use, link=link: use(link))  # type: ignore[misc]  # of this turn
+        if not where:
+            assert step > 3
+            link.close()
+            return
+        assert link._reading.taken is link._writing.taken is marked, where
+        link._reading.taken = link._writing.taken = False
+        Background(lambda link=link: _use_all(link)).outcome()
+        _use_all(link)
+        Background(link.close).outcome()
+        assert (link.is_open, link.near.fileno()) == (False, -1), where
+
+
+@pytest.mark.parametrize("pending", [False, True], ids=["another thread", "the handler"])
+def test_ctrl_c_while_a_link_closes_leaves_the_rest_to_the_next_close(pending: bool) -> None:
+    def close(link: ScriptedLink) -> None:
+        if pending:
+            # A handler closes the link, and the call that it interrupted does it on leaving.
+            link._read_now = lambda: (link.close(), b"x")[1]
+            link.far.send(b"x")
+            link.exchange(b"x", PATIENCE)
+        else:
+            link.close()
+
+    before, step = descriptors(), 0
+    while True:
+        step += 1
+        link = ScriptedLink()
+        link.open()
+        where = interrupted_at(step, lambda link=link: close(link))  # type: ignore[misc]  # of this turn
+        Background(link.close).outcome()
+        assert (link.is_open, link.near.fileno()) == (False, -1), where
+        assert descriptors() == before, where
+        link.open()
+        assert link.exchange(b"x", 0.0) == b"", where
+        link.close()
+        if not where:
+            return
+
+
+@pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
+def test_a_signal_handler_may_raise_at_any_moment(use: str) -> None:
+    """As Ctrl-C does: afterwards another thread can use the link, and close it."""
+    code = f"""
+import os, random, signal, threading
+from hexwire.link.serial import SerialLink
+
+master, slave = os.openpty()
+os.set_blocking(master, False)
+link = SerialLink(os.ttyname(slave))
+random.seed(1)
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+def finish():
+    link.flush_input()
+    link.exchange(b"x", 0.0)
+    link.close()
+
+signal.signal(signal.SIGALRM, interrupt)
+for _ in range(500):
+    link.open()
+    try:
+        try:
+            signal.setitimer(signal.ITIMER_REAL, random.uniform(0.00002, 0.0004))
+            while True:
+                {use}
+                try:
+                    os.read(master, 4096)
+                except BlockingIOError:
+                    pass
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    except KeyboardInterrupt:
+        pass
+    thread = threading.Thread(target=finish)
+    thread.start()
+    thread.join()
+    assert not link.is_open
 """
     # In a process of its own: what hangs in a lock cannot be ended from inside.
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)

@@ -117,29 +117,46 @@ class Link(Openable):
         """
         self.write(data, _clock_of(self)() + WRITE_TIME)
 
-    def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
-        """Write a request and read the bytes that come back: the fast path of a request-and-answer bus.
+    def collect(self, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
+        """Read the answer to a request that was just sent: the second half of `exchange`.
 
         Args:
-            data: The request.
             window: Seconds to wait for the first bytes; infinite waits forever.
             rest: Returns the seconds to wait for more, given the bytes received so far; 0.0 if they are complete.
-                With None, the first bytes are returned. An error that it raises ends the exchange and passes
+                With None, the first bytes are returned. An error that it raises ends the call and passes
                 unchanged, even an OSError: the link stays open, and the bytes received are discarded.
 
         Returns:
             As `read`; with `rest`, all bytes that arrived before a wait ended or `wake` was called.
 
         Raises:
-            LinkError: As `write` and `read`.
+            LinkError: As `read`.
         """
-        self.post(data)
         clock = _clock_of(self)
         answer = more = self.read(clock() + window)
         while more and rest is not None and (wait := rest(answer)) > 0.0:
             more = self.read(clock() + wait)
             answer += more
         return answer
+
+    def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
+        """Write a request and read the bytes that come back: the fast path of a request-and-answer bus.
+
+        `post` and `collect` in one call; who has work to do while the request is on its way calls them himself.
+
+        Args:
+            data: The request.
+            window: As in `collect`.
+            rest: As in `collect`.
+
+        Returns:
+            As `collect`.
+
+        Raises:
+            LinkError: As `write` and `read`.
+        """
+        self.post(data)
+        return self.collect(window, rest)
 
     @abstractmethod
     def flush_input(self) -> int:

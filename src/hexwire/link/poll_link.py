@@ -11,7 +11,6 @@ import logging
 import select
 import threading
 from abc import abstractmethod
-from threading import get_ident
 from time import monotonic
 from typing import TYPE_CHECKING, ClassVar
 
@@ -25,6 +24,7 @@ from hexwire.errors import (
 )
 
 from .base import WRITE_TIME, Link
+from .call_turn import CallTurn
 from .deadline import LONGEST_POLL, lock_timeout, poll_timeout
 from .waker import Waker
 
@@ -72,20 +72,16 @@ class PollLink(Link):
         self._closing = False
         self._close_pending = False
         self._why_lost = ""
-        # Re-entrant, since a signal handler may close the link at any moment: in the middle of open(), or when its
-        # thread has just taken one of these and not said so below yet.
+        # Re-entrant, since a signal handler may close the link in the middle of open().
         self._changing = threading.RLock()
-        self._reading = threading.RLock()
-        self._writing = threading.RLock()
-        # Which threads hold the two locks above: close() must not wait for a reader that is its own caller. What a
-        # signal handler reads or writes leaves them as they were.
-        self._reader = 0
-        self._writer = 0
+        self._reading = CallTurn()
+        self._writing = CallTurn()
         self._read_waker = Waker()
         self._write_waker = Waker()
         self._fd = self._write_fd = -1
-        # The system calls of `_read_ready` and `_write_ready` alone, for `exchange` and `post`; a backend may set
-        # them in `_open`. After b"" from the first, `_read_ready` is called, which knows what that means.
+        # The system calls of `_read_ready` and `_write_ready` alone, for `collect` and `post`; a backend may set
+        # them in `_open`. None unless a stream is open, and not being closed. After b"" from the first,
+        # `_read_ready` is called, which knows what that means.
         self._read_now: Callable[[], bytes] | None = None
         self._write_now: Callable[[bytes], int] | None = None
         self._ready = [(-1, select.POLLIN)]
@@ -146,6 +142,9 @@ class PollLink(Link):
                 self._read_waker.open()
                 self._write_waker.open()
                 self._open()
+                if self.max_message is None:
+                    self._read_now = self._read_now or self._read_ready
+                    self._write_now = self._write_now or self._write_ready
                 self._fd = self._fileno()
                 self._ready = [(self._fd, select.POLLIN)]
                 read_poll = select.poll()
@@ -161,7 +160,10 @@ class PollLink(Link):
                 if self._closing:
                     raise self._closed()
             except BaseException as error:
-                self._release()
+                try:
+                    self._release()
+                finally:
+                    self._state = _State.CLOSED
                 if isinstance(error, OSError) and not isinstance(error, LinkError):
                     raise LinkError(
                         f"{self.url} cannot be opened: {error.strerror or error}", url=self.url
@@ -172,30 +174,41 @@ class PollLink(Link):
 
     def close(self) -> None:
         self._closing = True
+        self._read_now = self._write_now = None
         self._read_waker.set()
         self._write_waker.set()
         with self._changing:
-            me = get_ident()
             if self._state in (_State.CLOSED, _State.OPENING):
                 # Closed already; or a signal handler closes from inside open(), which then stops.
                 return
-            if me in (self._reader, self._writer):
+            if self._reading.is_mine() or self._writing.is_mine():
                 # A signal handler closes from inside this thread's own read() or write(), which will do it
                 # on leaving.
                 self._close_pending = True
                 return
             self._close_pending = False
-            with self._reading, self._writing:
-                self._release()
+            with self._reading.lock:
+                self._reading.taken = True
+                try:
+                    with self._writing.lock:
+                        self._writing.taken = True
+                        try:
+                            self._release()
+                        finally:
+                            self._writing.taken = False
+                finally:
+                    self._reading.taken = False
 
     def _release(self) -> None:
-        self._state = _State.CLOSED
         self._fd = -1
         self._read_now = self._write_now = None
         self._close()
         self._watched.clear()
         self._read_waker.close()
         self._write_waker.close()
+        # At the end: after Ctrl-C above, close() does what is left.
+        self._close_pending = False
+        self._state = _State.CLOSED
 
     def wake(self) -> None:
         self._read_waker.set()
@@ -203,115 +216,115 @@ class PollLink(Link):
     # --- reading ----------------------------------------------------------------------------------
 
     def read(self, deadline: float | None) -> bytes:
-        if not self._reading.acquire(False) and not self._take_turn(self._reading, deadline):
-            return b""
-        outer, self._reader = self._reader, get_ident()
-        woken = False
+        turn = self._reading
         try:
-            while self._state is _OPEN and not self._closing:
-                if woken:
-                    self._read_waker.clear()
-                    return b""
-                if deadline is None:
-                    events = self._wait_to_read()
-                else:
-                    # A float: poll rounds it up to whole milliseconds, so nothing returns early.
-                    left = deadline - monotonic()
-                    events = self._wait_to_read(min(left, LONGEST_POLL) * 1000.0 if left > 0.0 else 0)
-                data = b""
-                for fd, _ in events:
-                    if fd == self._fd:
-                        data = self._receive()
-                    elif fd in self._watched:
-                        self._watched[fd]()
-                    else:
-                        woken = True  # by wake(), or because the link was closed or lost: look again
-                if data:
-                    return data
-                if not woken and deadline is not None and monotonic() >= deadline:
-                    return b""
-            raise self._refusal()
+            if turn.taken:
+                data = turn.later(lock_timeout(deadline), lambda: self._read(deadline))
+                if data is None and self._closing:
+                    raise self._closed()  # the one who has the turn is close()
+                return data or b""
+            with turn.lock:
+                turn.taken = True
+                try:
+                    return self._read(deadline)
+                finally:
+                    turn.taken = False
         finally:
-            self._reader = outer
-            self._reading.release()
             if self._close_pending:
                 self.close()
 
-    def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
-        # One write, then one poll and one read for each piece that comes. Measured on a pseudo-terminal, 56-byte
-        # answers: poll costs 0.7 us over a bare blocking read, select 1.2 us, epoll 1.4 us; trying the read before
-        # the poll costs an exception (1.5 us) whenever the answer is not there yet, which is nearly always. A read
-        # that VMIN makes wait has VTIME as its only time-out, a tenth of a second, and setting them anew reprograms
-        # some USB adapters. To sleep through the time in which nothing can come saves wake-ups, but a process that
-        # comes out of a sleep is late: 80 us on an idle machine, milliseconds on a busy one.
-        if self.max_message is not None or not self._reading.acquire(False):
-            return super().exchange(data, window, rest)
-        if not self._writing.acquire(False):
-            self._reading.release()
-            return super().exchange(data, window, rest)
-        outer = self._reader, self._writer
-        self._reader = self._writer = get_ident()
-        answer, left = b"", 0.0
+    def _read(self, deadline: float | None) -> bytes:
+        woken = False
+        while self._state is _OPEN and not self._closing:
+            if woken:
+                self._read_waker.clear()
+                return b""
+            if deadline is None:
+                events = self._wait_to_read()
+            else:
+                # A float: poll rounds it up to whole milliseconds, so nothing returns early.
+                left = deadline - monotonic()
+                events = self._wait_to_read(min(left, LONGEST_POLL) * 1000.0 if left > 0.0 else 0)
+            data = b""
+            for fd, _ in events:
+                if fd == self._fd:
+                    data = self._receive()
+                elif fd in self._watched:
+                    self._watched[fd]()
+                else:
+                    woken = True  # by wake(), or because the link was closed or lost: look again
+            if data:
+                return data
+            if not woken and deadline is not None and monotonic() >= deadline:
+                return b""
+        raise self._refusal()
+
+    def collect(self, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
+        # One poll and one read for each piece that comes. Measured on a pseudo-terminal, 56-byte answers: poll
+        # costs 0.7 us over a bare blocking read, select 1.2 us, epoll 1.4 us; trying the read before the poll costs
+        # an exception (1.5 us) whenever the answer is not there yet, which is nearly always. A read that VMIN makes
+        # wait has VTIME as its only time-out, a tenth of a second, and setting them anew reprograms some USB
+        # adapters. To sleep through the time in which nothing can come saves wake-ups, but a process that comes
+        # out of a sleep is late: 80 us on an idle machine, milliseconds on a busy one.
+        turn = self._reading
+        if turn.taken or self.max_message is not None:
+            return super().collect(window, rest)
+        answer, left, wait = b"", 0.0, window
         try:
-            if self._state is not _OPEN or self._closing:
-                raise self._refusal()
-            try:
-                sent = (self._write_now or self._write_ready)(data)
-            except BlockingIOError:
-                sent = 0
-            except OSError as error:
-                raise self._as_lost(error) from error
-            if sent < len(data):
-                self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
-            # What comes after the answer delays the next request; until then, time is free.
-            wait, poll, ready, read = window, self._wait_to_read, self._ready, self._read_now or self._read_ready
-            while True:
+            with turn.lock:
+                turn.taken = True
                 try:
-                    events = poll(wait * 1000.0 if 0.0 < wait <= LONGEST_POLL else _milliseconds(wait))
-                    if events != ready or self._closing:
-                        if events or not wait > LONGEST_POLL:
+                    poll, ready, read = self._wait_to_read, self._ready, self._read_now
+                    if read is None:
+                        raise self._refusal()
+                    # What comes after the answer delays the next request; until then, time is free.
+                    while True:
+                        try:
+                            events = poll(wait * 1000.0 if 0.0 < wait <= LONGEST_POLL else _milliseconds(wait))
+                            if events != ready:
+                                if events or not wait > LONGEST_POLL:
+                                    break
+                                wait -= LONGEST_POLL
+                                continue
+                            left = wait
+                            data = read() or self._read_ready()
+                        except BlockingIOError:
                             break
-                        wait -= LONGEST_POLL
-                        continue
-                    left = wait
-                    data = read() or self._read_ready()
-                except BlockingIOError:
-                    break
-                except OSError as error:
-                    raise self._as_lost(error) from error
-                if not data:
-                    break
-                answer += data
-                if rest is None:
-                    return answer
-                wait = rest(answer)
-                if wait <= 0.0:
-                    return answer
+                        except OSError as error:
+                            raise self._as_lost(error) from error
+                        if not data:
+                            break
+                        answer += data
+                        if rest is None:
+                            return answer
+                        wait = rest(answer)
+                        if wait <= 0.0:
+                            return answer
+                finally:
+                    turn.taken = False
         finally:
-            self._reader, self._writer = outer
-            self._writing.release()
-            self._reading.release()
             if self._close_pending:
                 self.close()
         # A false alarm (half a TLS record, say) must not pass for the end of the window.
         return answer or self.read(monotonic() + left)
 
     def flush_input(self) -> int:
-        if not self._reading.acquire(timeout=1.0):
-            raise LinkBusyError(f"{self.url}: cannot flush, another thread is reading", url=self.url)
-        outer, self._reader = self._reader, get_ident()
         try:
-            if self._state is not _OPEN or self._closing:
-                raise self._refusal()
-            count = 0
-            while count < _FLUSH_LIMIT and (data := self._receive()):
-                count += len(data)
-            return count
+            count = self._reading.later(1.0, self._flush)
         finally:
-            self._reader = outer
-            self._reading.release()
             if self._close_pending:
                 self.close()
+        if count is None:
+            raise LinkBusyError(f"{self.url}: cannot flush, another thread is reading", url=self.url)
+        return count
+
+    def _flush(self) -> int:
+        if self._state is not _OPEN or self._closing:
+            raise self._refusal()
+        count = 0
+        while count < _FLUSH_LIMIT and (data := self._receive()):
+            count += len(data)
+        return count
 
     def _receive(self) -> bytes:
         try:
@@ -329,38 +342,53 @@ class PollLink(Link):
             raise UsageError(
                 f"{self.url} carries messages of at most {self.max_message} bytes, not {size}: send it in parts"
             )
-        if not self._writing.acquire(False) and not self._take_turn(self._writing, deadline):
-            raise self._late(0, size)
-        outer, self._writer = self._writer, get_ident()
+        turn = self._writing
         try:
-            if self._state is not _OPEN or self._closing:
-                raise self._refusal()
-            if size and (sent := self._send(data)) < size:
-                self._write_rest(memoryview(data), sent, deadline)
+            if turn.taken:
+                if turn.later(lock_timeout(deadline), lambda: self._write(data, deadline)) is None:
+                    # If the link is being closed, close() has the turn.
+                    raise self._closed() if self._closing else self._late(0, size)
+                return
+            with turn.lock:
+                turn.taken = True
+                try:
+                    self._write(data, deadline)
+                finally:
+                    turn.taken = False
         finally:
-            self._writer = outer
-            self._writing.release()
             if self._close_pending:
                 self.close()
 
+    def _write(self, data: bytes, deadline: float | None) -> int:
+        if self._state is not _OPEN or self._closing:
+            raise self._refusal()
+        size = len(data)
+        if size and (sent := self._send(data)) < size:
+            self._write_rest(memoryview(data), sent, deadline)
+        return size
+
     def post(self, data: bytes) -> None:
-        if self.max_message is not None or not self._writing.acquire(False):
+        turn = self._writing
+        if turn.taken or self.max_message is not None:
             return super().post(data)
-        outer, self._writer = self._writer, get_ident()
         try:
-            if self._state is not _OPEN or self._closing:
-                raise self._refusal()
-            try:
-                sent = (self._write_now or self._write_ready)(data)
-            except BlockingIOError:
-                sent = 0
-            except OSError as error:
-                raise self._as_lost(error) from error
-            if sent < len(data):
-                self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
+            with turn.lock:
+                turn.taken = True
+                try:
+                    write = self._write_now
+                    if write is None:
+                        raise self._refusal()
+                    try:
+                        sent = write(data)
+                    except BlockingIOError:
+                        sent = 0
+                    except OSError as error:
+                        raise self._as_lost(error) from error
+                    if sent < len(data):
+                        self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
+                finally:
+                    turn.taken = False
         finally:
-            self._writer = outer
-            self._writing.release()
             if self._close_pending:
                 self.close()
 
@@ -386,13 +414,6 @@ class PollLink(Link):
             raise self._lose(error) from error
 
     # --- helpers for this class and its backends --------------------------------------------------
-
-    def _take_turn(self, lock: threading.RLock, deadline: float | None) -> bool:
-        """Wait for another thread's read or write to end."""
-        got = lock.acquire(timeout=lock_timeout(deadline))
-        if not got and self._closing:
-            raise self._closed()  # the one who has it is close()
-        return got
 
     def _wait_for(self, fd: int, events: int, deadline: float) -> bool:
         """Wait during `_open` for a descriptor of the backend's own; False at the deadline."""
@@ -423,6 +444,7 @@ class PollLink(Link):
             self._why_lost = f"{self.url} was lost: {error.strerror or error}{self._lost_advice}"
         if self._state is _State.OPEN:
             self._state = _State.LOST
+            self._read_now = self._write_now = None
             _log.debug("%s", self._why_lost)
             # The other direction must not wait on a dead line.
             self._read_waker.set()

@@ -200,8 +200,9 @@ class SerialLink(PollLink):
 
     def _close(self) -> None:
         if self._port >= 0:
-            os.close(self._port)
-            self._port = -1
+            # In this order: after Ctrl-C between the two, another file may have the number.
+            port, self._port = self._port, -1
+            os.close(port)
 
     def _fileno(self) -> int:
         return self._port

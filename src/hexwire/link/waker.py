@@ -62,7 +62,10 @@ class Waker:
                     with contextlib.suppress(BlockingIOError):
                         os.write(self._send_fd, _ONE)
             finally:
-                self._used()
+                # Not in a function: Ctrl-C at its start would leave the count.
+                self._uses -= 1
+                if self._close_pending:
+                    self.close()
 
     def clear(self) -> None:
         with self._lock:
@@ -72,9 +75,6 @@ class Waker:
                     with contextlib.suppress(BlockingIOError):
                         os.read(self._receive_fd, 4096)
             finally:
-                self._used()
-
-    def _used(self) -> None:
-        self._uses -= 1
-        if self._close_pending:
-            self.close()
+                self._uses -= 1
+                if self._close_pending:
+                    self.close()
