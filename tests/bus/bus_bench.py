@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.emulator.bus_device import BusDevice, make_servos
@@ -45,3 +45,11 @@ def make_bus(
     bus = ServoBus(link, series=kinds[0], servos=dict(zip(ids, kinds, strict=True)), retries=retries)
     bus.open()
     return bus, device
+
+
+def exchange_by(bus: ServoBus, exchange: Callable[..., bytes]) -> None:
+    """Let a function take all requests of a bus that have an answer, instead of the `exchange` of its link."""
+    line, sent = bus._line, list[bytes]()
+    line.exchange = exchange
+    line.ask = sent.append
+    line.collect = lambda window, rest=None: exchange(sent.pop(), window, rest)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.bus.bus_bench import BusLink, make_bus
+from tests.bus.bus_bench import BusLink, exchange_by, make_bus
 
 from hexwire.bus.counters import BusCounters
 from hexwire.bus.servo_bus import ServoBus
@@ -57,7 +57,7 @@ def test_a_lost_answer_costs_one_window_and_one_repeat() -> None:
     start = bus.now()
     bus.sync_read("present_position", SEVEN)
     usual = bus.now() - start
-    bus._line.exchange = lossy
+    exchange_by(bus, lossy)
     start = bus.now()
     assert bus.sync_read("present_position", SEVEN).ok
     assert bus.now() - start < 2 * usual + 0.02
@@ -171,7 +171,7 @@ def test_an_echo_with_a_wrong_byte_in_its_header_is_no_value_of_a_legacy_servo()
     for _ in range(80):
         bus.write_raw(1, "target_position", 2048)
     bus.pause(1.1)
-    bus._line.exchange = lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:]
+    exchange_by(bus, lambda *_: b"\xff\xf5" + make_read(1, 56, 2)[2:])
     assert bus.read(1, "present_speed").raw is None
 
 
@@ -213,7 +213,7 @@ def test_an_interrupted_fast_read_is_in_doubt_from_that_moment() -> None:
     def interrupted(data: bytes, window: float, rest: object = None) -> bytes:
         raise KeyboardInterrupt
 
-    bus._line.exchange = interrupted
+    exchange_by(bus, interrupted)
     with pytest.raises(KeyboardInterrupt):
         bus.sync_read("present_position", (1, 2))
     for servo_id in (1, 2):

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import exchange_by, make_bus
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.bus.values import Answer
@@ -51,7 +51,7 @@ def test_bytes_received_instead_of_an_answer_are_reported() -> None:
     bus, device = make_bus((1, 2), retries=0)
     device.wire.servos = []
     assert bus.ping(1) == Answer(1, "ping", 0, "no answer", False)
-    bus._line.exchange = lambda data, window, rest=None: make_status(2)
+    exchange_by(bus, lambda data, window, rest=None: make_status(2))
     assert bus.ping(1) == Answer(1, "ping", 0, "no answer, but an answer of servo 2", False)
 
 
@@ -126,7 +126,7 @@ def test_a_pause_takes_its_time_and_drops_what_comes() -> None:
 def test_a_broadcast_ping_counts_what_is_no_answer() -> None:
     bus, device = make_bus((3,))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, rest=None: b"\x01\x02" + plain(data, window, rest)
+    exchange_by(bus, lambda data, window, rest=None: b"\x01\x02" + plain(data, window, rest))
     assert bus.broadcast_ping(2) == ((3,), 2)
     device.wire.servos = []
     assert bus.broadcast_ping(2) == ((), 2)

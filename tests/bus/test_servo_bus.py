@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import exchange_by, make_bus
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.emulator.faults import FaultPlan
@@ -199,7 +199,7 @@ def test_only_the_missing_servo_is_asked_again() -> None:
             return heard[:16] + heard[24:]
         return heard
 
-    bus._line.exchange = lossy
+    exchange_by(bus, lossy)
     before = len(link.written)
     assert bus.sync_read("present_position", SEVEN).ok
     assert [packet[2:5] for packet in link.written[before:]] == [b"\xfe\x0b\x82", b"\x03\x04\x02"]
@@ -265,7 +265,7 @@ def test_an_answer_that_equals_its_request_is_believed_in_the_end() -> None:
     request = bytes.fromhex("ff ff 01 04 02 38 02 be")
     assert make_status(1, 2, b"\x38\x02") == request
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, rest=None: request if data == request else plain(data, window, rest)
+    exchange_by(bus, lambda data, window, rest=None: request if data == request else plain(data, window, rest))
     reading = bus.read(1, "present_position")
     assert reading.raw == device.wire[1].registers.get("present_position")
 
@@ -310,7 +310,7 @@ def test_a_late_answer_never_answers_the_next_question() -> None:
 def test_any_noise_in_front_of_an_answer_costs_no_wrong_value(noise: bytes) -> None:
     bus, device = make_bus((1, 2))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, rest=None: noise + plain(data, window, rest)
+    exchange_by(bus, lambda data, window, rest=None: noise + plain(data, window, rest))
     raw = bus.read(1, "present_position").raw
     genuine = device.wire[1].registers.get("present_position")
     assert raw in (None, genuine) or make_status(1, 0, b"")[:3] in noise
@@ -337,9 +337,7 @@ def test_a_rate_can_be_followed() -> None:
 def prefixed(bus: ServoBus, before: list[bytes]) -> None:
     """Let something be heard in front of what the next requests bring."""
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, rest=None: (
-        (before.pop(0) if before else b"") + plain(data, window, rest)
-    )
+    exchange_by(bus, lambda data, window, rest=None: (before.pop(0) if before else b"") + plain(data, window, rest))
 
 
 @pytest.mark.parametrize("copies", [1, 2, 3])
@@ -414,17 +412,17 @@ def test_an_interrupted_read_leaves_a_doubt() -> None:
         lambda: bus.sync_read("present_position", (1,)),
         lambda: bus.sync_read_blocks(56, 2, (1,)),
     ):
-        bus._line.exchange = interrupted
+        exchange_by(bus, interrupted)
         with pytest.raises(KeyboardInterrupt):
             call()
-        bus._line.exchange = plain
+        exchange_by(bus, plain)
         device.wire[1].registers.put("goal_position", 1234)
         for _ in range(3):
             assert bus.read(1, "goal_position").raw == 1234
-    bus._line.exchange = interrupted
+    exchange_by(bus, interrupted)
     with pytest.raises(KeyboardInterrupt):
         bus.write_raw(1, "acceleration", 3)
-    bus._line.exchange = plain
+    exchange_by(bus, plain)
     device.wire.servos = []
     assert bus.ping(1).error
 
@@ -451,7 +449,7 @@ def test_an_answer_that_was_not_awaited_is_not_taken_later() -> None:
 def test_an_adapter_that_adds_a_byte_is_read_by_asking_twice() -> None:
     bus, device = make_bus((1, 2))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, rest=None: plain(data, window, rest) + b"\0"
+    exchange_by(bus, lambda data, window, rest=None: plain(data, window, rest) + b"\0")
     assert bus.read(1, "present_position").raw == device.wire[1].registers.get("present_position")
     assert bus.counters.repeats == 1
 
@@ -472,7 +470,7 @@ def test_an_answer_is_not_believed_before_what_has_come_behind_it_was_looked_at(
     forged = answer[:4] + answer[5:] + b"\x02"
     assert sum(forged[2:]) & 0xFF == 0xFF
     pieces = [b"\x9c\x38"]
-    bus._line.exchange = lambda data, window, rest=None: forged
+    exchange_by(bus, lambda data, window, rest=None: forged)
     plain = bus.link.read
     bus.link.read = lambda deadline: pieces.pop() if pieces else plain(deadline)
     assert bus.read_block(1, 56, 3).data == b""
@@ -484,7 +482,7 @@ def test_a_line_that_never_stops_talking_does_not_hold_a_read_for_ever(noise: by
     bus, device = make_bus((1,), retries=0)
     position = device.wire[1].registers.get("present_position")
     heard = make_status(1, 0, position.to_bytes(2, "little")) if answers else noise
-    bus._line.exchange = lambda data, window, rest=None: make_read(1, 56, 2) + heard
+    exchange_by(bus, lambda data, window, rest=None: make_read(1, 56, 2) + heard)
     bus.link.read = lambda deadline: noise
     assert bus.read(1, "present_position").raw in (None, position)
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import exchange_by, make_bus
 
 from hexwire.bus import setup as setup
 from hexwire.bus.values import Answer
@@ -103,8 +103,8 @@ def test_set_baud_follows_and_verifies() -> None:
 def test_set_baud_comes_back_where_the_line_does_not_carry_it() -> None:
     bus, device = make_bus((1,))
     plain = bus._line.exchange
-    bus._line.exchange = lambda data, window, rest=None: (
-        b"" if bus.timing.baud == 500_000 else plain(data, window, rest)
+    exchange_by(
+        bus, lambda data, window, rest=None: b"" if bus.timing.baud == 500_000 else plain(data, window, rest)
     )
     with pytest.raises(ServoError, match="does not answer at 500000 baud; it still uses 1000000"):
         setup.set_baud(bus, 1, 500_000)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import exchange_by, make_bus
 
 from hexwire.bus.writes import in_range
 from hexwire.errors import PreemptedError, ServoError, StoppedError, UsageError
@@ -36,7 +36,7 @@ def test_the_echo_of_an_earlier_ping_is_no_acknowledgement() -> None:
     bus, device = make_bus((5,), retries=0)
     assert bus.ping(5).ok
     assert bus.write_raw(5, "acceleration", 1).confirmed
-    bus._line.exchange = lambda data, window, rest=None: make_ping(5)
+    exchange_by(bus, lambda data, window, rest=None: make_ping(5))
     device.wire.servos = []
     answer = bus.write_raw(5, "acceleration", 7)
     assert not answer.confirmed

@@ -48,7 +48,7 @@ class BusLine:
         epochs: The stops of the arm, and the calls that they cancel; a driver sets its own.
         lock: Held for one transaction or call.
         clock: The link's clock: monotonic seconds.
-        exchange: The method of the link.
+        exchange: The method of the link, as are `ask`, which is its `post`, and `collect`.
     """
 
     def __init__(self, link: Link, servos: KnownServos, *, baud: int | None = None, retries: int = 2) -> None:
@@ -60,6 +60,8 @@ class BusLine:
         self.lock = threading.RLock()
         self.clock: Callable[[], float] = getattr(link, "clock", monotonic)
         self.exchange = link.exchange
+        self.ask = link.post
+        self.collect = link.collect
         self._post = link.post
         self._own_baud = baud
 
@@ -168,17 +170,21 @@ class BusLine:
             LinkError: The line has a fault. The answers may still arrive.
         """
         machine = self.machine
+        asked_at = None
+        if timed or machine.time_next:
+            asked_at = self.clock()
+            asked_at += machine.backlog(asked_at)
+        self.ask(plan.request)
+        # The line was idle up to here, and is again from the answer to the next request. Until the answer comes,
+        # time is free.
+        machine.asked_at = asked_at
         turn = machine.turns = machine.turns + 1
-        allowance, left = machine.timing.allowance, 0.0
+        machine.time_next = machine.learning or not (turn + 1) % MEASURED_EVERY
+        plan.allowance = allowance = machine.timing.allowance
         window = plan.base + allowance
-        plan.allowance = allowance
-        machine.asked_at = None
         if machine.busy_until:
-            left = machine.backlog(self.clock())
-            window += left
-        if timed or machine.learning or not turn % MEASURED_EVERY:
-            machine.asked_at = self.clock() + left
-        return self.exchange(plan.request, window, plan.rest)
+            window += machine.backlog(self.clock())
+        return self.collect(window, plan.rest)
 
     def gave_up(self, plan: ReadPlan | SyncReadPlan) -> None:
         """Record an error or Ctrl-C before the answers to `transact` were checked; they may still arrive."""
@@ -197,7 +203,7 @@ class BusLine:
             PreemptedError: The arm was stopped while the packet was sent.
         """
         epochs = self.epochs
-        if token is not None and (token.late is not None or not epochs.holds(token)):
+        if token is not None:
             epochs.check_leaving(token, _WHAT)
         machine = self.machine
         if packet[2] != BROADCAST_ID:

@@ -102,6 +102,7 @@ class BusMachine:
         sent: Packets whose echo may still arrive.
         silent: Servos that did not answer, with the time until which single requests to them are not repeated.
         learning: Whether to time every transaction.
+        time_next: Whether to time the next one.
         busy_until: Time at which the line has transmitted packets without an answer; 0.0 if that has passed.
         turns: Transactions begun on the fast path.
         extra_answers: Answers received there beyond one per transaction.
@@ -123,6 +124,7 @@ class BusMachine:
         self.sent = SentLately()
         self.silent: dict[int, float] = {}
         self.learning = True
+        self.time_next = True
         self.busy_until = 0.0
         self.turns = 0
         self.extra_answers = 0
@@ -204,7 +206,7 @@ class BusMachine:
         # The line may have transmitted earlier packets faster than its rate implies.
         elapsed, self.asked_at = max(0.0, now - self.asked_at), None
         self.timing.measured(elapsed, plan.total)
-        self.learning = self.timing.answers < _LEARNING
+        self.learning = self.time_next = self.timing.answers < _LEARNING
 
     def gave_up(self, servo_ids: Sequence[int], params: int, request: bytes, asked: float, now: float) -> None:
         """Record a request that was given up, whose answers may still arrive.

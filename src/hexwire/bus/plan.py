@@ -166,6 +166,7 @@ class SyncReadPlan:
     Attributes:
         request: Bytes to send.
         length: Bytes of all answers.
+        extra: Number of answers beyond one.
         total: Bytes of both.
         base: Seconds that the answers take without the adapter's allowance; set by the user of the plan.
         allowance: Seconds allowed for the adapter; set by the user of the plan.
@@ -180,6 +181,7 @@ class SyncReadPlan:
         "allowance",
         "base",
         "count",
+        "extra",
         "ids",
         "length",
         "register",
@@ -201,6 +203,7 @@ class SyncReadPlan:
         self.size = size = 6 + count
         n = len(self.ids)
         self.length = n * size
+        self.extra = n - 1
         self.total = len(self.request) + self.length
         self.base = self.allowance = 0.0
         header = series.reply_header
@@ -296,11 +299,9 @@ class SyncWritePlan:
         fields: list[Any] = [packet[:before]]
         for servo_id in self.ids:
             fields += (servo_id, 0)
-        # The sign bit, if a value may need it.
-        sign = 0 if self.least >= 0 or register.sign_bit is None else 1 << register.sign_bit
         pack = Struct(f"{order}{before}s" + "BH" * len(self.ids)).pack
         # One lookup instead of five: the line is idle while a packet is made.
-        self._making = self.least, self.most, sign, fields, pack
+        self._making = max(0, self.least), self.most, fields, pack
 
     def serialize(self, values: Sequence[int]) -> bytes:
         """Make the packet for one raw value per servo, in the order of `ids`.
@@ -308,16 +309,23 @@ class SyncWritePlan:
         Raises:
             UsageError: A value is outside the register's range.
         """
-        low, high, sign, fields, pack = self._making
+        low, high, fields, pack = self._making
         for value in values:
             if not low <= value <= high:
-                servo_id = self.ids[values.index(value)]
-                raise UsageError(
-                    f"{self.register.name} of servo {servo_id} takes {low}..{high}, not {value}; nothing was sent"
-                )
-        if sign:
-            values = [value if value >= 0 else -value | sign for value in values]
+                values = self._signed(values)
+                break
         fields = fields.copy()
         fields[2::2] = values
         packet = pack(*fields)
         return packet + _CHECKSUMS[sum(packet) & 0xFF]
+
+    def _signed(self, values: Sequence[int]) -> Sequence[int]:
+        """Return the values with their sign as a bit; refuse a value outside the range."""
+        low, high = self.least, self.most
+        for servo_id, value in zip(self.ids, values, strict=True):
+            if not low <= value <= high:
+                raise UsageError(
+                    f"{self.register.name} of servo {servo_id} takes {low}..{high}, not {value}; nothing was sent"
+                )
+        sign = 0 if self.register.sign_bit is None else 1 << self.register.sign_bit
+        return [value if value >= 0 else -value | sign for value in values]

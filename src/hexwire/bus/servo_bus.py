@@ -280,7 +280,7 @@ class ServoBus(Openable):
             now = line.clock()
             if machine.asked_at is not None:
                 machine.learn_time(plan, now)
-            machine.extra_answers += len(ids) - 1
+            machine.extra_answers += plan.extra
             readings = self._newest[name] = Readings(register, ids, raw, now)
             return readings
 

@@ -10,6 +10,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import CommandRefusedError, HexwireError, StoppedError, UsageError
@@ -137,7 +138,7 @@ class Output:
             epochs.check(asked, "a target")
             with epochs.using(asked):
                 self._arm_watchdog()
-            with epochs.using(asked._replace(refusal=self.refusal)):
+            with epochs.using(replace(asked, refusal=self.refusal)):
                 sent = self._robot.write(target)
         except StoppedError:
             # States that are waiting may be older, for example after a stall in which the watchdog tripped.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hexwire.errors import LeaseError
@@ -92,7 +93,7 @@ class Judge:
                 return error
             return None
 
-        return order.arrived._replace(refusal=refusal, late=self._lateness(order))
+        return replace(order.arrived, refusal=refusal, late=self._lateness(order))
 
     def _lateness(self, order: Order) -> Callable[[], LeaseError | None] | None:
         """What judges the age of a set-point until its first bytes leave."""
