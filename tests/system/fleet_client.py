@@ -100,9 +100,14 @@ class Client:
         self._start(self._watch, period)
 
     def stream(self, rate: float, **joints: float) -> None:
-        """Send set-points from now on: each joint swings by so many radians about where it is."""
+        """Send set-points from now on: each joint swings by so many radians to each side of a place nearby.
+
+        It begins towards 0, so that many streams one after the other do not lead to a limit.
+        """
         state = self.robot.read()
-        self._start(self._swing, rate, {name: (state[name].position, by) for name, by in joints.items()})
+        here = {name: state[name].position for name in joints}
+        rows = {name: (here[name], math.copysign(by, -here[name])) for name, by in joints.items()}
+        self._start(self._swing, rate, rows)
 
     def rest(self) -> dict[str, int]:
         """End `watch` and `stream`; counts what was refused."""
@@ -200,8 +205,8 @@ class Client:
     def _swing(self, rate: float, joints: dict[str, tuple[float, float]]) -> None:
         begun = time.monotonic()
         while not self._ending.is_set():
-            phase = math.sin(2.0 * (time.monotonic() - begun))
-            target = {name: centre + by * phase for name, (centre, by) in joints.items()}
+            phase = 1.0 - math.cos(2.0 * (time.monotonic() - begun))
+            target = {name: here + by * phase for name, (here, by) in joints.items()}
             try:
                 self.robot.write(JointTarget.of(target, 2 / rate))
             except HexwireError as error:

@@ -177,8 +177,12 @@ def read_service_file(
         try:
             check_name(name)
         except UsageError as error:
-            raise item.fault(str(error)) from None
+            raise item.fault(str(error).removeprefix(f"{name!r} ")) from None
         rows[name] = {key: value.value for key, value in item.table().items()}
+        for key, value in rows[name].items():
+            # TOML reads [arms.lab.arm1] as a table in a table.
+            if isinstance(value, dict) and not {"robot", "port"}.isdisjoint(value):
+                raise item.fault(f'has an arm in it: the name of an arm stands in quotes, [arms."{name}/{key}"]')
     if not rows:
         raise top["arms"].fault('names no arm; write [arms."lab/arm1"]')
     network: dict[str, Any] = {}
