@@ -97,7 +97,7 @@ def limp(what: JointState) -> JointState:
 class Loop:
     """A controller alone, with states at 100 Hz, cycles at 20 Hz, and an arm that does as it is told."""
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, *, monitored: bool = True, **settings: Any) -> None:
         self.time = FakeTime()
         self.robot = FakeRobot(self.time)
         self.controller = TrajectoryController(
@@ -106,6 +106,7 @@ class Loop:
             ),
             HEX7BOT,
             SafetyLimits.at_period(PERIOD),
+            monitored=monitored,
         )
         self.track: list[tuple[float, dict[str, float]]] = []
         self.reason: StopReason | None = None

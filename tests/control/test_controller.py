@@ -367,6 +367,26 @@ def test_a_goal_for_a_joint_without_a_position_is_refused() -> None:
     controller.set_points({"J2": J2 - 0.01}, deaf, loop.now)
 
 
+def test_progress_between_goals_is_kept_only_for_those_who_monitor_it() -> None:
+    controller = Loop(monitored=False).controller
+    controller.judge(state(), [0.0] * 7, 5.0)
+    assert controller.progress is None
+    monitored = Loop().controller
+    monitored.judge(state(), [0.0] * 7, 5.0)
+    assert monitored.progress is not None
+    assert monitored.progress.position == state().position
+
+
+def test_a_goal_of_an_unmonitored_controller_is_judged_all_the_same() -> None:
+    loop = Loop(monitored=False)
+    told = loop.send(order((1.0, {"J1": J1 + 0.2})))
+    loop.run(0.5)
+    assert loop.controller.progress is not None
+    loop.run(1.0)
+    assert told.outcome == SUCCEEDED
+    assert loop.controller.progress is None
+
+
 def test_a_joint_that_is_silent_is_no_joint_to_move() -> None:
     loop = Loop()
     silent = (JointFlag.SILENT | JointFlag.TORQUE_ON, *[JointFlag.TORQUE_ON] * 6)

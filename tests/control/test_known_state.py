@@ -34,6 +34,20 @@ def test_what_is_known_is_returned_as_it_is() -> None:
     assert known == KnownState(("J1", "J2"), (0.1, 0.2), (1.0, -1.0), 0.01)
 
 
+def test_a_state_in_which_nothing_is_missing_is_filtered_as_any_other() -> None:
+    complete = make_state(5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(0.02, 0.01))
+    assert StateFilter()._complete(complete)
+    assert StateFilter().take(complete) == StateFilter()._part(complete, 5.0)
+    for missing in (
+        make_state(5.0, (0.1, NAN), velocity=(1.0, -1.0)),
+        make_state(5.0, (0.1, 0.2), velocity=(1.0, NAN)),
+        make_state(5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(math.inf, 0.01)),
+        make_state(5.0, (0.1, 0.2), velocity=(1.0, -1.0), age=(0.6, 0.01)),
+        make_state(5.0, (), velocity=()),
+    ):
+        assert not StateFilter(max_age=0.5)._complete(missing)
+
+
 @pytest.mark.parametrize("bad", [NAN, math.inf, -math.inf])
 def test_a_joint_without_a_position_is_left_out(bad: float) -> None:
     known = take(StateFilter(), 5.0, (bad, 0.2, 0.3), age=(0.0, 0.02, 0.03))

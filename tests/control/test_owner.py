@@ -58,6 +58,15 @@ def test_a_hundred_states_come_a_second_unless_another_rate_is_asked_for() -> No
     assert bench.owner._latest._period == 0.01
 
 
+def test_observers_have_a_state_before_anything_is_computed_from_it() -> None:
+    bench, before = BoardBench(), list[bool]()
+    bench.owner.observers.append(lambda state: before.append(bench.owner.state is not state))
+    bench.owner.connect()
+    bench.turn(0.2)
+    assert before
+    assert all(before)
+
+
 def test_a_rate_above_what_a_board_reports_at_is_no_reason_to_lose_it() -> None:
     bench = BoardBench(publish_rate=1000.0)
     bench.owner.connect()

@@ -53,6 +53,7 @@ class Arm:
         settings: The arm's settings.
         on_state: As in `RobotOwner`.
         on_taught: Called with a taught motion, in the thread that ended teach mode.
+        monitored: As in `TrajectoryController`.
         clock: As in `RobotOwner`.
         sleep: Likewise.
 
@@ -69,10 +70,11 @@ class Arm:
         *,
         on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         on_taught: Callable[[Taught], object] = lambda taught: None,
+        monitored: bool = True,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
-        self.settings = settings
+        self.settings, self._monitored = settings, monitored
         self.owner = RobotOwner(
             robot,
             publish_rate=settings.publish_rate,
@@ -103,6 +105,7 @@ class Arm:
                 limits,
                 check=self._check,
                 command_timeout=settings.command_timeout or _NEVER,
+                monitored=self._monitored,
             )
             for row in settings.controllers
         }

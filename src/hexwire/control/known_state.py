@@ -106,6 +106,31 @@ class StateFilter:
             None if no joint is known, or if no sample is newer than the last result.
         """
         when = self._clock.time(state)
+        if self._complete(state):
+            known = KnownState(state.names, state.position, state.velocity, max(0.0, min(state.age)))
+        else:
+            known = self._part(state, when)
+        if known is None:
+            return None
+        newest, stamp = when - known.age, state.stamp - known.age
+        # Two states from one buffer have almost the same stamp, although their samples differ.
+        if newest - self._newest < _SAME or stamp - self._stamp < _STEP:
+            return None
+        self._newest, self._stamp = newest, stamp
+        return known
+
+    def _complete(self, state: JointState) -> bool:
+        """Whether all joints are known, with velocities: the usual case, in which nothing is to be filtered."""
+        finite = math.isfinite
+        return (
+            bool(state.names)
+            and all(map(finite, state.velocity))
+            and all(map(finite, state.position))
+            and all(map(finite, state.age))
+            and max(state.age) <= self._max_age
+        )
+
+    def _part(self, state: JointState, when: float) -> KnownState | None:
         names, positions, velocities, ages = [], [], [], []
         finite, slopes = math.isfinite, self._slopes
         columns = zip(state.names, state.position, state.velocity, state.flags, state.age, strict=True)
@@ -126,13 +151,7 @@ class StateFilter:
             ages.append(age)
         if not names:
             return None
-        age = max(0.0, min(ages))
-        newest, stamp = when - age, state.stamp - age
-        # Two states from one buffer have almost the same stamp, although their samples differ.
-        if newest - self._newest < _SAME or stamp - self._stamp < _STEP:
-            return None
-        self._newest, self._stamp = newest, stamp
-        return KnownState(tuple(names), tuple(positions), tuple(velocities), age)
+        return KnownState(tuple(names), tuple(positions), tuple(velocities), max(0.0, min(ages)))
 
 
 class _Slope:

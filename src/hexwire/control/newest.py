@@ -38,7 +38,7 @@ class LatestState:
         self._period = 1.0 / rate
         self._between = self._period
         self._when_known = -math.inf
-        self._speeds: dict[str, float] = {}
+        self._known: KnownState | None = None
         self._filter = StateFilter()
         self._periodic, self._meter = Periodic(), RateMeter()
         self._lock = threading.Lock()
@@ -61,7 +61,7 @@ class LatestState:
             if known is None:
                 return None
             self._when_known = now
-            self._speeds = dict(zip(known.names, known.velocity, strict=True))
+            self._known = known
             # States up to half a period early are due, to keep the average rate.
             if self._between < self._period and not self._periodic.due(now, self._period, 0.5 * self._between):
                 return None
@@ -70,7 +70,12 @@ class LatestState:
 
     def speeds(self, names: tuple[str, ...]) -> list[float]:
         """Velocities of these joints, radians per second; NaN if unknown."""
-        speeds = self._speeds
+        known = self._known
+        if known is None:
+            return [math.nan] * len(names)
+        if known.names == names:
+            return list(known.velocity)
+        speeds = dict(zip(known.names, known.velocity, strict=True))
         return [speeds.get(name, math.nan) for name in names]
 
     def rate(self, now: float) -> float:

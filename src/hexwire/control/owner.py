@@ -104,7 +104,7 @@ class RobotOwner:
         reconnects: Number of reconnections.
         probe: The report of the last probe.
         crash: The programming error that ended the thread, if any.
-        observers: Called with every state, in the owner's thread.
+        observers: Called with every state in the owner's thread, before it is the newest.
     """
 
     def __init__(
@@ -647,9 +647,11 @@ class RobotOwner:
         self.probe = self.robot.probe()
 
     def _take(self, state: JointState) -> None:
-        published = self._latest.take(check_joints(state, self.robot.model), self._clock())
+        check_joints(state, self.robot.model)
+        # First, since other programs wait for it.
         for observer in self.observers:
             observer(state)
+        published = self._latest.take(state, self._clock())
         if published is not None:
             self._on_state(state, published)
 

@@ -53,7 +53,7 @@ class _Served:
     def __init__(self, given: ServedArm, network: Network, wait: bool, server: str) -> None:
         self.name = given.name
         settings = replace(given.settings, connect_timeout=math.inf) if wait else given.settings
-        self.arm = Arm(given.driver, settings)
+        self.arm = Arm(given.driver, settings, monitored=False)
         self.shared = SharedArm(self.arm, Lease(timeout=given.lease))
         self.error: BaseException | None = None
         self.unsafe: HexwireError | None = None
