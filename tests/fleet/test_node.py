@@ -6,10 +6,13 @@ import signal
 import subprocess
 import sys
 import threading
+import time
+from collections import deque
 from pathlib import Path
 
 import pytest
 
+from hexwire.errors import LinkClosedError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import NoAnswerError, Question
@@ -37,6 +40,50 @@ def test_a_question_at_a_pattern_is_answered_for_the_own_key(runtime: Path) -> N
             client.ask("hexwire/a/silent", b"", 1.0)
         assert not silent.value.absent
         client.ask_neighbours(5.0)
+    finally:
+        client.close()
+        server.close()
+
+
+# -- what is published --------------------------------------------------------------------------------------
+
+
+def test_an_inbox_gives_what_is_published_to_the_thread_that_waits(runtime: Path) -> None:
+    where = endpoints_of([local_socket("a")])
+    server = Network(listen=where).open(wait=False)
+    client = Network(connect=where).open()
+    try:
+        inbox, own = client.inbox("hexwire/a/state"), server.inbox("hexwire/a/state")
+        put, ended = server.publisher("hexwire/a/state"), threading.Event()
+
+        def publish() -> None:
+            # Until the subscription has arrived, nothing does.
+            while not ended.wait(0.05):
+                put(b"state")
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        assert inbox.wait() == b"state"
+        ended.set()
+        thread.join()
+        own.wait()
+        while own.poll() is not None or inbox.poll() is not None:
+            time.sleep(0.2)
+        inbox.wake()
+        assert inbox.wait() == b""
+        assert own.poll() is None, "nobody else is woken"
+        for number in range(200):
+            put(b"%d" % number)
+        while (first := inbox.poll()) is None:
+            time.sleep(0.01)
+        assert first in [b"%d" % number for number in range(200)]
+        later = threading.Timer(0.2, client.close)
+        later.start()
+        with pytest.raises(LinkClosedError):
+            deque(iter(inbox.wait, None), maxlen=0)
+        with pytest.raises(LinkClosedError):
+            inbox.poll()
+        inbox.wake()
     finally:
         client.close()
         server.close()

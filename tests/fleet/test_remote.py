@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.fleet.conftest import Serve
+from tests.fleet.fake_inbox import FakeInbox
 
 import hexwire
 from hexwire.errors import (
@@ -236,9 +237,8 @@ class Node:
     def visible(self, key: str, timeout: float) -> list[str]:
         return []
 
-    def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
-        self.state = on_sample
-        return lambda: None
+    def inbox(self, key: str) -> FakeInbox:
+        return FakeInbox()
 
     def ask(self, key: str, payload: bytes, timeout: float, *, urgent: bool = False) -> bytes:
         kind = m.Envelope if key.endswith("order") else m.LeaseRequest if key.endswith("lease") else m.Question

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import queue
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 import pytest
+from tests.fleet.fake_inbox import PATIENCE, FakeInbox
 
-from hexwire.errors import LinkLostError, RemoteProtocolError
+from hexwire.errors import LinkClosedError, LinkLostError, RemoteProtocolError
 from hexwire.fleet import messages as m
 from hexwire.fleet.clock import ClockOffset
 from hexwire.fleet.states import ArrivedStates
@@ -173,3 +176,141 @@ def test_who_waits_gets_the_next_state_or_hears_of_the_end() -> None:
     assert got[0] is not None
     assert not isinstance(got[0], Exception)
     assert isinstance(got[1], LinkLostError)
+
+
+# -- an inbox ---------------------------------------------------------------------------------------------
+
+
+class InboxBench:
+    def __init__(self) -> None:
+        self.time, self.inbox = 10.0, FakeInbox()
+        self.states = ArrivedStates("zenoh:arm", ClockOffset(), self.inbox, now=lambda: self.time)
+        self.got = queue.Queue[object]()
+
+    def begin(self, call: Callable[[], object]) -> threading.Thread:
+        def run() -> None:
+            try:
+                self.got.put(call())
+            except BaseException as error:  # noqa: BLE001  # handed to the test
+                self.got.put(error)
+
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        return thread
+
+    def result(self) -> Any:
+        return self.got.get(timeout=PATIENCE)
+
+
+def test_what_waits_in_the_inbox_is_taken_at_once_and_the_newest_counts() -> None:
+    bench = InboxBench()
+    for sequence in (1, 2, 3):
+        bench.inbox.rows.put(state(sequence, 10.0 + sequence, position=(float(sequence),)))
+    got = bench.states.next(0.0, 0.5)
+    assert got is not None
+    assert got["J1"].position == 3.0
+    assert (bench.states.seen, bench.states.lost) == (3, 0)
+    assert not bench.inbox.receivers, "it did not wait"
+
+
+def test_what_waited_before_a_refresh_is_no_state_that_arrives_later() -> None:
+    bench = InboxBench()
+    bench.inbox.rows.put(state(1, 10.0))
+    bench.states.refresh()
+    assert bench.states.newest is not None
+    thread = bench.begin(lambda: bench.states.next(bench.time, 5.0))
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+    bench.time += 0.01
+    bench.inbox.rows.put(state(2, 10.01, position=(0.25,)))
+    assert bench.result()["J1"].position == 0.25
+    assert bench.inbox.receivers == {thread.ident}, "it receives itself"
+
+
+def test_a_refresh_waits_for_what_another_thread_is_taking() -> None:
+    bench, inside, go_on = InboxBench(), threading.Event(), threading.Event()
+    poll = bench.inbox.poll
+
+    def slow() -> bytes | None:
+        bench.inbox.poll = poll  # type: ignore[method-assign]
+        inside.set()
+        assert go_on.wait(PATIENCE)
+        return poll()
+
+    bench.inbox.rows.put(state(1, 10.0))
+    bench.inbox.poll = slow  # type: ignore[method-assign]
+    bench.begin(bench.states.refresh)
+    assert inside.wait(PATIENCE)
+    seen = list[int]()
+    thread = bench.begin(lambda: (bench.states.refresh(), seen.append(bench.states.seen)))
+    threading.Timer(0.1, go_on.set).start()
+    thread.join(PATIENCE)
+    assert seen == [1]
+
+
+def test_one_receives_for_all_who_wait() -> None:
+    bench = InboxBench()
+    for _ in range(3):
+        bench.begin(lambda: bench.states.next(bench.time, 5.0))
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+    bench.time += 0.01
+    bench.inbox.rows.put(state(1, 10.01, position=(0.5,)))
+    assert [bench.result()["J1"].position for _ in range(3)] == [0.5] * 3
+    assert len(bench.inbox.receivers) == 1
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("from a signal handler")])
+def test_if_the_one_who_receives_is_interrupted_the_next_one_does(error: BaseException) -> None:
+    bench = InboxBench()
+    for _ in range(2):
+        bench.begin(lambda: bench.states.next(bench.time, 5.0))
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+    bench.inbox.rows.put(error)
+    assert bench.result() is error
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE), "the other one receives now"
+    bench.time += 0.01
+    bench.inbox.rows.put(state(1, 10.01))
+    assert bench.result().names == ("J1",)
+    assert len(bench.inbox.receivers) == 2
+
+
+def test_a_wait_that_is_over_ends_at_the_next_refresh() -> None:
+    bench = InboxBench()
+    bench.begin(lambda: bench.states.next(bench.time, 1.0))
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+    bench.time += 0.9
+    bench.states.refresh()
+    assert bench.inbox.rows.empty(), "not yet"
+    bench.time += 0.2
+    bench.states.refresh()
+    assert bench.result() is None
+
+
+def test_a_wait_ends_when_the_session_is_closed_or_the_driver_detached() -> None:
+    for act in (
+        lambda bench: bench.states.close(),
+        lambda bench: bench.inbox.rows.put(LinkClosedError("the session is closed")),
+    ):
+        bench = InboxBench()
+        for _ in range(2):
+            bench.begin(lambda bench=bench: bench.states.next(bench.time, 5.0))  # type: ignore[misc]
+        assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+        act(bench)
+        assert [type(bench.result()) for _ in range(2)] == [LinkLostError] * 2
+
+
+def test_a_read_in_a_signal_handler_of_the_thread_that_waits_receives_too() -> None:
+    bench, within = InboxBench(), list[object]()
+    real = bench.inbox.wait
+
+    def wait() -> bytes:
+        bench.inbox.wait = real  # type: ignore[method-assign]
+        bench.time += 0.01
+        bench.inbox.rows.put(state(1, 10.01, position=(0.1,)))
+        within.append(bench.states.next(bench.time - 0.001, 5.0))
+        bench.time += 0.01
+        bench.inbox.rows.put(state(2, 10.02, position=(0.2,)))
+        return real()
+
+    bench.inbox.wait = wait  # type: ignore[method-assign]
+    assert bench.states.next(bench.time + 0.015, 5.0)["J1"].position == 0.2  # type: ignore[index]
+    assert within[0]["J1"].position == 0.1  # type: ignore[index]

@@ -130,7 +130,7 @@ class TrajectoryController:
 
     @property
     def progress(self) -> Progress | None:
-        """Progress at the last state; None before the first state with all joints, and between goals if unmonitored."""
+        """Progress at the last state; None before the first state with all joints, and at rest if unmonitored."""
         return self._progress
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:

@@ -107,7 +107,8 @@ class StateFilter:
         """
         when = self._clock.time(state)
         if self._complete(state):
-            known = KnownState(state.names, state.position, state.velocity, max(0.0, min(state.age)))
+            age = max(0.0, min(state.age))
+            known: KnownState | None = KnownState(state.names, state.position, state.velocity, age)
         else:
             known = self._part(state, when)
         if known is None:

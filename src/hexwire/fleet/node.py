@@ -17,12 +17,15 @@ from hexwire.errors import LinkClosedError, NotSupportedError
 
 from .names import HERE
 
-__all__ = ["NoAnswerError", "Node", "Pending", "Question", "load_zenoh"]
+__all__ = ["Inbox", "NoAnswerError", "Node", "Pending", "Question", "load_zenoh"]
 
 _log = logging.getLogger(__name__)
 
 _RECEIVING = 1.0
 """Seconds in which a sample that has arrived is handled, at most, when the session is closed."""
+
+_WAITING = 64
+"""Samples of an inbox that nobody has taken."""
 
 
 def load_zenoh() -> Any:
@@ -100,6 +103,43 @@ class Pending:
         if reply.ok is None:
             raise NoAnswerError(absent=False)
         return bytes(reply.ok.payload.to_bytes())
+
+
+class Inbox:
+    """What is published under a key, for one thread that waits for it.
+
+    Args:
+        subscriber: Zenoh's; it ends with this object.
+        wake: Publishes an empty payload for this session only.
+        closed: The exception of a channel without further samples.
+    """
+
+    def __init__(self, subscriber: Any, wake: Callable[[bytes], None], closed: type[Exception]) -> None:
+        self._subscriber, self._handler = subscriber, subscriber.handler
+        self._wake, self._closed = wake, closed
+
+    def wait(self) -> bytes:
+        """The next payload; empty after `wake`.
+
+        Raises:
+            LinkClosedError: The session is closed.
+        """
+        try:
+            return bytes(self._handler.recv().payload.to_bytes())
+        except self._closed:
+            raise LinkClosedError("the session is closed") from None
+
+    def poll(self) -> bytes | None:
+        """The next payload; None if there is none yet. Raises as `wait`."""
+        try:
+            sample = self._handler.try_recv()
+        except self._closed:
+            raise LinkClosedError("the session is closed") from None
+        return None if sample is None else bytes(sample.payload.to_bytes())
+
+    def wake(self) -> None:
+        """End a `wait` in another thread, now or as soon as it begins."""
+        self._wake(b"")
 
 
 class Node:
@@ -237,11 +277,19 @@ class Node:
 
         return undeclare
 
-    def publisher(self, key: str) -> Callable[[bytes], None]:
+    def inbox(self, key: str) -> Inbox:
+        """Receive in the thread that waits for it what is published; the oldest is dropped if nobody takes it."""
+        zenoh = self._zenoh
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING))
+        wake = self.publisher(key, allowed_destination=zenoh.Locality.SESSION_LOCAL)
+        return Inbox(subscriber, wake, zenoh.ZError)
+
+    def publisher(self, key: str, **options: Any) -> Callable[[bytes], None]:
         """How to publish: nobody who is slow delays the publisher, and what does not get through is dropped."""
         zenoh = self._zenoh
         publisher = self._session.declare_publisher(
             key,
+            **options,
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
             express=True,
@@ -249,8 +297,10 @@ class Node:
         )
 
         def put(payload: bytes) -> None:
-            with contextlib.suppress(zenoh.ZError):
+            try:
                 publisher.put(payload)
+            except zenoh.ZError:
+                _log.debug("the session is closed; nothing is published")
 
         return put
 

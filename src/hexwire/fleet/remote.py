@@ -144,12 +144,14 @@ class RemoteRobot(Following, Described):
     @property
     def holder(self) -> str:
         """Who holds the lease, in words; empty if nobody does."""
+        self._states.refresh()
         newest = self._states.newest
         return newest.holder if newest is not None else self._facts.holder
 
     @property
     def held(self) -> str:
         """Why the arm holds, in words: somebody lost the lease; empty if it does not."""
+        self._states.refresh()
         newest = self._states.newest
         return newest.held if newest is not None else ""
 
@@ -180,8 +182,7 @@ class RemoteRobot(Following, Described):
                 sent = time.monotonic()
                 answer = ask(node, self.address, self._keys.ask, m.Ask("clock"), _TIMEOUT)
                 self._clock.add(sent, answer.clock, time.monotonic())
-            states = ArrivedStates(self.url, self._clock)
-            node.subscribe(self._keys.state, lambda payload, key: states.add(payload))
+            states = ArrivedStates(self.url, self._clock, node.inbox(self._keys.state))
         except BaseException:
             node.close()
             raise
@@ -284,7 +285,7 @@ class RemoteRobot(Following, Described):
             LeaseError: The watchdog is armed, so that this program moves the arm, but the lease was lost.
         """
         self._use()
-        since = time.monotonic()
+        since = self._so_far()
         while (state := self._next(since, _SILENCE)) is None:
             self._ask_why()
             if time.monotonic() - since > _SLOW:
@@ -295,7 +296,7 @@ class RemoteRobot(Following, Described):
         """States at this period, or at that of the server if it is longer; `slow` has no effect. See `read`."""
         if not 0 < period < math.inf:
             raise UsageError(f"a period of {period:g} s is invalid")
-        due = time.monotonic()
+        due = self._so_far()
         while True:
             state = self._next(max(due, self._discarded), timeout)
             if state is None:
@@ -308,7 +309,12 @@ class RemoteRobot(Following, Described):
             due = max(due, self._states.arrived + 0.5 * period)
 
     def discard_reports(self) -> None:
-        self._discarded = time.monotonic()
+        self._discarded = self._so_far()
+
+    def _so_far(self) -> float:
+        """The time, after which the states count that have not arrived yet."""
+        self._states.refresh()
+        return time.monotonic()
 
     def _next(self, since: float, patience: float) -> JointState | None:
         self._attached()
@@ -456,6 +462,7 @@ class RemoteRobot(Following, Described):
         measured, server, period, due = time.monotonic(), 0, self._timeout / _BEATS, 0.0
         silence = Silence(self.url, measured)
         while not ending.wait(min(period, _LOOK)):
+            self._states.refresh()
             lease, now, newest = self._lease, time.monotonic(), self._states.newest
             silence.look(now, self._states.arrived)
             if now < due:

@@ -44,7 +44,13 @@ def joint_state(state: m.State, stamp: float) -> JointState:
     Raises:
         RemoteProtocolError: Its columns differ in length.
     """
-    result = JointState(
+    n = len(state.names)
+    if not (
+        len(state.position) == len(state.velocity) == len(state.load) == len(state.current) == n
+        and len(state.voltage) == len(state.temperature) == len(state.flags) == len(state.age) == n
+    ):
+        raise RemoteProtocolError("a state whose columns differ in length")
+    return JointState(
         names=state.names,
         position=state.position,
         velocity=state.velocity,
@@ -60,10 +66,6 @@ def joint_state(state: m.State, stamp: float) -> JointState:
         watchdog_tripped=state.tripped,
         maintenance=state.maintenance,
     )
-    numbers = (result.position, result.velocity, result.load, result.current, result.voltage, result.temperature)
-    if any(len(column) != len(result.names) for column in (*numbers, result.flags, result.age)):
-        raise RemoteProtocolError("a state whose columns differ in length")
-    return result
 
 
 def joints_of(model: ArmModel) -> tuple[m.Joint, ...]:

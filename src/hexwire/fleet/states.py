@@ -2,6 +2,9 @@
 
 Owns the newest state, waiting for the next one, and the conversion to this program's clock. Must not know leases,
 orders or Zenoh.
+
+Whoever waits for a state receives it in its own thread: from one thread to the next it would be under way for half
+as long again. If several wait, one receives for all.
 """
 
 from __future__ import annotations
@@ -10,79 +13,114 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from typing import Protocol
 
-from hexwire.errors import LinkLostError, RemoteProtocolError
+from hexwire.errors import LinkClosedError, LinkLostError, RemoteProtocolError
 from hexwire.model.state import JointState
 
 from . import messages as m
 from .clock import ClockOffset
 from .rows import joint_state
 
-__all__ = ["ArrivedStates"]
-
+__all__ = ["ArrivedStates", "Inbox"]
 
 _SILENT = 1.0
 """Seconds of silence of a server after which one that was there before it counts again."""
+_TAKING = 1.0
+"""Seconds in which a thread takes what has arrived."""
 _SERVERS = 8
 """Servers of before that are remembered."""
 
 
+class Inbox(Protocol):
+    """Where states arrive. One thread at a time calls `wait` or `poll`."""
+
+    def wait(self) -> bytes:
+        """The next payload; empty after `wake`. Raises `LinkClosedError` if there will be none."""
+
+    def poll(self) -> bytes | None:
+        """The next payload; None if there is none yet. Raises as `wait`."""
+
+    def wake(self) -> None:
+        """End a `wait` in another thread."""
+
+
 class ArrivedStates:
-    """The newest state of an arm. One thread adds, any thread reads.
+    """The newest state of an arm. Any thread may call its methods.
 
     Args:
         url: Address of the arm, for error texts.
         clock: Offset of the owner's clock.
+        inbox: Where they arrive; None if the caller passes them to `add`.
         now: This program's monotonic clock, seconds.
 
     Attributes:
-        newest: The newest message, or None.
-        arrived: When it arrived, seconds of this program's monotonic clock.
+        newest: The newest message taken, or None; see `refresh`.
+        arrived: When it was taken, seconds of this program's monotonic clock.
         seen: Number of messages.
         lost: Number of messages that did not arrive.
         damaged: Number of payloads that are not states.
     """
 
-    def __init__(self, url: str, clock: ClockOffset, *, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        url: str,
+        clock: ClockOffset,
+        inbox: Inbox | None = None,
+        *,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.newest: m.State | None = None
         self.arrived = -math.inf
         self.seen = self.lost = self.damaged = 0
-        self._url, self._clock, self._now = url, clock, now
+        self._url, self._clock, self._inbox, self._now = url, clock, inbox, now
         self._done = 0
         # Servers of before, which may still be there: two of one name.
         self._former: dict[int, None] = {}
         self._changed = threading.Condition()
         self._closed = False
+        # The thread that receives, 0 for none, and when its wait is over; infinite while it does not wait.
+        self._receiver, self._until = 0, math.inf
 
     def add(self, payload: bytes) -> None:
         """Take what arrived."""
-        arrived = self._now()
+        arrived, state = self._now(), self._decoded(payload)
+        if state is not None:
+            with self._changed:
+                self._put(state, arrived)
+
+    def _decoded(self, payload: bytes) -> m.State | None:
+        if not payload:
+            # Somebody was woken.
+            return None
         try:
             state = m.decode(payload, m.State)
         except RemoteProtocolError:
             self.damaged += 1
-            return
-        if not all(map(math.isfinite, (state.stamp, state.sent, state.wall))):
+            return None
+        if not (math.isfinite(state.stamp) and math.isfinite(state.sent) and math.isfinite(state.wall)):
             self.damaged += 1
-            return
-        with self._changed:
-            before = self.newest
-            if before is not None and state.server != before.server:
-                if state.server in self._former and arrived - self.arrived < _SILENT:
-                    # It was overtaken by the first state of a server that was started since.
-                    return
-                # Another server counts anew, and perhaps by another clock.
-                self._former.pop(state.server, None)
-                self._former = dict.fromkeys([*self._former, before.server][-_SERVERS:])
-                self._done = 0
-            elif before is not None:
-                if state.sequence <= before.sequence:
-                    # It was overtaken on its way, or comes on two ways.
-                    return
-                self.lost += state.sequence - before.sequence - 1
-            self.seen += 1
-            self.newest, self.arrived = state, arrived
-            self._changed.notify_all()
+            return None
+        return state
+
+    def _put(self, state: m.State, arrived: float) -> None:
+        before = self.newest
+        if before is not None and state.server != before.server:
+            if state.server in self._former and arrived - self.arrived < _SILENT:
+                # It was overtaken by the first state of a server that was started since.
+                return
+            # Another server counts anew, and perhaps by another clock.
+            self._former.pop(state.server, None)
+            self._former = dict.fromkeys([*self._former, before.server][-_SERVERS:])
+            self._done = 0
+        elif before is not None:
+            if state.sequence <= before.sequence:
+                # It was overtaken on its way, or comes on two ways.
+                return
+            self.lost += state.sequence - before.sequence - 1
+        self.seen += 1
+        self.newest, self.arrived = state, arrived
+        self._changed.notify_all()
 
     def require(self, done: int) -> None:
         """Ignore states from before an order was done.
@@ -93,18 +131,33 @@ class ArrivedStates:
         with self._changed:
             self._done = max(self._done, done)
 
+    def refresh(self) -> None:
+        """Take what has arrived, and end waits that are over. Call it now and then."""
+        if self._inbox is None:
+            return
+        with self._changed:
+            # What another thread is taking at this moment has arrived before.
+            self._changed.wait_for(lambda: not self._is_receiving() or self._until < math.inf, _TAKING)
+            receiving, late = self._is_receiving(), self._now() >= self._until
+        if not receiving:
+            self._receive(None)
+        elif late:
+            self._inbox.wake()
+
     def close(self) -> None:
-        """End the wait of other threads."""
+        """End the wait of all threads."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+        if self._inbox is not None:
+            self._inbox.wake()
 
     def next(self, since: float, patience: float) -> JointState | None:
         """Wait for the first state that arrives after a time.
 
         Args:
             since: Seconds; may be in the future.
-            patience: Seconds to wait after it.
+            patience: Seconds to wait after it, or up to the next call of `refresh`.
 
         Returns:
             None if none arrives.
@@ -113,8 +166,10 @@ class ArrivedStates:
             LinkLostError: The server has lost its robot; or the driver was detached.
         """
         deadline = max(self._now(), since) + patience
-        with self._changed:
-            while not self._closed:
+        while True:
+            with self._changed:
+                if self._closed:
+                    break
                 state = self.newest
                 # One without joints only says that the server lives and its robot is busy, unless it is lost.
                 tells = state is not None and (state.names or state.error) and state.done >= self._done
@@ -123,8 +178,43 @@ class ArrivedStates:
                 left = deadline - self._now()
                 if left <= 0:
                     return None
-                self._changed.wait(left)
+                if self._inbox is None or self._is_receiving():
+                    self._changed.wait(left)
+                    continue
+            self._receive(deadline)
         raise LinkLostError(f"{self._url} was detached", url=self._url)
+
+    def _is_receiving(self) -> bool:
+        """Whether another thread receives."""
+        return self._receiver not in (0, threading.get_ident())
+
+    def _receive(self, until: float | None) -> None:
+        """Take what has arrived; if there is nothing, wait for it until a time, if one is given."""
+        inbox, me = self._inbox, threading.get_ident()
+        assert inbox is not None
+        try:
+            with self._changed:
+                if self._is_receiving():
+                    return
+                self._receiver, self._until = me, math.inf
+            payload = inbox.poll()
+            if payload is None and until is not None:
+                with self._changed:
+                    self._until = until
+                    self._changed.notify_all()
+                # The short way: nothing is done before the caller has it that can be done later.
+                self.add(inbox.wait())
+            while payload is not None:
+                self.add(payload)
+                payload = inbox.poll()
+        except LinkClosedError:
+            self._closed = True
+        finally:
+            # An exception may come from a signal handler at any line: whatever happens, another thread may receive.
+            if self._receiver == me:
+                self._receiver = 0
+                with self._changed:
+                    self._changed.notify_all()
 
     def _as_joint_state(self, state: m.State, arrived: float) -> JointState:
         url = self._url
