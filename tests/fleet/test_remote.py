@@ -109,7 +109,8 @@ def test_pre_emption_tells_the_former_holder_who_does_not_take_it_back_by_itself
     ann.torque(True)
     ann.write(near(ann, 0.5, 10.0))
     eve.take()
-    with pytest.raises(LeaseError, match="holds the lease"):
+    # By the answer to the order, or by that to a heartbeat before.
+    with pytest.raises(LeaseError, match=r"holds the lease|took the lease"):
         ann.write(near(ann))
     eve.release()
     with pytest.raises(LeaseError, match="take the lease again"):
