@@ -434,6 +434,17 @@ def test_a_caller_who_says_nothing_is_dropped_in_time(lab: Path) -> None:
         assert silent.recv(1) == b""
 
 
+def test_a_caller_who_says_nothing_is_waited_for_without_work(lab: Path) -> None:
+    """A descriptor that is ready all the time would keep a processor busy."""
+    with (
+        Listener(tls=files(lab, "server")) as listener,
+        socket.create_connection(("127.0.0.1", listener.port), PATIENCE),
+    ):
+        assert select.select([listener.fileno()], [], [], PATIENCE)[0], "a new client"
+        assert listener.accept(0.0) is None
+        assert not select.select([listener.fileno()], [], [], 0.0)[0]
+
+
 def test_a_server_may_watch_the_listeners_descriptor(lab: Path) -> None:
     with Listener(tls=files(lab, "server")) as listener:
         link = TcpLink("127.0.0.1", listener.port, tls=files(lab, "client"))
