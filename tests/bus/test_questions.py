@@ -166,6 +166,8 @@ def test_whether_a_servo_is_there_is_asked_in_one_byte() -> None:
     assert found is not None
     assert servos.asked[0][2] == 1
     assert machine.counters.settled == 1
+    Play(machine, servos)(questions.is_there(machine, 1))
+    assert machine.counters.settled == 2
 
 
 def test_a_request_of_one_length_is_repeated_and_then_given_up() -> None:

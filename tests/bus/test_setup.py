@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import itertools
+
 import pytest
 from tests.bus.bus_bench import exchange_by, make_bus
 
@@ -96,8 +98,32 @@ def test_set_baud_follows_and_verifies() -> None:
     assert bus.read(1, "baud_code").raw == 4
     assert device.wire[1].registers.stored("baud_code") == 4
     assert bus.read(1, "lock").raw == 1
-    with pytest.raises(UsageError, match="not 9600"):
+    with pytest.raises(UsageError, match=r"support 38400, 57600, .*, 1000000 baud, not 9600"):
         setup.set_baud(bus, 1, 9600)
+
+
+def test_set_baud_comes_back_where_the_servo_answers_but_has_not_stored_the_rate() -> None:
+    bus, device = make_bus((1,))
+    plain = bus.read
+    bus.read = lambda servo_id, name: (  # type: ignore[assignment,method-assign]
+        plain(servo_id, name)._replace(raw=0) if name == "baud_code" else plain(servo_id, name)
+    )
+    with pytest.raises(ServoError, match="it still uses 1000000"):
+        setup.set_baud(bus, 1, 115200)
+    assert bus.timing.baud == 1_000_000
+    assert device.wire[1].registers.stored("baud_code") == 0
+
+
+@pytest.mark.parametrize("spoiled", [0, 3, 4, 6])
+def test_an_id_is_shared_if_most_answers_collide(spoiled: int) -> None:
+    bus, _ = make_bus((1,))
+    plain, asked = bus.ask, itertools.count()
+
+    def ask(request: bytes, servo_id: int, params: int) -> object:
+        return (None, "a bad check sum") if next(asked) < spoiled else plain(request, servo_id, params)
+
+    bus.ask = ask  # type: ignore[assignment,method-assign]
+    assert setup.shares_id(bus, 1) is (spoiled > 3)
 
 
 def test_set_baud_comes_back_where_the_line_does_not_carry_it() -> None:

@@ -194,6 +194,8 @@ WRITE = sp.make_write(4, 0x28, b"\1")
         (READ, as_sent(b"\0\xff" + READ + ANSWER_ON_THE_BUS), ANSWER),
         (READ, b"\xff\xff\x00" + ANSWER + b"\0", None),  # a board that exchanges bytes would not send that
         (READ, sp.make_status(0, 0x20, b"\x05\x08"), sp.make_status(0, 0x20, b"\x05\x08")),
+        # These are also the bytes of a read, but of none that was sent.
+        (READ, sp.make_status(0, 0x02, b"\x05\x08"), sp.make_status(0, 0x02, b"\x05\x08")),
         (READ, sp.make_board_error(1, 0), sp.make_board_error(1, 0)),
         (READ, UNKNOWN_COMMAND_PACKET, UNKNOWN_COMMAND_PACKET),
         (READ, SHORT_FRAME_PACKET, SHORT_FRAME_PACKET),
