@@ -68,12 +68,12 @@ def test_an_order_that_may_wait_has_no_age() -> None:
 
 def test_what_is_refused_without_a_lease_is_counted_and_says_who_holds_it() -> None:
     desk = Desk()
-    error = desk.judge.refusal(Order(desk.key ^ 1, 1, desk.epochs.mark()))
+    error = desk.judge.refusal(desk.key ^ 1)
     assert (error.holder, error.lost) == ("Ann", True)
     # It has become the holder since.
-    assert not desk.judge.refusal(desk.order(1)).lost
+    assert not desk.judge.refusal(desk.key).lost
     assert desk.lease.counters.without_lease == 2
     assert desk.judge.of_targets() is None
     desk.time += 11.0
     assert desk.judge.of_targets() is not None
-    assert "lost after" in str(desk.judge.refusal(desk.order(1)))
+    assert "lost after" in str(desk.judge.refusal(desk.key))

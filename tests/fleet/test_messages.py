@@ -12,6 +12,8 @@ from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexwire.errors import RemoteProtocolError
 from hexwire.fleet import messages as m
@@ -193,3 +195,25 @@ def test_there_is_a_decoder_for_every_kind_before_there_are_threads() -> None:
     for kind in KINDS:
         with pytest.raises(RemoteProtocolError):
             m.decode(bytes([m.VERSION]), kind)
+
+
+@pytest.mark.parametrize("key", [0, 1, 0x7F, 0x80, 0xFF, 0x100, 0xFFFF, 0x1_0000, 2**32 - 1, 2**32, 2**53])
+def test_the_key_of_an_order_is_found_without_the_order(key: int) -> None:
+    payload = m.encode(m.Envelope(key, 7, 1.0, 0.0, m.Follow(("J1",), (0.0,) * 100, (0.0,) * 100)))
+    assert m.lease_key(payload) == key
+    # Nothing behind it matters.
+    assert m.lease_key(payload[:12]) == key
+    with pytest.raises(RemoteProtocolError, match="this program is older"):
+        m.lease_key(bytes([m.VERSION + 1]) + payload[1:])
+
+
+@given(st.binary(max_size=20) | st.binary(max_size=12).map(lambda rest: bytes([m.VERSION, 0x96, 10]) + rest))
+def test_whatever_arrives_has_a_key_or_is_one_error(payload: bytes) -> None:
+    try:
+        key = m.lease_key(payload)
+    except RemoteProtocolError:
+        return
+    try:
+        assert m.decode(payload, m.Envelope).key == key
+    except RemoteProtocolError:
+        assert 0 <= key < 2**64

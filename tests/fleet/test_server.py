@@ -457,6 +457,22 @@ def test_a_holder_that_uses_up_its_numbers_takes_the_lease_again(served: Served)
     assert served.order(key, served.write(J1=0.01)).kind == ""
 
 
+def test_a_long_order_without_a_lease_is_refused_before_it_is_decoded(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key = served.take().value
+    decoded = []
+    decode = m.decode
+    monkeypatch.setattr(m, "decode", lambda payload, kind: (decoded.append(kind), decode(payload, kind))[1])
+    row = tuple(float(number) for number in range(10_000))
+    refused = served.order(key ^ 1, m.Follow(("J1",), row, row))
+    assert refused.text == "Ann, operator holds the lease"
+    assert m.Envelope not in decoded
+    assert served.bench.shared.refusals()["lease_without_lease"] == 1
+    assert served.order(key, m.Follow(("J1",), row, row)).kind == "GoalError"
+    assert m.Envelope in decoded
+
+
 def test_ten_thousand_orders_without_a_lease_are_refused_counted_and_queued_nowhere(served: Served) -> None:
     key = served.take().value
     payload = m.encode(served.envelope(key ^ 1, served.write(J1=0.1)))

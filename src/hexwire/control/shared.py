@@ -158,9 +158,9 @@ class SharedArm:
         """Numbers of refused orders and ended leases, by name."""
         return {f"lease_{name}": value for name, value in asdict(self._lease.counters).items()}
 
-    def refusal(self, order: Order) -> LeaseError:
-        """Count an order whose sender does not hold the lease; returns the error for it."""
-        return self._judge.refusal(order)
+    def refusal(self, key: int) -> LeaseError:
+        """Count an order by a key that is not the holder's; returns the error for it."""
+        return self._judge.refusal(key)
 
     def admit(self, order: Order) -> None:
         """Check that an order that moves nothing may be done; raises `LeaseError` if it may not."""

@@ -67,12 +67,12 @@ class Judge:
             age = None if order.made is None else self._now() - order.made
             return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt)
 
-    def refusal(self, order: Order) -> LeaseError:
-        """Count an order whose sender does not hold the lease; returns the error for it."""
+    def refusal(self, key: int) -> LeaseError:
+        """Count an order by a key that is not the holder's; returns the error for it."""
         with self._lock:
             self._lease.counters.without_lease += 1
             try:
-                self._lease.check(order.key, self._clock())
+                self._lease.check(key, self._clock())
             except LeaseError as error:
                 return error
         return LeaseError("the lease has just changed; nothing was done", lost=False)

@@ -32,6 +32,7 @@ __all__ = [
     "Take",
     "decode",
     "encode",
+    "lease_key",
 ]
 
 VERSION = 1
@@ -370,6 +371,12 @@ _decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {
 _HEAD = bytes([VERSION])
 
 
+_ENVELOPE = bytes([VERSION, 0x96, 10])
+"""How an `Envelope` begins: version, an array of six, its tag."""
+_UINTS = {0xCC: 1, 0xCD: 2, 0xCE: 4, 0xCF: 8}
+"""Bytes of an integer by MessagePack's code for it; smaller than 0x80, the code is the integer."""
+
+
 def encode(message: _Message) -> bytes:
     """Serialize a message."""
     return _HEAD + _encoder.encode(message)
@@ -385,6 +392,33 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
     Raises:
         RemoteProtocolError: It is not such a message, or its version is another one.
     """
+    _check(payload)
+    decoder = _decoders[kind]
+    try:
+        return decoder.decode(memoryview(payload)[1:])  # type: ignore[no-any-return]  # the decoder is of that kind
+    except (msgspec.MsgspecError, ValueError, RecursionError, OverflowError) as error:
+        raise RemoteProtocolError(f"not a valid message: {str(error)[:200]}") from None
+
+
+def lease_key(payload: bytes) -> int:
+    """The key in an `Envelope`, in a time that does not grow with the order in it.
+
+    Args:
+        payload: What arrived: any bytes.
+
+    Raises:
+        RemoteProtocolError: It does not begin like an envelope, or its version is another one.
+    """
+    _check(payload)
+    if payload[:3] == _ENVELOPE:
+        code = payload[3] if len(payload) > 3 else 0xC1
+        size = 0 if code < 0x80 else _UINTS.get(code)
+        if size is not None and len(payload) >= 4 + size:
+            return int.from_bytes(payload[4 : 4 + size], "big") if size else code
+    raise RemoteProtocolError("not a valid message: it does not begin like an order")
+
+
+def _check(payload: bytes) -> None:
     if not payload:
         raise RemoteProtocolError("an empty message")
     if len(payload) > LARGEST:
@@ -393,8 +427,3 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
     if version != VERSION:
         older = "the other program is older than this one" if version < VERSION else "this program is older"
         raise RemoteProtocolError(f"a message of version {version}, not {VERSION}: {older}; update the older one")
-    decoder = _decoders[kind]
-    try:
-        return decoder.decode(memoryview(payload)[1:])  # type: ignore[no-any-return]  # the decoder is of that kind
-    except (msgspec.MsgspecError, ValueError, RecursionError, OverflowError) as error:
-        raise RemoteProtocolError(f"not a valid message: {str(error)[:200]}") from None

@@ -341,18 +341,22 @@ class ArmServer:
     def _on_order(self, role: Role, query: Question) -> None:
         from hexwire.control.shared import Order
 
-        envelope = self._parse(query, m.Envelope)
-        if envelope is None:
+        try:
+            payload = query.payload
+            key, holder = m.lease_key(payload), self._shared.holder
+            if holder is None or holder.key != key:
+                # At once, so that nobody without a lease can fill the queue of the one who has it; and undecoded,
+                # so that it costs as little if it is long.
+                self._refuse(query, self._shared.refusal(key))
+                return
+            envelope = m.decode(payload, m.Envelope)
+        except RemoteProtocolError as error:
+            self.refused += 1
+            self._refuse(query, error)
             return
-        shared = self._shared
         order = Order(envelope.key, envelope.sequence, self._robot.epochs.mark())
         if isinstance(envelope.order, m.Write):
             order.made, order.doubt = envelope.made, envelope.doubt
-        holder = shared.holder
-        if holder is None or holder.key != envelope.key:
-            # At once, so that nobody without a lease can fill the queue of the one who has it.
-            self._refuse(query, shared.refusal(order))
-            return
         if isinstance(envelope.order, m.Ioctl) and role < Role.MAINTAINER:
             self._refuse(query, LeaseError("servo settings and firmware need the role maintainer", lost=False))
             return
