@@ -16,8 +16,6 @@ from hexwire.cli.main import cli
 from hexwire.fleet.network import Network, read_access
 from hexwire.link.certs import make_authority
 
-pytest.importorskip("zenoh")
-
 
 def run(*words: str | Path) -> Result:
     return CliRunner().invoke(cli, list(map(str, words)))

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+import zenoh
 
 from hexwire.errors import UsageError
 from hexwire.fleet.names import Keys, Role
@@ -64,7 +65,6 @@ def test_rights_that_are_not_clear_are_none(uris: tuple[str, ...]) -> None:
     ],
 )
 def test_a_pattern_covers_what_zenoh_means_by_it(pattern: str, covered: list[str], not_covered: list[str]) -> None:
-    zenoh = pytest.importorskip("zenoh")
     rights = Rights(Kind.OBSERVER, (pattern,))
     for names, expected in ((covered, True), (not_covered, False)):
         for name in names:

@@ -7,7 +7,9 @@ Owns which files a command creates. Must not know their contents.
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 
@@ -15,6 +17,38 @@ from .common import json_option, number_option
 from .output import answer
 
 __all__ = ["cert"]
+
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def _common_options(listeners: str) -> Callable[[_F], _F]:
+    """The options of every command that creates certificates, after its own; `listeners` names what has hosts."""
+    options = (
+        click.option(
+            "--host",
+            "hosts",
+            multiple=True,
+            metavar="HOST",
+            help=f"Host name or address of {listeners}; repeatable. Default: NAME and this machine.",
+        ),
+        click.option(
+            "--lab",
+            default="hexwire lab",
+            show_default=True,
+            metavar="TEXT",
+            help="Name for a new certificate authority.",
+        ),
+        number_option("--days", "DAYS", "Validity in days (825).", above=0),
+        json_option,
+    )
+
+    def decorate(command: _F) -> _F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
 
 
 @click.group()
@@ -30,18 +64,7 @@ def cert() -> None:
 @click.option(
     "--client", "clients", multiple=True, metavar="NAME", help="Name of a client that connects; repeatable."
 )
-@click.option(
-    "--host",
-    "hosts",
-    multiple=True,
-    metavar="HOST",
-    help="Host name or address of the servers; repeatable. Default: NAME and this machine.",
-)
-@click.option(
-    "--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name for a new certificate authority."
-)
-@number_option("--days", "DAYS", "Validity in days (825).", above=0)
-@json_option
+@_common_options("the servers")
 def new(
     folder: str,
     servers: tuple[str, ...],
@@ -91,18 +114,7 @@ def new(
     "'hexwire serve'; router: for 'hexwire fleet router'.",
 )
 @click.option("--for", "arms", multiple=True, metavar="PATTERN", help="Arm, or pattern as in 'lab/*'; repeatable.")
-@click.option(
-    "--host",
-    "hosts",
-    multiple=True,
-    metavar="HOST",
-    help="Host name or address of an arm or router; repeatable. Default: NAME and this machine.",
-)
-@click.option(
-    "--lab", default="hexwire lab", show_default=True, metavar="TEXT", help="Name for a new certificate authority."
-)
-@number_option("--days", "DAYS", "Validity in days (825).", above=0)
-@json_option
+@_common_options("an arm or router")
 def issue(
     folder: str,
     name: str,
