@@ -53,9 +53,14 @@ def test_tcp_and_udp_hosts_share_the_robot(served: Served) -> None:
 
 
 def test_a_host_that_reads_nothing_is_hung_up_on_and_holds_nobody(served: Served) -> None:
-    with call(served) as deaf, Puma260Driver.from_url(served.tcp) as driver:
-        deaf.setblocking(False)
+    # Otherwise the kernel takes megabytes of answers before anybody notices. Accepted sockets inherit it.
+    listening = served.listener._socket
+    assert listening is not None
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+    with socket.socket() as deaf, Puma260Driver.from_url(served.tcp) as driver:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.connect(("127.0.0.1", served.listener.port))
+        deaf.setblocking(False)
         ask, sent, seq = b"", 0, 0
         end = time.monotonic() + 20
         gone = False
