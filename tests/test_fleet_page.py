@@ -11,8 +11,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import IO
 
 import pytest
+from tests.link.far_ends import free_port
+
+from hexwire.fleet import messages as m
+from hexwire.fleet.rights import Kind
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
@@ -27,8 +32,6 @@ BLOCKS = [re.findall(r"^\$ (.*)$", block, re.MULTILINE) for block in blocks(LAB,
 (TOML,) = blocks(LAB, "toml")
 STAYS = ("hexwire fleet router", "hexwire serve")
 
-pytest.importorskip("zenoh")
-
 
 @pytest.fixture
 def short() -> Iterator[Path]:
@@ -37,11 +40,56 @@ def short() -> Iterator[Path]:
         yield Path(folder)
 
 
+class Shell:
+    """A shell on a machine of the page.
+
+    Args:
+        folder: Where commands run.
+        machine: The machine's own files and sockets.
+    """
+
+    def __init__(self, folder: Path, machine: Path) -> None:
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        own = {"PATH": path, "XDG_RUNTIME_DIR": str(machine), "XDG_CONFIG_HOME": str(machine)}
+        self._folder = folder
+        self._environment = os.environ | own
+
+    def export(self, command: str) -> None:
+        name, _, value = command.removeprefix("export ").partition("=")
+        self._environment[name] = value
+
+    def start(self, command: str, until: ExitStack) -> IO[str]:
+        """Start a program that runs until a stack closes; returns its output."""
+        program = subprocess.Popen(
+            ["bash", "-c", f"exec {command}"],
+            cwd=self._folder,
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        until.callback(program.communicate)
+        until.callback(program.terminate)
+        assert program.stdout is not None
+        return program.stdout
+
+    def run(self, command: str) -> str:
+        """Run a command that must succeed; returns its output."""
+        done = subprocess.run(
+            ["bash", "-c", command],
+            cwd=self._folder,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            timeout=90,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        return done.stdout
+
+
 @pytest.mark.system
 def test_the_lab_works_as_the_page_says(short: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
 
     def here(text: str) -> str:
         return text.replace("lab-pc", "localhost").replace("0.0.0.0", "localhost").replace("7447", str(port))
@@ -54,37 +102,14 @@ def test_the_lab_works_as_the_page_says(short: Path) -> None:
         for number, block in enumerate(BLOCKS):
             machine = short / str(number)
             machine.mkdir()
-            path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-            own = {"PATH": path, "XDG_RUNTIME_DIR": str(machine), "XDG_CONFIG_HOME": str(machine)}
-            environment = os.environ | own
+            shell = Shell(short, machine)
             for command in map(here, block):
                 if command.startswith("export "):
-                    name, _, value = command.removeprefix("export ").partition("=")
-                    environment[name] = value
+                    shell.export(command)
                 elif command.startswith(STAYS):
-                    program = subprocess.Popen(
-                        ["bash", "-c", f"exec {command}"],
-                        cwd=short,
-                        env=environment,
-                        stdout=subprocess.PIPE,
-                        text=True,
-                    )
-                    stack.callback(program.communicate)
-                    stack.callback(program.terminate)
-                    assert program.stdout is not None
-                    said.append(program.stdout.readline())
+                    said.append(shell.start(command, stack).readline())
                 else:
-                    done = subprocess.run(
-                        ["bash", "-c", command],
-                        cwd=short,
-                        env=environment,
-                        capture_output=True,
-                        text=True,
-                        timeout=60,
-                        check=False,
-                    )
-                    assert done.returncode == 0, f"{command}: {done.stderr}"
-                    said.append(done.stdout)
+                    said.append(shell.run(command))
     text = "".join(said)
     for words in ("rights of 4 certificates", "passing on at tls/localhost", "as zenoh:lab/arm1", "J1"):
         assert words in text
@@ -98,8 +123,7 @@ def wild(line: str) -> str:
 @pytest.mark.system
 def test_arms_of_one_machine_do_what_the_page_says(short: Path) -> None:
     """The blocks in their order; a server runs until the next one is started."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "XDG_RUNTIME_DIR": str(short), "XDG_CONFIG_HOME": str(short)}
+    shell = Shell(short, short)
     (toml,) = blocks(BEFORE, "toml")
     (short / "lab.toml").write_text(toml)
     runs = [
@@ -112,32 +136,15 @@ def test_arms_of_one_machine_do_what_the_page_says(short: Path) -> None:
         for command, shown in runs:
             if command.startswith(STAYS):
                 stack.pop_all().close()
-                program = subprocess.Popen(
-                    ["bash", "-c", f"exec {command}"], cwd=short, env=environment, stdout=subprocess.PIPE, text=True
-                )
-                stack.callback(program.communicate)
-                stack.callback(program.terminate)
-                assert program.stdout is not None
+                said = shell.start(command, stack)
                 for name in re.findall(r"lab/arm\d", command) or re.findall(r"lab/arm\d", toml):
-                    assert f"{name}: sim://hex7bot" in program.stdout.readline()
+                    assert f"{name}: sim://hex7bot" in said.readline()
                 continue
-            done = subprocess.run(
-                ["bash", "-c", command],
-                cwd=short,
-                env=environment,
-                capture_output=True,
-                text=True,
-                timeout=90,
-                check=False,
-            )
-            assert done.returncode == 0, f"{command}: {done.stderr}"
-            said = [wild(line) for line in done.stdout.splitlines()]
-            assert [line for line in map(wild, shown.splitlines()) if line not in said] == [], done.stdout
+            lines = [wild(line) for line in shell.run(command).splitlines()]
+            assert [line for line in map(wild, shown.splitlines()) if line not in lines] == [], lines
 
 
 def test_the_size_of_a_state_is_what_the_page_says() -> None:
-    from hexwire.fleet import messages as m
-
     def size(holder: str) -> int:
         row = tuple(0.123456789 + i for i in range(7))
         names = tuple(f"J{i}" for i in range(1, 8))
@@ -151,7 +158,5 @@ def test_the_size_of_a_state_is_what_the_page_says() -> None:
 
 
 def test_each_role_is_on_the_page() -> None:
-    from hexwire.fleet.rights import Kind
-
     for kind in Kind:
         assert f"| `{kind}` |" in TEXT

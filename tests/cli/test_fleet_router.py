@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.link.far_ends import free_port
 
 from hexwire.cli.main import cli
 from hexwire.fleet.network import Network, read_access
@@ -34,13 +35,6 @@ def lab(tmp_path: Path) -> Path:
     ok("cert", "issue", folder, "arm1", "--role", "arm", "--for", "lab/arm1")
     ok("cert", "issue", folder, "anna", "--role", "operator", "--for", "lab/*")
     return folder
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def files(folder: Path, name: str) -> list[str]:

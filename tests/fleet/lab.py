@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import socket
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+from tests.link.far_ends import free_port
 
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
@@ -17,14 +18,6 @@ from hexwire.link.cert_facts import read_certificate
 from hexwire.link.certs import issue_certificate, make_authority
 
 LONG_AGO = datetime(2020, 1, 1, tzinfo=UTC)
-
-
-def free_port() -> int:
-    """A port on which nobody listens now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 class Lab:

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.link.far_ends import free_port
 
 from hexwire.fleet.guard import NameGuard
 from hexwire.fleet.names import Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.rights import Kind
 
-from .lab import Lab, free_port
+from .lab import Lab
 
 PATIENCE = 20.0
 KEYS = Keys("lab/arm1")

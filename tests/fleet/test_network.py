@@ -12,12 +12,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from tests.link.far_ends import free_port
 
 from hexwire.errors import ConfigError, LinkNotFoundError, LinkPermissionError, UsageError
 from hexwire.fleet.network import Network, read_access
 from hexwire.fleet.rights import Kind
 
-from .lab import LONG_AGO, Lab, free_port
+from .lab import LONG_AGO, Lab
 
 PATIENCE = 15.0
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.link.far_ends import free_port
 
 import hexwire
 from hexwire.drivers.base import RobotDriver
@@ -38,7 +39,7 @@ from hexwire.fleet.service_file import read_arms
 from hexwire.link.certs import issue_certificate
 from hexwire.model.state import JointTarget
 
-from .lab import Lab, free_port
+from .lab import Lab
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.link.far_ends import free_port
 
 from hexwire.errors import LinkNotFoundError
 from hexwire.fleet import network, reach
@@ -18,7 +19,7 @@ from hexwire.fleet.reach import why_unreachable
 from hexwire.fleet.rights import Kind
 from hexwire.link.tls import TlsFiles
 
-from .lab import LONG_AGO, Lab, free_port
+from .lab import LONG_AGO, Lab
 
 
 @pytest.fixture(scope="module")

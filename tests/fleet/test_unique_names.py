@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from tests.link.far_ends import free_port
 
 from hexwire.errors import DeviceError, UsageError
 from hexwire.fleet.names import Keys
@@ -19,7 +20,7 @@ from hexwire.fleet.rights import Kind
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 
-from .lab import Lab, free_port
+from .lab import Lab
 
 PATIENCE = 30.0
 
