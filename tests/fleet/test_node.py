@@ -40,9 +40,12 @@ def test_a_question_at_a_pattern_is_answered_for_the_own_key(runtime: Path) -> N
             client.ask("hexwire/a/silent", b"", 1.0)
         assert not silent.value.absent
         client.ask_neighbours(5.0)
+        assert client.is_offered("hexwire/a/silent", 5.0)
+        assert not client.is_offered("hexwire/a/other", 0.2)
     finally:
         client.close()
         server.close()
+    assert not client.is_offered("hexwire/a/silent", 5.0)
 
 
 # -- what is published --------------------------------------------------------------------------------------

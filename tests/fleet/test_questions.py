@@ -30,6 +30,7 @@ from hexwire.fleet import questions
 from hexwire.fleet.address import Address
 from hexwire.fleet.names import Keys, Role
 from hexwire.fleet.network import Network
+from hexwire.fleet.node import Node
 from hexwire.fleet.overview import stop_all
 from hexwire.fleet.questions import ask, decoded
 from hexwire.fleet.rights import Kind
@@ -343,3 +344,25 @@ def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Pa
                     hexwire.connect(lab.url("lab/arm1", name))
             with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm2"):
                 hexwire.connect(lab.url("lab/arm2", "anna"))
+
+
+def test_a_server_that_was_away_for_a_moment_is_not_taken_for_a_missing_right(
+    lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its token returns with its connection, and its answers a moment later."""
+    address, keys = Address.parse(lab.url("lab/arm1", "anna"), {}), Keys("lab/arm1")
+    order = keys.order(Role.OPERATOR)
+    visible = Node.visible
+    with lab.session("arm1") as server, lab.session("anna") as client:
+        server.announce(keys.token("1"))
+
+        def returned(node: Node, key: str, timeout: float) -> list[str]:
+            server.answer(order, lambda question: question.reply(b""))
+            return visible(node, key, timeout)
+
+        monkeypatch.setattr(Node, "visible", returned)
+        with pytest.raises(LinkLostError, match="was away for a moment, and is back"):
+            ask(client, address, order, m.Ask("clock"), 1.0)
+        # Where the access file of the router is older, nothing is offered to this program.
+        with pytest.raises(LinkPermissionError, match="may not"):
+            ask(client, address, keys.lease(Role.OPERATOR), m.Ask("clock"), 1.0)

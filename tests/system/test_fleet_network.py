@@ -197,10 +197,12 @@ def test_a_network_that_loses_every_fifth_packet_moves_nothing_unasked(site: Sit
         end = time.monotonic()
         came_back(site, end)
         site.operator.do("rest")
-        # Late, in bursts, but they come; every order was done or refused for one of the two reasons.
+        # Late, in bursts, but they come; every order was done or refused for one of these reasons: a connection
+        # is silent for more than 5 s now and then, and counts as lost. Nobody lacks a right.
         assert [row for row in site.rows(0) if row["e"] == "state" and begin < row["t"] < end]
         refused = {row["error"] for row in site.rows() if row["e"] == "refused" and row["t"] > begin}
-        assert refused <= {"LeaseError", "ReplyTimeoutError", "StoppedError"}, refused
+        lost = {"LinkLostError", "LinkNotFoundError"}
+        assert refused <= {"LeaseError", "ReplyTimeoutError", "StoppedError"} | lost, refused
         site.check()
         site.begin_all()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
+import time
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +22,7 @@ __all__ = ["Inbox", "NoAnswerError", "Node", "Pending", "Question", "load_zenoh"
 
 _log = logging.getLogger(__name__)
 
+_MOMENT = 0.01
 _RECEIVING = 1.0
 """Seconds in which a sample that has arrived is handled, at most, when the session is closed."""
 
@@ -248,6 +250,24 @@ class Node:
             )
         except zenoh.ZError as error:
             raise LinkClosedError(f"the session is closed: {str(error)[:200]}") from None
+
+    def is_offered(self, key: str, timeout: float) -> bool:
+        """Whether somebody answers questions at a key, as far as this program may know.
+
+        Args:
+            key: The key.
+            timeout: Seconds in which that must be known.
+        """
+        deadline = time.monotonic() + timeout
+        with contextlib.suppress(self._zenoh.ZError):
+            querier = self._session.declare_querier(key)
+            try:
+                while not (offered := querier.matching_status.matching) and time.monotonic() < deadline:
+                    time.sleep(_MOMENT)
+                return bool(offered)
+            finally:
+                querier.undeclare()
+        return False
 
     def answer(self, key: str, on_question: Callable[[Question], object]) -> None:
         """Answer questions; `on_question` gets each in a thread of Zenoh's, and must not wait."""

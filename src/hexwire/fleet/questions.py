@@ -35,6 +35,8 @@ __all__ = ["Questions", "ask", "decoded", "unknown_certificate"]
 
 _TIMEOUT = 2.0
 """Seconds for the questions that find the reason."""
+_BACK = 0.5
+"""Seconds in which a server whose token has returned answers questions again."""
 _SILENT = "is its program stopped, or the network slow?"
 _REMEDY = "write the router's access file again with 'hexwire fleet config', and start it again"
 
@@ -159,6 +161,9 @@ def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> Hexw
             return LinkNotFoundError(
                 f"there is no arm {name}; 'hexwire fleet list' shows those that there are", url=url
             )
+    if none.absent and node.is_offered(key, _BACK):
+        # Whether it was done is unknown: a connection that is lost ends the wait for its answers in this way, too.
+        return LinkLostError(f"{url}: its server was away for a moment, and is back", url=url)
     if none.absent:
         return LinkPermissionError(f"{url} is there, but this program may not {_word(key)}; {_REMEDY}", url=url)
     return ReplyTimeoutError(f"{url}, whose server is there", advice=_SILENT)
