@@ -459,15 +459,18 @@ class RemoteRobot(Following, Described):
 
     def _keep(self, node: Node, ending: threading.Event) -> None:
         """Renew the lease and follow the owner's clock, in a thread of its own."""
-        measured, server, period, due = time.monotonic(), 0, self._timeout / _BEATS, 0.0
+        measured, server, due = time.monotonic(), 0, 0.0
+        period = self._timeout / _BEATS
+        step = min(period, _LOOK)
         silence = Silence(self.url, measured)
-        while not ending.wait(min(period, _LOOK)):
+        while not ending.wait(step):
             self._states.refresh()
             lease, now, newest = self._lease, time.monotonic(), self._states.newest
             silence.look(now, self._states.arrived)
             if now < due:
                 continue
-            due = now + period
+            # Half a step early is in time.
+            due = now + period - 0.5 * step
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
             if not lease and sender == server and now - measured < _CLOCK_PERIOD:
