@@ -36,7 +36,7 @@ LEAST = 0.95
 _UNTESTED = 33
 _NOTICED = frozenset({1, 3, 24, 36, 152, 255, -9, -11, -24, -6})
 _HUNG = frozenset({24, 36, 152, -9, -24})
-# Takes minutes where every call of the link is counted: a thousand signals have to hit it in the middle.
+# Takes minutes where every call of the link is counted: hundreds of signals have to hit it in the middle.
 _TOO_SLOW = "tests/link/test_poll_link.py::test_a_signal_handler_may_close_the_link_at_any_moment"
 # A test that takes ten times as long as the slowest one hangs, and fails: mutmut itself waits five times as long as
 # all tests of the function take, which may be minutes.

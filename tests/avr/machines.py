@@ -13,6 +13,7 @@ import os
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from hexwire.emulator.arms import make_hex7bot_servos
@@ -51,10 +52,16 @@ def make(target: str, *, fails: bool = False, **variables: str | int) -> str:
     return done.stdout
 
 
+@cache
+def built(target: str, **variables: str | int) -> None:
+    """`make`, but only once in this process: nearly every test wants a board."""
+    make(target, **variables)
+
+
 def elf(host_baud: int = 115200) -> Path:
     """The firmware for the chip, built if it is not up to date."""
     build = "build" if host_baud == 115200 else f"build/{host_baud}"
-    make("mega2560", BUILD=build, HOST_BAUD=host_baud)
+    built("mega2560", BUILD=build, HOST_BAUD=host_baud)
     return FIRMWARE / build / "mega2560/hexwire.elf"
 
 
@@ -316,7 +323,7 @@ class CoreBoard(Machine):
 
     def __init__(self, faults: tuple[str, ...] = (), *, seed: int = 0) -> None:
         super().__init__(faults, seed=seed)
-        make("host")
+        built("host")
         lib = ctypes.CDLL(str(BUILD / "host/libhexwire.so"))
         board, u8p = ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint8)
         lib.hexwire_new.restype, lib.hexwire_new.argtypes = board, []

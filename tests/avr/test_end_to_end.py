@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from tests.avr.machines import BUILD, ChipBoard, make
+from tests.avr.machines import BUILD, ChipBoard, built
 from tests.avr.pty import PtyBoard, on_pty
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -103,7 +103,7 @@ def servos_on(path: str) -> Iterator[None]:
 
 
 def test_the_core_as_a_program() -> None:
-    make("host")
+    built("host")
     with subprocess.Popen([str(BUILD / "host/pty_board")], stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout
         lines = dict(program.stdout.readline().split() for _ in range(2))
@@ -123,7 +123,7 @@ def test_the_core_as_a_program() -> None:
 
 
 def test_the_program_refuses_what_it_does_not_know() -> None:
-    make("host")
+    built("host")
     done = subprocess.run(
         [str(BUILD / "host/pty_board"), "--nonsense"], capture_output=True, text=True, check=False
     )

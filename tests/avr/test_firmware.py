@@ -93,7 +93,7 @@ def test_no_attack_breaks_the_core(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", sorted(CORPUS.iterdir()), ids=lambda seed: seed.name)
 def test_a_known_attack_does_not_succeed(seed: Path, tmp_path: Path) -> None:
-    machines.make("fuzz")
+    machines.built("fuzz")
     command = [str(BUILD / "host/fuzz_board"), str(seed)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr[-3000:]

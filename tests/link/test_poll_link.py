@@ -15,6 +15,7 @@ from unittest.mock import Mock
 import pytest
 from conformance import PATIENCE, Background, descriptors, in_a_moment, soon
 from interrupts import interrupted_at
+from tests.soak import rounds
 
 from hexwire.errors import (
     LinkBusyError,
@@ -249,9 +250,13 @@ def test_a_signal_handler_may_close_the_link_it_interrupts(direction: str) -> No
     assert not link.is_open
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
 def test_a_signal_handler_may_close_the_link_at_any_moment(use: str) -> None:
-    """Also where a call has taken its turn this moment, or is about to give it back."""
+    """Also where a call has taken its turn this moment, or is about to give it back.
+
+    A call that forgets the close which interrupted it shows within three rounds.
+    """
     code = f"""
 import os, random, signal
 from hexwire.errors import LinkClosedError
@@ -260,7 +265,7 @@ from hexwire.link.serial import SerialLink
 master, slave = os.openpty()
 os.set_blocking(master, False)
 random.seed(1)
-for _ in range(1000):
+for _ in range({rounds(300, 20_000)}):
     link = SerialLink(os.ttyname(slave))
     link.open()
     signal.signal(signal.SIGALRM, lambda *_: link.close())
@@ -278,7 +283,7 @@ for _ in range(1000):
     assert link._fd == -1
 """
     # In a process of its own: what hangs in a lock cannot be ended from inside.
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=rounds(60, 600))
 
 
 _USES: dict[str, Callable[[ScriptedLink], object]] = {
@@ -350,6 +355,7 @@ def test_ctrl_c_while_a_link_closes_leaves_the_rest_to_the_next_close(pending: b
             return
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("use", ["link.read(0.0)", "link.exchange(b'x', 0.0)", "link.write(b'x', 0.0)"])
 def test_a_signal_handler_may_raise_at_any_moment(use: str) -> None:
     """As Ctrl-C does: afterwards another thread can use the link, and close it."""
@@ -371,7 +377,7 @@ def finish():
     link.close()
 
 signal.signal(signal.SIGALRM, interrupt)
-for _ in range(500):
+for _ in range({rounds(150, 10_000)}):
     link.open()
     try:
         try:
@@ -392,7 +398,7 @@ for _ in range(500):
     assert not link.is_open
 """
     # In a process of its own: what hangs in a lock cannot be ended from inside.
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60.0)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=rounds(60, 600))
 
 
 def test_closing_ends_an_opening_that_waits() -> None:

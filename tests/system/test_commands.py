@@ -13,7 +13,10 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from tests.system.programs import Terminal, board, gone, hexwire, mute_port, read_until, start
+
+from hexwire.cli.main import cli
 
 pytestmark = pytest.mark.system
 
@@ -25,6 +28,15 @@ def fails(status: int, *words: str) -> str:
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1, done.stderr
     return done.stderr.removeprefix("error: ").rstrip("\n")
+
+
+def is_refused(*words: str) -> str:
+    """As `fails`, for a usage error: nothing is opened yet, so this process will do."""
+    done = CliRunner().invoke(cli, words)
+    assert (done.exit_code, done.stdout) == (2, ""), done.output
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
 
 
 def succeeds(*words: str) -> str:
@@ -155,7 +167,7 @@ def test_a_wrong_rate() -> None:
 
 @pytest.mark.parametrize("rate", ["0", "x", "-1"])
 def test_an_invalid_rate_is_refused(rate: str) -> None:
-    fails(2, "probe", "--port", "/dev/ttyNOSUCH", "--baud", rate)
+    is_refused("probe", "--port", "/dev/ttyNOSUCH", "--baud", rate)
 
 
 def test_unplugged_in_the_middle_of_a_move(tmp_path: Path) -> None:
@@ -279,8 +291,8 @@ def test_a_board_ends_with_its_standard_input() -> None:
     ],
 )
 def test_invalid_board_options_are_refused(words: list[str]) -> None:
-    fails(2, "sim", "board", *words)
+    is_refused("sim", "board", *words)
 
 
 def test_a_link_that_cannot_be_made() -> None:
-    assert "/nosuch" in fails(2, "sim", "board", "--link", "/nosuch/folder/arm")
+    assert "/nosuch" in is_refused("sim", "board", "--link", "/nosuch/folder/arm")
