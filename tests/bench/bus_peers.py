@@ -18,7 +18,9 @@ from typing import Any
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 GOAL = 2048
-PEERS = ("bare Python", "hexwire", "rustypot", "feetech-servo-sdk", "lerobot")
+LOWEST, HIGHEST = -32767, 32767
+"""What a goal position takes."""
+PEERS = ("bare Python", "bare with time-out", "hexwire", "rustypot", "feetech-servo-sdk", "lerobot")
 _NEEDS = {"rustypot": "rustypot", "feetech-servo-sdk": "scservo_sdk", "lerobot": "lerobot"}
 
 
@@ -28,13 +30,19 @@ def installed() -> list[str]:
 
 
 class Bare:
-    """What a careful hand writes first: build, write, read, check."""
+    """What a careful hand writes first: build, write, read, check.
+
+    It checks what hexwire checks: header, id, length, error byte and checksum of each answer, and the range of each
+    goal, which may be another one each time. It has no time-out, so a lost byte ends it; hexwire pays for one with
+    a `poll` before each read. See `BareWithTimeout`.
+    """
 
     def __init__(self, path: str, baud: int) -> None:
         import tty
 
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(self.fd)
+        self.goals = dict.fromkeys(IDS, GOAL)
 
     def _build(self, servo_id: int, instruction: int, params: bytes) -> bytes:
         body = bytes((servo_id, len(params) + 2, instruction)) + params
@@ -42,19 +50,24 @@ class Bare:
 
     def _ask(self, request: bytes, ids: Sequence[int]) -> list[int]:
         os.write(self.fd, request)
-        wanted = 8 * len(ids)
-        data = os.read(self.fd, 256)
-        while len(data) < wanted:
-            data += os.read(self.fd, 256)
+        data = self._receive(8 * len(ids))
         values = []
         for i, servo_id in enumerate(ids):
             packet = data[8 * i : 8 * i + 8]
             if packet[0] != 0xFF or packet[1] != 0xFF or packet[2] != servo_id or packet[3] != 4:
                 raise OSError("wrong header")
+            if packet[4]:
+                raise OSError("a servo reports a fault")
             if sum(packet[2:]) & 0xFF != 0xFF:
                 raise OSError("wrong checksum")
             values.append(packet[5] | packet[6] << 8)
         return values
+
+    def _receive(self, wanted: int) -> bytes:
+        data = os.read(self.fd, 256)
+        while len(data) < wanted:
+            data += os.read(self.fd, 256)
+        return data
 
     def read(self) -> list[int | None]:
         return list(self._ask(self._build(1, 2, b"\x38\x02"), (1,)))
@@ -63,8 +76,34 @@ class Bare:
         return list(self._ask(self._build(0xFE, 0x82, b"\x38\x02" + bytes(IDS)), IDS))
 
     def sync_write(self) -> None:
-        rows = b"".join(bytes((i, GOAL & 0xFF, GOAL >> 8)) for i in IDS)
+        rows = b""
+        for servo_id, goal in self.goals.items():
+            if not LOWEST <= goal <= HIGHEST:
+                raise ValueError("no such position")
+            if goal < 0:
+                goal = -goal | 0x8000
+            rows += bytes((servo_id, goal & 0xFF, goal >> 8))
         os.write(self.fd, self._build(0xFE, 0x83, b"\x2a\x02" + rows))
+
+
+class BareWithTimeout(Bare):
+    """The same with a time-out for each piece of an answer, as on a line that may lose one."""
+
+    def __init__(self, path: str, baud: int) -> None:
+        import select
+
+        super().__init__(path, baud)
+        poll = select.poll()
+        poll.register(self.fd, select.POLLIN)
+        self.poll = poll.poll
+
+    def _receive(self, wanted: int) -> bytes:
+        data = b""
+        while len(data) < wanted:
+            if not self.poll(100):
+                raise TimeoutError("no answer")
+            data += os.read(self.fd, 256)
+        return data
 
 
 class Hexwire:
@@ -160,6 +199,7 @@ class Lerobot:
 
 CLASSES: dict[str, Callable[[str, int], Any]] = {
     "bare Python": Bare,
+    "bare with time-out": BareWithTimeout,
     "hexwire": Hexwire,
     "rustypot": Rustypot,
     "feetech-servo-sdk": VendorSdk,
