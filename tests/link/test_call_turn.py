@@ -18,7 +18,7 @@ def _is_free(turn: CallTurn) -> bool:
 
 def test_a_call_waits_for_the_turn_and_gives_it_back() -> None:
     turn = CallTurn()
-    assert turn.later(0.0, lambda: turn.taken) is True
+    assert turn.later(0.0, lambda: turn.taken) == 1
     assert not turn.taken
     inside, go_on = threading.Event(), threading.Event()
 
@@ -28,10 +28,12 @@ def test_a_call_waits_for_the_turn_and_gives_it_back() -> None:
 
     holder = Background(lambda: turn.later(-1.0, first))
     assert inside.wait(PATIENCE)
-    assert turn.taken
+    assert turn.taken == 1
     assert turn.later(0.0, lambda: True) is None
+    assert turn.taken == 1
     second = Background(lambda: turn.later(PATIENCE, lambda: True))
     second.let_it_block()
+    assert turn.taken == 2, "who comes now waits behind it"
     go_on.set()
     assert holder.outcome() is True
     assert second.outcome() is True
@@ -49,7 +51,7 @@ def test_a_call_inside_a_call_leaves_the_turn_to_the_outer_one() -> None:
     def outer() -> bool:
         assert turn.later(0.0, inner)
         assert turn.is_mine()
-        return turn.taken and not _is_free(turn)
+        return turn.taken == 1 and not _is_free(turn)
 
     assert turn.later(0.0, outer)
     assert not turn.is_mine()

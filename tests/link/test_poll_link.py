@@ -182,6 +182,22 @@ def test_a_second_reader_waits_its_turn_and_keeps_its_deadline() -> None:
         assert second.outcome() == b"2"
 
 
+def test_a_reader_that_comes_again_keeps_its_deadline_though_another_waits() -> None:
+    def twice() -> tuple[bytes, bytes]:
+        # The one that waits gets the turn at the end of the first, before its thread runs.
+        return link.read(None), link.read(in_a_moment())
+
+    with ScriptedLink() as link:
+        first = Background(twice)
+        first.let_it_block()
+        second = Background(lambda: link.read(None))
+        second.let_it_block()
+        link.far.send(b"1")
+        assert first.outcome() == (b"1", b"")
+        link.far.send(b"2")
+        assert second.outcome() == b"2"
+
+
 def test_a_second_writer_keeps_its_deadline() -> None:
     with ScriptedLink() as link:
         link.takes = 0
@@ -314,14 +330,14 @@ def test_ctrl_c_at_any_step_leaves_a_link_that_can_be_used_and_closed(name: str,
         link.open()
         link.far.send(b"answer")
         # With the turns marked as taken, the call goes the way of one that finds another thread's call.
-        link._reading.taken = link._writing.taken = marked
+        link._reading.taken = link._writing.taken = int(marked)
         where = interrupted_at(step, lambda use=use, link=link: use(link))  # type: ignore[misc]  # of this turn
         if not where:
             assert step > 3
             link.close()
             return
-        assert link._reading.taken is link._writing.taken is marked, where
-        link._reading.taken = link._writing.taken = False
+        assert link._reading.taken == link._writing.taken == marked, where
+        link._reading.taken = link._writing.taken = 0
         Background(lambda link=link: _use_all(link)).outcome()
         _use_all(link)
         Background(link.close).outcome()

@@ -187,19 +187,9 @@ class PollLink(Link):
                 self._close_pending = True
                 return
             self._close_pending = False
-            with self._reading.lock:
-                self._reading.taken = True
-                try:
-                    with self._writing.lock:
-                        self._writing.taken = True
-                        try:
-                            self._release()
-                        finally:
-                            self._writing.taken = False
-                finally:
-                    self._reading.taken = False
+            self._reading.later(-1.0, lambda: self._writing.later(-1.0, self._release))
 
-    def _release(self) -> None:
+    def _release(self) -> bool:
         self._fd = -1
         self._read_now = self._write_now = None
         self._close()
@@ -209,6 +199,7 @@ class PollLink(Link):
         # At the end: after Ctrl-C above, close() does what is left.
         self._close_pending = False
         self._state = _State.CLOSED
+        return True
 
     def wake(self) -> None:
         self._read_waker.set()
@@ -223,12 +214,13 @@ class PollLink(Link):
                 if data is None and self._closing:
                     raise self._closed()  # the one who has the turn is close()
                 return data or b""
-            with turn.lock:
-                turn.taken = True
-                try:
-                    return self._read(deadline)
-                finally:
-                    turn.taken = False
+            turn.taken = 1
+            try:
+                turn.lock.acquire()
+                return self._read(deadline)
+            finally:
+                turn.taken -= 1
+                turn.lock.release()
         finally:
             if self._close_pending:
                 self.close()
@@ -271,37 +263,38 @@ class PollLink(Link):
             return super().collect(window, rest)
         answer, left, wait = b"", 0.0, window
         try:
-            with turn.lock:
-                turn.taken = True
-                try:
-                    poll, ready, read = self._wait_to_read, self._ready, self._read_now
-                    if read is None:
-                        raise self._refusal()
-                    # What comes after the answer delays the next request; until then, time is free.
-                    while True:
-                        try:
-                            events = poll(wait * 1000.0 if 0.0 < wait <= LONGEST_POLL else _milliseconds(wait))
-                            if events != ready:
-                                if events or not wait > LONGEST_POLL:
-                                    break
-                                wait -= LONGEST_POLL
-                                continue
-                            left = wait
-                            data = read() or self._read_ready()
-                        except BlockingIOError:
-                            break
-                        except OSError as error:
-                            raise self._as_lost(error) from error
-                        if not data:
-                            break
-                        answer += data
-                        if rest is None:
-                            return answer
-                        wait = rest(answer)
-                        if wait <= 0.0:
-                            return answer
-                finally:
-                    turn.taken = False
+            turn.taken = 1
+            try:
+                turn.lock.acquire()
+                poll, ready, read = self._wait_to_read, self._ready, self._read_now
+                if read is None:
+                    raise self._refusal()
+                # What comes after the answer delays the next request; until then, time is free.
+                while True:
+                    try:
+                        events = poll(wait * 1000.0 if 0.0 < wait <= LONGEST_POLL else _milliseconds(wait))
+                        if events != ready:
+                            if events or not wait > LONGEST_POLL:
+                                break
+                            wait -= LONGEST_POLL
+                            continue
+                        left = wait
+                        data = read() or self._read_ready()
+                    except BlockingIOError:
+                        break
+                    except OSError as error:
+                        raise self._as_lost(error) from error
+                    if not data:
+                        break
+                    answer += data
+                    if rest is None:
+                        return answer
+                    wait = rest(answer)
+                    if wait <= 0.0:
+                        return answer
+            finally:
+                turn.taken -= 1
+                turn.lock.release()
         finally:
             if self._close_pending:
                 self.close()
@@ -349,12 +342,13 @@ class PollLink(Link):
                     # If the link is being closed, close() has the turn.
                     raise self._closed() if self._closing else self._late(0, size)
                 return
-            with turn.lock:
-                turn.taken = True
-                try:
-                    self._write(data, deadline)
-                finally:
-                    turn.taken = False
+            turn.taken = 1
+            try:
+                turn.lock.acquire()
+                self._write(data, deadline)
+            finally:
+                turn.taken -= 1
+                turn.lock.release()
         finally:
             if self._close_pending:
                 self.close()
@@ -372,22 +366,23 @@ class PollLink(Link):
         if turn.taken or self.max_message is not None:
             return super().post(data)
         try:
-            with turn.lock:
-                turn.taken = True
+            turn.taken = 1
+            try:
+                turn.lock.acquire()
+                write = self._write_now
+                if write is None:
+                    raise self._refusal()
                 try:
-                    write = self._write_now
-                    if write is None:
-                        raise self._refusal()
-                    try:
-                        sent = write(data)
-                    except BlockingIOError:
-                        sent = 0
-                    except OSError as error:
-                        raise self._as_lost(error) from error
-                    if sent < len(data):
-                        self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
-                finally:
-                    turn.taken = False
+                    sent = write(data)
+                except BlockingIOError:
+                    sent = 0
+                except OSError as error:
+                    raise self._as_lost(error) from error
+                if sent < len(data):
+                    self._write_rest(memoryview(data), sent, monotonic() + WRITE_TIME)
+            finally:
+                turn.taken -= 1
+                turn.lock.release()
         finally:
             if self._close_pending:
                 self.close()
