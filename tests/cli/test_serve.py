@@ -130,11 +130,20 @@ COMMANDS = [
     "goto 0 20 0 --relative --dry-run",
     "goto 0 20 900",
     "line 0 -20 0 --relative --json",
+    "goto 0 20 0 --relative --dry-run --plot FOLDER/a.png --force",
+    "goto 0 20 0 --relative --dry-run --plot FOLDER/a.txt",
     "grip open",
+    "grip 20% --json",
     "pump suck",
     "pump off --json",
     "play WAYPOINTS",
     "play NOTHING",
+    "--record FOLDER/r.mcap --force move --wait J1=3 --duration 0.2",
+    "play FOLDER/r.mcap --dry-run",
+    "teach FOLDER/t.mcap --duration 0.3 --yes --force",
+    "teach FOLDER/t.mcap --duration 0.2 --yes --force --limp --json",
+    "teach FOLDER/t.mcap",
+    "torque on",
     "stop",
     "stop --json",
     "move J1=1",
@@ -170,6 +179,7 @@ def test_each_command_says_and_returns_the_same_directly_and_through_a_server(
     (runtime / "w.json").write_text(json.dumps(WAYPOINTS))
     for command in COMMANDS:
         words = command.replace("WAYPOINTS", str(runtime / "w.json")).replace("NOTHING", str(runtime / "no.json"))
+        words = words.replace("FOLDER", str(runtime))
         direct, remote = run(*words.split(), port=plug.path), run(*words.split())
         assert (command, remote.exit_code) == (command, direct.exit_code), remote.output + direct.output
         assert remote.exception is None or isinstance(remote.exception, SystemExit), command

@@ -1,0 +1,132 @@
+"""The node with an arm that `hexwire serve` shares with other programs."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+
+import pytest
+from tests.ros1.ros_world import HEXWIRE, Arm, PtyBoard, World, near, still, until
+
+import hexwire
+from hexwire.fleet.remote import RemoteRobot
+from hexwire.fleet.service import Service
+from hexwire.fleet.service_file import read_arms
+
+PORT = "zenoh:lab/arm1"
+
+
+@pytest.fixture(scope="module")
+def shared(world: World) -> Iterator[Arm]:
+    """A node without torque, and the arm behind it, whose server is this process."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(0.001)
+    folder = world.folder / "run"
+    folder.mkdir(mode=0o700)
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
+            patch.setenv(name, str(folder))
+            world.env[name] = str(folder)
+        board = PtyBoard(world.folder / "shared")
+        try:
+            with Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0}})):
+                node = world.node(f"_port:={PORT}", "_allow_partial_joints_goal:=true", "_publish_rate:=50")
+                yield Arm(world, node, board=board)
+                assert node.end() == 0
+        finally:
+            board.close()
+            sys.setswitchinterval(interval)
+
+
+def other(take: bool = False) -> RemoteRobot:
+    robot = hexwire.connect(PORT + ("?take=1" if take else ""))
+    assert isinstance(robot, RemoteRobot)
+    return robot
+
+
+@pytest.fixture
+def arm(shared: Arm) -> Arm:
+    """The arm with torque, commanded by its node."""
+    shared.trigger("reset")
+    shared.enable()
+    return shared
+
+
+def test_two_watch_one_records_one_moves_the_node_publishes_and_a_sixth_stops(shared: Arm) -> None:
+    world, file = shared.world, shared.world.folder / "r.mcap"
+    watch = (*HEXWIRE, "state", "--watch", "--port", PORT)
+    readers = [
+        world.start(*watch),
+        world.start(*watch, "--json"),
+        world.start(*HEXWIRE, "--record", str(file), *watch[len(HEXWIRE) :]),
+    ]
+    move = world.start(*HEXWIRE, "move", "J1=60", "--duration", "20", "--wait", "--port", PORT)
+    here = shared.board.positions["J1"]
+    until(lambda: shared.board.positions["J1"] > here + 0.03, "it moves", move.report)
+    # The node has not commanded it, so it only publishes, and hears who holds the lease.
+    until(lambda: shared.position()["J1"] > here + 0.05, "the node says so", shared.node.report)
+    success, text = shared.client.switch(service=shared.service("enable"), on=True)
+    assert not success
+    assert "holds the lease" in text
+    stop = world.run(*HEXWIRE, "stop", "--port", PORT)
+    assert stop.out == "stopped, holding: J1 J2 J3 J4 J5 J6 J7\n"
+    assert move.wait() == 1
+    assert "the arm was stopped before it arrived" in move.err
+    where = still(lambda: shared.board.positions)
+    assert where["J1"] < 0.9
+    for reader in readers:
+        until(lambda reader=reader: "stopped" in reader.out, "it saw the stop", reader.report)
+        assert reader.running
+        assert reader.end() == 130
+        assert reader.err == ""
+    until(lambda: near(where, shared.position()), "the node went on", shared.node.report)
+    shared.diagnosed("board", 2, "stopped")
+    info = world.run(*HEXWIRE, "record", "info", str(file))
+    assert "foxglove.JointStates" in info.out
+
+
+def test_a_goal_is_followed_while_another_program_reads_and_is_refused_to_move(arm: Arm) -> None:
+    with other() as robot:
+        here = robot.read().positions
+        target = {"J1": here["J1"] - 0.2}
+        arm.send("one", target, 1.0)
+        states = robot.stream(0.05)
+        until(lambda: next(states).positions["J1"] < here["J1"] - 0.02, "another program sees it", arm.node.report)
+        refused = arm.world.run(*HEXWIRE, "move", "J1=0", "--port", PORT, status=1)
+        assert f"process {arm.node.process.pid}" in refused.err
+        assert refused.err.count("\n") == 1
+        assert arm.result("one")["state"] == "SUCCEEDED"
+        assert near(target, robot.read().positions)
+
+
+def test_a_stop_by_service_and_one_of_another_program_abort_a_goal(arm: Arm) -> None:
+    with other() as robot:
+        for stop in (lambda: arm.trigger("stop"), robot.stop):
+            arm.send("long", {"J1": arm.position()["J1"] + 0.5}, 10.0)
+            arm.client.wait_active(key="long")
+            stop()
+            assert arm.result("long")["state"] == "ABORTED"
+            assert robot.read().stopped
+            arm.trigger("reset")
+            assert not robot.read().stopped
+
+
+def test_a_goal_ends_with_the_lease_and_only_a_reset_takes_it_again(arm: Arm) -> None:
+    arm.send("long", {"J1": arm.position()["J1"] + 0.5}, 10.0)
+    arm.client.wait_active(key="long")
+    with other(take=True) as robot:
+        robot.torque(True)
+        result = arm.result("long")
+        assert result["state"] == "ABORTED"
+        where = still(lambda: arm.board.positions)
+        # The node is back, but does not take the arm from anybody.
+        arm.send("again", {"J1": where["J1"] + 0.1}, 1.0)
+        assert arm.result("again")["state"] == "REJECTED"
+        assert str(os.getpid()) in robot.holder
+        # A lost lease is no stop.
+        assert not robot.read().stopped
+    assert near(where, still(lambda: arm.board.positions))
+    until(lambda: arm.client.trigger(service=arm.service("reset"))[0] or None, "it is reset", arm.node.report)
+    arm.send("again", {"J1": where["J1"] + 0.1}, 1.0)
+    assert arm.result("again")["state"] == "SUCCEEDED"
