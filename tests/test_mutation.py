@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.mutation import Mutant, changed_lines, draw, is_meaningful, put_in
+from tests.mutation import ROOT, Mutant, changed_lines, draw, is_meaningful, load_reasons, put_in
 
 BEFORE = """
 def f(x):
@@ -118,3 +118,13 @@ def test_a_sample_is_random_and_stays_when_other_code_changes() -> None:
     kept = {mutant.place for mutant in sample} & {mutant.place for mutant in rest}
     assert 10 < len(kept) < 30
     assert kept <= {mutant.place for mutant in draw(rest, 40, 1)}
+
+
+def test_every_reason_is_for_code_that_is_still_there() -> None:
+    for (place, change), reason in load_reasons().items():
+        file, _, function = place.partition(":")
+        source = (ROOT / "src/hexwire" / file).read_text()
+        lines = {line.strip() for line in source.splitlines()}
+        assert f"def {function}(" in source, place
+        assert {line[1:] for line in change if line.startswith("-")} <= lines, f"{place} has changed: {change}"
+        assert reason
