@@ -59,6 +59,16 @@ def test_the_path_to_the_first_point_may_have_become_too_fast(late: bool, reason
     assert caught.value.reason == reason
 
 
+def test_a_bridge_is_checked_with_what_others_do_meanwhile_and_not_later() -> None:
+    mine = way({"J2": FOLD["J2"]}, 3.0)
+    home, fold = (HOME["J3"],), (FOLD["J3"],)
+    now = Spline(("J3",), [Waypoint(0.0, home), Waypoint(3.0, fold), Waypoint(6.0, home)])
+    later = Spline(("J3",), [Waypoint(0.0, home), Waypoint(3.0, home), Waypoint(6.0, fold)])
+    CHECK.bridge(mine, HOME, [later], late=False)
+    with pytest.raises(GoalError, match="elbow folded"):
+        CHECK.bridge(mine, HOME, [now], late=False)
+
+
 def test_a_takeover_that_swings_through_a_coupling_limit_is_refused() -> None:
     here = {**HOME, "J3": FOLD["J3"]}
     good = [(0.1 * i, {"J2": HOME["J2"] + math.radians(5 * i)}) for i in range(4)]
