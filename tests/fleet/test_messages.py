@@ -217,3 +217,25 @@ def test_whatever_arrives_has_a_key_or_is_one_error(payload: bytes) -> None:
         assert m.decode(payload, m.Envelope).key == key
     except RemoteProtocolError:
         assert 0 <= key < 2**64
+
+
+@pytest.mark.parametrize("kind", [m.LeaseRequest, m.Take, m.Beat, m.Leave, m.Ask, m.StopRequest, m.Question])
+def test_what_anybody_may_send_is_short_or_refused_undecoded(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded = []
+
+    class Decoder:
+        def decode(self, data: object) -> None:
+            decoded.append(data)
+
+    monkeypatch.setitem(m._decoders, kind, Decoder())  # type: ignore[arg-type]
+    with pytest.raises(RemoteProtocolError, match="longer than 32768"):
+        m.decode(bytes([m.VERSION]) + b"\x90" * m.SHORT, kind)
+    assert not decoded
+    m.decode(bytes([m.VERSION]) + b"\x90" * (m.SHORT - 1), kind)
+    assert decoded
+
+
+def test_the_longest_request_of_this_program_is_short() -> None:
+    longest = "\N{GRINNING FACE}" * 4096
+    for request, kind in ((m.Take(longest), m.LeaseRequest), (m.StopRequest(longest), m.Question)):
+        assert m.decode(m.encode(request), kind) == request

@@ -37,6 +37,9 @@ __all__ = [
 
 VERSION = 1
 """Version of the schema. It grows when a program of an older version could misunderstand a message."""
+SHORT = 1 << 15
+"""Most bytes of a question, a stop or a request for the lease, which many may send: decoding longer ones would take
+time that the others need."""
 LARGEST = 1 << 21
 """Most bytes of a message: a trajectory of 10,000 points is smaller."""
 
@@ -368,6 +371,7 @@ _decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {
         *(Ask, StopRequest, Question, Joint, Facts, Goal, Answer),
     )
 }
+_SHORT_KINDS = frozenset((Take, Beat, Leave, LeaseRequest, Ask, StopRequest, Question))
 _HEAD = bytes([VERSION])
 
 
@@ -392,7 +396,7 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
     Raises:
         RemoteProtocolError: It is not such a message, or its version is another one.
     """
-    _check(payload)
+    _check(payload, SHORT if kind in _SHORT_KINDS else LARGEST)
     decoder = _decoders[kind]
     try:
         return decoder.decode(memoryview(payload)[1:])  # type: ignore[no-any-return]  # the decoder is of that kind
@@ -409,7 +413,7 @@ def lease_key(payload: bytes) -> int:
     Raises:
         RemoteProtocolError: It does not begin like an envelope, or its version is another one.
     """
-    _check(payload)
+    _check(payload, LARGEST)
     if payload[:3] == _ENVELOPE:
         code = payload[3] if len(payload) > 3 else 0xC1
         size = 0 if code < 0x80 else _UINTS.get(code)
@@ -418,11 +422,11 @@ def lease_key(payload: bytes) -> int:
     raise RemoteProtocolError("not a valid message: it does not begin like an order")
 
 
-def _check(payload: bytes) -> None:
+def _check(payload: bytes, largest: int) -> None:
     if not payload:
         raise RemoteProtocolError("an empty message")
-    if len(payload) > LARGEST:
-        raise RemoteProtocolError(f"a message of {len(payload)} bytes is longer than {LARGEST}")
+    if len(payload) > largest:
+        raise RemoteProtocolError(f"a message of {len(payload)} bytes is longer than {largest}")
     version = payload[0]
     if version != VERSION:
         older = "the other program is older than this one" if version < VERSION else "this program is older"
