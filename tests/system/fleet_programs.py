@@ -262,9 +262,13 @@ class Lab(Scene):
             self.reader.do("watch")
         if not hasattr(self, "operator") or self.operator.process.poll() is not None:
             self.operator = self.start_client("op")
-        self.came(lambda: "error" not in self.operator.ask("take", force=True), BACK)
-        self.operator.do("resume")
-        self.operator.do("torque", True)
+        # All three again if the lease is lost in between, as on a machine that stalls.
+        steps: tuple[tuple[str, dict[str, bool]], ...] = (
+            ("take", {"force": True}),
+            ("resume", {}),
+            ("torque", {"on": True}),
+        )
+        self.came(lambda: all("error" not in self.operator.ask(name, **named) for name, named in steps), BACK)
 
     def last(self, kind: str = "state", client: int = 0) -> dict[str, Any]:
         """The last row of a kind, of the reader or of another client."""
