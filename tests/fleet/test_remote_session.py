@@ -64,7 +64,7 @@ def test_a_session_whose_connection_has_ended_meanwhile_is_not_used(serve: Serve
 def test_a_robot_that_was_never_attached_keeps_no_session(serve: Serve, opened: list[Node]) -> None:
     serve("lab/arm1", robot="sim")
     del opened[:]
-    with pytest.raises(UsageError, match="leave out --robot"):
+    with pytest.raises(UsageError, match="its server names the robot"):
         RemoteRobot.from_url("zenoh:lab/arm1", robot="so101")
     for end in (RemoteRobot.detach, RemoteRobot.abort):
         end(RemoteRobot.from_url("zenoh:lab/arm1"))

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from tests.ros1.ros_world import HEXWIRE, Arm, PtyBoard, World, near, still, until
+from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, near, still, until
 
 import hexwire
 from hexwire.fleet.remote import RemoteRobot
@@ -130,3 +130,19 @@ def test_a_goal_ends_with_the_lease_and_only_a_reset_takes_it_again(arm: Arm) ->
     until(lambda: arm.client.trigger(service=arm.service("reset"))[0] or None, "it is reset", arm.node.report)
     arm.send("again", {"J1": where["J1"] + 0.1}, 1.0)
     assert arm.result("again")["state"] == "SUCCEEDED"
+
+
+@pytest.mark.parametrize(
+    ("port", "status", "text"),
+    [
+        ("zenoh:lab/nix", 1, "no arm lab/nix is served"),
+        ("zenoh:", 2, "ROS rejects these arguments"),
+        (f"{PORT} _robot:=puma260", 2, "is a hex7bot, not a puma260; its server names the robot"),
+    ],
+)
+def test_a_wrong_address_is_one_line(shared: Arm, port: str, status: int, text: str) -> None:
+    node = shared.world.start(*NODE, "__ns:=wrong", *f"_port:={port}".split())
+    assert node.wait() == status
+    (line,) = node.err.splitlines()
+    assert line.startswith("error: ")
+    assert text in line

@@ -115,7 +115,7 @@ class RemoteRobot(Following, Described):
         try:
             facts = decoded(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT), m.Facts)
             if robot is not None and robot != facts.robot:
-                raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; leave out --robot")
+                raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; its server names the robot")
             driver = cls(address, facts)
         except BaseException:
             node.close()
