@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -81,6 +82,14 @@ def test_every_module_has_a_test_file() -> None:
     modules = [module for module in MODULES if Path(module).name != "__init__.py" and module not in GENERATED]
     missing = [str(_mirror(module).relative_to(ROOT)) for module in modules if not _mirror(module).is_file()]
     assert not missing, f"not there: {', '.join(missing)}"
+
+
+def test_no_test_skips_itself() -> None:
+    """`make test` installs what the tests need: one that is skipped where something is missing would hide that."""
+    skips = re.compile(r"\b(importorskip|skipif|pytest\.skip|mark\.skip|skipTest)\b")
+    files = [path for path in (ROOT / "tests").rglob("*.py") if path != Path(__file__)]
+    found = [str(path.relative_to(ROOT)) for path in files if skips.search(path.read_text(encoding="utf-8"))]
+    assert not found, f"tests that may be skipped: {', '.join(found)}"
 
 
 def test_tests_are_no_package() -> None:
