@@ -4,9 +4,12 @@
 
 Owns which mutants count and the table at the end. mutmut makes them and runs each against the tests that call the
 function it is in. A mutant counts if it changes what code does; texts, `__repr__`, type hints and what a `raise`
-says do not count. `mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its
-reason. A mutant that no test notices but mypy refuses is noticed too, since `make test` runs mypy; the table counts
-these apart. Ends with status 1 if less than 95 % of a room's mutants are noticed, or a survivor has no reason.
+says do not count, and mutmut leaves out properties and a module's constants. A test that takes a minute hangs, and
+counts as one that fails; a run that takes too long as a whole is repeated alone.
+
+`mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its reason. A mutant that
+no test notices but mypy refuses is noticed too, since `make test` runs mypy; the table counts these apart. Ends
+with status 1 if less than 95 % of a room's mutants are noticed, or a survivor has no reason.
 """
 
 from __future__ import annotations
