@@ -93,14 +93,29 @@ def test_a_mistake_in_them_is_one_line_and_a_usage_error(lab: Lab, tmp_path: Pat
     assert not (tmp_path / "b.mcap").exists()
 
 
-def test_a_certificate_that_has_expired_keeps_no_stop_from_the_arms_of_this_machine(lab: Lab, serve: Serve) -> None:
+def test_certificates_that_cannot_be_used_keep_no_stop_from_the_arms_of_this_machine(
+    lab: Lab, serve: Serve
+) -> None:
     serve("near", robot="sim")
-    done = run("stop", "--all", *typed(lab, "old"))
-    assert done.exit_code == 1
-    near, far = done.stdout.splitlines()
-    assert near.startswith("near: stopped")
-    assert far.startswith(f"{lab.endpoint}: NOT CONFIRMED")
-    assert "expired on 2020-01-02" in far
+    none = str(lab.folder / "none.pem")
+    for way, said in ((typed(lab, "old"), "expired on 2020-01-02"), (typed(lab, "anna", cert=none), none)):
+        done = run("stop", "--all", *way)
+        assert done.exit_code == 1
+        near, far = done.stdout.splitlines()
+        assert near.startswith("near: stopped")
+        assert far.startswith(f"{lab.endpoint}: NOT CONFIRMED")
+        assert said in far
+
+
+def test_a_stop_that_does_not_begin_says_that_nothing_was_stopped(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = runtime / "anna.toml"
+    file.write_text('rouetr = "tls/lab-pc:7447"\n')
+    monkeypatch.setenv("HEXWIRE_FLEET", str(file))
+    done = run("stop", "--all")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert f"nothing was stopped: {file}:1:" in done.stderr
 
 
 def test_a_router_without_certificates_is_reached_where_a_flag_says_so(

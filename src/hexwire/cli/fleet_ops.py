@@ -39,8 +39,7 @@ _DO = (
 )
 
 
-_way_of_a_stop = functools.partial(way_options, check=False)
-"""Certificates that have expired keep no stop from the arms of this machine."""
+_way_of_a_stop = functools.partial(way_options, stops=True)
 
 
 @click.command("list")

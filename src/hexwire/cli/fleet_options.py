@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import click
 
+from hexwire.errors import UsageError
+
 __all__ = ["certificate_options", "way_options"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -41,14 +43,14 @@ def certificate_options(owner: str) -> Callable[[_F], _F]:
     return add
 
 
-def way_options(command: Callable[..., Any], *, check: bool = True) -> Callable[..., Any]:
+def way_options(command: Callable[..., Any], *, stops: bool = False) -> Callable[..., Any]:
     """``--router`` and `certificate_options`; the command gets ``router``, the way to other machines' arms or None.
 
     What is not typed comes from the file in HEXWIRE_FLEET.
 
     Args:
         command: The command.
-        check: Certificates that cannot be used end it; otherwise only the router cannot be reached.
+        stops: It stops arms: certificates that cannot be used keep no stop from the arms of this machine.
     """
 
     @functools.wraps(command)
@@ -57,9 +59,11 @@ def way_options(command: Callable[..., Any], *, check: bool = True) -> Callable[
     ) -> Any:
         from hexwire.fleet.address import router_network
 
-        way = router_network(
-            router, ca=ca, cert=cert, key=key, without_certificates=reachable_without_certificates, check=check
-        )
+        plain = reachable_without_certificates
+        try:
+            way = router_network(router, ca=ca, cert=cert, key=key, without_certificates=plain, check=not stops)
+        except UsageError as error:
+            raise UsageError(f"nothing was stopped: {error}") if stops else error from None
         return command(*args, router=way, **rest)
 
     with_certificates = certificate_options("this program")(packed)

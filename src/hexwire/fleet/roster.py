@@ -62,7 +62,7 @@ class Roster:
         on_change: Called when an arm appears (True) or vanishes (False), in a thread that must not wait.
 
     Raises:
-        UsageError: It is not a pattern; or the certificate cannot be read.
+        UsageError: It is not a pattern. A certificate that cannot be read is only an error of its way.
     """
 
     def __init__(
@@ -74,7 +74,10 @@ class Roster:
     ) -> None:
         self.pattern = check_pattern(pattern)
         self._router, self._on_change = router, on_change
-        self._rights = rights_of(router.cert) if router is not None and router.cert else None
+        self._rights = None
+        if router is not None and router.cert:
+            with contextlib.suppress(UsageError):
+                self._rights = rights_of(router.cert)
         self._ways: dict[str, _Way] = {}
         # Arm -> connection -> instances of its server. An arm may be reached on two ways.
         self._arms: dict[str, dict[_Way, set[str]]] = {}
@@ -229,9 +232,10 @@ class Roster:
     def _denied(self, node: Node) -> str:
         """Why a router says of no arm that it is there; empty if none is."""
         try:
-            node.ask_neighbours(_TOKENS)
-        except NoAnswerError as none:
-            return unknown_certificate(node.cert) if none.absent and node.cert else HUNG
+            try:
+                node.ask_neighbours(_TOKENS)
+            except NoAnswerError as none:
+                return unknown_certificate(node.cert) if none.absent and node.cert else HUNG
         except HexwireError as error:
             return str(error)
         return ""
