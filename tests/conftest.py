@@ -6,6 +6,7 @@ import atexit
 import gc
 import os
 import shutil
+import signal
 import tempfile
 import threading
 from collections.abc import Generator, Iterator
@@ -34,6 +35,9 @@ settings.register_profile("thorough", max_examples=5000, **_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "default"))
 
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 def pytest_xdist_auto_num_workers() -> int:
     """Two workers for each processor: half of the time the tests wait for a process, a line or a servo."""
     return 2 * len(os.sched_getaffinity(0))
@@ -55,6 +59,16 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
     """Leave out the docstrings of tests, which `--markdown-docs` searches: that takes a third of the collection."""
     found = yield
     return [collector for collector in found if not isinstance(collector, MarkdownDocstringCodeModule)]
+
+
+@pytest.fixture(autouse=True)
+def _signals_as_before() -> Iterator[None]:
+    """Take back the signal handlers that a command has installed for the rest of its program."""
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    yield
+    for number, handler in before.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
 
 
 @pytest.fixture(autouse=True)
