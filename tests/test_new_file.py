@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.new_file import OutputFile, make_folder, open_folder
+from hexwire.new_file import OutputFile, make_folder, make_private_folder, open_folder, runtime_folder
 
 STRANGER = 54321
 BelongsTo = Callable[[Path, int], None]
@@ -282,3 +282,33 @@ def test_a_folder_is_opened(tmp_path: Path) -> None:
         assert os.path.samestat(os.fstat(fd), tmp_path.stat())
     finally:
         os.close(fd)
+
+
+def test_a_private_folder_is_closed_to_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "a" / "b"
+    for _ in range(2):
+        make_private_folder(folder, "try another")
+        assert folder.stat().st_mode & 0o777 == 0o700
+        folder.chmod(0o755)
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match="try another"):
+        make_private_folder(tmp_path / "file" / "x", "try another")
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    with pytest.raises(UsageError, match=r"belongs to .*; try another"):
+        make_private_folder(folder, "try another")
+
+
+@pytest.mark.parametrize(
+    ("runtime", "state", "place"),
+    [
+        ("/run/user/7", "/s", "/run/user/7/hexwire"),
+        ("relative", "/s", "/s/hexwire"),
+        ("", "relative", "/h/.local/state/hexwire"),
+    ],
+)
+def test_programs_of_a_user_share_a_folder(
+    runtime: str, state: str, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("XDG_RUNTIME_DIR", runtime), ("XDG_STATE_HOME", state), ("HOME", "/h")):
+        monkeypatch.setenv(name, value)
+    assert str(runtime_folder()) == place

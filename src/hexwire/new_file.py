@@ -20,7 +20,15 @@ from hexwire.errors import UsageError
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["OutputFile", "is_planted", "make_folder", "open_folder", "owner_name"]
+__all__ = [
+    "OutputFile",
+    "is_planted",
+    "make_folder",
+    "make_private_folder",
+    "open_folder",
+    "owner_name",
+    "runtime_folder",
+]
 
 _PATH = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
 _FOLDER = _PATH | os.O_DIRECTORY
@@ -184,6 +192,35 @@ def make_folder(path: Path) -> None:
         UsageError: As `open_folder`; or this user may not make it.
     """
     os.close(_walk(path, make=True))
+
+
+def make_private_folder(path: Path, remedy: str) -> None:
+    """Make a folder that nobody else can look into.
+
+    Raises:
+        UsageError: It cannot be made, or belongs to another user; the text ends with `remedy`.
+    """
+    try:
+        make_folder(path)
+    except UsageError as error:
+        raise UsageError(f"{error}: {remedy}") from None
+    try:
+        status = path.stat()
+        if status.st_uid != os.geteuid():
+            raise UsageError(f"{path} belongs to {owner_name(status.st_uid)}; {remedy}")
+        if status.st_mode & 0o077:
+            path.chmod(0o700)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be used: {error.strerror}; {remedy}") from None
+
+
+def runtime_folder() -> Path:
+    """Folder for what programs of this user share; XDG_RUNTIME_DIR is cleared at this user's last log-out."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    if runtime and Path(runtime).is_absolute():
+        return Path(runtime) / "hexwire"
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state and Path(state).is_absolute() else Path.home() / ".local" / "state") / "hexwire"
 
 
 def owner_name(uid: int) -> str:

@@ -16,12 +16,14 @@ def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What the emulator was asked for; serving ends at once."""
     asked: dict[str, Any] = {}
 
-    def make(**options: Any) -> str:
-        asked.update(options)
-        return "the board"
+    real = emulator_board.make_hex7bot_board
+
+    def make(**options: Any) -> object:
+        asked.update(options, device=real())
+        return asked["device"]
 
     def serve_board(device: object, **options: Any) -> None:
-        assert device == "the board"
+        assert device is asked["device"]
         asked.update(serve=options)
         options["announce"]("/dev/pts/77")
 

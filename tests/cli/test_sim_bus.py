@@ -3,6 +3,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -10,6 +11,8 @@ from click.testing import CliRunner
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.cli.main import cli
 from hexwire.cli.sim_bus import parse_ids
+from hexwire.emulator import serve_bus as emulator_serve_bus
+from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import UsageError
 from hexwire.link.serial import SerialLink
 
@@ -32,12 +35,30 @@ def test_ids() -> None:
         ("--baud", "9600"),
         ("--baud", "9" * 5000),
         ("--fault", "x"),
+        ("--arm", "so102"),
+        ("--arm", "so101", "--ids", "1-6"),
+        ("--arm", "so101", "--series", "sts"),
+        ("--arm", "so101", "--baud", "500000"),
+        ("--leader",),
     ],
 )
 def test_invalid_values_are_refused(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(cli, ["sim", "bus", *words])
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_an_arm_has_its_servos_and_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[list[EmulatedServo], dict[str, Any]]] = []
+    monkeypatch.setattr(emulator_serve_bus, "serve_bus", lambda servos, **rest: asked.append((servos, rest)))
+    for words in (["--arm", "so101"], ["--arm", "so100", "--leader", "--baud", "0"], ["--ids", "1,2"]):
+        assert CliRunner().invoke(cli, ["sim", "bus", *words]).exit_code == 0
+    follower, leader, plain = asked
+    assert [servo.servo_id for servo in follower[0]] == [1, 2, 3, 4, 5, 6]
+    assert follower[1]["arm"].names[2] == "elbow_flex"
+    assert (follower[1]["baud"], leader[1]["baud"]) == (1_000_000, 0)
+    assert leader[0][0].motion.mechanics.max_speed > 1.5 * follower[0][0].motion.mechanics.max_speed
+    assert (plain[1]["arm"], len(plain[0])) == (None, 2)
 
 
 @pytest.mark.system

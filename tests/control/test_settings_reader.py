@@ -380,3 +380,9 @@ def test_defaults_beside_several_controllers_are_no_contradiction() -> None:
         joints=[], constraints={}, allow_partial_joints_goal=False, controllers={"a": {"joints": ["J1"]}}
     )
     assert [controller.name for controller in settings.controllers] == ["a"]
+
+
+def test_an_emulated_arm_needs_no_robot_named() -> None:
+    settings, driver = read_settings({"port": "sim://so101"}, Faults())
+    assert (settings.model.name, driver.model.name, driver.url) == ("so101", "so101", "sim://so101")
+    assert read_settings({"port": "sim://so101", "robot": "so100"}, Faults())[1].model.name == "so100"

@@ -62,3 +62,20 @@ def test_an_observer_gets_every_state_that_the_robot_reads_and_no_other_robots()
     assert seen == [state]
     with robot.watched(0.5):
         assert len(seen) == 2
+
+
+@pytest.mark.parametrize(
+    ("port", "robot"),
+    [
+        (None, "hex7bot"),
+        ("/dev/ttyUSB0", "hex7bot"),
+        ("sim://so101", "so101"),
+        ("sim://so100?seed=3", "so100"),
+        ("sim://so101/", "so101"),
+        ("sim://hex7bot", "hex7bot"),
+        ("sim://nothing", "hex7bot"),
+        ("tcp://so101:1", "hex7bot"),
+    ],
+)
+def test_an_emulated_arm_is_named_by_its_address(port: str | None, robot: str) -> None:
+    assert registry.robot_at(port) == robot

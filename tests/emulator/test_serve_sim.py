@@ -1,17 +1,23 @@
-"""`sim://hex7bot`: an emulated arm inside the program."""
+"""`sim://hex7bot`, `sim://so101`: an emulated arm inside the program."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from hexwire.drivers.registry import connect
+from hexwire.emulator.hand import HandOrder, HandResult, Hands
+from hexwire.emulator.serve_hand import move_by_hand
 from hexwire.emulator.serve_sim import SimLink
-from hexwire.errors import LinkBusyError, LinkClosedError, UsageError
+from hexwire.emulator.servo import EmulatedServo
+from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, UsageError
 from hexwire.link.open import make_link
 from hexwire.model.state import JointTarget
+from hexwire.wire.registers import Series
 
 PATIENCE = 10.0
 
@@ -100,7 +106,20 @@ def test_another_thread_ends_a_wait(end: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "url", ["sim://puma260", "sim://", "sim://hex7bot/x", "sim://hex7bot?speed=2", "sim://hex7bot?dialect=3"]
+    "url",
+    [
+        "sim://puma260",
+        "sim://",
+        "sim://hex7bot/x",
+        "sim://hex7bot?speed=2",
+        "sim://hex7bot?dialect=3",
+        "sim://hex7bot?leader=1",
+        "sim://so101?dialect=1",
+        "sim://so101?leader=2",
+        "sim://so101?name=",
+        "sim://so101?name=a-b",
+        "sim://so102",
+    ],
 )
 def test_what_is_not_emulated_is_refused(url: str) -> None:
     with pytest.raises(UsageError):
@@ -117,3 +136,51 @@ def test_a_driver_moves_it_and_finds_it_where_it_left_it() -> None:
         robot.detach()
         robot.attach()
         assert robot.read().positions["J1"] == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("robot", ["so100", "so101"])
+def test_an_so_arm_is_one_line_of_python(robot: str) -> None:
+    # Fresh from its makers: not calibrated, so that angles are off by less than a tooth of a horn.
+    with connect(f"sim://{robot}") as arm:
+        assert arm.model.name == robot
+        state = arm.read()
+        assert state.positions["elbow_flex"] == pytest.approx(1.54, abs=0.15)
+        assert not state.torque_on
+        report = arm.probe()
+        assert [row.present for row in report.joints] == [True] * 6
+        assert {row.model for row in report.joints} == {"sts3215 3.10"}
+
+
+def test_an_arm_file_may_stand_for_an_emulated_arm(tmp_path: Path) -> None:
+    (tmp_path / "left.toml").write_text('name = "left"\nbase = "so101"\n')
+    with connect("sim://so101", str(tmp_path / "left.toml")) as arm:
+        assert arm.model.name == "left"
+
+
+def test_a_hand_moves_an_arm_while_a_program_reads_it() -> None:
+    hand: list[HandResult] = []
+    order = HandOrder("shoulder_pan", 10.0, 0.3)
+    with connect("sim://so101?name=here&seed=1") as arm:
+        before = arm.read().positions["shoulder_pan"]
+        thread = threading.Thread(target=lambda: hand.append(move_by_hand("sim://so101?name=here", order)))
+        thread.start()
+        while thread.is_alive():
+            after = arm.read().positions["shoulder_pan"]
+        after = arm.read().positions["shoulder_pan"]
+        assert math.degrees(after - before) == pytest.approx(10.0, abs=0.5)
+        arm.detach()
+        with pytest.raises(LinkNotFoundError):
+            move_by_hand("sim://so101?name=here", order)
+    assert hand[0].joint == "shoulder_pan"
+
+
+def test_a_hand_is_noticed_while_nothing_else_happens() -> None:
+    link = SimLink("sim://hex7bot", Echo(), hands=Hands([EmulatedServo(Series.STS_SMS, 3)]), robot="still")
+    results: list[HandResult] = []
+    with link:
+        thread = threading.Thread(target=lambda: link.read(None))
+        thread.start()
+        results.append(move_by_hand("sim://still", HandOrder("3", 5.0, 0.2)))
+        link.wake()
+        thread.join(PATIENCE)
+    assert results[0].moved == pytest.approx(5.0, abs=0.3)

@@ -170,8 +170,8 @@ def port_option(command: Callable[..., Any]) -> Callable[..., Any]:
         metavar="URL",
         envvar="HEXWIRE_PORT",
         show_envvar=True,
-        help="Device, link or shared arm, such as /dev/ttyUSB0, tcp://host:port or zenoh:lab/arm1. Optional if one "
-        "likely board is plugged in.",
+        help="Device, link, shared or emulated arm, such as /dev/ttyUSB0, tcp://host:port, zenoh:lab/arm1 or "
+        "sim://so101. Optional if one likely board is plugged in.",
     )(packed)
 
 
@@ -238,9 +238,9 @@ def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _robot_at(port: str | None) -> str:
     """Name of the robot, if none is typed: a shared arm is asked."""
-    from hexwire.drivers.registry import is_address, make_driver
+    from hexwire.drivers.registry import is_address, make_driver, robot_at
 
-    return make_driver(port).model.name if port and is_address(port) else DEFAULT_ROBOT
+    return make_driver(port).model.name if port and is_address(port) else robot_at(port)
 
 
 def table_options(command: Callable[..., Any]) -> Callable[..., Any]:

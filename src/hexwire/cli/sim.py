@@ -18,6 +18,7 @@ from .common import number_option
 from .exits import note
 from .output import say_document
 from .sim_bus import bus
+from .sim_hand import hand
 from .sim_puma import puma260
 
 __all__ = ["sim"]
@@ -32,6 +33,7 @@ def sim() -> None:
 
 
 sim.add_command(bus)
+sim.add_command(hand)
 sim.add_command(puma260)
 
 
@@ -78,7 +80,9 @@ def board(
 ) -> None:
     """Emulate a Hex7Bot: prints the port to open, and runs until stopped."""
     from hexwire.emulator.board import make_hex7bot_board
+    from hexwire.emulator.hand import Hands
     from hexwire.emulator.serve import serve_board
+    from hexwire.model.hex7bot import HEX7BOT
 
     device = make_hex7bot_board(
         dialect=dialect,
@@ -97,7 +101,15 @@ def board(
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    serve_board(device, link=link, baud=baud, reset_on_open=reset_on_open, stop=ended.is_set, announce=_announce)
+    serve_board(
+        device,
+        link=link,
+        baud=baud,
+        reset_on_open=reset_on_open,
+        hands=Hands(device.wire.servos, HEX7BOT),
+        stop=ended.is_set,
+        announce=_announce,
+    )
 
 
 def _announce(path: str) -> None:

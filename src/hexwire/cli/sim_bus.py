@@ -10,16 +10,23 @@ import re
 import sys
 import threading
 import time
+from typing import TYPE_CHECKING
 
 import click
 
 from hexwire.errors import UsageError
 
+from .common import is_typed
 from .exits import note
 from .output import say_document
 
+if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
+
 __all__ = ["bus", "parse_ids"]
 
+_ARM_BAUD = 1_000_000
+"""Factory setting of the servos of an arm."""
 _NUMBER = "[0-9]{1,9}"
 _SHOWN = 40
 """Number of typed characters that an error text repeats."""
@@ -57,6 +64,12 @@ def _parse_rates(text: str) -> list[int]:
 
 @click.command()
 @click.option(
+    "--arm",
+    type=click.Choice(("so100", "so101")),
+    help="The six servos of this arm, assembled but not calibrated, with its mechanical stops.",
+)
+@click.option("--leader", is_flag=True, help="With --arm, a leader arm, whose gears a hand moves easily.")
+@click.option(
     "--series",
     default="sts_sms",
     show_default=True,
@@ -83,6 +96,8 @@ def _parse_rates(text: str) -> list[int]:
     "--until-eof", is_flag=True, help="End at the end of standard input, so that the bus does not outlive its user."
 )
 def bus(
+    arm: str | None,
+    leader: bool,
     series: str,
     ids: str,
     baud: str,
@@ -92,20 +107,44 @@ def bus(
     link: str | None,
     until_eof: bool,
 ) -> None:
-    """Emulate servos on a bus adapter: prints the port to open, and runs until stopped."""
+    """Emulate servos on a bus adapter: prints the port to open, and runs until stopped.
+
+    'hexwire sim hand' moves them by hand.
+    """
     from hexwire.bus.servos import as_series
     from hexwire.emulator.bus_device import make_servos
     from hexwire.emulator.faults import FaultPlan
     from hexwire.emulator.serve_bus import serve_bus
+    from hexwire.emulator.so_arms import make_so_arm
 
-    kinds = [as_series(name.strip()) for name in series.split(",")]
     rates = _parse_rates(baud)
-    servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
+    model: ArmModel | None = None
+    if arm is not None:
+        if wrong := [f"--{name}" for name in ("series", "ids") if is_typed(name)]:
+            raise UsageError(f"the servos of {arm} are known; leave out {' and '.join(wrong)}")
+        if rates not in ([0], [_ARM_BAUD]):
+            raise UsageError(f"the servos of {arm} are set to {_ARM_BAUD} baud; leave out --baud, or make it 0")
+        made = make_so_arm(arm, leader=leader, seed=seed, start=time.monotonic())
+        servos, model = made.servos, made.model
+    elif leader:
+        raise UsageError("--leader needs --arm")
+    else:
+        kinds = [as_series(name.strip()) for name in series.split(",")]
+        servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
     plan = FaultPlan(faults, seed=seed)
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    serve_bus(servos, baud=rates[0], stop=ended.is_set, announce=_announce, link=link, faults=plan, echo=echo)
+    serve_bus(
+        servos,
+        baud=rates[0],
+        stop=ended.is_set,
+        announce=_announce,
+        link=link,
+        faults=plan,
+        echo=echo,
+        arm=model,
+    )
 
 
 def _announce(path: str) -> None:

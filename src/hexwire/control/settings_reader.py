@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver
+from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver, robot_at
 from hexwire.errors import HexwireError, LimitError, LinkError, UsageError
 from hexwire.link.ports import find_only_board
 from hexwire.model.geometry import ROBOTS, kinematics_or_none
@@ -97,6 +97,8 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
             return None, None
         values["port"], values["robot"] = url, shared.model.name
         return shared, shared.model
+    if values["robot"] == DEFAULT_ROBOT:
+        values["robot"] = robot_at(url)
     try:
         robot = load_driver(values["robot"])
     except (HexwireError, ImportError) as error:

@@ -6,6 +6,7 @@ Owns the lookup. A package that adds a robot names its `RobotDriver` class there
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -28,6 +29,7 @@ __all__ = [
     "load_driver",
     "make_driver",
     "observed",
+    "robot_at",
     "robot_names",
 ]
 
@@ -39,6 +41,7 @@ PORT_VARIABLE = "HEXWIRE_PORT"
 DEFAULT_ROBOT = "hex7bot"
 """The robot on a port, unless another one is named."""
 
+_EMULATED = "sim://"
 _GROUP = "hexwire.robots"
 _ADDRESSES = "hexwire.addresses"
 """Entry points of drivers for addresses that name a robot, not a link to one: ``zenoh:lab/arm1``."""
@@ -113,7 +116,7 @@ def make_driver(
 
     Args:
         port: As for `connect`. An address that names a robot, as in ``zenoh:lab/arm1``, is asked which robot it is.
-        robot: Name of the robot; for a port, `DEFAULT_ROBOT` if None.
+        robot: Name of the robot; if None, `robot_at` the port.
         prepare: Changes the driver's class before a robot is made of it, such as `observed`.
         **options: Passed to the driver's `from_url`.
 
@@ -124,7 +127,16 @@ def make_driver(
     if is_address(port):
         point = next(point for point in entry_points(group=_ADDRESSES) if point.name == port.partition(":")[0])
         return prepare(point.load()).from_url(port, robot=robot, **options)
-    return prepare(load_driver(robot or DEFAULT_ROBOT)).from_url(port, **options)
+    return prepare(load_driver(robot or robot_at(port))).from_url(port, **options)
+
+
+def robot_at(port: str | None) -> str:
+    """Name of the robot on a port if none is given: an emulated arm is named by its address, as in ``sim://so101``."""
+    if port is not None and port.startswith(_EMULATED):
+        name = re.split("[/?]", port.removeprefix(_EMULATED), maxsplit=1)[0]
+        if name in robot_names():
+            return name
+    return DEFAULT_ROBOT
 
 
 def is_address(port: str) -> bool:
@@ -137,10 +149,11 @@ def connect(port: str | None = None, robot: str | None = None, **options: Any) -
     """Open a robot: find its driver and its port, and attach. Nothing moves.
 
     Args:
-        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``, or the address of a shared arm, as in
-            ``zenoh:lab/arm1``. If None, the value of the environment variable HEXWIRE_PORT, else the only likely
-            board that is plugged in.
-        robot: Name of the robot; a shared arm names it itself, and another port has a hex7bot if None.
+        port: URL or device path, as in ``serial:///dev/ttyUSB0?baud=115200``; the address of a shared arm, as in
+            ``zenoh:lab/arm1``; or that of an emulated one, ``sim://hex7bot``, ``sim://so101`` or ``sim://so100``.
+            If None, the value of the environment variable HEXWIRE_PORT, else the only likely board that is plugged
+            in.
+        robot: Name of the robot; a shared or emulated arm names it itself, and another port has a hex7bot if None.
         **options: Passed to the driver's `from_url`.
 
     Returns:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.link.url import parse_url
-from hexwire.new_file import make_folder, open_folder
+from hexwire.new_file import make_folder, open_folder, runtime_folder
 
 __all__ = ["StopMemory"]
 
@@ -54,7 +54,7 @@ class StopMemory:
         if not self._name:
             return False
         try:
-            with _opened(_place()) as folder:
+            with _opened(runtime_folder()) as folder:
                 found = os.stat(self._name, dir_fd=folder, follow_symlinks=False)
         except (OSError, UsageError):
             return False
@@ -66,8 +66,8 @@ class StopMemory:
         if not self._name or self.stopped:
             return
         try:
-            make_folder(_place())
-            with _opened(_place()) as folder:
+            make_folder(runtime_folder())
+            with _opened(runtime_folder()) as folder:
                 os.close(os.open(self._name, _NEW, 0o600, dir_fd=folder))
         except (OSError, UsageError) as error:
             self._failed = True
@@ -80,17 +80,8 @@ class StopMemory:
             OSError: The file cannot be removed.
         """
         if self.stopped:
-            with contextlib.suppress(FileNotFoundError), _opened(_place()) as folder:
+            with contextlib.suppress(FileNotFoundError), _opened(runtime_folder()) as folder:
                 os.unlink(self._name, dir_fd=folder)
-
-
-def _place() -> Path:
-    """Folder to which only this user writes; XDG_RUNTIME_DIR is cleared at this user's last log-out."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and Path(runtime).is_absolute():
-        return Path(runtime) / "hexwire"
-    state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state and Path(state).is_absolute() else Path.home() / ".local" / "state") / "hexwire"
 
 
 @contextlib.contextmanager

@@ -31,8 +31,6 @@ _ARMATURE = {"seven_bot": 0.02, "hls": 0.002}
 """Inertia of motor and gears at the joint, kg m^2: an estimate."""
 _GAIN = 1 / 64
 """Share of full drive per count of error, about a position gain of 32: full drive at 5.6 degrees."""
-_WIND_UP = 1.5 / _GAIN
-"""Counts by which the profile may lead the shaft."""
 _PAYLOAD_RADIUS = 0.01
 _WALL = 1.0
 """Share of full drive per count beyond a servo's `obstacle`."""
@@ -146,9 +144,6 @@ class _Shaft(Motion):
         self._joint = joint
         self._stall = _STALL[joint.series]
         self._ticks = 0
-        # The profile that the controller follows, counts and counts/s.
-        self._ahead = self.position
-        self._pace = 0.0
         self._taken = self.position
         # Critical damping for the inertia of motor, gears and part of the arm.
         inertia = 2.0 * _ARMATURE[joint.series]
@@ -188,7 +183,7 @@ class _Shaft(Motion):
         else:
             wanted = 0.0
         self.torque = max(-self._ceiling, min(self._ceiling, wanted))
-        outside = self.external_torque
+        outside = self.external_torque + (self._pull() if self.hand is not None else 0.0)
         if self._drive is Drive.DAMPED:
             outside -= self._damping * self.velocity
         low, high = self.obstacle
@@ -211,16 +206,6 @@ class _Shaft(Motion):
         self.position = joint.sign * (angle - joint.offset) / joint.scale + joint.neutral
         self.velocity = joint.sign * speed / joint.scale
         self._taken = self.position
-
-    def _follow_profile(self) -> None:
-        step = self._acceleration * TICK
-        error = self._target - self._ahead
-        slowing = (math.sqrt(step * step + 8 * self._acceleration * abs(error)) - step) / 2
-        wanted = math.copysign(min(self._speed, slowing, abs(error) / TICK), error)
-        self._pace += max(-step, min(step, wanted - self._pace))
-        # A shaft that is held back holds the profile back too; otherwise it would leap when released.
-        low, high = self.position - _WIND_UP, self.position + _WIND_UP
-        self._ahead = max(low, min(high, self._ahead + self._pace * TICK))
 
 
 def _load_mujoco() -> Any:

@@ -15,19 +15,24 @@ import tty
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageError
 from hexwire.link.base import Link, LinkKind
 from hexwire.link.serial import terminal_rate
 
+from .serve_hand import HandServer, terminal_name
 from .serve_link import TerminalName
 from .uart import heard_at
+
+if TYPE_CHECKING:
+    from .hand import Hands
 
 __all__ = ["BoardLink", "FakeClock", "PacedLine", "PtyServer", "ServedDevice", "serve_board"]
 
 _IDLE = 0.25
 _SLICE = 0.001
+_HAND = 0.02
 _BITS = 10
 _READ = 4096
 _BAUD_RATES = {
@@ -225,6 +230,7 @@ class PtyServer:
         link: Path of a symbolic link to make to the terminal; none if None.
         baud: Line rate; 0 is unpaced. If paced, a host that opens the port at another rate gets garbage.
         reset_on_open: Reset the device when the port is opened, as DTR does on an Arduino.
+        hands: The joints that programs of this user may move by hand; none if None.
     """
 
     def __init__(
@@ -234,9 +240,12 @@ class PtyServer:
         link: str | Path | None = None,
         baud: int = 0,
         reset_on_open: bool = False,
+        hands: Hands | None = None,
     ) -> None:
         self.device = device
         self.path = ""
+        self._hands = hands
+        self._door: HandServer | None = None
         self._link = Path(link) if link else None
         self._baud = baud
         self._reset_on_open = reset_on_open
@@ -259,6 +268,9 @@ class PtyServer:
         self._set_rate(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
+        if self._hands is not None:
+            self._door = HandServer(terminal_name(self.path), self._hands)
+            self._door.open()
         if self._reset_on_open:
             # The master shows when a host opens and closes the terminal only if we do not hold it open.
             os.close(self._slave)
@@ -282,6 +294,8 @@ class PtyServer:
 
     def close(self) -> None:
         """Remove the symbolic link and close the terminal."""
+        if self._door is not None:
+            self._door.close()
         # In this order: the number of a closed terminal goes to the next one that is opened.
         if self._name is not None:
             self._name.remove()
@@ -308,8 +322,16 @@ class PtyServer:
         mask = select.POLLIN | (select.POLLOUT if self._unsent else 0)
         poll = select.poll()
         poll.register(self._master, mask)
-        events = poll.poll(wait * 1000)
+        door = self._door
+        if door is not None:
+            for fd in door.descriptors():
+                poll.register(fd, select.POLLIN)
+            wait = min(wait, _HAND) if door.is_busy else wait
+        found = poll.poll(wait * 1000)
+        events = [row for row in found if row[0] == self._master]
         now = time.monotonic()
+        if door is not None and (door.is_busy or len(found) > len(events)):
+            door.step(now)
         for _, flags in events:
             if flags & select.POLLIN:
                 self._read(now)
@@ -381,6 +403,7 @@ def serve_board(
     link: str | Path | None = None,
     baud: int = 0,
     reset_on_open: bool = False,
+    hands: Hands | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
@@ -391,10 +414,11 @@ def serve_board(
         link: Path of a symbolic link to make to the terminal.
         baud: Line rate; 0 is unpaced.
         reset_on_open: Reset the board when the port is opened.
+        hands: The joints that can be moved by hand.
         stop: Called at least every quarter of a second; True ends it.
         announce: Called with the path once the terminal is open.
     """
-    server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open)
+    server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands)
     path = server.open()
     try:
         announce(path)

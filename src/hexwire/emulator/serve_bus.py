@@ -11,9 +11,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hexwire.link.serial import terminal_rate
+from hexwire.model.arm import ArmModel
 
 from .bus_device import BusDevice
 from .faults import FaultPlan
+from .hand import Hands
 from .serve import PtyServer
 from .servo import EmulatedServo
 
@@ -31,6 +33,7 @@ def serve_bus(
     link: str | Path | None = None,
     faults: FaultPlan | None = None,
     echo: bool = False,
+    arm: ArmModel | None = None,
 ) -> None:
     """Serve a bus until told to stop.
 
@@ -43,6 +46,7 @@ def serve_bus(
         link: Path of a symbolic link to make to the terminal.
         faults: Scripted faults.
         echo: The adapter hears itself.
+        arm: Names of the joints, for hands; None if it is no arm.
     """
     server: PtyServer | None = None
 
@@ -50,7 +54,7 @@ def serve_bus(
         return (None if server is None else terminal_rate(server.fileno())) or baud
 
     device = BusDevice(servos, paced=bool(baud), faults=faults, echo=echo, host_baud=host_baud)
-    server = PtyServer(device, link=link)
+    server = PtyServer(device, link=link, hands=Hands(servos, arm))
     path = server.open()
     try:
         announce(path)

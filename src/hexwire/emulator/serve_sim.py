@@ -1,4 +1,4 @@
-"""`sim://hex7bot`: an emulated arm inside the program that opens it, behind an ordinary link.
+"""`sim://hex7bot`, `sim://so101`: an emulated arm inside the program that opens it, behind an ordinary link.
 
 Owns the link; whoever reads it drives the emulator, so there is no thread, process or terminal. The entry-point
 group ``hexwire.links`` names it: no other room imports it.
@@ -6,14 +6,20 @@ group ``hexwire.links`` names it: no other room imports it.
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from typing import TYPE_CHECKING
 
 from hexwire.errors import LinkBusyError, LinkClosedError, UsageError
 from hexwire.link.base import Link, LinkKind
+from hexwire.model.hex7bot import HEX7BOT
 
 from .board import make_hex7bot_board
+from .bus_device import BusDevice
+from .hand import Hands
+from .serve_hand import HandServer, inside_name
+from .so_arms import SO_ARMS, make_so_arm
 
 if TYPE_CHECKING:
     from hexwire.link.url import LinkUrl
@@ -22,25 +28,49 @@ if TYPE_CHECKING:
 
 __all__ = ["SimLink", "make_sim_link"]
 
-_ROBOT = "hex7bot"
 _SERVO_BAUD = 115200
-"""Rate of the emulated servo bus, as set by the chapter's sketch."""
+"""Rate of the servo bus of the emulated board, as set by the chapter's sketch."""
+_BUS_BAUD = 1_000_000
+"""Rate of a servo bus without a board."""
 _STEP = 0.0005
 """Shortest wait between two steps of the emulator, seconds."""
+_LOOK = 0.02
+"""Seconds between two looks for a hand."""
+_NAME = re.compile(r"[A-Za-z0-9_.]{1,40}")
 
 
 def make_sim_link(url: LinkUrl) -> SimLink:
-    """Make the link of ``sim://hex7bot``, with the options ``dialect`` (1 or 2) and ``seed``.
+    """Make the link of an emulated arm.
+
+    ``sim://hex7bot`` has the options ``dialect`` (1 or 2), ``sim://so101`` and ``sim://so100`` have ``leader`` and
+    ``any_horns`` (0 or 1, see `make_so_arm`). All have ``seed`` and ``name``, by which `hexwire sim
+    hand` tells arms of one kind apart.
 
     Raises:
         UsageError: There is no such emulated arm, or an option is wrong.
     """
-    if url.netloc != _ROBOT or url.path not in ("", "/"):
-        raise UsageError(f"{url.text}: there is no such emulated arm; write sim://{_ROBOT}")
-    url.check_keys(("dialect", "seed"))
-    dialect, seed = url.integer("dialect", 2, 1, 2), url.integer("seed", 0, 0, 2**31)
-    device = make_hex7bot_board(dialect=dialect, baud=_SERVO_BAUD, seed=seed, start=time.monotonic())
-    return SimLink(url.text, device)
+    robot, board = url.netloc, url.netloc == "hex7bot"
+    if not (board or robot in SO_ARMS) or url.path not in ("", "/"):
+        raise UsageError(
+            f"{url.text}: there is no such emulated arm; write sim://hex7bot, sim://so100 or sim://so101"
+        )
+    url.check_keys((*(("dialect",) if board else ("leader", "any_horns")), "seed", "name"))
+    name = url.query.get("name", "")
+    if "name" in url.query and not _NAME.fullmatch(name):
+        raise UsageError(f"{url.text}: name must have 1 to 40 letters, digits, points and underscores")
+    seed, start = url.integer("seed", 0, 0, 2**31), time.monotonic()
+    device: ServedDevice
+    baud = 0 if board else _BUS_BAUD
+    if board:
+        dialect = url.integer("dialect", 2, 1, 2)
+        made = make_hex7bot_board(dialect=dialect, baud=_SERVO_BAUD, seed=seed, start=start)
+        servos, model, device = made.wire.servos, HEX7BOT, made
+    else:
+        leader, any_horns = url.yes_no("leader", False), url.yes_no("any_horns", False)
+        arm = make_so_arm(robot, leader=leader, any_horns=any_horns, seed=seed, start=start)
+        servos, model = arm.servos, arm.model
+        device = BusDevice(servos, paced=True, host_baud=lambda: baud)
+    return SimLink(url.text, device, hands=Hands(servos, model), robot=robot, name=name, baud=baud)
 
 
 class SimLink(Link):
@@ -48,14 +78,33 @@ class SimLink(Link):
 
     Args:
         url: What the link calls itself.
-        device: The emulated board.
+        device: The emulated board or bus.
+        hands: The joints that other programs of this user may move by hand while the link is open.
+        robot: Kind of the arm, for those programs.
+        name: Its name among arms of its kind.
+        baud: Rate of a servo bus, for those who compute its timing; a board has none.
     """
+
+    baud: int
 
     kind = LinkKind.STREAM
     max_message = None
 
-    def __init__(self, url: str, device: ServedDevice) -> None:
+    def __init__(
+        self,
+        url: str,
+        device: ServedDevice,
+        *,
+        hands: Hands | None = None,
+        robot: str = "",
+        name: str = "",
+        baud: int = 0,
+    ) -> None:
         self.url, self.device = url, device
+        self._door = None if hands is None else HandServer(inside_name(robot, name), hands)
+        self._next_look = 0.0
+        if baud:
+            self.baud = baud
         self._open = self._woken = False
         self._unread = b""
         # Guards the device and all of the above.
@@ -70,6 +119,8 @@ class SimLink(Link):
             if self._open:
                 raise LinkBusyError(f"{self.url} is open already", url=self.url)
             self._open, self._woken = True, False
+            if self._door is not None:
+                self._door.open()
             # What was sent to nobody is lost.
             self._run()
             self._unread = b""
@@ -77,6 +128,8 @@ class SimLink(Link):
     def close(self) -> None:
         with self._changed:
             self._open = False
+            if self._door is not None:
+                self._door.close()
             self._changed.notify_all()
 
     def wake(self) -> None:
@@ -113,11 +166,16 @@ class SimLink(Link):
                 now = time.monotonic()
                 if deadline is not None and now >= deadline:
                     return b""
-                due = [t for t in (deadline, self.device.next_event_time()) if t is not None]
+                look = None if self._door is None else self._next_look
+                due = [t for t in (deadline, self.device.next_event_time(), look) if t is not None]
                 self._changed.wait(max(min(due) - now, _STEP) if due else None)
 
     def _run(self) -> None:
-        self.device.step(time.monotonic())
+        now = time.monotonic()
+        if self._door is not None and now >= self._next_look:
+            self._next_look = now + _LOOK
+            self._door.step(now)
+        self.device.step(now)
         self._unread += self.device.data_to_send()
 
     def _check(self) -> None:

@@ -62,11 +62,12 @@ class EmulatedServo:
         noise: Standard deviation of readings, in counts of position and 0.1 % of load; 0 is none.
         answers_writes: Legacy only: acknowledge writes as Feetech servos do.
         mechanics: Motor and gears; None for those of the series.
+        stops: Mechanical stops of the arm, counts of the shaft; None if only the servo's own are there.
         start: The time of power-up.
 
     Attributes:
         registers: Its memory.
-        motion: Its shaft; hooks `gravity`, `external_torque` and `obstacle` are there.
+        motion: Its shaft; hooks `gravity`, `external_torque`, `hand` and `obstacle` are there.
         protection: Its status bits and temperature.
         return_delay: Seconds from a request to the answer, where no register sets it.
     """
@@ -85,6 +86,7 @@ class EmulatedServo:
         noise: float = 0.0,
         answers_writes: bool = False,
         mechanics: Mechanics | None = None,
+        stops: tuple[float, float] | None = None,
         start: float = 0.0,
     ) -> None:
         if not 0 <= servo_id <= 253:
@@ -95,6 +97,7 @@ class EmulatedServo:
             mechanics or control.MECHANICS[series], series.neutral if position is None else position
         )
         self.motion.gravity = gravity
+        self.motion.stops = stops or self.motion.stops
         self.protection = Protection(control.limits_of(self.registers), temperature=28.0)
         self.idle_load = idle_load
         self.noise = noise
@@ -180,7 +183,7 @@ class EmulatedServo:
         self._silent_until = self._tick + round(silent / TICK)
         turn = self.series.counts_per_rev
         if self.motion.mechanics.stops is None:
-            self.motion.position %= turn
+            self.motion.rename(-(self.motion.position // turn) * turn)
         self.registers.power_up()
         self._power_up()
 
@@ -280,7 +283,7 @@ class EmulatedServo:
 
     def _do_reset_state(self, packet: ServoPacket, own: int) -> bytes | None:
         turns = self.motion.position // self.series.counts_per_rev * self.series.counts_per_rev
-        self.motion.position -= turns
+        self.motion.rename(-turns)
         self._target -= turns
         self._drive()
         return self._acknowledge(own)

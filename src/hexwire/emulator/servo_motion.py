@@ -24,6 +24,7 @@ _CLOSE = 0.01  # counts: a slow shaft that is nearer than this has arrived
 _COASTING = 15.0  # drag of motor and gears without power, 1/s
 _DAMPING = 60.0  # the same with the winding shorted
 _STIFFNESS = 1 / 64  # torque per count of error against an obstacle, about what a position gain of 32 gives
+_WIND_UP = 1.5 / _STIFFNESS  # counts by which a profile may lead a shaft that is held back
 
 
 class Drive(Enum):
@@ -52,7 +53,7 @@ class Mechanics:
         holding_friction: Dry friction of the gears at rest without power; smaller torques do not move them.
         stall_current: Amperes at full torque.
         nominal_voltage: Volts at which max_speed is reached.
-        stops: Mechanical end stops in counts; None for a shaft that turns without end.
+        stops: Mechanical end stops of the servo itself, in counts; None for a shaft that turns without end.
     """
 
     max_speed: float
@@ -77,7 +78,10 @@ class Motion:
     """Shaft, gears and motor.
 
     Set `drive`, `target`, `speed`, `acceleration` and `ceiling` through `command`; the hooks `gravity`,
-    `external_torque` and `obstacle` may be set at any time.
+    `external_torque`, `hand` and `obstacle` may be set at any time.
+
+    Attributes:
+        stops: Positions that the shaft cannot pass: those of the servo, or the narrower ones of the arm it is in.
     """
 
     def __init__(self, mechanics: Mechanics, position: float) -> None:
@@ -87,6 +91,7 @@ class Motion:
         self.torque = 0.0
         self.blocked = False
         self.settled = False
+        self.stops = mechanics.stops
         self._drive = Drive.FREE
         self._target = self.position
         self._speed = 0.0
@@ -95,6 +100,9 @@ class Motion:
         self._gravity: Callable[[float], float] | None = None
         self._external = 0.0
         self._obstacle: tuple[float | None, float | None] = (None, None)
+        self._hand: Callable[[float, float], float | None] | None = None
+        # The profile that a shaft follows which gives way: counts and counts/s.
+        self._ahead, self._pace = self.position, 0.0
 
     def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
         """Command the motor.
@@ -149,11 +157,39 @@ class Motion:
         self._obstacle = bounds
         self.settled = False
 
+    @property
+    def hand(self) -> Callable[[float, float], float | None] | None:
+        """A hand at the shaft: called each tick with position and velocity, it returns its torque.
+
+        It has let go once it returns None. A motor that holds a position gives way to it like a spring.
+        """
+        return self._hand
+
+    @hand.setter
+    def hand(self, push: Callable[[float, float], float | None] | None) -> None:
+        self._hand = push
+        self._ahead, self._pace = self.position, self.velocity
+        self.settled = False
+
+    def rename(self, counts: float) -> None:
+        """Count the shaft's position from elsewhere, by whole turns; nothing moves."""
+        self.position += counts
+        self._ahead += counts
+        if self.stops is not None:
+            self.stops = (self.stops[0] + counts, self.stops[1] + counts)
+        # It pulls toward a place that has another name now.
+        self._hand = None
+        self.settled = False
+
     def tick(self) -> None:
         """Advance by one `TICK`."""
         position, velocity, torque = self.position, self.velocity, self.torque
         outside = self._external + (self._gravity(position) if self._gravity is not None else 0.0)
-        if self._drive is _POSITION or self._drive is _SPEED:
+        if self._hand is not None:
+            outside += self._pull()
+        if self._drive is _POSITION and self._hand is not None:
+            self._give_way(outside)
+        elif self._drive is _POSITION or self._drive is _SPEED:
             self._controlled(outside)
         elif self._drive is _TORQUE:
             self.torque = max(-self._ceiling, min(self._ceiling, self._target))
@@ -163,7 +199,35 @@ class Motion:
             drag = _DAMPING if self._drive is _DAMPED else _COASTING
             self.velocity = self._pushed(outside, self.mechanics.holding_friction, drag)
         self._move()
-        self.settled = self.velocity == velocity == 0.0 and self.position == position and self.torque == torque
+        at_rest = self.velocity == velocity == 0.0 and self.position == position and self.torque == torque
+        self.settled = at_rest and self._hand is None
+
+    def _pull(self) -> float:
+        """Torque of the hand in this tick; 0 from the tick on in which it lets go."""
+        pull = self._hand(self.position, self.velocity) if self._hand is not None else None
+        if pull is None:
+            self._hand = None
+            return 0.0
+        return pull
+
+    def _give_way(self, outside: float) -> None:
+        """Hold a position, or move to it, with the proportional gain of a real servo."""
+        self._follow_profile()
+        damping = 2.0 * math.sqrt(_STIFFNESS / self.mechanics.full_acceleration)
+        wanted = _STIFFNESS * (self._ahead - self.position) + damping * (self._pace - self.velocity)
+        self.torque = max(-self._ceiling, min(self._ceiling, wanted))
+        holding = self.mechanics.friction if self._ceiling > 0 else self.mechanics.holding_friction
+        self.velocity = self._pushed(self.torque + outside, holding, 0.0)
+
+    def _follow_profile(self) -> None:
+        step = self._acceleration * TICK
+        error = self._target - self._ahead
+        slowing = (math.sqrt(step * step + 8 * self._acceleration * abs(error)) - step) / 2
+        wanted = math.copysign(min(self._speed, slowing, abs(error) / TICK), error)
+        self._pace += max(-step, min(step, wanted - self._pace))
+        # A shaft that is held back holds the profile back too; otherwise it would leap when released.
+        low, high = self.position - _WIND_UP, self.position + _WIND_UP
+        self._ahead = max(low, min(high, self._ahead + self._pace * TICK))
 
     def _controlled(self, outside: float) -> None:
         step = self._acceleration * TICK
@@ -209,7 +273,7 @@ class Motion:
     def _move(self) -> None:
         after = self.position + self.velocity * TICK
         low, high = self._obstacle
-        stops = self.mechanics.stops
+        stops = self.stops
         if stops is not None:
             low = stops[0] if low is None else max(low, stops[0])
             high = stops[1] if high is None else min(high, stops[1])

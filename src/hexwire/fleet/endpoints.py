@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hexwire.errors import UsageError
-from hexwire.new_file import make_folder, owner_name
+from hexwire.new_file import make_private_folder, runtime_folder
 
 __all__ = [
     "UNIX",
@@ -119,12 +119,7 @@ def _loopback(host: str) -> str | None:
 
 def socket_folder() -> Path:
     """The folder of this user's sockets."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and Path(runtime).is_absolute():
-        return Path(runtime) / "hexwire" / "arms"
-    state = os.environ.get("XDG_STATE_HOME")
-    home = Path(state) if state and Path(state).is_absolute() else Path.home() / ".local" / "state"
-    return home / "hexwire" / "arms"
+    return runtime_folder() / "arms"
 
 
 def make_socket_folder() -> None:
@@ -133,19 +128,7 @@ def make_socket_folder() -> None:
     Raises:
         UsageError: It cannot be made, or belongs to another user.
     """
-    folder, remedy = socket_folder(), "set XDG_RUNTIME_DIR to a folder of yours"
-    try:
-        make_folder(folder)
-    except UsageError as error:
-        raise UsageError(f"{error}: {remedy}") from None
-    try:
-        status = folder.stat()
-        if status.st_uid != os.geteuid():
-            raise UsageError(f"{folder} belongs to {owner_name(status.st_uid)}; {remedy}")
-        if status.st_mode & 0o077:
-            folder.chmod(0o700)
-    except OSError as error:
-        raise UsageError(f"{folder} cannot be used: {error.strerror}; {remedy}") from None
+    make_private_folder(socket_folder(), "set XDG_RUNTIME_DIR to a folder of yours")
 
 
 def local_socket(name: str) -> Path:

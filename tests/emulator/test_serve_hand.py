@@ -1,0 +1,209 @@
+"""Sockets by which hands reach emulated arms."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hexwire.emulator import serve_hand
+from hexwire.emulator.hand import HandOrder, HandResult, Hands
+from hexwire.emulator.hand_channel import serialize_order
+from hexwire.emulator.serve_hand import HandServer, find_arm, inside_name, move_by_hand, terminal_name
+from hexwire.emulator.servo import EmulatedServo
+from hexwire.errors import DeviceError, LinkNotFoundError, UsageError
+from hexwire.wire.registers import Series
+
+ORDER = HandOrder("3", 5.0, 0.2)
+PATIENCE = 10.0
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "hexwire" / "sim"
+
+
+def servo() -> EmulatedServo:
+    return EmulatedServo(Series.STS_SMS, 3, position=2048, start=time.monotonic())
+
+
+@contextmanager
+def serving(name: str, one: EmulatedServo | None = None, *, runs: bool = True) -> Iterator[HandServer]:
+    server = HandServer(name, Hands([one or servo()]))
+    server.open()
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(0.01):
+            server.step(time.monotonic())
+
+    thread = threading.Thread(target=run)
+    if runs:
+        thread.start()
+    try:
+        yield server
+    finally:
+        ended.set()
+        if runs:
+            thread.join(PATIENCE)
+        server.close()
+
+
+@contextmanager
+def talking(path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as talk:
+        talk.settimeout(PATIENCE)
+        talk.connect(str(path))
+        yield talk
+
+
+def until(done: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_a_joint_is_moved_and_the_socket_is_private_and_goes(folder: Path) -> None:
+    with serving(inside_name("so101", "left")):
+        (path,) = folder.iterdir()
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        for port in ("sim://so101?name=left", "sim://so101", None):
+            assert find_arm(port) == path
+        assert move_by_hand(None, ORDER) == HandResult("servo 3", pytest.approx(5.0, abs=0.3), False, False)
+        with pytest.raises(UsageError, match="no servo '9'; there are 3"):
+            move_by_hand(None, HandOrder("9", 5.0, 0.2))
+    assert list(folder.iterdir()) == []
+
+
+def test_arms_are_told_apart_by_kind_and_name(folder: Path) -> None:
+    names = [inside_name("so101", "left"), inside_name("so101", ""), inside_name("so100", "left")]
+    with serving(names[0], runs=False), serving(names[1], runs=False), serving(names[2], runs=False):
+        assert find_arm("sim://so101?name=left&seed=3").name == f"{names[0]}.hand"
+        assert find_arm("sim://so100").name == f"{names[2]}.hand"
+        pid = os.getpid()
+        both = rf"sim://so101 \(pid {pid}\), sim://so101\?name=left \(pid {pid}\); name one"
+        with pytest.raises(UsageError, match=both):
+            find_arm("sim://so101")
+        with pytest.raises(UsageError, match="several"):
+            find_arm(None)
+        for port in ("sim://hex7bot", "sim://so101?name=right", "sim://so10"):
+            with pytest.raises(LinkNotFoundError, match="goes on reading"):
+                find_arm(port)
+
+
+def test_a_terminal_is_found_by_any_name(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    try:
+        path = os.ttyname(slave)
+        link = tmp_path / "arm"
+        link.symlink_to(path)
+        assert terminal_name(str(link)) == terminal_name(path) == path.replace("/dev/pts/", "pts-")
+        with serving(terminal_name(path), runs=False):
+            assert find_arm(str(link)) == find_arm(f"serial://{link}?baud=9600") == find_arm(path)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+@pytest.mark.parametrize("port", ["/dev/null", "tcp://127.0.0.1:1", "udp://127.0.0.1:1", "/"])
+def test_what_is_no_emulated_arm_is_refused(port: str) -> None:
+    with pytest.raises(UsageError, match="is not an emulated arm"):
+        find_arm(port)
+
+
+def test_where_none_runs_that_is_said(tmp_path: Path) -> None:
+    assert terminal_name("/dev/null") == ""
+    with pytest.raises(LinkNotFoundError, match=r"no emulated arm of yours runs; start"):
+        find_arm(None)
+    with pytest.raises(LinkNotFoundError, match=r"there is no .*/x; start"):
+        find_arm(str(tmp_path / "x"))
+
+
+def test_what_a_killed_emulator_left_is_removed_and_its_name_can_be_taken(folder: Path) -> None:
+    with serving("pts-7", runs=False):
+        left = folder / "left"
+        os.link(folder / "pts-7.hand", left)
+    left.rename(folder / "pts-7.hand")
+    with pytest.raises(LinkNotFoundError):
+        find_arm(None)
+    assert list(folder.iterdir()) == []
+    (folder / "pts-7.hand").touch()
+    with serving("pts-7", runs=False):
+        find_arm(None)
+
+
+def test_without_a_folder_the_arm_works_but_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
+    with serving("pts-7", runs=False) as server:
+        server.step(0.0)
+        assert server.descriptors() == []
+    assert "cannot be moved by hand" in caplog.text
+
+
+def test_whoever_leaves_lets_go(folder: Path) -> None:
+    one = servo()
+    with serving("pts-7", one), talking(folder / "pts-7.hand") as talk:
+        talk.sendall(serialize_order(HandOrder("3", 20.0, 0.5, hold=60.0)))
+        until(lambda: one.motion.hand is not None)
+        talk.close()
+        until(lambda: one.motion.hand is None)
+
+
+def test_the_end_of_the_emulator_ends_the_hand(folder: Path) -> None:
+    one = servo()
+    with serving("pts-7", one), talking(folder / "pts-7.hand") as talk:
+        talk.sendall(serialize_order(HandOrder("3", 20.0, 0.5, hold=60.0)))
+        until(lambda: one.motion.hand is not None)
+    assert one.motion.hand is None
+
+
+def test_conversations_are_few_and_silent_ones_end(folder: Path) -> None:
+    with serving("pts-7", runs=False) as server:
+        talks = [socket.socket(socket.AF_UNIX) for _ in range(9)]
+        for talk in talks:
+            talk.settimeout(PATIENCE)
+            talk.connect(str(folder / "pts-7.hand"))
+        server.step(1000.0)
+        assert server.is_busy
+        assert len(server.descriptors()) == 9
+        assert talks[8].recv(10) == b""
+        talks[0].sendall(b"nonsense\n")
+        server.step(1000.1)
+        assert b"error" in talks[0].recv(200)
+        server.step(1002.0)
+        assert b"no order came" in talks[7].recv(200)
+        assert not server.is_busy
+        for talk in talks:
+            talk.close()
+
+
+def test_an_emulator_that_stands_still_or_ends_is_an_error(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    monkeypatch.setattr(serve_hand, "_PATIENCE", 0.1)
+    with serving("pts-7", runs=False) as server:
+        with pytest.raises(DeviceError, match="stands still"):
+            move_by_hand(None, ORDER)
+        monkeypatch.setattr(serve_hand, "_PATIENCE", PATIENCE)
+        thread = threading.Timer(0.1, server.close)
+        thread.start()
+        with pytest.raises(DeviceError, match=r"ended|cannot be reached"):
+            move_by_hand(None, ORDER)
+        thread.join()
+
+
+def test_a_socket_of_another_user_is_not_trusted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with serving("pts-7", runs=False):
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+        with pytest.raises(LinkNotFoundError):
+            find_arm(None)
