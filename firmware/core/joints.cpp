@@ -1,3 +1,5 @@
+// Over 500 lines, since every rule for a joint reads and changes the same private table.
+
 #include "hot.h"  // first
 
 #include "joints.h"

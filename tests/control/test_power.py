@@ -4,8 +4,8 @@ import pytest
 from tests.control.owner_bench import BoardBench
 from tests.drivers.arms import Arm
 
-from hexwire.control.power import give_torque, switch_torque
-from hexwire.errors import ServoError
+from hexwire.control.power import end_stop, give_torque, switch_torque
+from hexwire.errors import ServoError, StoppedError
 
 
 def test_torque_is_given_to_those_that_have_none() -> None:
@@ -31,3 +31,19 @@ def test_switching_is_confirmed_by_every_joint(on: bool) -> None:
     bench.turn(0.2)
     with pytest.raises(ServoError, match=f"^J5 did not confirm that torque is {'on' if on else 'off'}$"):
         bench.ask(lambda: switch_torque(bench.owner, on, bench.robot.model.names))
+
+
+def test_end_stop_switches_off_only_a_watchdog_that_has_tripped() -> None:
+    arm = Arm(2)
+    arm.driver.torque(True)
+    arm.driver.watchdog(0.5)
+    arm.driver.stop()
+    assert not end_stop(arm.driver)
+    assert arm.board.state.watchdog_timeout == 0.5
+    arm.clock.advance(1.0)
+    assert arm.driver.read().watchdog_tripped
+    with pytest.raises(StoppedError):
+        arm.driver.torque(True)
+    assert end_stop(arm.driver)
+    assert arm.board.state.watchdog_timeout == 0.0
+    arm.driver.torque(True)

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from contextlib import contextmanager
+from typing import NamedTuple, NoReturn
 
 import pytest
 
 from hexwire.control.owner import RobotOwner
 from hexwire.control.ownership import release
 from hexwire.control.path_check import PathCheck
-from hexwire.control.teleop import TeleopController
+from hexwire.control.teleop import TeleopController, run_teleop
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
-from hexwire.errors import LimitError, UsageError
+from hexwire.errors import LimitError, ReplyTimeoutError, UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.hex7bot import HEX7BOT
@@ -189,3 +190,53 @@ def test_a_rate_that_no_loop_keeps_is_refused_before_an_arm_gets_torque() -> Non
     rules = Teleop(HEX7BOT, None, StickMap())
     with pytest.raises(UsageError, match="a rate of 1e\\+09 Hz is not possible"):
         TeleopController(rules, lambda: ((), 0, math.inf), 1e-9)
+
+
+class _EndedError(Exception):
+    """The operator ends it."""
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_run_ends_with_a_hold_or_with_a_stop_if_that_fails(lost: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = hex7bot()
+    done: list[str] = []
+    began = rig.clock()
+
+    def stick() -> tuple[tuple[float, ...], int, float]:
+        if rig.clock() > began + 1.0:
+            raise _EndedError
+        return (1.0,) + (0.0,) * 7, HELD if rig.clock() > began + 0.2 else 0, 0.0
+
+    @contextmanager
+    def shield() -> Iterator[None]:
+        done.append("shielded")
+        if lost:
+            monkeypatch.setattr(rig.robot, "read", _no_answer)
+        yield
+
+    write, holds = rig.robot.write, []
+
+    def noted(target: JointTarget) -> object:
+        holds.append("shielded" in done)
+        return write(target)
+
+    monkeypatch.setattr(rig.robot, "write", noted)
+    controller = TeleopController(rig.rules, stick, PERIOD)
+    with pytest.raises(_EndedError):
+        run_teleop(
+            rig.robot,
+            controller,
+            1 / PERIOD,
+            on_ready=lambda: done.append("ready"),
+            shield=shield,
+            sleep=rig.clock.advance,
+        )
+    monkeypatch.undo()
+    assert done == ["ready", "shielded"]
+    assert holds.count(False) > 5, "the arm moved"
+    assert holds.count(True) == (0 if lost else 1)
+    assert rig.robot.read().stopped == lost
+
+
+def _no_answer() -> NoReturn:
+    raise ReplyTimeoutError("the state")

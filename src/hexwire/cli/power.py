@@ -74,17 +74,13 @@ def resume(options: RobotOptions, as_json: bool) -> None:
 
     If a watchdog stopped the arm because the program that had armed it died, the watchdog is switched off as well.
     """
-    from hexwire.drivers.base import StopCause
+    from hexwire.control.power import end_stop
     from hexwire.model.state import JointFlag
 
     with open_robot(options) as robot:
-        tripped = robot.stop_latch().cause is StopCause.WATCHDOG
-        robot.resume()
-        if tripped:
-            # Otherwise it would stop the arm again as soon as this program ends.
-            robot.watchdog(0.0)
-            if not as_json:
-                say("the watchdog of the program that fell silent is now off")
+        tripped = end_stop(robot)
+        if tripped and not as_json:
+            say("the watchdog of the program that fell silent is now off")
         state = robot.read()
         unknown = [joint.name for joint in state if joint.flags & JointFlag.TORQUE_UNKNOWN]
         words = f"resumed; torque on: {' '.join(state.torque_on) or 'none'}"

@@ -1,6 +1,6 @@
 """`joystick` and `teleop`: move an arm with a joystick on this machine or on another.
 
-Owns the choice of the joystick, and that the arm holds at the end. Must not know how a joystick moves an arm.
+Owns the choice of the joystick. Must not know how a joystick moves an arm.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import HexwireError, LeaseError, UsageError
+from hexwire.errors import UsageError
 
 from .common import (
     RobotOptions,
@@ -30,8 +30,7 @@ from .move import unwatched_note
 from .output import print_json, say
 
 if TYPE_CHECKING:
-    from hexwire.control.teleop import Stick, TeleopController
-    from hexwire.drivers.base import RobotDriver
+    from hexwire.control.teleop import Stick
 
 __all__ = ["joystick", "teleop"]
 
@@ -133,9 +132,8 @@ def teleop(
     mode; buttons 0 and 1 close and open the gripper. Without --device, --from or --conf, the only joystick of this
     machine is used. If the board has a watchdog, it stops the arm when this program dies.
     """
-    from hexwire.control.owner import RobotOwner
     from hexwire.control.path_check import PathCheck
-    from hexwire.control.teleop import OVERLAP, TeleopController
+    from hexwire.control.teleop import OVERLAP, TeleopController, run_teleop
     from hexwire.model.geometry import kinematics_or_none
     from hexwire.motion.teleop import JogMode, StickMap, Teleop
 
@@ -151,41 +149,17 @@ def teleop(
     rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, check=check)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:
         controller = TeleopController(rules, stick, 1.0 / rate, _tell)
-        owner = RobotOwner(robot, borrowed=True, command_rate=rate)
-        robot.torque(True)
-        note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
-        if not robot.has_own_watchdog:
-            unwatched_note(robot, OVERLAP / rate)
-        with owner, _hold_at_the_end(robot, controller):
-            owner.group.members = (controller,)
-            while True:
-                owner.turn()
+
+        def announce() -> None:
+            note(f"hold button {dead_man} to move {model.name}, {mode} jog; Ctrl-C ends it")
+            if not robot.has_own_watchdog:
+                unwatched_note(robot, OVERLAP / rate)
+
+        run_teleop(robot, controller, rate, on_ready=announce, shield=shielded)
 
 
 def _tell(said: object) -> None:
     note(said if isinstance(said, str) else f"stopped: {said}; clear it with 'hexwire resume'")
-
-
-@contextmanager
-def _hold_at_the_end(robot: RobotDriver, controller: TeleopController) -> Iterator[None]:
-    """Hold at the end, even after an error; if that fails, stop."""
-    from hexwire.control.target import holding
-
-    try:
-        yield
-    finally:
-        with shielded():
-            controller.release("it is over")
-            try:
-                state = robot.read()
-                target = None if state.stopped else holding(robot.model, state)
-                if target is not None:
-                    robot.write(target)
-            except LeaseError:
-                # Another program has the arm, or it holds.
-                pass
-            except HexwireError:
-                robot.stop()
 
 
 @contextmanager

@@ -1,6 +1,6 @@
-"""Switches torque on and off, and requires that every joint confirms it.
+"""Switches torque on and off, requires that every joint confirms it, and ends a stop.
 
-Owns the error if a joint does not. Must not know motions.
+Owns the error if a joint does not confirm. Must not know motions.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.values import StopCause
 from hexwire.errors import ServoError
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from .owner import RobotOwner
 
-__all__ = ["give_torque", "switch_torque"]
+__all__ = ["end_stop", "give_torque", "switch_torque"]
 
 
 def give_torque(robot: RobotDriver, names: Sequence[str], state: JointState) -> tuple[str, ...]:
@@ -59,3 +60,22 @@ def switch_torque(owner: RobotOwner, on: bool, names: Sequence[str]) -> None:
     missing = [name for name in names if name not in confirmed]
     if missing:
         raise ServoError(f"{', '.join(missing)} did not confirm that torque is {'on' if on else 'off'}")
+
+
+def end_stop(robot: RobotDriver) -> bool:
+    """End a stop. Nothing moves, and torque that the stop switched off stays off.
+
+    A watchdog that stopped the arm because its program died is switched off: otherwise it would stop the arm again
+    as soon as this program ends.
+
+    Returns:
+        Whether a watchdog had stopped the arm.
+
+    Raises:
+        HexwireError: The robot failed or refused.
+    """
+    tripped = robot.stop_latch().cause is StopCause.WATCHDOG
+    robot.resume()
+    if tripped:
+        robot.watchdog(0.0)
+    return tripped

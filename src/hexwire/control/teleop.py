@@ -1,29 +1,33 @@
-"""The teleoperation controller: turns the axes of a joystick into one target per cycle.
+"""Teleoperation: turns the axes of a joystick into one target per cycle.
 
-Owns the controller, and that the arm holds when the button is released. Must not know devices, robots or threads,
-nor the rules that make a motion safe.
+Owns the controller, and that the arm holds when the button is released and at the end. Must not know devices or
+threads, nor the rules that make a motion safe.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, NoReturn
 
+from hexwire.errors import HexwireError, LeaseError
 from hexwire.model.state import JointTarget
 from hexwire.motion.safety import StopReason, board_stop
 from hexwire.motion.teleop import Action, within_limits
 
 from .loop import check_rate
+from .owner import RobotOwner
 from .target import holding
 
 if TYPE_CHECKING:
+    from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
     from hexwire.motion.teleop import Teleop
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["OVERLAP", "Stick", "TeleopController"]
+__all__ = ["OVERLAP", "Stick", "TeleopController", "run_teleop"]
 
 Stick = Callable[[], tuple[Sequence[float], int, float]]
 """Returns the newest axes (-1..1), buttons (bit i is button i) and their age in seconds, infinite at first."""
@@ -117,3 +121,53 @@ class TeleopController:
         if said and said != self._said:
             self._on_note(said)
         self._said = said
+
+
+def run_teleop(
+    robot: RobotDriver,
+    controller: TeleopController,
+    rate: float,
+    *,
+    on_ready: Callable[[], object] = lambda: None,
+    shield: Callable[[], AbstractContextManager[object]] = nullcontext,
+    sleep: Callable[[float], object] | None = None,
+) -> NoReturn:
+    """Switch torque on and move the arm until an exception, such as KeyboardInterrupt, ends it; then it holds.
+
+    Args:
+        robot: Attached.
+        controller: For all joints of the robot.
+        rate: Cycles per second.
+        on_ready: Called once, when torque is on and before anything can move.
+        shield: Put around the hold at the end; keeps signals from interrupting it.
+        sleep: As in `RobotOwner`.
+
+    Raises:
+        HexwireError: The robot failed or refused.
+    """
+    owner = RobotOwner(robot, borrowed=True, command_rate=rate, sleep=sleep)
+    robot.torque(True)
+    on_ready()
+    with owner:
+        owner.group.members = (controller,)
+        try:
+            while True:
+                owner.turn()
+        finally:
+            with shield():
+                controller.release("it is over")
+                _hold(robot)
+
+
+def _hold(robot: RobotDriver) -> None:
+    """Hold the arm where it is, also after an error; if that fails, stop it."""
+    try:
+        state = robot.read()
+        target = None if state.stopped else holding(robot.model, state)
+        if target is not None:
+            robot.write(target)
+    except LeaseError:
+        # Another program has the arm, or it holds.
+        pass
+    except HexwireError:
+        robot.stop()
