@@ -86,7 +86,10 @@ class FakeRobot(RobotDriver):
         return ProbeReport(self.model.name, self.url, 2, "", None, (), False, (), {})
 
     def read(self) -> JointState:
-        return JointState(names=self.model.names, stamp=time.monotonic(), **self._columns)
+        state = JointState(names=self.model.names, stamp=0.0, **self._columns)
+        # Last of all, as the other owners do: what is measured begins when the state is there.
+        object.__setattr__(state, "stamp", time.monotonic())
+        return state
 
     def write(self, target: JointTarget) -> SentTarget:
         self.targets.add(target.positions[0][1])

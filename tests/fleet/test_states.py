@@ -258,6 +258,20 @@ def test_one_receives_for_all_who_wait() -> None:
     assert len(bench.inbox.receivers) == 1
 
 
+def test_who_waits_goes_on_though_what_arrives_for_another_is_of_no_use() -> None:
+    bench = InboxBench()
+    bench.states.add(state(5, 10.0))
+    for _ in range(2):
+        bench.begin(lambda: bench.states.next(bench.time, 5.0))
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+    for useless in (state(4, 10.0), b"noise", b""):
+        bench.inbox.rows.put(useless)
+        assert bench.inbox.waiting.acquire(timeout=PATIENCE), "one of them receives again"
+    bench.time += 0.01
+    bench.inbox.rows.put(state(6, 10.01))
+    assert [bench.result().names for _ in range(2)] == [("J1",)] * 2
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("from a signal handler")])
 def test_if_the_one_who_receives_is_interrupted_the_next_one_does(error: BaseException) -> None:
     bench = InboxBench()

@@ -88,6 +88,16 @@ class ArrivedStates:
         if state is not None:
             with self._changed:
                 self._put(state, arrived)
+                self._changed.notify_all()
+
+    def _end_wait(self, payload: bytes) -> None:
+        """Take what arrived, in one step with the end of receiving: the caller waits for it."""
+        arrived, state = self._now(), self._decoded(payload)
+        with self._changed:
+            if state is not None:
+                self._put(state, arrived)
+            self._receiver = 0
+            self._changed.notify_all()
 
     def _decoded(self, payload: bytes) -> m.State | None:
         if not payload:
@@ -120,7 +130,6 @@ class ArrivedStates:
             self.lost += state.sequence - before.sequence - 1
         self.seen += 1
         self.newest, self.arrived = state, arrived
-        self._changed.notify_all()
 
     def require(self, done: int) -> None:
         """Ignore states from before an order was done.
@@ -202,8 +211,7 @@ class ArrivedStates:
                 with self._changed:
                     self._until = until
                     self._changed.notify_all()
-                # The short way: nothing is done before the caller has it that can be done later.
-                self.add(inbox.wait())
+                self._end_wait(inbox.wait())
             while payload is not None:
                 self.add(payload)
                 payload = inbox.poll()
