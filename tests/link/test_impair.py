@@ -291,6 +291,20 @@ def test_what_a_link_refuses_or_ignores_is_no_unit_of_the_line() -> None:
         assert (link.sent.counters.units, link.sent.counters.dropped) == (1, 1)
 
 
+def test_what_is_no_unit_of_the_line_keeps_its_deadline() -> None:
+    """Even an empty write waits for its turn behind another thread's."""
+    near, _ = memory_pair(DATAGRAM)
+    link, seen = ImpairedLink(near), []
+    near.write = lambda data, deadline=None: seen.append((data, deadline))  # type: ignore[method-assign]
+    link.write(b"x", 4.0)
+    link.open()
+    link.write(b"", 5.0)
+    link.write(bytes(9000), 6.0)
+    link.write(b"x", 7.0)
+    link.close()
+    assert seen == [(b"x", 4.0), (b"", 5.0), (bytes(9000), 6.0), (b"x", 7.0)]
+
+
 def test_what_is_late_goes_out_while_somebody_reads() -> None:
     line = FakeLine()
     link = ImpairedLink(line, sending=Impairment(freeze=1.0, freeze_time=1.0))

@@ -7,6 +7,7 @@ which may be simulated. Must not know what the bytes mean.
 from __future__ import annotations
 
 import heapq
+import itertools
 import random
 import threading
 from collections.abc import Callable
@@ -99,7 +100,7 @@ class Lane:
         self._random = random.Random(seed)
         # Output time, rank that preserves the order of arrival, bytes.
         self._waiting: list[tuple[float, int, bytes]] = []
-        self._rank = 0
+        self._ranks = itertools.count()
         self._held: list[bytes] = []
         self._held_until = 0.0
         self._not_before = 0.0
@@ -177,8 +178,7 @@ class Lane:
             if len(self._waiting) >= _MOST_WAITING:
                 self.counters.overflowed += 1
                 continue
-            self._rank += 1
-            heapq.heappush(self._waiting, (due, self._rank, data))
+            heapq.heappush(self._waiting, (due, next(self._ranks), data))
 
     def _without_a_run(self, data: bytes, choice: random.Random) -> bytes:
         if not self._stream:

@@ -120,7 +120,7 @@ class Listener(Openable):
         family, address = find_addresses(self.host, self._wanted_port, self.url, passive=True)[0]
         try:
             doors = select.epoll()
-            listening = socket.socket(family, socket.SOCK_STREAM)
+            listening = socket.socket(family)
         except OSError as error:
             raise explain_bind(error, self.url) from error
         try:
