@@ -41,7 +41,7 @@ def check_jacobian(model: KinematicModel, angles: tuple[float, ...]) -> None:
     """Compare the Jacobian with differences of `forward`."""
     rows = model.jacobian(angles)
     here, step = model.forward(angles).rotation, 1e-6
-    for j in range(6):
+    for j in range(len(angles)):
         up = model.forward([a + step * (i == j) for i, a in enumerate(angles)])
         down = model.forward([a - step * (i == j) for i, a in enumerate(angles)])
         for i in range(3):

@@ -8,6 +8,7 @@ import pinocchio
 import pytest
 from tests.model.poses import pose_error, random_angles
 
+from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.hex7bot import HEX7BOT
@@ -16,6 +17,8 @@ from hexwire.model.hex7bot_links import LINK_SETS
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
 from hexwire.model.puma260 import PUMA260, Puma260Model
+from hexwire.model.so_arm import SoArmModel
+from hexwire.model.so_arm_links import SO_ARMS
 from hexwire.model.urdf import LEVEL_JOINT, ROOT_LINK, TIP_LINK, make_urdf
 
 # An arm whose signs are not all alike: a wrong sign must not hide behind a one.
@@ -23,6 +26,9 @@ MIXED = ArmModel(
     "mixed", tuple(replace(j, sign=(-1) ** i, offset=0.1 * i - 0.2) for i, j in enumerate(HEX7BOT.joints))
 )
 SEVEN = [Hex7BotModel(links, arm) for links in LINK_SETS.values() for arm in (HEX7BOT, MIXED)]
+
+
+SO_MODELS = [SoArmModel(links) for links in SO_ARMS.values()]
 
 
 def pinocchio_pose(text: str, joints: dict[str, float]) -> Pose:
@@ -57,17 +63,54 @@ def test_pinocchio_agrees_on_the_puma() -> None:
         assert pose_error(pinocchio_pose(text, joints), model.forward(angles)) < 1e-9
 
 
-@pytest.mark.parametrize("model", [*SEVEN[:1], Puma260Model()], ids=lambda m: m.name)
+@pytest.mark.parametrize("model", SO_MODELS, ids=lambda m: m.name)
+def test_pinocchio_agrees_on_the_so_arms(model: SoArmModel) -> None:
+    text = make_urdf(model)
+    for angles in random_angles(13, 25):
+        joints = {**model.to_joints(angles[:5]), "gripper": angles[5]}
+        assert pose_error(pinocchio_pose(text, joints), model.forward(angles[:5])) < 1e-9
+
+
+def test_jaw_of_the_so_arms_opens_upwards_from_the_tip() -> None:
+    for arm in SO_MODELS:
+        text = make_urdf(arm)
+        model = pinocchio.buildModelFromXML(text)
+        data = model.createData()
+        heights = []
+        for angle in (0.0, 0.5):
+            q = pinocchio.neutral(model)
+            q[model.joints[model.getJointId("gripper")].idx_q] = angle
+            pinocchio.framesForwardKinematics(model, data, q)
+            jaw = data.oMf[model.getFrameId("jaw")]
+            finger = jaw.rotation @ arm.links.finger + jaw.translation
+            heights.append(finger[2])
+            # About as far ahead as the fixed jaw, which it meets.
+            assert 0.08 * math.cos(angle) < finger[0] - arm.wrist([0.0] * 5)[0] - arm.links.hand < 0.11
+        tip = arm.forward([0.0] * 5).position[2]
+        assert 0.0 < heights[0] - tip < 0.02
+        assert heights[1] > heights[0] + 0.03
+
+
+def test_masses_of_the_so_arms_are_the_published_ones() -> None:
+    for arm in SO_MODELS:
+        masses = [float(mass.get("value", "")) for mass in ElementTree.fromstring(make_urdf(arm)).iter("mass")]
+        assert sorted(masses) == sorted(arm.links.masses)
+
+
+@pytest.mark.parametrize("model", [*SEVEN[:1], Puma260Model(), *SO_MODELS], ids=lambda m: m.name)
 def test_joints_limits_and_inertias_are_plausible(model: KinematicModel) -> None:
     root = ElementTree.fromstring(make_urdf(model))
     names = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
-    arm = HEX7BOT if model.name == "hex7bot" else PUMA260
+    arms = {"hex7bot": HEX7BOT, "puma260": PUMA260}
+    arm = arms.get(model.name) or load_profile(model.name).model
+    # The profile has the limits in rounded degrees.
+    rounded = 1e-9 if model.name in arms else 1e-3
     assert [n for n in names if n != LEVEL_JOINT] == list(arm.names)
     for joint in arm.joints:
         limit = root.find(f"joint[@name='{joint.name}']/limit")
         assert limit is not None
-        assert float(limit.get("lower", "")) == pytest.approx(joint.minimum)
-        assert float(limit.get("upper", "")) == pytest.approx(joint.maximum)
+        assert float(limit.get("lower", "")) == pytest.approx(joint.minimum, abs=rounded)
+        assert float(limit.get("upper", "")) == pytest.approx(joint.maximum, abs=rounded)
     for inertia in root.iter("inertia"):
         moments = sorted(float(inertia.get(k, "")) for k in ("ixx", "iyy", "izz"))
         assert moments[0] > 0
@@ -98,7 +141,7 @@ def test_every_digit_is_written() -> None:
     assert repr(math.pi / 2 + 0.087265) in make_urdf(SEVEN[0])
 
 
-@pytest.mark.parametrize("model", [SEVEN[0], Puma260Model()], ids=lambda model: model.name)
+@pytest.mark.parametrize("model", [SEVEN[0], Puma260Model(), *SO_MODELS], ids=lambda model: model.name)
 def test_the_root_is_rep_105s_and_without_matter(model: KinematicModel) -> None:
     root = ElementTree.fromstring(make_urdf(model))
     links = {link.attrib["name"]: link for link in root.findall("link")}

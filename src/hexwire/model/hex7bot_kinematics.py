@@ -88,7 +88,7 @@ class Hex7BotModel(KinematicModel):
         return tuple(_NEUTRAL + joint.sign * (positions[joint.name] - joint.offset) for joint in joints)
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
-        self._six(angles)
+        self._finite(angles)
         return {
             joint.name: joint.sign * (angle - _NEUTRAL) + joint.offset
             for joint, angle in zip(self.arm.joints, angles, strict=False)
@@ -122,7 +122,7 @@ class Hex7BotModel(KinematicModel):
         )
 
     def forward(self, angles: Sequence[float]) -> Pose:
-        self._six(angles)
+        self._finite(angles)
         rotation = self.rotation(angles)
         return Pose(_plus(self.wrist(angles), column(rotation, 2), self.links.f), rotation)
 
@@ -294,7 +294,7 @@ class Hex7BotModel(KinematicModel):
         return excess if excess > 1e-9 else 0.0
 
     def jacobian(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-        self._six(angles)
+        self._finite(angles)
         k = self.links
         t0, t1, t2, t3, t4, _ = angles
         p = t2 - k.offset
@@ -326,7 +326,7 @@ class Hex7BotModel(KinematicModel):
         return tuple(tuple(v[i] for v in part) for part in (moves, axes) for i in range(3))
 
     def singularity(self, angles: Sequence[float]) -> Singularity:
-        self._six(angles)
+        self._finite(angles)
         k = self.links
         wrist = self.wrist(angles)
         from_axis = math.hypot(wrist[0], wrist[1])

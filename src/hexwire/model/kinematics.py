@@ -20,6 +20,8 @@ from .pose import Matrix, Pose, Vector
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from .arm import ArmModel
+
 __all__ = ["JointRange", "KinematicModel", "Reach", "Singularity", "Solution", "numpy_or_none", "wrap"]
 
 ONE_LINE = "wrist singular"
@@ -126,7 +128,8 @@ class Singularity:
 
     Attributes:
         measures: By name of the kind of singularity: 0 is singular, 1 is as far away as possible.
-        manipulability: Absolute determinant of the Jacobian, metres cubed.
+        manipulability: Absolute determinant of the Jacobian, metres cubed; of position, pitch and
+            roll for an arm of five joints.
         near: Names of the measures below a twentieth.
     """
 
@@ -143,7 +146,7 @@ _NEAR = 0.05
 
 
 class KinematicModel(ABC):
-    """Kinematics of one arm of six joints.
+    """Kinematics of one arm.
 
     Attributes:
         name: Name, such as ``hex7bot``.
@@ -158,7 +161,7 @@ class KinematicModel(ABC):
         """Pose of the tool tip at joint angles.
 
         Raises:
-            UsageError: The angles are not six finite numbers.
+            UsageError: The angles are not one finite number for each joint.
         """
 
     @abstractmethod
@@ -186,7 +189,7 @@ class KinematicModel(ABC):
 
     @abstractmethod
     def inverse_many(self, positions: Any, rotations: Any) -> Any:
-        """Joint angles (N, 8, 6), one row per branch, within half a turn; NaN if the links do not reach.
+        """Joint angles (N, branches, joints), within half a turn; NaN if the links do not reach.
 
         An array with numpy, otherwise nested lists.
         """
@@ -220,11 +223,29 @@ class KinematicModel(ABC):
         """The tool's rotation after the arm carries it from `angles` to a position in metres."""
         return self.forward(angles).rotation
 
+    def aimed(self, position: Vector, pitch: float, roll: float, angles: Sequence[float]) -> Matrix:
+        """The tool's rotation at a position in metres with a pitch and a roll, when the heading follows from them.
+
+        Args:
+            position: Of the tip, metres.
+            pitch: Of the tool, radians: 0 is level and ahead, a quarter turn is straight down.
+            roll: About the tool's axis, radians.
+            angles: Present joint angles.
+
+        Raises:
+            UsageError: The arm has six joints, and its heading is free.
+        """
+        raise UsageError(f"{self.name} has six joints: give its rotation, not only pitch and roll")
+
+    def for_arm(self, arm: ArmModel) -> KinematicModel:
+        """The same model with the limits of one arm's joints, if its joints are the model's."""
+        return self
+
     # -- shared -------------------------------------------------------------------------------------
 
     def violations(self, angles: Sequence[float]) -> tuple[str, ...]:
         """Descriptions of the limits that joint angles violate; empty if there are none."""
-        self._six(angles)
+        self._finite(angles)
         found = []
         for limit, angle in zip(self.ranges, angles, strict=True):
             excess = limit.excess(angle)
@@ -280,7 +301,7 @@ class KinematicModel(ABC):
     def _sorted(self, solutions: Iterable[Solution]) -> tuple[Solution, ...]:
         return tuple(sorted(solutions, key=lambda s: not s.allowed))
 
-    def _six(self, angles: Sequence[float]) -> None:
+    def _finite(self, angles: Sequence[float]) -> None:
         if len(angles) != len(self.ranges):
             raise UsageError(f"{self.name} has {len(self.ranges)} joints here, got {len(angles)} angles")
         for limit, angle in zip(self.ranges, angles, strict=True):

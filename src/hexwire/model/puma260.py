@@ -115,7 +115,7 @@ class Puma260Model(KinematicModel):
         return (c * ahead - s * SIDE, s * ahead + c * SIDE, up)
 
     def forward(self, angles: Sequence[float]) -> Pose:
-        self._six(angles)
+        self._finite(angles)
         q1, q2, q3, q4, q5, q6 = angles
         rotation = multiply(rotation_z(q1), rotation_y(q2 + q3), rotation_z(q4), rotation_y(q5), rotation_x(q6))
         return Pose(_plus(self.wrist(angles), column(rotation, 0), FLANGE), rotation)
@@ -225,7 +225,7 @@ class Puma260Model(KinematicModel):
         return tuple(positions[name] for name in PUMA260.names)
 
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
-        self._six(angles)
+        self._finite(angles)
         return dict(zip(PUMA260.names, angles, strict=True))
 
     def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
@@ -254,7 +254,7 @@ class Puma260Model(KinematicModel):
         return tuple(tuple(v[i] for v in part) for part in (moves, axes) for i in range(3))
 
     def singularity(self, angles: Sequence[float]) -> Singularity:
-        self._six(angles)
+        self._finite(angles)
         _, q2, q3, _, q5, _ = angles
         upper = math.hypot(UPPER, DROP)
         ahead = UPPER * math.cos(q2) + DROP * math.sin(q2) - FOREARM * math.sin(q2 + q3)

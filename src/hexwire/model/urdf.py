@@ -1,8 +1,8 @@
 """URDF files of the arms, from the same constants as their kinematics.
 
 Owns the format. The joints are those of the driver, so joint states apply without conversion. The 7Bot's
-parallelogram is a joint that mimics J2 with the multiplier -1. Lengths are published; masses are not published and
-are estimates for a simulation. Returns text and must not know files.
+parallelogram is a joint that mimics J2 with the multiplier -1. Lengths are published, and masses of the SO-100 and
+SO-101; other masses, and all shapes, are estimates for a simulation. Returns text and must not know files.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from . import puma260, puma260_links
 from .hex7bot_kinematics import Hex7BotModel
 from .kinematics import KinematicModel
 from .pose import Vector
+from .so_arm import SoArmModel
 
 __all__ = ["LEVEL_JOINT", "ROOT_LINK", "TIP_LINK", "make_urdf"]
 
@@ -31,6 +32,7 @@ _HALF = math.pi / 2
 _GREYS = (("dark", 0.45), ("light", 0.8))
 # Torques are not published; only the stall torque of the small servos, 6 kg.cm, is known.
 _EFFORT = 3.0
+_SO_SPEED = math.pi
 
 
 @dataclass
@@ -104,18 +106,22 @@ def make_urdf(model: KinematicModel) -> str:
     writer = _Writer()
     writer.frame(ROOT_LINK)
     writer.joint("base_mount", ROOT_LINK, "base", (0.0, 0.0, 0.0))
+    masses = "are published, masses estimated"
     if isinstance(model, Hex7BotModel):
         _hex7bot(writer, model)
         remark = f"link set {model.links.name}: {model.links.source or 'own'}"
     elif isinstance(model, puma260.Puma260Model):
         _puma260(writer)
         remark = "model: see hexwire.model.puma260"
+    elif isinstance(model, SoArmModel):
+        _so_arm(writer, model)
+        remark, masses = model.links.source, "and masses published, inertias estimated"
     else:
         raise UsageError(f"there is no URDF for {model.name}")
     head = [
         '<?xml version="1.0"?>',
         f"<!-- Made by 'hexwire model urdf'; {remark.replace('--', '-')}.",
-        "     Lengths are published, masses estimated. -->",
+        f"     Lengths {masses}. -->",
         f'<robot name="{model.name}">',
     ]
     return "\n".join([*head, *writer.rows, "</robot>", ""])
@@ -196,6 +202,35 @@ def _puma260(out: _Writer) -> None:
         parent = name
     out.joint("tool_mount", parent, TIP_LINK, (puma260_links.FLANGE, 0.0, 0.0))
     out.frame(TIP_LINK)
+
+
+def _so_arm(out: _Writer, model: SoArmModel) -> None:
+    k = model.links
+    ahead, below, left = k.tip
+    shoulder = (k.shoulder[0], 0.0, k.shoulder[1] - k.pan[1])
+    upper, forearm = (k.upper[0], 0.0, k.upper[1]), (k.forearm[0], 0.0, k.forearm[1])
+    hand, tip = (k.hand, k.side, 0.0), (ahead, left, -below)
+    zero = (0.0, 0.0, 0.0)
+    right: Vector = (0.0, -1.0, 0.0)
+    # Place, turn and axis of each joint in the frame of the link before it; then the link and the end of its rod.
+    rows: tuple[tuple[Vector, float, Vector, str, Vector, float], ...] = (
+        ((k.pan[0], 0.0, k.pan[1]), 0.0, _axis(2, -1), "shoulder", shoulder, 0.025),
+        (shoulder, 0.0, _axis(1, 1), "upper_arm", upper, 0.02),
+        (upper, 0.0, _axis(1, 1), "lower_arm", forearm, 0.02),
+        (forearm, 0.0, _axis(1, 1), "wrist", hand, 0.02),
+        (hand, k.twist, _axis(0, -1), "gripper_body", tip, 0.015),
+    )
+    out.link("base", k.masses[0], zero, (k.pan[0], 0.0, 0.8 * k.pan[1]), 0.03)
+    parent = "base"
+    for joint, mass, (place, twist, axis, name, end, radius) in zip(model.ranges, k.masses[1:], rows, strict=False):
+        limits = (joint.minimum, joint.maximum, _SO_SPEED)
+        out.joint(joint.name, parent, name, place, (twist, 0.0, 0.0), axis, limits)
+        out.link(name, mass, zero, end, radius)
+        parent = name
+    out.joint("tool_mount", parent, TIP_LINK, tip, (0.0, _HALF, 0.0))
+    out.frame(TIP_LINK)
+    out.joint("gripper", parent, "jaw", k.jaw, zero, right, (*k.jaw_range, _SO_SPEED))
+    out.link("jaw", k.masses[6], (0.0, k.finger[1], 0.0), k.finger, 0.005)
 
 
 def _axis(i: int, sign: int) -> Vector:
