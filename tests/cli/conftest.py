@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.bus.bus_bench import make_bus
 
 from hexwire.cli.main import cli
 from hexwire.control import loop as motion_loop
@@ -77,6 +78,19 @@ def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
         return bench
 
     return make
+
+
+@pytest.fixture
+def so_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Run a command for an SO-100 or SO-101, six emulated servos on an adapter."""
+    bus, _ = make_bus(range(1, 7), baud=1_000_000)
+    bus.close()
+    monkeypatch.setattr(ipc_open, "make_link", lambda url: bus.link)
+    sleep = bus.link.clock.advance  # type: ignore[attr-defined]  # simulated time
+    paced = functools.partial(motion_loop.RateLoop, clock=bus.link.clock, sleep=sleep)  # type: ignore[attr-defined]
+    monkeypatch.setattr(motion_loop, "RateLoop", paced)
+    monkeypatch.setattr(motions, "MotionOptions", functools.partial(motions.MotionOptions, sleep=sleep))
+    return lambda *words: CliRunner().invoke(cli, [*words, "--port", "/dev/ttyTEST"])
 
 
 @pytest.fixture

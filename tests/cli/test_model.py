@@ -147,3 +147,55 @@ def test_no_heavy_package_is_loaded_for_one_pose() -> None:
         "assert not heavy, heavy\n"
     )
     subprocess.run([sys.executable, "-P", "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+# -- five joints ----------------------------------------------------------------------------------------------
+
+
+def test_fk_and_ik_of_the_so101() -> None:
+    pose = run("fk", "--robot", "so101", 10, 20, -15, 30, 40, "--json").stdout
+    report = json.loads(pose)
+    assert report["pitch_deg"] == pytest.approx(35)
+    assert report["roll_deg"] == 40
+    got = answer("ik", "-", stdin=pose)
+    assert got["robot"] == "so101"
+    assert got["solutions"][0]["angles_deg"] == pytest.approx([10, 20, -15, 30, 40], abs=1e-6)
+    typed = answer("ik", *report["tip_mm"], "--pitch", 35, "--roll", 40, "--robot", "so101")
+    assert typed["solutions"][0]["angles_deg"] == pytest.approx([10, 20, -15, 30, 40], abs=1e-6)
+    assert {s["branch"] for s in typed["solutions"]} == {"front, elbow up", "front, elbow down"}
+
+
+@pytest.mark.parametrize(
+    ("robot", "tip"), [("so101", "391.362 -0.011 226.469"), ("so100", "400.200 0.000 228.870")]
+)
+def test_zero_of_the_so_arms_for_people(robot: str, tip: str) -> None:
+    lines = [" ".join(line.split()) for line in run("fk", "--robot", robot, 0, 0, 0, 0, 0).stdout.splitlines()]
+    assert f"tip mm {tip}" in lines
+    assert "pitch deg 0.000" in lines
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("fk", 1, 2, 3, 4, 5, 6), "T0 T1 T2 T3 T4 takes 5 values, not 6"),
+        (("check", 1, 2, 3, 4), "T0 T1 T2 T3 T4 takes 5 values, not 4"),
+        (("check", 0, 0, 0, 100, 0), "wrist_flex=100 deg is 5 deg above its limits -95 to 95 deg"),
+        (("ik", 900, 0, 100, "--pitch", 90), "out of reach: the wrist would be"),
+        (("ik", 200, 100, 200, "--rpy", 0, 90, 0), "so101 would miss the rotation by 31.83 deg"),
+        (("ik", 200, 0, 100, "--roll", 0, "--rpy", 0, 0, 0), "--roll needs --pitch"),
+        (("ik", 200, 0, 100, "--pitch", 0, "--rpy", 0, 0, 0), "--pitch contradicts the rotation"),
+        (("ik", 200, 0, 100, "--pitch", "inf"), "'inf' is not a number"),
+        (("ik", 200, 0, 100), "a pose needs --rotation or --rpy, or --pitch"),
+    ],
+)
+def test_invalid_values_of_five_joints_give_one_line_and_status_2(args: tuple[object, ...], words: str) -> None:
+    result = run(*args, "--robot", "so101")
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_pitch_of_an_arm_of_six_joints_is_refused() -> None:
+    result = run("ik", 0, 200, 100, "--pitch", 90)
+    assert result.exit_code == 2
+    assert "hex7bot has six joints: give its rotation" in result.stderr

@@ -2,14 +2,20 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import Result
 from tests.motion.arms import HOME, state
 
+from hexwire.drivers.arm_file import load_profile
+from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
+from hexwire.model.so_arm import SoArmModel
+from hexwire.model.so_arm_links import SO_ARMS
 from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
 
 A = Hex7BotModel()
@@ -268,3 +274,110 @@ def test_a_speed_that_leaves_no_time_is_refused(bench: Any, tmp_path: Path) -> N
         result = bench.run("play", str(waypoints(tmp_path / "w.json")), "--speed", speed)
         assert result.exit_code == 2
         assert words in result.stderr
+
+
+# -- five joints on a servo bus ---------------------------------------------------------------------------
+
+
+class SoArm:
+    """An emulated SO-100 or SO-101, and what its kinematics say of it."""
+
+    def __init__(self, run: Callable[..., Result], robot: str) -> None:
+        self._run, self.robot = run, robot
+        name = robot if robot in SO_ARMS else "so101"
+        self.model = SoArmModel(SO_ARMS[name])
+
+    def run(self, *words: str) -> Result:
+        return self._run(*words, "--robot", self.robot)
+
+    def ok(self, *words: str) -> str:
+        result = self.run(*words)
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    def state(self) -> dict[str, Any]:
+        data: dict[str, Any] = json.loads(self.ok("state", "--json"))
+        return data
+
+    def angles(self) -> tuple[float, ...]:
+        return self.model.from_joints(
+            {joint["name"]: math.radians(joint["position_deg"]) for joint in self.state()["joints"]}
+        )
+
+    def tip(self) -> list[float]:
+        return [1e3 * v for v in self.model.forward(self.angles()).position]
+
+    def pitch(self) -> float:
+        return math.degrees(self.model.pitch(self.angles()))
+
+
+@pytest.fixture(params=["so101", "so100", "left.toml"])
+def so_arm(request: pytest.FixtureRequest, so_bench: Callable[..., Result], tmp_path: Path) -> SoArm:
+    if request.param != "left.toml":
+        return SoArm(so_bench, request.param)
+    # An arm with a calibration of its own; its wrist_roll goes no further than 60 degrees.
+    ends = [*[(1000, 3000)] * 4, (1365, 2731), (1900, 3200)]
+    joints = tuple(
+        JointCalibration(joint.name, joint.servo_id, 2048, *end)
+        for joint, end in zip(load_profile("so101").model.joints, ends, strict=True)
+    )
+    (tmp_path / "cal.toml").write_text(Calibration("so101", "", joints).serialize(), encoding="utf-8")
+    file = tmp_path / "left.toml"
+    file.write_text('name = "left"\nbase = "so101"\ncalibration = "cal.toml"\n', encoding="utf-8")
+    return SoArm(so_bench, str(file))
+
+
+def test_five_joints_go_to_a_position_and_a_pitch_and_follow_a_line(so_arm: SoArm) -> None:
+    out = so_arm.ok("goto", "240", "60", "80", "--pitch", "70", "--roll", "30")
+    assert out.startswith("goto 240 60 80 mm: ")
+    assert out.endswith("arrived\n")
+    assert so_arm.tip() == pytest.approx([240, 60, 80], abs=1.0)
+    assert so_arm.pitch() == pytest.approx(70, abs=0.5)
+    assert math.degrees(so_arm.angles()[4]) == pytest.approx(30, abs=0.5)
+    so_arm.ok("line", "--relative", "0", "-100", "0", "--speed", "80")
+    assert so_arm.tip() == pytest.approx([240, -40, 80], abs=1.5)
+    assert so_arm.pitch() == pytest.approx(70, abs=0.7)
+    so_arm.ok("goto", "230", "0", "40", "--down")
+    assert so_arm.tip() == pytest.approx([230, 0, 40], abs=1.0)
+    assert so_arm.pitch() == pytest.approx(90, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("goto", "600", "0", "100"), "out of reach: the wrist would be"),
+        (("goto", "240", "0", "80", "--pitch", "-70"), "no joint angles within limits; nearest is front, elbow"),
+        (("goto", "240", "0", "80", "--rpy", "0", "0", "0"), "five joints, and the heading of its tool follows"),
+        (("goto", "240", "0", "80", "--roll", "10"), "--roll needs --pitch"),
+        (("goto", "240", "0", "80", "--down", "--pitch", "10"), "--down and --pitch contradict each other"),
+        (("line", "0", "0", "-400", "--relative"), "of the line: "),
+        (("goto", "240", "0", "40", "--down", "--table", "50"), "below the table at 50 mm; nothing was sent"),
+        (("move", "shoulder_lift=95", "elbow_flex=5", "--wait"), "below the table at 0 mm"),
+    ],
+)
+def test_what_five_joints_cannot_do_is_refused_before_anything_moves(
+    so_bench: Callable[..., Result], words: tuple[str, ...], error: str
+) -> None:
+    arm = SoArm(so_bench, "so101")
+    before = arm.angles()
+    result = arm.run(*words)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert error in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert arm.angles() == before
+    assert not any(joint["torque_on"] for joint in arm.state()["joints"])
+
+
+def test_limits_of_the_calibration_choose_the_branch(so_arm: SoArm) -> None:
+    result = so_arm.run("goto", "240", "0", "80", "--pitch", "70", "--roll", "75")
+    if so_arm.robot in SO_ARMS:
+        assert result.exit_code == 0, result.output
+    else:
+        assert result.exit_code == 2
+        assert "wrist_roll=75 deg is 15 deg above its limits -60.03 to 60.03 deg" in result.stderr
+
+
+def test_pitch_is_for_five_joints(bench: Any) -> None:
+    result = bench.run("goto", "0", "220", "200", "--pitch", "90")
+    assert result.exit_code == 2
+    assert "hex7bot has six joints: give --rpy instead of --pitch" in result.stderr

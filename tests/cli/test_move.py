@@ -301,9 +301,9 @@ def test_an_option_about_the_table_must_have_an_effect(bench: Any) -> None:
     result = bench.run("move", "J1=5", "--table", "60", "--no-table")
     assert result.exit_code == 2
     assert result.stderr == "error: --table and --no-table contradict each other\n"
-    result = bench.run("move", "shoulder_pan=5", "--robot", "so101", "--table", "60")
+    result = bench.run("move", "J1=5", "--robot", "chain", "--table", "60")
     assert result.exit_code == 2
-    assert result.stderr.startswith("error: no geometry is known for so101")
+    assert result.stderr.startswith("error: no geometry is known for chain")
     assert bench.link.written == []
 
 

@@ -141,7 +141,8 @@ def test_a_robot_that_is_a_file(tmp_path: Path) -> None:
     file.write_text('name = "mine"\nbase = "so101"\n', encoding="utf-8")
     settings = load(robot=str(file))
     assert settings.model.name == "mine"
-    assert settings.kinematics is None
+    assert settings.kinematics is not None
+    assert settings.kinematics.name == "so101"
     assert settings.controllers[0].joints == settings.model.names
 
 
@@ -210,13 +211,14 @@ def test_the_puma() -> None:
 
 def test_robots_without_link_sets_or_geometry() -> None:
     assert faults(robot="puma260", links="B") == ["links: only the hex7bot has link sets; omit it for puma260"]
-    assert faults(robot="so101", links="V1", table_height=0.1) == [
-        "links: only the hex7bot has link sets; omit it for so101",
-        "table_height: so101 has no geometry for this check; set check_table to false",
+    assert faults(robot="chain", links="V1", table_height=0.1) == [
+        "links: only the hex7bot has link sets; omit it for chain",
+        "table_height: chain has no geometry for this check; set check_table to false",
     ]
-    settings = load(robot="so101", table_height=0.1, check_table=False)
+    settings = load(robot="chain", table_height=0.1, check_table=False)
     assert (settings.kinematics, settings.table) == (None, None)
-    assert load(robot="so101").table is None
+    assert load(robot="chain").table is None
+    assert load(robot="so101", table_height=0.1).table == 0.1
 
 
 def test_a_file_of_links(tmp_path: Path) -> None:

@@ -32,6 +32,9 @@ def facts(joints: tuple[m.Joint, ...]) -> m.Facts:
 def test_the_model_of_an_arm_is_the_same_after_its_way() -> None:
     there = m.decode(m.encode(facts(joints_of(HEX7BOT))), m.Facts)
     assert arm_model(there).joints == HEX7BOT.joints
+    assert arm_model(there).geometry == ""
+    there.geometry = "so101"
+    assert arm_model(there).geometry == "so101"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from hexwire.errors import RemoteProtocolError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import server as module
 from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.questions import decoded
 from hexwire.fleet.server import ArmServer
 
 KEYS = Keys("lab/arm1")
@@ -186,6 +188,12 @@ def test_the_stop_of_another_program_voids_no_later_order_of_the_holder(served: 
     key = served.take("Ann").value
     assert served.ask(KEYS.stop, m.StopRequest("Bob", key=key ^ 1, sequence=2**40)).kind == ""
     assert served.order(key, m.Resume()).kind == ""
+
+
+def test_a_client_learns_whose_geometry_the_arm_has(served: Served) -> None:
+    robot = served.bench.robot
+    robot.model = replace(robot.model, geometry="so101")
+    assert decoded(served.ask(KEYS.ask, m.Ask("facts")), m.Facts).geometry == "so101"
 
 
 def test_an_unconfirmed_stop_is_an_error_in_its_answer(served: Served) -> None:

@@ -3,12 +3,15 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from hexwire.drivers.arm_file import load_arm_file, load_profile
 from hexwire.errors import ConfigError, UsageError
-from hexwire.model.geometry import ROBOTS, kinematics_or_none, make_kinematics
+from hexwire.model.geometry import ROBOTS, kinematics_for, kinematics_or_none, make_kinematics
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
 OWN = "name='bench'\na=120\nb=40\nc=190.5\nd=24.28\ne=79\nf=30\ng=12\nh=34.8\noffset=90\n"
@@ -23,9 +26,24 @@ def test_every_robot_that_is_named_has_one(robot: str) -> None:
 
 
 def test_a_robot_without_geometry() -> None:
-    assert kinematics_or_none("so101") is None
-    with pytest.raises(UsageError, match="no geometry is known for robot 'so101'; choose one of hex7bot, puma260"):
-        make_kinematics("so101")
+    assert kinematics_or_none("chain") is None
+    assert kinematics_for(load_profile("chain").model) is None
+    with pytest.raises(UsageError, match="for robot 'chain'; choose one of hex7bot, puma260, so100, so101"):
+        make_kinematics("chain")
+
+
+def test_an_arm_has_the_geometry_of_its_base_and_its_own_limits(tmp_path: Path) -> None:
+    (tmp_path / "left.toml").write_text('name = "left"\nbase = "so100"\n', encoding="utf-8")
+    arm = load_arm_file(tmp_path / "left.toml").model
+    narrow = replace(arm, joints=tuple(replace(joint, maximum=0.2) for joint in arm.joints))
+    model = kinematics_for(narrow)
+    assert model is not None
+    assert model.name == "so100"
+    assert [r.maximum for r in model.ranges] == [0.2] * 5
+    # The limits of the others are those of their published models, as in `make_kinematics`.
+    other = kinematics_for(HEX7BOT, "V1")
+    assert other is not None
+    assert other.ranges == make_kinematics("hex7bot", "V1", for_motion=True).ranges
 
 
 def test_published_link_sets_and_a_file(tmp_path: Path) -> None:

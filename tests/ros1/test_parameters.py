@@ -185,8 +185,8 @@ def test_a_name_with_a_slash_is_a_table_of_tables() -> None:
 
 
 def test_texts_name_other_parameters_as_ros_does() -> None:
-    assert faults(robot="so101", table_height=0.1) == [
-        "~table_height: so101 has no geometry for this check; set ~check_table to false"
+    assert faults(robot="chain", table_height=0.1) == [
+        "~table_height: chain has no geometry for this check; set ~check_table to false"
     ]
     (text,) = faults(watchdog=0.5, command_rate=2)
     assert text.startswith("~watchdog: 0.5 s is less than two periods of ~command_rate 2 Hz, 1 s")

@@ -1,7 +1,7 @@
 """`model`: computations with the arm's geometry, without a robot.
 
-Owns the format of angles, poses and reports: degrees, and millimetres for the 7Bot, metres for the PUMA 260. Must
-not know the geometry.
+Owns the format of angles, poses and reports: degrees, and millimetres, but metres for the PUMA 260. Must not know
+the geometry.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -19,8 +19,9 @@ from hexwire.errors import ConfigError, LimitError, UsageError
 from hexwire.inputs import LARGEST_TEXT, Item, parse_json, read_bytes, read_stream
 from hexwire.model.geometry import ROBOTS, make_kinematics
 from hexwire.new_file import OutputFile
+from hexwire.units import decimal
 
-from .common import DEFAULT_ROBOT, FiniteFloat, force_option, json_option, numbers_argument, refuse_idle_force
+from .common import DEFAULT_ROBOT, FiniteFloat, force_option, json_option, refuse_idle_force
 from .output import line_width, plain, print_json, say, say_document, say_table
 
 if TYPE_CHECKING:
@@ -30,10 +31,13 @@ if TYPE_CHECKING:
 __all__ = ["links_option", "model"]
 
 DEGREES = FiniteFloat("degrees")
+_OFF = math.radians(1.0)
+"""Radians by which the tool of an arm of five joints may miss a rotation that was typed."""
 _MOST = 1e6
 """Millimetres beyond the reach of any arm."""
 # With this, -30 is a number and not an option.
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
+_ANGLES = "T0 T1 T2 T3 T4 [T5]"
 
 
 def links_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -66,19 +70,20 @@ def _robot_option(command: Callable[..., Any]) -> Callable[..., Any]:
 def model() -> None:
     """Compute with the arm's geometry; no robot needed.
 
-    Angles are in degrees. Those of the 7Bot are its servo angles (90 is neutral), and its lengths are in
-    millimetres. Lengths of the PUMA 260 are in metres.
+    Angles are in degrees, lengths in millimetres, but in metres for the PUMA 260. The 7Bot's angles are its servo
+    angles (90 is neutral); those of an SO-100 or SO-101 are its five joint angles, as in LeRobot.
     """
 
 
 @model.command(context_settings=NEGATIVE_NUMBERS)
-@numbers_argument("angles", "T0 T1 T2 T3 T4 T5", DEGREES)
+@click.argument("angles", nargs=-1, required=True, type=DEGREES, metavar=_ANGLES)
 @links_option
 @_robot_option
 @json_option
 def fk(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
-    """Compute the tool pose for six joint angles."""
+    """Compute the tool pose for joint angles: five for an SO-100 or SO-101, otherwise six."""
     arm = make_kinematics(robot, links)
+    _check_count(arm, angles)
     report = _pose_report(arm, angles)
     if as_json:
         print_json(report)
@@ -99,9 +104,16 @@ def fk(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None
             say(f"{key:12} {value}")
 
 
+def _check_count(arm: KinematicModel, angles: Sequence[float]) -> None:
+    if len(angles) != len(arm.ranges):
+        words = " ".join(f"T{i}" for i in range(len(arm.ranges)))
+        raise UsageError(f"{words} takes {len(arm.ranges)} values, not {len(angles)}")
+
+
 def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any]:
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
     from hexwire.model.puma260 import Puma260Model
+    from hexwire.model.so_arm import SoArmModel
 
     angles = [math.radians(d) for d in degrees]
     pose = arm.forward(angles)
@@ -126,6 +138,15 @@ def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any
             "position_m": pose.position,
             "rotation": pose.rotation,
         }
+    elif isinstance(arm, SoArmModel):
+        report |= {
+            "angles_deg": tuple(degrees),
+            "wrist_mm": _mm(arm.wrist(angles)),
+            "tip_mm": _mm(pose.position),
+            "pitch_deg": math.degrees(arm.pitch(angles)),
+            "roll_deg": degrees[4],
+            "rotation": pose.rotation,
+        }
     report["allowed"] = not arm.violations(angles)
     report["violations"] = list(arm.violations(angles))
     report["near_singularity"] = list(arm.singularity(angles).near)
@@ -142,6 +163,8 @@ def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any
     help="Rotation matrix of the tool, row by row.",
 )
 @click.option("--rpy", nargs=3, type=DEGREES, metavar="R P Y", help="The rotation as roll, pitch, yaw in degrees.")
+@click.option("--pitch", type=DEGREES, help="SO-100, SO-101: pitch of the tool; 0 is level, 90 straight down.")
+@click.option("--roll", type=DEGREES, help="Roll of the tool, for --pitch: wrist_roll, 0 if not given.")
 @click.option("--wrist", is_flag=True, help="7Bot: X Y Z is the wrist centre; without a rotation, only T0 T1 T2.")
 @links_option
 @_robot_option
@@ -150,6 +173,8 @@ def ik(
     place: tuple[str, ...],
     rotation: tuple[float, ...] | None,
     rpy: tuple[float, ...] | None,
+    pitch: float | None,
+    roll: float | None,
     wrist: bool,
     links: str,
     robot: str,
@@ -157,8 +182,9 @@ def ik(
 ) -> None:
     """Compute all joint angles that put the tool at a pose.
 
-    The pose is X Y Z with --rotation or --rpy, or the output of `hexwire model fk --json` in a file or on standard
-    input (-). Solutions within the limits come first. Exit status 2 if there is no solution.
+    The pose is X Y Z with --rotation, --rpy or, for an SO-100 or SO-101, --pitch; or the output of
+    `hexwire model fk --json` in a file or on standard input (-). Solutions within the limits come
+    first. Exit status 2 if there is no solution.
     """
     pose_file = None
     if len(place) == 1:
@@ -167,7 +193,7 @@ def ik(
         links = pose_file["links"].text() if "links" in pose_file else links
     with _named(place[0] if pose_file is not None else ""):
         arm = make_kinematics(robot, links)
-        solutions = _solve(arm, place, rotation, rpy, wrist, pose_file)
+        solutions = _solve(arm, place, _Turn(rotation, rpy, pitch, roll), wrist, pose_file)
     if as_json:
         rows = [
             {
@@ -192,21 +218,30 @@ def ik(
     say_table(head, cells)
 
 
+class _Turn(NamedTuple):
+    """Where the tool points, as typed; None for what was not."""
+
+    rotation: Sequence[float] | None
+    rpy: Sequence[float] | None
+    pitch: float | None
+    roll: float | None
+
+
 def _solve(
     arm: KinematicModel,
     place: Sequence[str],
-    rotation: Sequence[float] | None,
-    rpy: Sequence[float] | None,
+    turn: _Turn,
     wrist: bool,
     pose_file: dict[str, Item] | None,
 ) -> tuple[Solution, ...]:
     from hexwire.model.hex7bot_kinematics import Hex7BotModel
-    from hexwire.model.pose import Pose, column, rotation_from_numbers, rotation_from_rpy
+    from hexwire.model.pose import Pose, column, rotation_between, rotation_from_numbers, rotation_from_rpy
 
     seven = isinstance(arm, Hex7BotModel)
-    unit = 1e-3 if seven else 1.0
+    unit = 1.0 if arm.name == "puma260" else 1e-3
+    rotation = turn.rotation
     if pose_file is not None:
-        key = "tip_mm" if seven else "position_m"
+        key = "position_m" if arm.name == "puma260" else "tip_mm"
         if key not in pose_file or "rotation" not in pose_file:
             raise UsageError(f"the pose needs {key} (three numbers) and rotation (three rows of three)")
         numbers = _numbers_of(pose_file[key], 3)
@@ -216,25 +251,39 @@ def _solve(
             raise UsageError(f"a position has three coordinates X Y Z, got {len(place)}")
         numbers = [FiniteFloat("coordinate").convert(text, None, None) for text in place]
     where: Vector = (numbers[0] * unit, numbers[1] * unit, numbers[2] * unit)
+    if turn.roll is not None and turn.pitch is None:
+        raise UsageError("--roll needs --pitch")
+    if turn.pitch is not None and (rotation is not None or turn.rpy is not None):
+        raise UsageError("--pitch contradicts the rotation; give only one of them")
     if rotation is not None:
-        turn = rotation_from_numbers(rotation)
-    elif rpy is not None:
-        turn = rotation_from_rpy(*(math.radians(d) for d in rpy))
+        tool = rotation_from_numbers(rotation)
+    elif turn.rpy is not None:
+        tool = rotation_from_rpy(*(math.radians(d) for d in turn.rpy))
+    elif turn.pitch is not None:
+        zero = [0.0] * len(arm.ranges)
+        tool = arm.aimed(where, math.radians(turn.pitch), math.radians(turn.roll or 0.0), zero)
     elif wrist and isinstance(arm, Hex7BotModel):
         if not arm.reach_wrist(where).reachable:
             raise LimitError(f"out of reach: {arm.reach_wrist(where).cause}")
         return arm.inverse_wrist(where)
     else:
-        raise UsageError("a pose needs --rotation or --rpy" + ("; or --wrist for the arm alone" if seven else ""))
+        more = "; or --wrist for the arm alone" if seven else ", or --pitch" if len(arm.ranges) < 6 else ""
+        raise UsageError("a pose needs --rotation or --rpy" + more)
     if wrist:
         if not isinstance(arm, Hex7BotModel):
             raise UsageError("--wrist is for the 7Bot only")
-        f, z = arm.links.f, column(turn, 2)
+        f, z = arm.links.f, column(tool, 2)
         where = (where[0] + f * z[0], where[1] + f * z[1], where[2] + f * z[2])
-    pose = Pose(where, turn)
+    pose = Pose(where, tool)
     solutions = arm.inverse(pose)
     if not solutions:
         raise LimitError(f"out of reach: {arm.reach(pose).cause}")
+    off = min(rotation_between(tool, arm.forward(s.angles).rotation)[1] for s in solutions)
+    if off > _OFF:
+        raise LimitError(
+            f"the heading of the tool follows from the position: {arm.name} would miss the rotation by "
+            f"{decimal(math.degrees(off))} deg; give --pitch and --roll"
+        )
     return solutions
 
 
@@ -268,16 +317,17 @@ def _numbers_of(item: Item, n: int) -> list[float]:
 
 
 @model.command(context_settings=NEGATIVE_NUMBERS)
-@numbers_argument("angles", "T0 T1 T2 T3 T4 T5", DEGREES)
+@click.argument("angles", nargs=-1, required=True, type=DEGREES, metavar=_ANGLES)
 @links_option
 @_robot_option
 @json_option
 def check(angles: tuple[float, ...], links: str, robot: str, as_json: bool) -> None:
-    """Check six joint angles against all limits, and show their distance from singularities.
+    """Check joint angles against all limits, and show their distance from singularities.
 
     Exit status 2 if they are not allowed.
     """
     arm = make_kinematics(robot, links)
+    _check_count(arm, angles)
     radians = [math.radians(d) for d in angles]
     found = arm.violations(radians)
     singular = arm.singularity(radians)

@@ -10,13 +10,14 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hexwire.errors import UsageError
-from hexwire.model.geometry import kinematics_or_none, make_kinematics
+from hexwire.model.geometry import kinematics_for, make_kinematics
 from hexwire.units import decimal
 
 from .common import (
@@ -112,6 +113,8 @@ def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="R P Y",
             help="Roll, pitch and yaw of the tool in degrees.",
         ),
+        number_option("--roll", "DEG", "Roll of the tool, for --pitch; otherwise it stays. It is wrist_roll."),
+        number_option("--pitch", "DEG", "SO-100, SO-101: pitch of the tool; 0 is level, 90 straight down."),
         click.option("--down", is_flag=True, help="The tool points straight down."),
     ):
         command = option(command)
@@ -129,24 +132,28 @@ def goto(
     place: Vector,
     down: bool,
     rpy: Vector | None,
+    pitch: float | None,
+    roll: float | None,
     relative: bool,
     speed: float,
     links: str,
     run: RunOptions,
     options: RobotOptions,
 ) -> None:
-    """Move the tool tip to X Y Z on the fastest path: millimetres for the 7Bot, metres for the PUMA 260.
+    """Move the tool tip to X Y Z on the fastest path: millimetres, but metres for the PUMA 260.
 
-    Without --down or --rpy, the tool keeps its direction relative to the arm.
+    Without --down, --rpy or --pitch, the tool keeps its direction relative to the arm. Five joints reach a
+    position, a pitch and a roll; the heading of an SO-100 or SO-101 follows from the position.
     """
     from hexwire.motion.checks import InJoints
     from hexwire.motion.optimal import time_optimal
 
-    model = make_kinematics(options.robot, links, for_motion=True)
-    with open_robot(options) as robot:
+    robot = make_robot(options)
+    model = _geometry_of(robot, links)
+    with attached(robot):
         start = _where(robot)
         angles = model.from_joints(start)
-        goal = _goal(model, angles, place, down, rpy, relative)
+        goal = _goal(model, angles, place, _Aim(down, rpy, pitch, roll), relative)
         solution = model.best(goal, angles)
         names = [r.name for r in model.ranges]
         joints = list(model.to_joints(angles))
@@ -167,26 +174,30 @@ def line(
     place: Vector,
     down: bool,
     rpy: Vector | None,
+    pitch: float | None,
+    roll: float | None,
     relative: bool,
     speed: float,
     links: str,
     run: RunOptions,
     options: RobotOptions,
 ) -> None:
-    """Move the tool tip to X Y Z on a straight line: millimetres for the 7Bot, metres for the PUMA 260.
+    """Move the tool tip to X Y Z on a straight line: millimetres, but metres for the PUMA 260.
 
-    Without --down or --rpy, the tool keeps its direction in space.
+    Without --down, --rpy or --pitch, the tool keeps its direction in space. That of an SO-100 or SO-101 turns with
+    the base unless it points straight down; its pitch stays.
     """
     from hexwire.model.pose import Pose
     from hexwire.motion.checks import InJoints
     from hexwire.motion.line import Line
 
-    model = make_kinematics(options.robot, links, for_motion=True)
-    with open_robot(options) as robot:
+    robot = make_robot(options)
+    model = _geometry_of(robot, links)
+    with attached(robot):
         start = _where(robot)
         angles = model.from_joints(start)
-        goal = _goal(model, angles, place, down, rpy, relative)
-        if not down and rpy is None:
+        goal = _goal(model, angles, place, _Aim(down, rpy, pitch, roll), relative)
+        if not down and rpy is None and pitch is None:
             goal = Pose(goal.position, model.forward(angles).rotation)
         path = Line(model, angles, goal, speed=speed / 1000, acceleration=max(0.1, 4 * speed / 1000))
         title = f"line to {_place_words(model, goal)}"
@@ -250,8 +261,8 @@ def play(
             _save(taught, file, save, force, run.as_json)
             return
         path = taught.trajectory()
-    model = kinematics_or_none(options.robot, links, for_motion=True)
     robot = make_robot(options)
+    model = kinematics_for(robot.model, links)
     unknown = [name for name in path.names if name not in robot.model.names]
     if unknown:
         raise UsageError(
@@ -323,6 +334,11 @@ def teach(
     answer(as_json, {"states": recording.count, "file": file, "holds": not limp}, words)
 
 
+def _geometry_of(robot: RobotDriver, links: str) -> KinematicModel:
+    arm = robot.model
+    return make_kinematics(arm.geometry or arm.name, links, for_motion=True).for_arm(arm)
+
+
 def _where(robot: RobotDriver) -> dict[str, float]:
     """Positions of the joints, radians.
 
@@ -339,27 +355,57 @@ def _where(robot: RobotDriver) -> dict[str, float]:
     return state.positions
 
 
-def _goal(
-    model: KinematicModel, angles: Sequence[float], place: Vector, down: bool, rpy: Vector | None, relative: bool
-) -> Pose:
+@dataclass(frozen=True, slots=True)
+class _Aim:
+    """Where the tool is to point, as typed: degrees; None for what was not."""
+
+    down: bool
+    rpy: Vector | None
+    pitch: float | None
+    roll: float | None
+
+    def check(self, model: KinematicModel) -> None:
+        """Refuse options that contradict each other, or that the arm does not support.
+
+        Raises:
+            UsageError: They do.
+        """
+        given = {"--down": self.down, "--rpy": self.rpy is not None, "--pitch": self.pitch is not None}
+        typed = [name for name, there in given.items() if there]
+        if len(typed) > 1:
+            raise UsageError(f"{typed[0]} and {typed[1]} contradict each other")
+        if self.roll is not None and self.pitch is None:
+            raise UsageError("--roll needs --pitch")
+        if self.rpy is not None and len(model.ranges) < 6:
+            raise UsageError(
+                f"{model.name} has five joints, and the heading of its tool follows from the position: "
+                "give --pitch and --roll instead of --rpy"
+            )
+        if self.pitch is not None and len(model.ranges) == 6:
+            raise UsageError(f"{model.name} has six joints: give --rpy instead of --pitch")
+
+
+def _goal(model: KinematicModel, angles: Sequence[float], place: Vector, aim: _Aim, relative: bool) -> Pose:
     from hexwire.model.pose import Pose, rotation_from_rpy
 
-    if down and rpy is not None:
-        raise UsageError("--down and --rpy contradict each other")
+    aim.check(model)
     unit = _unit(model)
     where: Vector = (place[0] * unit, place[1] * unit, place[2] * unit)
     if relative:
         here = model.forward(angles).position
         where = (where[0] + here[0], where[1] + here[1], where[2] + here[2])
-    if down:
+    if aim.down:
         return Pose(where, model.tool_down(where, angles))
-    if rpy is not None:
-        return Pose(where, rotation_from_rpy(*(math.radians(d) for d in rpy)))
+    if aim.rpy is not None:
+        return Pose(where, rotation_from_rpy(*(math.radians(d) for d in aim.rpy)))
+    if aim.pitch is not None:
+        roll = angles[4] if aim.roll is None else math.radians(aim.roll)
+        return Pose(where, model.aimed(where, math.radians(aim.pitch), roll, angles))
     return Pose(where, model.carried(where, angles))
 
 
 def _unit(model: KinematicModel) -> float:
-    return 1e-3 if model.name == "hex7bot" else 1.0
+    return 1.0 if model.name == "puma260" else 1e-3
 
 
 def _place_words(model: KinematicModel, goal: Pose) -> str:

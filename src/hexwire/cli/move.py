@@ -78,13 +78,13 @@ def move(
     """
     from hexwire.control.motions import MotionObserver, MotionOptions, run_motion
     from hexwire.errors import ServoError
-    from hexwire.model.geometry import kinematics_or_none
+    from hexwire.model.geometry import kinematics_for
     from hexwire.model.state import JointTarget
 
     angles = parse_targets(targets)
     robot = make_robot(options)
     target = JointTarget.of(check_targets(robot.model, angles), duration)
-    kinematics = kinematics_or_none(robot.model.name, links, for_motion=True)
+    kinematics = kinematics_for(robot.model, links)
     if kinematics is None:
         refuse_table(robot.model)
     tell: Callable[[str], object] = (lambda _: None) if as_json else say

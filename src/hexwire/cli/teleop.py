@@ -142,9 +142,11 @@ def teleop(
     if speed > 1.0:
         raise UsageError(f"--speed {speed:g} exceeds the joints' speed limits; give at most 1")
     model = make_robot(options).model
-    kinematics = kinematics_or_none(model.name, links)
+    kinematics = kinematics_or_none(model.geometry or model.name, links)
     if kinematics is None:
         refuse_table(model)
+    else:
+        kinematics = kinematics.for_arm(model)
     check = PathCheck(model, kinematics, table).posture
     rules = Teleop(model, kinematics, StickMap(dead_man=dead_man), mode=JogMode(mode), share=speed, check=check)
     with _stick(device, url, conf) as stick, open_robot(options) as robot:

@@ -65,7 +65,7 @@ def read_settings(
         if name not in _ROWS:
             faults.unknown(name, _ROWS)
     driver, model = _make_driver(values, faults)
-    values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, faults)
+    values["kinematics"] = kinematics = None if model is None else _make_kinematics(values, model, faults)
     values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
     values["safety"] = _make_thresholds(values["safety"], faults)
     values["controllers"] = _make_controllers(values, model, faults)
@@ -120,13 +120,14 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
         return None, None
 
 
-def _make_kinematics(values: dict[str, Any], faults: Faults) -> KinematicModel | None:
+def _make_kinematics(values: dict[str, Any], model: ArmModel, faults: Faults) -> KinematicModel | None:
     robot, links = values["robot"], values["links"]
     if links != _ROWS["links"].default and robot != "hex7bot":
         faults.add("links", f"only the hex7bot has link sets; omit it for {robot}")
         return None
     try:
-        return kinematics_or_none(robot, links, for_motion=True)
+        kinematics = kinematics_or_none(model.geometry or robot, links, for_motion=True)
+        return None if kinematics is None else kinematics.for_arm(model)
     except HexwireError as error:
         faults.add("links", error)
     except OSError as error:
@@ -286,7 +287,12 @@ def _make_tolerances(
 
 def _check_together(values: Mapping[str, Any], model: ArmModel | None, faults: Faults) -> None:
     robot = values["robot"]
-    if values["table_height"] and values["check_table"] and model is not None and robot not in ROBOTS:
+    if (
+        values["table_height"]
+        and values["check_table"]
+        and model is not None
+        and (model.geometry or robot) not in ROBOTS
+    ):
         switch = f"{faults.mark}check_table"
         faults.add("table_height", f"{robot} has no geometry for this check; set {switch} to false")
     rate, watchdog = values["command_rate"], values["watchdog"]

@@ -105,14 +105,15 @@ def _parse(text: str, file: str) -> BusArmFile:
             if joints
             else "no joints: write [[joints]] or base = 'PROFILE'"
         )
-    baud, calibration = _BAUD, None
+    baud, calibration, geometry = _BAUD, None, ""
     try:
         if "base" in arm:
-            base = load_profile(arm["base"].text(_LONGEST_NAME))
+            geometry = arm["base"].text(_LONGEST_NAME)
+            base = load_profile(geometry)
             joints, baud = list(base.model.joints), base.baud
         if "baud" in arm:
             baud = arm["baud"].integer(1200, 12_000_000)
-        model = ArmModel(name, tuple(joints))
+        model = ArmModel(name, tuple(joints), geometry)
         if "calibration" in arm:
             calibration = load_calibration(Path(file).parent / arm["calibration"].text(_LONGEST_PATH))
             calibration.apply(model)

@@ -305,6 +305,7 @@ class Facts(_Message, tag=2):
         host: Name of the server's computer.
         watchdog: The robot has a watchdog of its own.
         kept: Where a stop outlives the server, as `RobotDriver.stop_kept_by`.
+        geometry: Robot whose geometry the arm has; empty if `robot` says it.
     """
 
     robot: _Name
@@ -321,6 +322,7 @@ class Facts(_Message, tag=2):
     host: _Text = ""
     watchdog: bool = False
     kept: _Name = "board"
+    geometry: _Name = ""
 
 
 class Goal(_Message, tag=3):

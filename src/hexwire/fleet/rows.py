@@ -96,7 +96,8 @@ def arm_model(facts: m.Facts) -> ArmModel:
         ):
             raise RemoteProtocolError(f"not the model of an arm: joint {joint.name} has impossible values")
     try:
-        return ArmModel(facts.robot, tuple(JointModel(*msgspec.structs.astuple(joint)) for joint in facts.joints))
+        joints = tuple(JointModel(*msgspec.structs.astuple(joint)) for joint in facts.joints)
+        return ArmModel(facts.robot, joints, facts.geometry)
     except UsageError as error:
         raise RemoteProtocolError(f"not the model of an arm: {error}") from None
 

@@ -469,9 +469,8 @@ class ArmServer:
         raise UsageError(f"there is no question {ask.what!r}")
 
     def _facts(self) -> m.Facts:
-        shared, owner = self._shared, self._owner
+        shared, owner, holder = self._shared, self._owner, self._shared.holder
         model, lease = self._robot.model, shared.rules
-        holder = shared.holder
         return m.Facts(
             model.name,
             joints_of(model),
@@ -487,6 +486,7 @@ class ArmServer:
             socket.gethostname(),
             self._robot.has_own_watchdog,
             self._robot.stop_kept_by,
+            model.geometry,
         )
 
 

@@ -85,11 +85,13 @@ class ArmModel:
     Attributes:
         name: Name, such as ``hex7bot``.
         joints: Joint models, in the order of every tuple of joint values.
+        geometry: Robot whose geometry this arm has; empty if `name` says it.
         names: Joint names in order.
     """
 
     name: str
     joints: tuple[JointModel, ...]
+    geometry: str = ""
     names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _by_name: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _by_id: Mapping[int, int] = field(init=False, repr=False, compare=False)

@@ -93,7 +93,7 @@ class Calibration:
             joint = replace(joint, neutral=row.middle, sign=joint.sign * row.sign)
             ends = sorted((joint.counts_to_angle(row.low), joint.counts_to_angle(row.high)))
             joints.append(replace(joint, minimum=ends[0], maximum=ends[1]))
-        return ArmModel(model.name, tuple(joints))
+        return replace(model, joints=tuple(joints))
 
     def serialize(self) -> str:
         """As TOML text."""

@@ -12,11 +12,12 @@ from hexwire.errors import UsageError
 from hexwire.inputs import read_text
 
 if TYPE_CHECKING:
+    from .arm import ArmModel
     from .kinematics import KinematicModel
 
-__all__ = ["ROBOTS", "kinematics_or_none", "make_kinematics"]
+__all__ = ["ROBOTS", "kinematics_for", "kinematics_or_none", "make_kinematics"]
 
-ROBOTS = ("hex7bot", "puma260")
+ROBOTS = ("hex7bot", "puma260", "so100", "so101")
 """Robots that have a geometry."""
 
 
@@ -35,6 +36,11 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
         from .puma260 import Puma260Model
 
         return Puma260Model()
+    if robot in {"so100", "so101"}:
+        from .so_arm import SoArmModel
+        from .so_arm_links import so_arm_links
+
+        return SoArmModel(so_arm_links(robot))
     if robot != "hex7bot":
         raise UsageError(f"no geometry is known for robot {robot!r}; choose one of {', '.join(ROBOTS)}")
     from .hex7bot_kinematics import Hex7BotModel
@@ -50,3 +56,17 @@ def make_kinematics(robot: str, links: str = "A", *, for_motion: bool = False) -
 def kinematics_or_none(robot: str, links: str = "A", *, for_motion: bool = False) -> KinematicModel | None:
     """As `make_kinematics`, but None for a robot without a geometry."""
     return make_kinematics(robot, links, for_motion=for_motion) if robot in ROBOTS else None
+
+
+def kinematics_for(arm: ArmModel, links: str = "A") -> KinematicModel | None:
+    """Kinematics to move an arm, with the limits of its joints; None for an arm without a geometry.
+
+    Args:
+        arm: The arm, for example one with a calibration of its own.
+        links: As in `make_kinematics`.
+
+    Raises:
+        UsageError: As `make_kinematics`.
+    """
+    model = kinematics_or_none(arm.geometry or arm.name, links, for_motion=True)
+    return None if model is None else model.for_arm(arm)
