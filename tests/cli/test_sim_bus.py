@@ -13,6 +13,7 @@ from hexwire.cli.main import cli
 from hexwire.cli.sim_bus import parse_ids
 from hexwire.emulator import serve_bus as emulator_serve_bus
 from hexwire.emulator.servo import EmulatedServo
+from hexwire.emulator.servo_motion import Motion
 from hexwire.errors import UsageError
 from hexwire.link.serial import SerialLink
 
@@ -40,6 +41,7 @@ def test_ids() -> None:
         ("--arm", "so101", "--series", "sts"),
         ("--arm", "so101", "--baud", "500000"),
         ("--leader",),
+        ("--physics",),
     ],
 )
 def test_invalid_values_are_refused(words: tuple[str, ...]) -> None:
@@ -51,10 +53,11 @@ def test_invalid_values_are_refused(words: tuple[str, ...]) -> None:
 def test_an_arm_has_its_servos_and_names(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[list[EmulatedServo], dict[str, Any]]] = []
     monkeypatch.setattr(emulator_serve_bus, "serve_bus", lambda servos, **rest: asked.append((servos, rest)))
-    for words in (["--arm", "so101"], ["--arm", "so100", "--leader", "--baud", "0"], ["--ids", "1,2"]):
+    for words in (["--arm", "so101", "--physics"], ["--arm", "so100", "--leader", "--baud", "0"], ["--ids", "1,2"]):
         assert CliRunner().invoke(cli, ["sim", "bus", *words]).exit_code == 0
     follower, leader, plain = asked
     assert [servo.servo_id for servo in follower[0]] == [1, 2, 3, 4, 5, 6]
+    assert [type(servo.motion) is Motion for servo in (follower[0][0], leader[0][0])] == [False, True]
     assert follower[1]["arm"].names[2] == "elbow_flex"
     assert (follower[1]["baud"], leader[1]["baud"]) == (1_000_000, 0)
     assert leader[0][0].motion.mechanics.max_speed > 1.5 * follower[0][0].motion.mechanics.max_speed

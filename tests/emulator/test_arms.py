@@ -5,7 +5,9 @@ import math
 import pytest
 
 from hexwire.emulator.arms import HEX7BOT_START, make_hex7bot_servos
+from hexwire.emulator.hand import HandOrder, Hands
 from hexwire.emulator.servo_wire import ServoWire
+from hexwire.model.hex7bot import HEX7BOT
 from hexwire.units import CHAPTER_RADIANS_PER_COUNT
 from hexwire.wire import servo_packet as sp
 from hexwire.wire.registers import Series
@@ -39,6 +41,19 @@ def test_the_arm_stays_where_it_is_without_power() -> None:
     wire = ServoWire(make_hex7bot_servos(start=50.0))
     wire.step(60.0)
     assert tuple(servo.present_position for servo in wire.servos) == HEX7BOT_START
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_joints_end_at_stops_beyond_the_limits_of_the_arm(joint: int) -> None:
+    model, beyond = HEX7BOT.joints[joint], 30.0 if joint == 6 else 5.0
+    for sign, limit in ((1, model.maximum), (-1, model.minimum)):
+        servos = make_hex7bot_servos()
+        grip = Hands(servos, HEX7BOT).take(HandOrder(model.name, sign * 360.0, 8.0, force=0.5), 0.0)
+        result = grip.step(10.0)
+        assert result is not None
+        assert result.blocked
+        there = model.counts_to_angle(servos[joint].motion.position)
+        assert math.degrees(there) == pytest.approx(math.degrees(limit) + sign * beyond, abs=0.1)
 
 
 def test_gravity_can_be_seen_and_held() -> None:

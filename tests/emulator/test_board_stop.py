@@ -73,7 +73,8 @@ def test_a_joint_that_does_not_take_its_target_loses_its_torque() -> None:
 def test_a_joint_that_is_pushed_on_loses_its_torque() -> None:
     bench = ready()
     bench.torque()
-    bench.board.wire[4].motion.external_torque = 3.0
+    shaft = bench.board.wire[4].motion
+    shaft.external_torque, shaft.stops = 3.0, None
     bench.run(0.02)
     reply = bench.ask(Command.STOP, b"\0")
     assert reply.status == Status.SERVO_FAULT

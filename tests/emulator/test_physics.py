@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -12,8 +13,10 @@ from hexwire.cli.main import cli
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.arms import HEX7BOT_START
 from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.hand import Grip, HandOrder, Hands
 from hexwire.emulator.physics import PhysicsTwin
 from hexwire.emulator.serve import BoardLink, FakeClock
+from hexwire.emulator.so_arms import make_so_arm
 from hexwire.errors import UsageError
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
@@ -130,6 +133,109 @@ def test_obstacles_and_pushes_set_by_hand_work_as_with_the_usual_shafts(monkeypa
     shaft.external_torque = -0.2
     pushed = arm.move({"J1": 0.0})["J1"].position
     assert pushed < HOME["J1"] - math.radians(0.5)
+
+
+class SoBody:
+    """An SO-101 whose servos move a body, with hands at it."""
+
+    def __init__(self, **options: Any) -> None:
+        self.arm = make_so_arm("so101", **options)
+        self.twin = PhysicsTwin(self.arm.servos, self.arm.model)
+        self.hands = Hands(self.arm.servos, self.arm.model)
+        self.now = 0.0
+
+    def run(self, seconds: float) -> dict[str, float]:
+        """Let time pass; the joints' angles then, degrees."""
+        self.now += seconds
+        for servo in self.arm.servos:
+            servo.step(self.now)
+        return {
+            joint.name: math.degrees(joint.counts_to_angle(servo.motion.position))
+            for joint, servo in zip(self.arm.model.joints, self.arm.servos, strict=True)
+        }
+
+    def take(self, joint: str, degrees: float, hold: float = 0.0, force: float = 0.9) -> Grip:
+        return self.hands.take(HandOrder(joint, degrees, 1.5, hold, force), self.now)
+
+
+def test_an_so_arm_follows_hands_and_sinks_onto_the_table_when_they_let_go() -> None:
+    body = SoBody()
+    folded = body.run(1.0)
+    assert folded["shoulder_lift"] == pytest.approx(-95.0, abs=3)
+    grips = [body.take("shoulder_lift", 80.0, hold=1.0), body.take("elbow_flex", -80.0, hold=1.0)]
+    lifted = body.run(2.0)
+    assert lifted["shoulder_lift"] - folded["shoulder_lift"] == pytest.approx(80.0, abs=2.0)
+    assert lifted["elbow_flex"] - folded["elbow_flex"] == pytest.approx(-80.0, abs=2.0)
+    assert body.twin.contacts == 0
+    body.run(1.0)
+    assert all(grip.step(body.now) for grip in grips)
+    sunk = body.run(3.0)
+    assert sunk["shoulder_lift"] > lifted["shoulder_lift"] + 5.0, "forward"
+    assert sunk["elbow_flex"] > lifted["elbow_flex"] + 5.0, "and down"
+    assert body.twin.contacts > 0
+    assert body.run(2.0) == pytest.approx(sunk, abs=1.0), "where it rests"
+
+
+def test_the_gears_friction_holds_what_is_light() -> None:
+    body = SoBody()
+    assert body.take("gripper", 40.0, force=0.05).step(body.now) is None
+    assert body.run(2.0)["gripper"] == pytest.approx(0.0, abs=1.0)
+
+
+@pytest.mark.parametrize("leader", [False, True])
+def test_bodies_end_at_mechanical_stops(leader: bool) -> None:
+    body = SoBody(leader=leader, any_horns=True, seed=3)
+    for degrees, end in ((200.0, 115.0), (-300.0, -115.0)):
+        grip = body.take("shoulder_pan", degrees)
+        angles = body.run(2.0)
+        result = grip.step(body.now)
+        assert result is not None
+        assert result.blocked
+        assert angles["shoulder_pan"] == pytest.approx(end, abs=0.3)
+
+
+def test_a_joint_with_torque_gives_way_to_a_hand_and_returns() -> None:
+    body = SoBody()
+    pan = body.arm.servos[0]
+    pan._write(pan.series.registers["torque_enable"].address, b"\x01")
+    grip = body.take("shoulder_pan", 40.0, force=0.6)
+    body.run(2.0)
+    result = grip.step(body.now)
+    assert result is not None
+    assert (result.torque, result.moved) == (True, pytest.approx(3.3, abs=0.5))
+    assert body.run(1.0)["shoulder_pan"] == pytest.approx(0.0, abs=0.3)
+
+
+def test_a_servo_that_counts_its_turns_anew_does_not_move_the_body() -> None:
+    body = SoBody()
+    grip = body.take("wrist_roll", 359.0, force=1.0)
+    before = body.run(2.0)["wrist_roll"]
+    assert grip.step(body.now) is not None
+    roll = body.arm.servos[4]
+    assert before > 180
+    counts = roll.motion.position
+    roll.power_cycle(body.now)
+    assert roll.motion.position == pytest.approx(counts - 4096, abs=1)
+    assert body.run(0.5)["wrist_roll"] == pytest.approx(before - 360, abs=1)
+    assert math.degrees(body.twin._data.qpos[body.twin.shafts[4].place]) == pytest.approx(before, abs=1)
+
+
+def test_an_so_arm_lifts_a_payload_and_sags_under_it() -> None:
+    heights = []
+    for payload in (0.0, 0.3):
+        arm = make_so_arm("so101")
+        PhysicsTwin(arm.servos, arm.model, payload=payload)
+        for servo in arm.servos:
+            servo._write(servo.series.registers["torque_enable"].address, b"\x01")
+        elbow = arm.servos[2]
+        elbow._write(
+            elbow.series.registers["goal_position"].address,
+            round(elbow.motion.position - 600).to_bytes(2, "little"),
+        )
+        for servo in arm.servos:
+            servo.step(3.0)
+        heights.append(elbow.motion.position)
+    assert heights[1] > heights[0] + 3
 
 
 def test_an_invalid_payload_is_refused() -> None:

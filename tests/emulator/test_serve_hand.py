@@ -8,7 +8,7 @@ import stat
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -27,8 +27,10 @@ PATIENCE = 10.0
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return tmp_path / "hexwire" / "sim"
+    # Longer than the system allows for the address of a socket.
+    runtime = tmp_path / ("x" * 100)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    return runtime / "hexwire" / "sim"
 
 
 def servo() -> EmulatedServo:
@@ -61,7 +63,9 @@ def serving(name: str, one: EmulatedServo | None = None, *, runs: bool = True) -
 def talking(path: Path) -> Iterator[socket.socket]:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as talk:
         talk.settimeout(PATIENCE)
-        talk.connect(str(path))
+        here = os.open(path.parent, os.O_PATH)
+        talk.connect(f"/proc/self/fd/{here}/{path.name}")
+        os.close(here)
         yield talk
 
 
@@ -171,10 +175,8 @@ def test_the_end_of_the_emulator_ends_the_hand(folder: Path) -> None:
 
 def test_conversations_are_few_and_silent_ones_end(folder: Path) -> None:
     with serving("pts-7", runs=False) as server:
-        talks = [socket.socket(socket.AF_UNIX) for _ in range(9)]
-        for talk in talks:
-            talk.settimeout(PATIENCE)
-            talk.connect(str(folder / "pts-7.hand"))
+        stack = ExitStack()
+        talks = [stack.enter_context(talking(folder / "pts-7.hand")) for _ in range(9)]
         server.step(1000.0)
         assert server.is_busy
         assert len(server.descriptors()) == 9
@@ -185,8 +187,7 @@ def test_conversations_are_few_and_silent_ones_end(folder: Path) -> None:
         server.step(1002.0)
         assert b"no order came" in talks[7].recv(200)
         assert not server.is_busy
-        for talk in talks:
-            talk.close()
+        stack.close()
 
 
 def test_an_emulator_that_stands_still_or_ends_is_an_error(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:

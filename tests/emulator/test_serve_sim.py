@@ -14,6 +14,7 @@ from hexwire.emulator.hand import HandOrder, HandResult, Hands
 from hexwire.emulator.serve_hand import move_by_hand
 from hexwire.emulator.serve_sim import SimLink
 from hexwire.emulator.servo import EmulatedServo
+from hexwire.emulator.servo_motion import Motion
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, UsageError
 from hexwire.link.open import make_link
 from hexwire.model.state import JointTarget
@@ -116,6 +117,7 @@ def test_another_thread_ends_a_wait(end: str) -> None:
         "sim://hex7bot?leader=1",
         "sim://so101?dialect=1",
         "sim://so101?leader=2",
+        "sim://so101?physics=x",
         "sim://so101?name=",
         "sim://so101?name=a-b",
         "sim://so102",
@@ -184,3 +186,11 @@ def test_a_hand_is_noticed_while_nothing_else_happens() -> None:
         link.wake()
         thread.join(PATIENCE)
     assert results[0].moved == pytest.approx(5.0, abs=0.3)
+
+
+@pytest.mark.parametrize("robot", ["so101", "hex7bot"])
+def test_it_may_have_a_body(robot: str) -> None:
+    link = make_link(f"sim://{robot}?physics=1")
+    assert isinstance(link, SimLink)
+    servos = link.device.wire.servos  # type: ignore[attr-defined]
+    assert all(type(servo.motion) is not Motion for servo in servos)

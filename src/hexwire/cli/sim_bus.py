@@ -69,6 +69,7 @@ def _parse_rates(text: str) -> list[int]:
     help="The six servos of this arm, assembled but not calibrated, with its mechanical stops.",
 )
 @click.option("--leader", is_flag=True, help="With --arm, a leader arm, whose gears a hand moves easily.")
+@click.option("--physics", is_flag=True, help="With --arm, simulate weight, friction and a table with MuJoCo.")
 @click.option(
     "--series",
     default="sts_sms",
@@ -98,6 +99,7 @@ def _parse_rates(text: str) -> list[int]:
 def bus(
     arm: str | None,
     leader: bool,
+    physics: bool,
     series: str,
     ids: str,
     baud: str,
@@ -126,8 +128,12 @@ def bus(
             raise UsageError(f"the servos of {arm} are set to {_ARM_BAUD} baud; leave out --baud, or make it 0")
         made = make_so_arm(arm, leader=leader, seed=seed, start=time.monotonic())
         servos, model = made.servos, made.model
-    elif leader:
-        raise UsageError("--leader needs --arm")
+        if physics:
+            from hexwire.emulator.physics import PhysicsTwin
+
+            PhysicsTwin(servos, model)
+    elif leader or physics:
+        raise UsageError(f"{'--leader' if leader else '--physics'} needs --arm")
     else:
         kinds = [as_series(name.strip()) for name in series.split(",")]
         servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())

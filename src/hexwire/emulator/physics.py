@@ -1,8 +1,9 @@
-"""The physics twin: emulated servos that move one body in MuJoCo, built from the URDF that hexwire makes.
+"""The physics twin: emulated servos that move one body in MuJoCo.
 
-Owns the coupling: servos give torques, MuJoCo moves links under gravity and contact, servos read their positions.
-So load, sag and collisions show up in the registers. The masses are the URDF's estimates; the motors' torques are
-estimates too. Must not know a board or a line. Needs the package ``mujoco-core``, imported on first use.
+The body of the Hex7Bot is built from the URDF that hexwire makes, that of an SO arm by `so_body`. Owns the
+coupling: servos give torques, MuJoCo moves links under gravity and contact, servos read their positions. So load,
+sag, stops and collisions show up in the registers. Masses and the motors' torques are estimates. Must not know a
+board or a line. Needs the package ``mujoco-core``, imported on first use.
 
 Unlike the usual shafts, which follow exact profiles, these are held by a proportional controller as in real servos:
 they sag a little under load.
@@ -12,28 +13,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from hexwire.errors import UsageError
-from hexwire.model.arm import JointModel
+from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.urdf import LEVEL_JOINT, make_urdf
+from hexwire.wire.registers import Series
 
 from .servo import EmulatedServo
-from .servo_motion import TICK, Drive, Motion
+from .servo_control import MECHANICS
+from .servo_motion import TICK, Drive, Mechanics, Motion
+from .so_body import TIP, make_so_body
 
 __all__ = ["PhysicsTwin"]
 
-_STALL = {"seven_bot": 3.0, "hls": 0.588}
-"""Newton metres at full drive: 6 kg cm is published for the small ones; the large ones are assumed to be able to
-lift the arm."""
-_ARMATURE = {"seven_bot": 0.02, "hls": 0.002}
+_STALL = {"seven_bot": 3.0, "hls": 0.588, "sts_sms": 1.91}
+"""Newton metres at full drive: 6 kg cm is published for the HLS, 19.5 for the STS3215; the legacy ones are assumed
+to be able to lift the arm."""
+_ARMATURE = {"seven_bot": 0.02, "hls": 0.002, "sts_sms": 0.028}
 """Inertia of motor and gears at the joint, kg m^2: an estimate."""
 _GAIN = 1 / 64
 """Share of full drive per count of error, about a position gain of 32: full drive at 5.6 degrees."""
 _PAYLOAD_RADIUS = 0.01
 _WALL = 1.0
 """Share of full drive per count beyond a servo's `obstacle`."""
+_AT = 0.5
+"""Counts from a mechanical stop within which a shaft is at it."""
+_REACH = 0.098
+"""Metres from the wrist of an SO arm to the tips of its gripper."""
 
 
 class PhysicsTwin:
@@ -41,7 +50,7 @@ class PhysicsTwin:
 
     Args:
         servos: Those whose ids are in the arm's model are coupled; others are left alone.
-        model: Geometry and joints.
+        model: Geometry and joints of a Hex7Bot, or the joints of an SO arm as it is mounted.
         payload: Kilograms at the tool.
         table: Add a table at the height of the base's foot.
 
@@ -50,26 +59,38 @@ class PhysicsTwin:
     """
 
     def __init__(
-        self, servos: Sequence[EmulatedServo], model: Hex7BotModel, *, payload: float = 0.0, table: bool = True
+        self,
+        servos: Sequence[EmulatedServo],
+        model: Hex7BotModel | ArmModel,
+        *,
+        payload: float = 0.0,
+        table: bool = True,
     ) -> None:
         if not 0 <= payload < 100:
             raise UsageError(f"the payload is {payload:g} kg, but must be 0 or more and less than 100")
         self._mujoco = _load_mujoco()
-        self._model = self._compile(model, payload, table)
+        arm = model if isinstance(model, ArmModel) else model.arm
+        self._levels = not isinstance(model, ArmModel)
+        pairs = [(servo, joint) for servo in servos if (joint := arm.by_servo(servo.servo_id)) is not None]
+        self._model = self._compile(model, pairs, payload, table)
         self._data = self._mujoco.MjData(self._model)
         self.ticks = 0
         self.shafts: list[_Shaft] = []
-        for servo in servos:
-            joint = model.arm.by_servo(servo.servo_id)
-            if joint is not None:
-                shaft = _Shaft(self, servo.motion, joint, self._address(joint.name))
-                servo.motion = shaft
-                self.shafts.append(shaft)
+        for servo, joint in pairs:
+            shaft = _Shaft(self, servo.motion, joint, self._address(joint.name))
+            servo.motion = shaft
+            self.shafts.append(shaft)
         self._place()
 
-    def _compile(self, model: Hex7BotModel, payload: float, table: bool) -> Any:
+    def _compile(
+        self,
+        model: Hex7BotModel | ArmModel,
+        pairs: Sequence[tuple[EmulatedServo, JointModel]],
+        payload: float,
+        table: bool,
+    ) -> Any:
         mujoco = self._mujoco
-        spec = mujoco.MjSpec.from_string(make_urdf(model))
+        spec = mujoco.MjSpec.from_string(make_so_body() if isinstance(model, ArmModel) else make_urdf(model))
         spec.option.timestep = TICK
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         for geom in spec.geoms:
@@ -80,11 +101,11 @@ class PhysicsTwin:
                 name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], contype=0, conaffinity=1
             )
         if payload:
-            k = model.links
+            tip, reach = (TIP, [_REACH, 0.0, 0.0]) if isinstance(model, ArmModel) else ("flange", _tool(model))
             # A body of its own: the URDF's links state their masses, so MuJoCo ignores the masses of their shapes.
             inertia = 0.4 * payload * _PAYLOAD_RADIUS**2
-            ball = spec.body("flange").add_body(
-                name="payload", pos=[0.0, 0.0, k.f], mass=payload, inertia=[inertia] * 3, explicitinertial=True
+            ball = spec.body(tip).add_body(
+                name="payload", pos=reach, mass=payload, inertia=[inertia] * 3, explicitinertial=True
             )
             ball.add_geom(
                 name="payload",
@@ -93,13 +114,21 @@ class PhysicsTwin:
                 contype=1,
                 conaffinity=0,
             )
-        level = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name="parallelogram")
-        level.objtype = mujoco.mjtObj.mjOBJ_JOINT
-        level.name1, level.name2 = LEVEL_JOINT, "J2"
-        level.data[:2] = [0.0, -1.0]
-        level.solref = [2 * TICK, 1.0]
-        for joint in model.arm.joints:
-            spec.joint(joint.name).armature = _ARMATURE[joint.series]
+        if self._levels:
+            level = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name="parallelogram")
+            level.objtype = mujoco.mjtObj.mjOBJ_JOINT
+            level.name1, level.name2 = LEVEL_JOINT, "J2"
+            level.data[:2] = [0.0, -1.0]
+            level.solref = [2 * TICK, 1.0]
+        for servo, joint in pairs:
+            hinge = spec.joint(joint.name)
+            hinge.armature = _ARMATURE[joint.series] * _gears(servo.motion.mechanics, joint) ** 2
+            stops = servo.motion.stops
+            hinge.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+            if stops is not None:
+                hinge.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+                hinge.range = sorted(joint.counts_to_angle(stop) for stop in stops)
+                hinge.solref_limit = [2 * TICK, 1.0]
         return spec.compile()
 
     def _address(self, name: str) -> tuple[int, int]:
@@ -110,10 +139,14 @@ class PhysicsTwin:
         """Put the body's joints at the servos' positions."""
         for shaft in self.shafts:
             self._data.qpos[shaft.place] = shaft.angle
+        if self._levels:
+            self._level()
+        self._mujoco.mj_forward(self._model, self._data)
+
+    def _level(self) -> None:
         level, _ = self._address(LEVEL_JOINT)
         upper, _ = self._address("J2")
         self._data.qpos[level] = -self._data.qpos[upper]
-        self._mujoco.mj_forward(self._model, self._data)
 
     def advance(self) -> None:
         """Advance servos and body by one tick."""
@@ -139,14 +172,16 @@ class _Shaft(Motion):
 
     def __init__(self, twin: PhysicsTwin, before: Motion, joint: JointModel, address: tuple[int, int]) -> None:
         super().__init__(before.mechanics, before.position)
+        self.stops = before.stops
         self.place, self.rate = address
         self._twin = twin
         self._joint = joint
-        self._stall = _STALL[joint.series]
+        gears = _gears(before.mechanics, joint)
+        self._stall = _STALL[joint.series] * gears
         self._ticks = 0
         self._taken = self.position
         # Critical damping for the inertia of motor, gears and part of the arm.
-        inertia = 2.0 * _ARMATURE[joint.series]
+        inertia = 2.0 * _ARMATURE[joint.series] * gears**2
         stiffness = self._stall * _GAIN / joint.scale
         self._damping = 2.0 * math.sqrt(stiffness * inertia) * joint.scale / self._stall
 
@@ -158,6 +193,12 @@ class _Shaft(Motion):
     def moved_by_hand(self) -> bool:
         """Whether somebody set the position since the last tick, as a calibration does by whole turns."""
         return self.position != self._taken
+
+    def rename(self, counts: float) -> None:
+        super().rename(counts)
+        # The body does not move.
+        self._joint = replace(self._joint, neutral=self._joint.neutral + round(counts))
+        self._taken = self.position
 
     def command(self, drive: Drive, *, target: float, speed: float, acceleration: float, ceiling: float) -> None:
         if self._drive is not Drive.POSITION or drive is not Drive.POSITION:
@@ -192,6 +233,8 @@ class _Shaft(Motion):
             if bound is not None and (bound - self.position) * side > 0:
                 outside += _WALL * (bound - self.position) - self._damping * self.velocity
                 self.blocked = True
+        if self.stops is not None and not self.stops[0] + _AT < self.position < self.stops[1] - _AT:
+            self.blocked = True
         return self._joint.sign * (self.torque + outside) * self._stall
 
     def friction(self) -> float:
@@ -206,6 +249,16 @@ class _Shaft(Motion):
         self.position = joint.sign * (angle - joint.offset) / joint.scale + joint.neutral
         self.velocity = joint.sign * speed / joint.scale
         self._taken = self.position
+
+
+def _tool(model: Hex7BotModel) -> list[float]:
+    """Place of the tool in the frame of the flange."""
+    return [0.0, 0.0, model.links.f]
+
+
+def _gears(mechanics: Mechanics, joint: JointModel) -> float:
+    """Ratio of a servo's gears to the usual ones of its series."""
+    return MECHANICS[Series(joint.series)].max_speed / mechanics.max_speed
 
 
 def _load_mujoco() -> Any:

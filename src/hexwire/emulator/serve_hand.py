@@ -14,11 +14,12 @@ import re
 import socket
 import struct
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from hexwire.errors import DeviceError, LinkNotFoundError, UsageError
 from hexwire.link.url import parse_url
-from hexwire.new_file import make_private_folder, runtime_folder
+from hexwire.new_file import make_private_folder, open_folder, runtime_folder
 
 from .hand import HandOrder, HandResult, Hands
 from .hand_channel import HandConversation, parse_result, serialize_order
@@ -56,6 +57,16 @@ def _folder() -> Path:
     return runtime_folder() / "sim"
 
 
+@contextlib.contextmanager
+def _short(path: Path) -> Iterator[str]:
+    """An address for a socket's path, which may be longer than the system takes."""
+    folder = open_folder(path.parent)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
 class HandServer:
     """Lets programs of this user move the joints of an emulated arm by hand.
 
@@ -77,7 +88,8 @@ class HandServer:
             # One that was left behind: the name is that of a terminal or a program that is ours now.
             with contextlib.suppress(FileNotFoundError):
                 self._path.unlink()
-            door.bind(str(self._path))
+            with _short(self._path) as address:
+                door.bind(address)
             door.listen(_MOST)
         except (OSError, UsageError) as error:
             door.close()
@@ -207,7 +219,8 @@ def _connect(path: Path) -> socket.socket:
     talk = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         talk.settimeout(_PATIENCE)
-        talk.connect(str(path))
+        with _short(path) as address:
+            talk.connect(address)
         _, uid, _ = struct.unpack("3i", talk.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
         if uid != os.geteuid():
             raise PermissionError(f"{path} belongs to another user")

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 from hexwire.errors import LinkBusyError, LinkClosedError, UsageError
 from hexwire.link.base import Link, LinkKind
 from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
 from .board import make_hex7bot_board
 from .bus_device import BusDevice
 from .hand import Hands
+from .physics import PhysicsTwin
 from .serve_hand import HandServer, inside_name
 from .so_arms import SO_ARMS, make_so_arm
 
@@ -43,18 +45,18 @@ def make_sim_link(url: LinkUrl) -> SimLink:
     """Make the link of an emulated arm.
 
     ``sim://hex7bot`` has the options ``dialect`` (1 or 2), ``sim://so101`` and ``sim://so100`` have ``leader`` and
-    ``any_horns`` (0 or 1, see `make_so_arm`). All have ``seed`` and ``name``, by which `hexwire sim
-    hand` tells arms of one kind apart.
+    ``any_horns`` (0 or 1, see `make_so_arm`). All have ``seed``, ``physics`` (1: in MuJoCo) and
+    ``name``, by which `hexwire sim hand` tells arms of one kind apart.
 
     Raises:
-        UsageError: There is no such emulated arm, or an option is wrong.
+        UsageError: There is no such emulated arm, an option is wrong, or MuJoCo is not installed.
     """
     robot, board = url.netloc, url.netloc == "hex7bot"
     if not (board or robot in SO_ARMS) or url.path not in ("", "/"):
         raise UsageError(
             f"{url.text}: there is no such emulated arm; write sim://hex7bot, sim://so100 or sim://so101"
         )
-    url.check_keys((*(("dialect",) if board else ("leader", "any_horns")), "seed", "name"))
+    url.check_keys((*(("dialect",) if board else ("leader", "any_horns")), "seed", "physics", "name"))
     name = url.query.get("name", "")
     if "name" in url.query and not _NAME.fullmatch(name):
         raise UsageError(f"{url.text}: name must have 1 to 40 letters, digits, points and underscores")
@@ -70,6 +72,8 @@ def make_sim_link(url: LinkUrl) -> SimLink:
         arm = make_so_arm(robot, leader=leader, any_horns=any_horns, seed=seed, start=start)
         servos, model = arm.servos, arm.model
         device = BusDevice(servos, paced=True, host_baud=lambda: baud)
+    if url.yes_no("physics", False):
+        PhysicsTwin(servos, Hex7BotModel() if board else model)
     return SimLink(url.text, device, hands=Hands(servos, model), robot=robot, name=name, baud=baud)
 
 

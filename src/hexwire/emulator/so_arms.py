@@ -55,7 +55,7 @@ _JOINTS = (
     _Joint("shoulder_pan", -110.0, 110.0, 0.0, 191),
     _Joint("shoulder_lift", -100.0, 100.0, -95.0, 345, 0.12, upright=True),
     _Joint("elbow_flex", -96.8, 96.8, 90.0, 191, 0.1),
-    _Joint("wrist_flex", -95.0, 95.0, 60.0, 147, 0.04),
+    _Joint("wrist_flex", -95.0, 95.0, 50.0, 147, 0.04),
     _Joint("wrist_roll", -157.2, 162.8, 0.0, 147),
     _Joint("gripper", -10.0, 100.0, 0.0, 147),
 )
