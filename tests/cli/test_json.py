@@ -63,6 +63,7 @@ ELSEWHERE = {
     # A line a sample or frame, tested below; what differs or needs hardware is tested with its command.
     *("fleet list", "fleet watch", "fleet stop", "fleet record", "fleet play", "cert issue"),
     *("bus monitor", "trace decode", "bus restore", "bus diff", "bus calibrate", "loopback", "firmware build"),
+    "sim hand",
 }
 WITHOUT = {
     # What they print is a document or an address for other programs, or they run until they are stopped.
