@@ -29,9 +29,7 @@ class Goals(SharedBench):
     def follow(self, delay: float = 1.0, seconds: float = 2.0, **by: float) -> int:
         """Send a motion that begins in `delay` seconds; returns its number."""
         goal = {name: self.where(name) + way for name, way in (by or {"J1": AWAY}).items()}
-        sent = self.order(self.key)
-        self.goals.follow(sent, order((seconds, {**HOME, **goal})), self.owner.now() + delay)
-        return sent.sequence
+        return self.goals.follow(self.order(self.key), order((seconds, {**HOME, **goal})), self.owner.now() + delay)
 
     def outcome(self, number: int) -> str:
         report = self.goals.report(number)
@@ -48,6 +46,19 @@ def test_a_motion_begins_at_its_time_and_not_before() -> None:
     bench.keep(bench.key, 4.0)
     assert bench.where("J1") == pytest.approx(before + AWAY, abs=0.03)
     assert bench.outcome(number) == "succeeded"
+
+
+def test_nobody_takes_the_motion_of_the_next_holder_for_its_own() -> None:
+    bench = Goals()
+    former = bench.follow(delay=1.0)
+    bench.shared.leave(bench.key, finish=False)
+    bench.key = bench.take()
+    number = bench.follow(delay=1.0)
+    assert bench.goals.report(former) is None
+    assert bench.goals.report(number) is not None
+    bench.goals.cancel(bench.order(bench.key), former)
+    assert not bench.outcome(number)
+    assert number != Goals().follow(delay=1.0), "nor that of the next server"
 
 
 def test_arms_whose_clocks_differ_begin_together() -> None:

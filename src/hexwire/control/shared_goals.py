@@ -6,7 +6,9 @@ follows, so that nothing on the way to the client disturbs a motion. Must not kn
 
 from __future__ import annotations
 
+import itertools
 import math
+import secrets
 import threading
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -34,12 +36,16 @@ _LATEST = 600.0
 """Seconds from now in which a start time must lie; a later one is an error of a clock."""
 
 
+_NUMBER_BITS = 52
+"""Of the first number: a message holds one of 53 bits."""
+
+
 @dataclass(slots=True)
 class GoalReport:
     """What became of a trajectory. Times are seconds of the owner's clock.
 
     Attributes:
-        number: Number of its order.
+        number: Its number.
         start: When it was to begin.
         outcome: As `Outcome`; empty while it is active.
         reason: As `Reason`; empty while it is active.
@@ -102,6 +108,8 @@ class SharedGoals:
     def __init__(self, shared: SharedArm) -> None:
         self._shared, self._arm = shared, shared.arm
         self._newest: _Goal | None = None
+        # Neither another program's goal nor one of a server before has the same number.
+        self._numbers = itertools.count(secrets.randbits(_NUMBER_BITS))
         self._lock = threading.Lock()
         shared.arm.owner.observers.append(self._see)
 
@@ -130,13 +138,16 @@ class SharedGoals:
         self._shared.path_check.trajectory(path, {**here, **dict(zip(goal.names, path.start, strict=True))})
         return path.duration
 
-    def follow(self, order: Order, goal: TrajectoryGoal, start: float) -> None:
+    def follow(self, order: Order, goal: TrajectoryGoal, start: float) -> int:
         """Follow a trajectory from a time on; it is not begun at another time.
 
         Args:
-            order: Its number is the number of the report.
+            order: Proof that it may be done.
             goal: The trajectory; its delay is not used.
             start: When it begins, seconds of the owner's clock.
+
+        Returns:
+            Its number, for `report` and `cancel`; no other goal has it.
 
         Raises:
             LeaseError: The sender does not hold the lease.
@@ -147,11 +158,13 @@ class SharedGoals:
             why = f"is {now - start:.3f} s ago" if start <= now else f"is more than {_LATEST:g} s ahead"
             raise GoalError(f"the start time {why}; measure the clock again", reason=Reason.TOO_LATE)
         name = self._controller(goal)
-        one = _Goal(GoalReport(order.sequence, start), self._arm.controllers[name])
+        number = next(self._numbers)
+        one = _Goal(GoalReport(number, start), self._arm.controllers[name])
         goal = replace(goal, delay=start - now)
         self._shared.follow(order, name, goal, one, received=now, latest=start - _SOONEST)
         with self._lock:
             self._newest = one
+        return number
 
     def cancel(self, order: Order, number: int) -> None:
         """End a trajectory that is active or waits for its start: the joints hold. Without effect after its end."""

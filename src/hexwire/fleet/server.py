@@ -443,11 +443,7 @@ class ArmServer:
             shared.watchdog(order, what.timeout, _mode(what.mode))
         elif isinstance(what, m.Follow):
             goal = trajectory_goal(what)
-            if what.check:
-                value = self._goals.check(order, goal)
-            else:
-                self._goals.follow(order, goal, what.start)
-                value = order.sequence
+            value = self._goals.check(order, goal) if what.check else self._goals.follow(order, goal, what.start)
         elif isinstance(what, m.Cancel):
             self._goals.cancel(order, what.number)
         else:
