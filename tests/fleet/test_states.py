@@ -328,3 +328,23 @@ def test_a_read_in_a_signal_handler_of_the_thread_that_waits_receives_too() -> N
     bench.inbox.wait = wait  # type: ignore[method-assign]
     assert bench.states.next(bench.time + 0.015, 5.0)["J1"].position == 0.2  # type: ignore[index]
     assert within[0]["J1"].position == 0.1  # type: ignore[index]
+
+
+def test_a_wait_that_a_signal_handler_read_in_still_ends_in_time() -> None:
+    bench, within = InboxBench(), list[object]()
+    real = bench.inbox.wait
+
+    def wait() -> bytes:
+        bench.inbox.wait = real  # type: ignore[method-assign]
+        bench.inbox.rows.put(state(1, 10.01))
+        bench.time += 0.01
+        within.append(bench.states.next(bench.time - 0.001, 0.5))
+        return real()
+
+    bench.inbox.wait = wait  # type: ignore[method-assign]
+    bench.begin(lambda: bench.states.next(bench.time + 0.5, 1.0))
+    assert bench.inbox.waiting.acquire(timeout=PATIENCE)
+    assert within[0] is not None
+    bench.time += 2.0
+    bench.states.refresh()
+    assert bench.result() is None

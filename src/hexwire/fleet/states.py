@@ -201,10 +201,13 @@ class ArrivedStates:
         """Take what has arrived; if there is nothing, wait for it until a time, if one is given."""
         inbox, me = self._inbox, threading.get_ident()
         assert inbox is not None
+        outer = 0, math.inf
         try:
             with self._changed:
                 if self._is_receiving():
                     return
+                # In a signal handler: the wait that it interrupted goes on afterwards, and must end in time.
+                outer = self._receiver, self._until
                 self._receiver, self._until = me, math.inf
             payload = inbox.poll()
             if payload is None and until is not None:
@@ -220,7 +223,7 @@ class ArrivedStates:
         finally:
             # An exception may come from a signal handler at any line: whatever happens, another thread may receive.
             if self._receiver == me:
-                self._receiver = 0
+                self._receiver, self._until = outer
                 with self._changed:
                     self._changed.notify_all()
 
