@@ -5,7 +5,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.model.poses import check_jacobian, determinant, pose_error, rad, turn_error
 from tests.soak import rounds
@@ -75,6 +75,11 @@ def test_a_heading_that_the_arm_cannot_take_costs_neither_position_nor_pitch(arm
             got = arm.forward(solution.angles)
             assert math.dist(got.position, pose.position) < 1e-9
             assert abs(pitch_of(got) - pitch_of(pose)) < 1e-6
+            # Nor more of the orientation than it must: no other roll comes closer.
+            off = rotation_between(got.rotation, turned.rotation)[1]
+            for more in (-0.01, 0.01):
+                other = arm.rotation([*solution.angles[:4], solution.angles[4] + more])
+                assert rotation_between(other, turned.rotation)[1] > off
 
 
 @each_arm
@@ -171,6 +176,7 @@ def test_a_pose_beyond_a_limit_names_the_joint() -> None:
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=5, max_size=5))
+@example([0.0, 1.7e308, 1.7e308, 1.7e308, -1.7e308])
 def test_any_finite_angles_have_a_pose(angles: list[float]) -> None:
     pose = SO101.forward(angles)
     assert math.dist(pose.position, (0.0388353, 0.0, 0.1166)) < 0.45

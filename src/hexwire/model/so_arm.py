@@ -27,7 +27,6 @@ from .so_arm_links import SO_ARMS, SoArmLinks
 __all__ = ["SoArmModel"]
 
 _BRANCHES = 4
-_ON_THE_AXIS = 1e-12
 _SAME = 1e-12
 _ROUNDS = 50
 """Most corrections of a heading; a few suffice unless the tip is next to the base axis."""
@@ -39,6 +38,9 @@ class SoArmModel(KinematicModel):
     A pose is reached in position and pitch. Its heading is not free: `inverse` takes the heading that the position
     needs, with the roll that keeps the tool as close to the pose's orientation as possible. A tool that points
     straight down, and every pose of `forward`, is kept exactly.
+
+    Any finite angles have a pose, and any finite pose has solutions or is out of reach. Other numbers are
+    refused by `UsageError`.
 
     Args:
         links: The links; those of the SO-101 if None.
@@ -197,12 +199,12 @@ class SoArmModel(KinematicModel):
         k = self.links
         upper, forearm = k.lengths
         line = math.hypot(*wrist)
-        if not _ON_THE_AXIS <= line <= 2.0 * k.reach[1]:
+        low, high = k.reach
+        # The two lengths differ, so that the wrist is never at the shoulder.
+        if not low - 1e-12 <= line <= high + 1e-12:
             return []
         cos_elbow = (upper**2 + forearm**2 - line**2) / (2 * upper * forearm)
         cos_shoulder = (upper**2 + line**2 - forearm**2) / (2 * upper * line)
-        if not (abs(cos_elbow) <= 1.0 + 1e-12 and abs(cos_shoulder) <= 1.0 + 1e-12):
-            return []
         inner = math.acos(max(-1.0, min(1.0, cos_elbow)))
         shoulder = math.acos(max(-1.0, min(1.0, cos_shoulder)))
         found = []
