@@ -107,7 +107,7 @@ def test_one_arm_of_a_recording_can_be_played_alone(taught: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said", "status"),
     [
-        ((), "say which arms shall move: --on 'lab/*'", 2),
+        ((), "name the arms to move: --on 'lab/*'", 2),
         (("--on", "lab/*"), "no arm moved: no arm is served", 1),
         (("--map", "lab/a"), "write RECORDED=ARM", 2),
         (("--map", "a=b", "--map", "c=b"), "names b twice", 2),
@@ -141,7 +141,7 @@ def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
             program.send_signal(signal.SIGINT)
             _, said = program.communicate(timeout=30)
         assert program.returncode == 130
-        assert "all arms were told to stop" in said
+        assert "stop sent to all arms" in said
         eventually(lambda: robot.read().stopped)
     with hexwire.connect("zenoh:lab/arm2") as other:
         assert other.read().stopped

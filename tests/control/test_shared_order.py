@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from hexwire.control.lease import Lease
-from hexwire.control.shared_order import Judge, Order
+from hexwire.control.shared_order import Order, OrderCheck
 from hexwire.epochs import Epochs
 from hexwire.errors import LeaseError
 
@@ -18,7 +18,7 @@ class Desk:
     def __init__(self) -> None:
         self.time = 100.0
         self.lease = Lease(timeout=10.0)
-        self.judge = Judge(self.lease, threading.RLock(), lambda: self.time, lambda: self.time)
+        self.judge = OrderCheck(self.lease, threading.RLock(), lambda: self.time, lambda: self.time)
         self.key = self.lease.take("Ann", 1, self.time).key
         self.epochs = Epochs()
 

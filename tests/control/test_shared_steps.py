@@ -11,7 +11,7 @@ from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
-from hexwire.control.shared_steps import JointWay, SteppedTargets
+from hexwire.control.shared_steps import JointSteps, SteppedTargets
 from hexwire.errors import LeaseError, LimitError, StoppedError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.safety import StopReason
@@ -217,7 +217,7 @@ def test_a_joint_of_unknown_position_is_sent_to_its_target() -> None:
 
 
 def test_a_way_is_a_controller_that_nobody_hears_of() -> None:
-    way = JointWay("J1")
+    way = JointSteps("J1")
     assert not way.busy
     assert way.cycle(None, 0.0, 0.1) is None  # type: ignore[arg-type]
     way.begin(0.0, 1.0, 10.0, 2.0, 0.5)

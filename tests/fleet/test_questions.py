@@ -361,7 +361,7 @@ def test_a_server_that_was_away_for_a_moment_is_not_taken_for_a_missing_right(
             return visible(node, key, timeout)
 
         monkeypatch.setattr(Node, "visible", returned)
-        with pytest.raises(LinkLostError, match="was away for a moment, and is back"):
+        with pytest.raises(LinkLostError, match="was interrupted and is back"):
             ask(client, address, order, m.Ask("clock"), 1.0)
         # Where the access file of the router is older, nothing is offered to this program.
         with pytest.raises(LinkPermissionError, match="may not"):

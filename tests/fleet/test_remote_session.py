@@ -72,7 +72,7 @@ def test_a_robot_that_was_never_attached_keeps_no_session(serve: Serve, opened: 
     del opened[:]
 
 
-def test_states_that_cease_to_come_are_told(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
+def test_states_that_stop_arriving_are_reported(serve: Serve, caplog: pytest.LogCaptureFixture) -> None:
     service = serve("lab/arm1", robot="sim")
     with hexwire.connect("zenoh:lab/arm1") as robot:
         robot.read()
@@ -81,4 +81,4 @@ def test_states_that_cease_to_come_are_told(serve: Serve, caplog: pytest.LogCapt
         (served,) = service._arms
         assert served.server is not None
         served.server._publish = lambda payload: None
-        eventually(lambda: any("states have ceased to come" in text for text in caplog.messages))
+        eventually(lambda: any("states have stopped arriving" in text for text in caplog.messages))

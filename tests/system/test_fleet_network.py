@@ -261,7 +261,7 @@ def cut_off(site: Site, watch: Lines) -> tuple[float, float, float]:
     site.came(lambda: states.when("deg", 0.0), BACK)
     with site.hosts.cut("arm", SILENT + 2.0) as (begin, end):
         site.cuts.append((begin, end))
-        site.came(lambda: "its states have ceased to come" in site.errors()[told:], SILENT)
+        site.came(lambda: "its states have stopped arriving" in site.errors()[told:], SILENT)
         quiet = time.monotonic()
         shown = site.until(lambda: watch.when(f"{NAME}: no answer", begin), SILENT)
         gone = site.until(lambda: watch.when(f"{NAME}: gone", begin), SILENT + ASKING)

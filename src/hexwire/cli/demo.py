@@ -159,10 +159,10 @@ def _move(
     names = robot.model.names
     leg = max(duration / 2, Quintic.shortest_duration(start, goal, [j.max_speed for j in robot.model.joints]))
     rest = (0.0,) * len(names)
-    way = Spline(names, [Waypoint(t, at, rest, rest) for t, at in ((0.0, start), (leg, goal), (2 * leg, start))])
+    path = Spline(names, [Waypoint(t, at, rest, rest) for t, at in ((0.0, start), (leg, goal), (2 * leg, start))])
 
     class Watch(MotionObserver):
-        """Draws every cycle, and keeps how those of the way itself kept their time."""
+        """Draws every cycle, and keeps how those of the path itself kept their time."""
 
         timing: RateLoop | None = None
         first: JointState
@@ -176,13 +176,13 @@ def _move(
                 self.first = state
                 return
             due, rate = self.timing.due, self.timing.achieved
-            if due < way.duration - 1e-6:
+            if due < path.duration - 1e-6:
                 self.cycles, self.rate = replace(self.timing.counters), rate
             retries = robot.host_counters()["retries"] - self.before["retries"]
             # Where the joints should have been when they were sampled, not where they are sent next.
-            target = way.sample(state.stamp - self.began).position
-            t = min(due, way.duration)
-            view.show(Sample(t, way.duration, state, target, rate, robot.round_trips[-1], retries))
+            target = path.sample(state.stamp - self.began).position
+            t = min(due, path.duration)
+            view.show(Sample(t, path.duration, state, target, rate, robot.round_trips[-1], retries))
 
     watch = Watch()
     options = MotionOptions(
@@ -200,7 +200,7 @@ def _move(
         watchdog=_WATCHDOG,
         watchdog_mode=StopMode.TORQUE_OFF,
     )
-    result = run_motion(robot, way, options, observer=watch, safe=_torque(robot, view))
+    result = run_motion(robot, path, options, observer=watch, safe=_torque(robot, view))
     if result.off:
         off = ", ".join(f"{row.joint} by {math.degrees(row.by):.1f} deg" for row in result.off)
         raise ServoError(f"the arm did not come back to where it started: {off}")

@@ -16,7 +16,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "list": ("hexwire.cli.fleet_ops:list_arms", "List the arms that this program may see."),
     "play": ("hexwire.cli.fleet_play:play", "Play a motion on several arms, with a common start."),
     "record": ("hexwire.cli.fleet_play:record", "Record all arms in one file."),
-    "router": ("hexwire.cli.fleet_router:router", "Pass on between arms and their clients."),
+    "router": ("hexwire.cli.fleet_router:router", "Relay messages between arms and their clients."),
     "stop": ("hexwire.cli.fleet_ops:stop", "Stop many arms at once."),
     "watch": ("hexwire.cli.fleet_ops:watch", "Follow the arms until interrupted."),
 }

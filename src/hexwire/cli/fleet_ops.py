@@ -16,7 +16,7 @@ import click
 from hexwire.errors import LinkLostError, LinkNotFoundError, LinkPermissionError, UsageError
 
 from .common import json_option, number_option, on_terminal
-from .fleet_options import way_options
+from .fleet_options import router_options
 from .output import print_json, say, say_table
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ __all__ = ["list_arms", "nobody", "stop", "watch"]
 
 _HEAD = ("arm", "robot", "host", "holder", "torque", "age ms", "condition")
 _ANSWERS = 1.0
-"""Seconds in which an arm must say how it is."""
+"""Time-out for the condition of an arm, seconds."""
 _SOON = 0.4
 """The same for `watch`: with two updates a second, an arm that is cut off shows within a second."""
 _SETTLE = 4.0
-"""Seconds until all ways were tried; a server that hangs takes 3 s."""
+"""Seconds until all routes have been tried; a server that hangs takes 3 s."""
 _NONE = "no arm is served on this machine by this user"
 _DO = (
     "start one with 'hexwire serve', or name the router of the fleet (--router tls/HOST:7447, or a file in "
@@ -39,12 +39,12 @@ _DO = (
 )
 
 
-_way_of_a_stop = functools.partial(way_options, stops=True)
+_stop_options = functools.partial(router_options, stops=True)
 
 
 @click.command("list")
 @click.argument("pattern", default="**")
-@way_options
+@router_options
 @json_option
 def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
     """List the arms that this program may see; PATTERN such as 'lab/*' selects some.
@@ -70,13 +70,13 @@ def list_arms(pattern: str, router: Network | None, as_json: bool) -> None:
 @click.command()
 @click.argument("pattern", default="**")
 @number_option("--rate", "HZ", "Updates per second.", above=0, default=2.0)
-@way_options
+@router_options
 @json_option
 def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> None:
     """Follow the arms until interrupted: a live table on a terminal, otherwise a line for each change.
 
-    An arm that appears or vanishes shows at once, and not only with the next update; one that does not answer in
-    0.4 s is shown so. --json prints one line an update, with all arms.
+    An arm that appears or vanishes is shown at once, without waiting for the next update, and so is one that
+    does not answer within 0.4 s. --json prints one line per update, with all arms.
     """
     import threading
 
@@ -92,7 +92,7 @@ def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> N
                 begun = time.monotonic()
                 changed.clear()
                 show(look(roster, _SOON))
-                # An arm that does not answer makes the updates no slower.
+                # An arm that does not answer does not slow the updates down.
                 changed.wait(max(0.0, begun + 1.0 / rate - time.monotonic()))
 
 
@@ -100,7 +100,7 @@ def watch(pattern: str, rate: float, router: Network | None, as_json: bool) -> N
 @click.argument("pattern", required=False)
 @click.option("--all", "every", is_flag=True, help="Stop every arm that this program may stop.")
 @click.option("--torque-off", is_flag=True, help="Switch torque off as well: the arms may fall.")
-@_way_of_a_stop
+@_stop_options
 @json_option
 def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | None, as_json: bool) -> None:
     """Stop all arms that PATTERN names, such as lab/arm1 or 'lab/*', at the same time. It needs no lease.
@@ -143,16 +143,18 @@ def stop(pattern: str | None, every: bool, torque_off: bool, router: Network | N
 
 
 def nobody(pattern: str, router: Network | None, silent: Mapping[str, str] | None = None) -> str:
-    """That no arm is there, in words.
+    """Error text that no arm was found.
 
     Args:
         pattern: The arms.
-        router: The way to those of other machines.
-        silent: Ways on which nobody answers, and why; see `Roster.silent`.
+        router: Router to those of other machines.
+        silent: Routes without an answer and the reason; see `Roster.silent`.
     """
     where = _NONE if router is None else f"{_NONE} or behind {', '.join(router.connect)}"
     named = where if pattern == "**" else f"{where} under the name {pattern}"
-    return "; ".join([named, *(f"{way}: {why.removeprefix(f'{way}: ')}" for way, why in (silent or {}).items())])
+    return "; ".join(
+        [named, *(f"{route}: {why.removeprefix(f'{route}: ')}" for route, why in (silent or {}).items())]
+    )
 
 
 # -- rows -------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The options that name the way to a router: the same for whoever connects to one or is one.
+"""The options that name a router and certificates, shared by several commands.
 
 Owns their names and help. Must not know what they are used for.
 """
@@ -13,7 +13,7 @@ import click
 
 from hexwire.errors import UsageError
 
-__all__ = ["certificate_options", "way_options"]
+__all__ = ["certificate_options", "router_options"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -22,7 +22,7 @@ def certificate_options(owner: str) -> Callable[[_F], _F]:
     """``--ca``, ``--cert``, ``--key`` and ``--reachable-without-certificates``, under these names.
 
     Args:
-        owner: Whose certificate it is, for the help.
+        owner: Owner of the certificate, for the help.
     """
     files = (
         ("--ca", "Certificate of the lab's authority, for tls endpoints."),
@@ -43,8 +43,8 @@ def certificate_options(owner: str) -> Callable[[_F], _F]:
     return add
 
 
-def way_options(command: Callable[..., Any], *, stops: bool = False) -> Callable[..., Any]:
-    """``--router`` and `certificate_options`; the command gets ``router``, the way to other machines' arms or None.
+def router_options(command: Callable[..., Any], *, stops: bool = False) -> Callable[..., Any]:
+    """``--router`` and `certificate_options`; the command gets ``router``, a Network or None.
 
     What is not typed comes from the file in HEXWIRE_FLEET.
 
@@ -61,10 +61,10 @@ def way_options(command: Callable[..., Any], *, stops: bool = False) -> Callable
 
         plain = reachable_without_certificates
         try:
-            way = router_network(router, ca=ca, cert=cert, key=key, without_certificates=plain, check=not stops)
+            network = router_network(router, ca=ca, cert=cert, key=key, without_certificates=plain, check=not stops)
         except UsageError as error:
             raise UsageError(f"nothing was stopped: {error}") if stops else error from None
-        return command(*args, router=way, **rest)
+        return command(*args, router=network, **rest)
 
     with_certificates = certificate_options("this program")(packed)
     return click.option(

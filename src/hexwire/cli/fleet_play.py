@@ -17,7 +17,7 @@ from hexwire.errors import LinkNotFoundError, UsageError
 from .common import FiniteFloat, force_option, json_option, number_option
 from .exits import ends_when_asked, note, shielded
 from .fleet_ops import nobody
-from .fleet_options import way_options
+from .fleet_options import router_options
 from .output import answer, print_json, say
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ _SETTLE = 4.0
 @click.argument("pattern", default="**")
 @number_option("--duration", "SECONDS", "End after this time; otherwise Ctrl-C ends it.", above=0)
 @force_option
-@way_options
+@router_options
 @json_option
 def record(
     file: str, pattern: str, duration: float | None, force: bool, router: Network | None, as_json: bool
@@ -88,7 +88,7 @@ def record(
     metavar="MS",
     help="Refuse an arm whose clock is known less well.",
 )
-@way_options
+@router_options
 @json_option
 def play(
     file: str,
@@ -113,7 +113,7 @@ def play(
 
     mapped = _pairs(pairs)
     if not on and not mapped:
-        raise UsageError("say which arms shall move: --on 'lab/*', or --map RECORDED=ARM")
+        raise UsageError("name the arms to move: --on 'lab/*', or --map RECORDED=ARM")
     motions = read_motions(file, speed)
     arms = sorted({*_arms(on, router), *mapped})
     given = assign(motions, file, arms, mapped)
@@ -130,7 +130,7 @@ def play(
                 shield=shielded,
             )
         except KeyboardInterrupt:
-            note("all arms were told to stop; 'hexwire --port zenoh:NAME resume' ends a stop")
+            note("stop sent to all arms; 'hexwire --port zenoh:NAME resume' ends a stop")
             raise
     _tell(report, arms, dry_run, as_json)
 
@@ -172,7 +172,7 @@ def _arms(patterns: tuple[str, ...], router: Network | None) -> set[str]:
     for pattern in patterns:
         some = {name for name in names if matches(pattern, name)}
         if not some:
-            words = nobody(pattern, router, {way: why for way, why in silent.items() if way not in names})
+            words = nobody(pattern, router, {route: why for route, why in silent.items() if route not in names})
             raise LinkNotFoundError(f"no arm moved: {words}; see 'hexwire fleet list'")
         found |= some
     return found

@@ -1,4 +1,4 @@
-"""`fleet router` and `fleet config`: the way between machines, and who may do what.
+"""`fleet router` and `fleet config`: the connection between machines, and the rights in it.
 
 Owns the command lines. `hexwire.fleet.rights` owns the rules, `hexwire.fleet.network` the session.
 """
@@ -50,7 +50,7 @@ def router(
     access: str | None,
     reachable_without_certificates: bool,
 ) -> None:
-    """Pass on between arms and their clients, until Ctrl-C.
+    """Relay messages between arms and their clients until Ctrl-C.
 
     Arms connect with 'hexwire serve --router', clients with 'zenoh:NAME?router='. It moves nothing by itself; while
     it is gone, arms go on, and those that a client of it commanded hold.
@@ -102,8 +102,8 @@ def config(folder: str, certificates: tuple[str, ...], output: str | None, force
     """Write the rights of a lab from its certificates: those in DIR, or those named.
 
     DIR has the authority's certificate, ca.pem. A router or server that is started with --access FILE enforces the
-    rights: whoever is not in the file may do nothing. To revoke a certificate, remove it, and run this again with
-    --force; then start the router again.
+    rights: a certificate that is not in the file gives none. To revoke a certificate, remove it, run this again
+    with --force, and restart the router.
     """
     from hexwire.fleet.rights import access_control
     from hexwire.link.certs import AUTHORITY

@@ -24,7 +24,7 @@ from hexwire.errors import LeaseError, StoppedError, UsageError
 from .holding import hold_moving, stop_or_log
 from .lease import Lease
 from .path_check import PathCheck
-from .shared_order import Judge, Order
+from .shared_order import Order, OrderCheck
 from .shared_steps import SteppedTargets
 
 if TYPE_CHECKING:
@@ -98,8 +98,8 @@ class SharedArm:
         self._followed_until = -math.inf
         self._ending = False
         self._steps = SteppedTargets(self._owner)
-        self._judge = Judge(self._lease, self._changed, clock, self._owner.now)
-        self._owner.guard(self._expire, self._judge.of_targets)
+        self._orders = OrderCheck(self._lease, self._changed, clock, self._owner.now)
+        self._owner.guard(self._expire, self._orders.of_targets)
         self._supervisor = threading.Thread(target=self._supervise, name="lease", daemon=True)
 
     def start(self) -> None:
@@ -159,12 +159,12 @@ class SharedArm:
         return {f"lease_{name}": value for name, value in asdict(self._lease.counters).items()}
 
     def refusal(self, key: int) -> LeaseError:
-        """Count an order by a key that is not the holder's; returns the error for it."""
-        return self._judge.refusal(key)
+        """Count an order from somebody who does not hold the lease; returns the error for it."""
+        return self._orders.refusal(key)
 
     def admit(self, order: Order) -> None:
         """Check that an order that moves nothing may be done; raises `LeaseError` if it may not."""
-        self._judge.admit(order)
+        self._orders.admit(order)
 
     def take(
         self,
@@ -261,13 +261,13 @@ class SharedArm:
         with owner.deciding():
             # Before the check, so that an order without a lease costs little; and nothing comes between it and
             # the sending, since a loss of the lease waits for `deciding`.
-            self._judge.admit(order)
+            self._orders.admit(order)
             self._check_path(target)
-            return self._steps.send(target, self._judge.token(order))
+            return self._steps.send(target, self._orders.token(order))
 
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
-        self._judge.admit(order)
+        self._orders.admit(order)
         model = self._robot.model
         wanted = set(model.names) if joints is None else {model.joint(name).name for name in joints}
         names = tuple(name for name in model.names if name in wanted)
@@ -277,7 +277,7 @@ class SharedArm:
 
     def resume(self, order: Order) -> None:
         """End a stop. Nothing moves."""
-        self._judge.admit(order)
+        self._orders.admit(order)
         self._called(order, self._owner.reset)
         with self._changed:
             self.tripped = False
@@ -291,14 +291,14 @@ class SharedArm:
             UsageError: The timeout is outside 0.05..60 s.
         """
         _check_watchdog(timeout)
-        grant = self._judge.admit(order)
+        grant = self._orders.admit(order)
         with self._changed:
             grant.watchdog, grant.watchdog_mode = timeout, mode
             self._changed.notify_all()
 
     def ioctl(self, order: Order, sub_cmd: int, data: bytes) -> bytes:
         """Send a special command, whose path is not checked; see `RobotDriver.ioctl`."""
-        self._judge.admit(order)
+        self._orders.admit(order)
         return self._called(order, lambda: self._owner.command(sub_cmd, data))
 
     def follow(
@@ -325,8 +325,8 @@ class SharedArm:
             LeaseError: The sender does not hold the lease.
             GoalError: The goal is refused; CANCELLED if its check took until `latest`.
         """
-        self._judge.admit(order)
-        token, epochs = self._judge.token(order), self._robot.epochs
+        self._orders.admit(order)
+        token, epochs = self._orders.token(order), self._robot.epochs
 
         def wanted() -> bool:
             # The path check takes time, in which the lease may be lost or the arm stopped.
@@ -458,7 +458,7 @@ class SharedArm:
 
     def _called(self, order: Order, call: Callable[[], _T]) -> _T:
         """Make a call of the owner, unless it is cancelled until then."""
-        with self._robot.epochs.using(self._judge.token(order)):
+        with self._robot.epochs.using(self._orders.token(order)):
             return call()
 
     def _check_path(self, target: JointTarget) -> None:

@@ -1,7 +1,7 @@
-"""An order to a shared arm: what proves that it may be done, and who judges that.
+"""An order to a shared arm, and the check whether it may be carried out.
 
-Owns when an order is judged: at its admission, and right before its bytes leave. Must not know what is ordered, nor
-the rules themselves.
+Owns when an order is checked: when it is admitted, and right before its bytes leave. Must not know what the order
+does, nor the rules of the lease.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
     from .lease import Grant, Lease
 
-__all__ = ["Judge", "Order"]
+__all__ = ["Order", "OrderCheck"]
 
 
 class Order:
-    """Proof that an order may be done: who sends it, and when it was made and arrived.
+    """What the check of an order needs: its sender, and when it was made and arrived.
 
     Args:
         key: Key of the sender's lease.
         sequence: Number of the order; each is greater than the last.
         arrived: Token of the robot's epochs at its arrival; a later stop cancels the order.
-        made: When it was made, seconds of the owner's clock as the sender estimates it; None for an order that does
-            not become wrong by waiting.
-        doubt: Uncertainty of that, seconds.
+        made: When it was made, seconds of the owner's clock as the sender estimates it; None for an order that may
+            wait.
+        doubt: Uncertainty of that time, seconds.
     """
 
     __slots__ = ("arrived", "doubt", "key", "made", "sequence")
@@ -41,13 +41,13 @@ class Order:
         self.key, self.sequence, self.arrived, self.made, self.doubt = key, sequence, arrived, made, doubt
 
 
-class Judge:
-    """Judges orders by the rules of a lease. Any thread may call its methods.
+class OrderCheck:
+    """Checks orders against the rules of a lease. Any thread may call its methods.
 
     Args:
         lease: The rules.
-        lock: Guards them; nobody waits for the line of the arm while holding it.
-        clock: Counts the lease, seconds.
+        lock: Guards the rules; it is never held while waiting for the line of the arm.
+        clock: The clock of the lease, seconds.
         now: The owner's clock, seconds.
     """
 
@@ -68,7 +68,7 @@ class Judge:
             return self._lease.admit(order.key, order.sequence, self._clock(), age, order.doubt)
 
     def refusal(self, key: int) -> LeaseError:
-        """Count an order by a key that is not the holder's; returns the error for it."""
+        """Count an order from somebody who does not hold the lease; returns the error for it."""
         with self._lock:
             self._lease.counters.without_lease += 1
             try:
@@ -78,13 +78,13 @@ class Judge:
         return LeaseError("the lease has just changed; nothing was done", lost=False)
 
     def of_targets(self) -> LeaseError | None:
-        """Why no controller may send a target now; None if one may."""
+        """Why no controller may send a target now; None if controllers may."""
         if self._lease.is_alive(self._clock()):
             return None
         return LeaseError(self._lease.ended or "nobody holds the lease")
 
     def token(self, order: Order) -> Token:
-        """What cancels an admitted order: a stop since its arrival, the end of the lease, waiting for the line."""
+        """Token that cancels an admitted order after a stop, the end of the lease, or too long a wait."""
 
         def refusal() -> LeaseError | None:
             try:
@@ -96,7 +96,7 @@ class Judge:
         return replace(order.arrived, refusal=refusal, late=self._lateness(order))
 
     def _lateness(self, order: Order) -> Callable[[], LeaseError | None] | None:
-        """What judges the age of a set-point until its first bytes leave."""
+        """Check for the age of a set-point until its first bytes leave."""
         made, leaving = order.made, False
         if made is None:
             return None
@@ -109,7 +109,7 @@ class Judge:
                         self._lease.check_age(self._now() - made, order.doubt)
             except LeaseError as error:
                 return error
-            # Some robots take several packets for a target; half of one would be worse than a late one.
+            # Some robots need several packets for a target; half a target is worse than a late one.
             leaving = True
             return None
 

@@ -1,7 +1,7 @@
-"""A far target of a shared arm whose robot has no watchdog: sent in short steps, as a command at the port does.
+"""Sends a far target of a shared arm without a watchdog in short steps, as a command at the port does.
 
-Owns when a target is far, and the way of each joint to it. If this program dies, at most a step and a half remains.
-Must not know leases, nor who sends targets.
+Owns when a target is far, and the path of each joint to it. If this program dies, at most a step and a half
+remains. Must not know leases, nor who sends targets.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from .outcomes import Ended, GoalListener
     from .owner import RobotOwner
 
-__all__ = ["JointWay", "SteppedTargets"]
+__all__ = ["JointSteps", "SteppedTargets"]
 
 _AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
 _SHORT = 1.1
-"""Targets up to this many such durations are sent whole: set-points of a stream, and some rounding."""
+"""Targets up to this many such durations, such as streamed set-points, are sent whole; more than 1 for rounding."""
 _SETTLING = 0.2
-"""Seconds after its duration in which a joint may still be on the way to what was sent."""
+"""Seconds that a joint may still move after the duration of a target."""
 
 
 class _Line(NamedTuple):
@@ -43,12 +43,12 @@ class _Line(NamedTuple):
     step: float
 
     def place(self, now: float) -> float:
-        """Where a step that is sent now leads."""
+        """Target of a step that is sent now."""
         share = min(1.0, (now - self.began + self.step) / self.duration)
         return self.start + share * (self.goal - self.start)
 
 
-class JointWay:
+class JointSteps:
     """A controller of one joint that moves it to its target in steps, or does nothing.
 
     Args:
@@ -59,12 +59,12 @@ class JointWay:
         self.joints = (joint,)
         self.reason: StopReason | None = None
         self._line: _Line | None = None
-        # What was sent last, and until when the joint may be on the way there.
+        # The last target sent, and until when the joint may still move to it.
         self._aim, self._until = math.nan, -math.inf
 
     @property
     def busy(self) -> bool:
-        """There are steps to send."""
+        """Whether there are steps to send."""
         return self._line is not None
 
     moving = busy
@@ -75,11 +75,11 @@ class JointWay:
         self.aimed(line.place(began), began + _AHEAD * step)
 
     def aimed(self, angle: float, until: float) -> None:
-        """Note what was sent, and until when the joint takes to it."""
+        """Note a target that was sent, and when the joint reaches it."""
         self._aim, self._until = angle, until + _SETTLING
 
     def aim(self, now: float) -> float | None:
-        """Where the joint is on the way to, or None if it rests: a stream of targets goes on from there."""
+        """Target to which the joint is moving, or None if it rests; a stream of targets continues from there."""
         return self._aim if now < self._until else None
 
     def left(self, now: float) -> float:
@@ -90,7 +90,7 @@ class JointWay:
         return max(0.0, line.began + line.duration - now) + 2.0 * line.step + _SETTLING
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Do nothing: whoever sent the target judges the arrival."""
+        """Do nothing: the sender of the target checks the arrival."""
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The next step."""
@@ -115,7 +115,7 @@ class JointWay:
         self._line, self._until = None, -math.inf
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        """Return nothing: nobody listens."""
+        """Return nothing: steps have no goal."""
         return []
 
 
@@ -128,19 +128,19 @@ class SteppedTargets:
 
     def __init__(self, owner: RobotOwner) -> None:
         self._owner = owner
-        self._ways = {name: JointWay(name) for name in owner.robot.model.names}
+        self._members = {name: JointSteps(name) for name in owner.robot.model.names}
 
     def send(self, target: JointTarget, asked: Token) -> SentTarget:
         """Send a target; the caller has `RobotOwner.deciding`.
 
-        The steps end with a stop, a new target of their joint, or whatever else ends the motions of controllers.
+        A stop, a new target for the joint, or anything else that ends the motions of controllers ends the steps.
 
         Args:
-            target: Its path was checked by the caller.
+            target: The caller has checked its path.
             asked: As in `RobotOwner.send`.
 
         Returns:
-            The target as sent; in steps: as it will be.
+            The target as sent, or as the steps will send it.
 
         Raises:
             HexwireError: As `RobotOwner.send`.
@@ -154,7 +154,7 @@ class SteppedTargets:
         if checked.duration <= _SHORT * _AHEAD * step:
             sent = owner.send(target, asked)
             for name, angle in sent.positions:
-                self._ways[name].aimed(angle, now + sent.duration)
+                self._members[name].aimed(angle, now + sent.duration)
             return sent
         # A joint whose position is unknown cannot be interpolated: it is sent directly to its target.
         start = {name: here[name] if math.isfinite(here[name]) else goal for name, goal in checked.positions}
@@ -163,35 +163,35 @@ class SteppedTargets:
             JointTarget.of({name: line.place(now) for name, line in lines.items()}, _AHEAD * step), asked
         )
         with owner.locked():
-            # A stop since then has found no steps to end.
+            # A stop that came since then found no steps to end.
             robot.epochs.check(asked, "a move")
             if owner.group.reason is not None:
                 raise StoppedError.unsent("a move", 0, f"the arm was stopped meanwhile ({owner.group.reason})")
             self._join()
             for name, line in lines.items():
-                self._ways[name].begin(*line)
+                self._members[name].begin(*line)
         return SentTarget(checked.positions, checked.duration, first.clamped, first.silent)
 
     def release(self, joints: Collection[str]) -> None:
-        """End the steps of joints that another controller moves from now on; the caller has `RobotOwner.locked`."""
+        """End the steps of joints that another controller takes over; the caller has `RobotOwner.locked`."""
         for name in joints:
-            self._ways[name].release("another motion was asked for")
+            self._members[name].release("another motion was asked for")
 
     def time_left(self) -> float:
-        """Seconds until the last joint has reached its target; 0 if no steps are to be sent."""
+        """Seconds until the last joint has reached its target; 0 if there are no steps to send."""
         now = self._owner.now()
-        return max(way.left(now) for way in self._ways.values())
+        return max(member.left(now) for member in self._members.values())
 
     def _here(self, now: float) -> Mapping[str, float]:
-        """Where the joints are, or are about to be by what was sent last."""
+        """Positions of the joints; for a joint that moves to a target, that target."""
         here = dict(self._owner.newest().positions)
-        for name, way in self._ways.items():
-            aim = way.aim(now)
+        for name, member in self._members.items():
+            aim = member.aim(now)
             if aim is not None:
                 here[name] = aim
         return here
 
     def _join(self) -> None:
         group = self._owner.group
-        if not any(member is way for member in group.members for way in self._ways.values()):
-            group.members = (*group.members, *self._ways.values())
+        if not any(member is own for member in group.members for own in self._members.values()):
+            group.members = (*group.members, *self._members.values())

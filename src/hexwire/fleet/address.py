@@ -1,6 +1,6 @@
 """Addresses of shared arms: ``zenoh:lab/arm1``, with options after a question mark.
 
-Owns how an address, the environment and a file of this user together name an arm and the way to it. Must not know
+Owns how an address, the environment and a file of this user together name an arm and its router. Must not know
 Zenoh's session, nor arms.
 """
 
@@ -27,9 +27,9 @@ FLEET_VARIABLE = "HEXWIRE_FLEET"
 """Environment variable with the path of a file that names router and certificates."""
 
 _MOST_NAMES = 8
-"""Other arms that are named, for whoever has mistyped one."""
-_WAY = ("router", "ca", "cert", "key")
-_KEYS = (*_WAY, "role", "take", "without-certificates")
+"""Most names of other arms in the error for a mistyped one."""
+_ROUTER_KEYS = ("router", "ca", "cert", "key")
+_KEYS = (*_ROUTER_KEYS, "role", "take", "without-certificates")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Address:
         key: Its key.
         role: Role in which this program commands the arm; None for the highest that it has, see `role_by`.
         take: Pre-empt another holder of the lease.
-        without_certificates: The router may be on another machine though it asks for no certificates.
+        without_certificates: The router may be on another machine although it asks for no certificates.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Address:
         return role_of(cert) if self.role is None else self.role
 
     def network(self) -> Network:
-        """The way to the arm: the socket of a server of this user, else the router.
+        """The network with the arm: the socket of a server of this user, otherwise the router.
 
         Raises:
             LinkNotFoundError: No server of this user offers it, and no router is named.
@@ -110,7 +110,7 @@ class Address:
         try:
             path = local_socket(self.name)
         except UsageError:
-            # A folder with too long a name matters only to who has no other way.
+            # A folder with too long a name matters only without a router.
             if not self.router:
                 raise
         else:
@@ -135,7 +135,7 @@ class Address:
 
 
 def role_of(cert: str) -> Role:
-    """Role of a program that is known by a certificate; that of a maintainer without one.
+    """Role that a certificate gives to a program; maintainer without a certificate.
 
     Raises:
         UsageError: It cannot be read.
@@ -147,7 +147,7 @@ def role_of(cert: str) -> Role:
 
 
 def rights_of(cert: str) -> Rights | None:
-    """What stands in a certificate; None for one without a role.
+    """The rights in a certificate; None for one without a role.
 
     Raises:
         UsageError: It cannot be read.
@@ -168,31 +168,31 @@ def router_network(
     check: bool = True,
     environ: Mapping[str, str] | None = None,
 ) -> Network | None:
-    """The way to the arms behind the router; what is left out comes from the file in `FLEET_VARIABLE`.
+    """The network of a router; what is left out comes from the file in `FLEET_VARIABLE`.
 
     Args:
         router: Its endpoint.
         ca: Certificate of the lab's authority.
         cert: Own certificate.
         key: Its key.
-        without_certificates: The router may be on another machine though it asks for no certificates.
-        check: Read the certificates now, so that what is wrong with them is an error of their files.
+        without_certificates: The router may be on another machine although it asks for no certificates.
+        check: Read the certificates now, so that an error in them names their file.
         environ: The environment; that of this program if None.
 
     Returns:
-        None if nothing of it is named.
+        None if neither arguments nor file name anything.
 
     Raises:
         UsageError: The endpoint is wrong; certificates are missing or cannot be used; or no router is named.
         ConfigError: The file cannot be read or is wrong.
     """
     file = (os.environ if environ is None else environ).get(FLEET_VARIABLE)
-    given = {name: value for name, value in zip(_WAY, (router, ca, cert, key), strict=True) if value}
+    given = {name: value for name, value in zip(_ROUTER_KEYS, (router, ca, cert, key), strict=True) if value}
     values = {**(read_fleet_file(file) if file else {}), **given}
-    endpoint, ca, cert, key = (values.get(name, "") for name in _WAY)
+    endpoint, ca, cert, key = (values.get(name, "") for name in _ROUTER_KEYS)
     if not endpoint:
         if given or without_certificates:
-            raise UsageError("these options are for the way to a router: name it, as in --router tls/HOST:7447")
+            raise UsageError("these options need a router: name it, as in --router tls/HOST:7447")
         return None
     network = Network(
         connect=(endpoint,),
@@ -207,10 +207,15 @@ def router_network(
 
 
 def address_text(name: str, network: Network | None) -> str:
-    """The address of an arm that is reached on the way of `router_network`; None for an arm of this machine."""
+    """The address of an arm.
+
+    Args:
+        name: Its name.
+        network: As from `router_network`; None for an arm of this machine.
+    """
     if network is None:
         return f"{SCHEME}:{name}"
-    values = dict(zip(_WAY, (network.connect[0], network.ca, network.cert, network.key), strict=True))
+    values = dict(zip(_ROUTER_KEYS, (network.connect[0], network.ca, network.cert, network.key), strict=True))
     given = {key: value for key, value in values.items() if value}
     if network.reachable_without_certificates:
         given["without-certificates"] = "1"
@@ -232,7 +237,7 @@ def read_fleet_file(path: str) -> dict[str, str]:
     """
     values = {}
     folder = Path(path).resolve().parent
-    for key, item in parse_toml(read_text(path), path).table((*_WAY, "role")).items():
+    for key, item in parse_toml(read_text(path), path).table((*_ROUTER_KEYS, "role")).items():
         value = item.text()
         values[key] = str(folder / value) if key in ("ca", "cert", "key") else value
     return values

@@ -1,7 +1,7 @@
-"""What a shared arm can do, as far as its server tells before the first state.
+"""What a shared arm can do, as its server reports it.
 
-Owns what the server adds to its robot, such as a watchdog, and what it cannot: to examine the port. Must not know
-how the server is asked.
+Owns what the server adds to its robot, such as a watchdog, and what it cannot do, such as examine the port. Must
+not know how the server is asked.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["Described"]
 
 
 class Described(RobotDriver):
-    """The part of a `RemoteRobot` that follows from what its server says of the arm."""
+    """The part of `RemoteRobot` that depends only on what its server reports about the arm."""
 
     _facts: Facts
 

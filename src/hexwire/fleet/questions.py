@@ -1,7 +1,7 @@
 """Questions to the server of an arm, and why there is no answer.
 
-Owns the difference between "no such arm", "no right" and "no answer", which Zenoh does not tell, and that a stop is
-done though torque off is denied. Must not know what else is asked.
+Owns the distinction between "no such arm", "no right" and "no answer", which Zenoh does not make, and the stop
+that replaces a denied torque off. Must not know what else is asked.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from .rights import KEY_WORDS
 __all__ = ["Questions", "ask", "decoded", "unknown_certificate"]
 
 _TIMEOUT = 2.0
-"""Seconds for the questions that find the reason."""
+"""Time-out of the questions that find out why there was no answer, seconds."""
 _BACK = 0.5
-"""Seconds in which a server whose token has returned answers questions again."""
+"""Seconds until a server answers questions again after its token has returned."""
 _SILENT = "is its program stopped, or the network slow?"
 _REMEDY = "write the router's access file again with 'hexwire fleet config', and start it again"
 
@@ -72,7 +72,7 @@ def _answer(payload: bytes) -> m.Answer:
 
 
 class Questions:
-    """What one program asks the server of an arm, counted and timed.
+    """Asks the server of an arm, and counts and times the questions.
 
     Args:
         address: The arm.
@@ -93,16 +93,16 @@ class Questions:
             return ask(node, self._address, key, message, timeout, urgent=urgent)
 
     def stop(self, node: Node, role: Role, request: m.StopRequest, timeout: float) -> tuple[m.Answer, str]:
-        """Stop the arm. Whoever may not do that with torque off stops it all the same, and the joints hold.
+        """Stop the arm. If this program may not switch torque off, the arm is stopped anyway and holds.
 
         Args:
             node: The session.
-            role: Of this program.
+            role: Role of this program.
             request: The stop.
             timeout: Seconds for an answer.
 
         Returns:
-            The answer to the stop that was done, and why torque stays on; empty if that is as asked.
+            The answer to the stop, and why torque stays on although torque off was asked for; otherwise empty.
 
         Raises:
             HexwireError: As `ask`: the stop is not confirmed.
@@ -120,7 +120,7 @@ class Questions:
         except NoAnswerError as none:
             if not none.absent:
                 raise _reason(node, self._address, key, none) from None
-            # First it is stopped; then there is time to find out why this was denied.
+            # Stop the arm first; then find out why torque off was denied.
             answer = self.ask(node, self._keys.stop, request, timeout, urgent=True)
             return answer, str(_reason(node, self._address, key, none)).removeprefix(f"{self._address.text}: ")
 
@@ -139,13 +139,13 @@ class Questions:
 
 
 def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> HexwireError:
-    """Why nobody answered. Zenoh drops what is not allowed without a word, so other questions have to tell."""
+    """Why there was no answer. Zenoh drops forbidden messages silently, so other questions must show the reason."""
     name, url = address.name, address.text
-    # Who is at the other end of the connection.
+    # The other end of the connection.
     other = "server or router" if address.router else "server"
     if not node.connections:
         return LinkLostError(f"{url}: the connection to the {other} is lost", url=url)
-    # The certificate comes first: the access control of the router was made from it.
+    # Check the certificate first: the access control of the router was made from it.
     if node.cert and (missing := _missing(node.cert, name, key)):
         return LinkPermissionError(f"{url}: {missing}", url=url)
     alive = Keys(name).alive
@@ -156,21 +156,21 @@ def _reason(node: Node, address: Address, key: str, none: NoAnswerError) -> Hexw
             if silent.absent and node.cert:
                 return LinkPermissionError(f"{url}: {unknown_certificate(node.cert)}", url=url)
             return ReplyTimeoutError(f"a question to the {other} of {url}", advice=_SILENT)
-        # It may have come meanwhile.
+        # The server may have started meanwhile.
         if not node.visible(alive, _TIMEOUT):
             return LinkNotFoundError(
-                f"there is no arm {name}; 'hexwire fleet list' shows those that there are", url=url
+                f"there is no arm {name}; 'hexwire fleet list' shows the arms that exist", url=url
             )
     if none.absent and node.is_offered(key, _BACK):
-        # Whether it was done is unknown: a connection that is lost ends the wait for its answers in this way, too.
-        return LinkLostError(f"{url}: its server was away for a moment, and is back", url=url)
+        # A lost connection also ends the wait like this, so it is unknown whether the request was carried out.
+        return LinkLostError(f"{url}: the connection to its server was interrupted and is back", url=url)
     if none.absent:
         return LinkPermissionError(f"{url} is there, but this program may not {_word(key)}; {_REMEDY}", url=url)
     return ReplyTimeoutError(f"{url}, whose server is there", advice=_SILENT)
 
 
 def unknown_certificate(cert: str) -> str:
-    """That a router's access control does not know a certificate, in words."""
+    """Error text for a certificate that the router's access control does not know."""
     return f"the router does not know {_holder(cert)}; {_REMEDY}"
 
 

@@ -1,6 +1,6 @@
-"""Whether the states of a shared arm have ceased to come, and saying so once.
+"""Warns once when the states of a shared arm stop arriving.
 
-Owns how long a silence is worth a word. Must not know why it is silent, nor Zenoh.
+Owns how long a pause may last without a warning. Must not know its cause, nor Zenoh.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ __all__ = ["Silence"]
 _log = logging.getLogger(__name__)
 
 _QUIET = 0.8
-"""Seconds without a state that are worth a word: whatever its robot does, a server sends one every 0.4 s."""
+"""Seconds without a state before the warning: a server sends at least one every 0.4 s."""
 _STALLED = 0.5
-"""Seconds between two looks after which this program was halted itself, and takes now what has arrived."""
+"""A longer time between two calls of `look`, in seconds, means that this program itself was halted."""
 
 
 class Silence:
-    """Tells when the states of an arm cease to come, once for each silence.
+    """Logs a warning when the states of an arm stop arriving, once for each pause.
 
     Args:
         url: Address of the arm, for the text.
@@ -31,7 +31,7 @@ class Silence:
         self._looked, self._told = since, False
 
     def look(self, now: float, arrived: float) -> None:
-        """Look; several times a second.
+        """Check for a pause; to be called several times a second.
 
         Args:
             now: Seconds of this program's monotonic clock.
@@ -41,9 +41,9 @@ class Silence:
         silent = now - max(arrived, self._since)
         if silent < _QUIET:
             if self._told:
-                _log.warning("%s: its states come again", self._url)
+                _log.warning("%s: its states arrive again", self._url)
             self._told = False
         elif not self._told and not stalled:
             self._told = True
-            none = "no state has come" if arrived == -math.inf else "its states have ceased to come"
-            _log.warning("%s: %s for %.1f s; is its program halted, or the network cut?", self._url, none, silent)
+            none = "no state has arrived" if arrived == -math.inf else "its states have stopped arriving"
+            _log.warning("%s: %s for %.1f s; is its server halted, or the network down?", self._url, none, silent)

@@ -3,8 +3,8 @@
 Owns the newest state, waiting for the next one, and the conversion to this program's clock. Must not know leases,
 orders or Zenoh.
 
-Whoever waits for a state receives it in its own thread: from one thread to the next it would be under way for half
-as long again. If several wait, one receives for all.
+A thread that waits for a state receives it itself, since a handover to another thread would take half as
+long again. If several threads wait, one receives for all.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from .rows import joint_state
 __all__ = ["ArrivedStates", "Inbox"]
 
 _SILENT = 1.0
-"""Seconds of silence of a server after which one that was there before it counts again."""
+"""Seconds of silence after which the states of an earlier server count again."""
 _TAKING = 1.0
-"""Seconds in which a thread takes what has arrived."""
+"""Time-out for another thread that takes what has arrived, seconds."""
 _SERVERS = 8
-"""Servers of before that are remembered."""
+"""Number of earlier servers that are remembered."""
 
 
 class Inbox(Protocol):
@@ -101,7 +101,7 @@ class ArrivedStates:
 
     def _decoded(self, payload: bytes) -> m.State | None:
         if not payload:
-            # Somebody was woken.
+            # From `wake`.
             return None
         try:
             state = m.decode(payload, m.State)
@@ -117,15 +117,15 @@ class ArrivedStates:
         before = self.newest
         if before is not None and state.server != before.server:
             if state.server in self._former and arrived - self.arrived < _SILENT:
-                # It was overtaken by the first state of a server that was started since.
+                # A state of a newer server overtook it.
                 return
-            # Another server counts anew, and perhaps by another clock.
+            # A new server restarts its count, and may use another clock.
             self._former.pop(state.server, None)
             self._former = dict.fromkeys([*self._former, before.server][-_SERVERS:])
             self._done = 0
         elif before is not None:
             if state.sequence <= before.sequence:
-                # It was overtaken on its way, or comes on two ways.
+                # A newer one overtook it, or it arrived by two routes.
                 return
             self.lost += state.sequence - before.sequence - 1
         self.seen += 1
@@ -141,11 +141,11 @@ class ArrivedStates:
             self._done = max(self._done, done)
 
     def refresh(self) -> None:
-        """Take what has arrived, and end waits that are over. Call it now and then."""
+        """Take what has arrived, and end waits that have timed out. Call it regularly."""
         if self._inbox is None:
             return
         with self._changed:
-            # What another thread is taking at this moment has arrived before.
+            # Let another thread finish taking what arrived earlier.
             self._changed.wait_for(lambda: not self._is_receiving() or self._until < math.inf, _TAKING)
             receiving, late = self._is_receiving(), self._now() >= self._until
         if not receiving:
@@ -180,7 +180,7 @@ class ArrivedStates:
                 if self._closed:
                     break
                 state = self.newest
-                # One without joints only says that the server lives and its robot is busy, unless it is lost.
+                # A state without joints and error only says that the server runs and its robot is busy.
                 tells = state is not None and (state.names or state.error) and state.done >= self._done
                 if state is not None and tells and self.arrived > since:
                     return self._as_joint_state(state, self.arrived)
@@ -198,7 +198,7 @@ class ArrivedStates:
         return self._receiver not in (0, threading.get_ident())
 
     def _receive(self, until: float | None) -> None:
-        """Take what has arrived; if there is nothing, wait for it until a time, if one is given."""
+        """Take what has arrived; if there is nothing and a time is given, wait for it until then."""
         inbox, me = self._inbox, threading.get_ident()
         assert inbox is not None
         outer = 0, math.inf
@@ -221,7 +221,7 @@ class ArrivedStates:
         except LinkClosedError:
             self._closed = True
         finally:
-            # An exception may come from a signal handler at any line: whatever happens, another thread may receive.
+            # A signal handler may raise at any line: let another thread receive in any case.
             if self._receiver == me:
                 self._receiver, self._until = outer
                 with self._changed:
