@@ -40,7 +40,7 @@ class Token:
         urgent: The call is the stop itself.
         refusal: A further condition: returns the error with which the call is refused, or None. Asked whenever the
             epoch is checked, so also right before the bytes leave. Must not block.
-        late: Another one, asked only right before the bytes of a request that acts leave; later it does not matter.
+        late: As `refusal`, but called only right before the first bytes of a request that acts leave.
             Must not wait for the line.
     """
 
@@ -163,14 +163,14 @@ class Epochs:
             raise error
 
     def check_leaving(self, token: Token, what: str) -> None:
-        """As `check`, for a request that acts and is the next on the line: refuse also what has waited too long.
+        """As `check`, for a request that acts and is next on the line: also refuse one that has waited too long.
 
         Raises:
             StoppedError: The arm was stopped after the call.
             HexwireError: The refusal of the token.
         """
         if token.epoch is self._current and not token.stopped and token.refusal is token.late is None:
-            return  # nearly always; the line is idle meanwhile
+            return  # the usual case; it must be fast, since the line is idle meanwhile
         self.check(token, what)
         if token.late is not None and (error := token.late()) is not None:
             raise error

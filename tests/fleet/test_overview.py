@@ -74,7 +74,7 @@ def test_an_arm_that_hangs_is_shown_as_silent_and_one_that_starts_too(runtime: P
         one, two = look(roster, 1.0)
     assert (one.name, one.silent, one.why) == ("lab/hung", True, HUNG)
     assert (two.name, two.silent) == ("lab/starts", True)
-    assert "it starts or ends" in two.why
+    assert "its server is starting or ending" in two.why
     hung.close()
     starts.close()
 

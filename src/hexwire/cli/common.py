@@ -70,7 +70,7 @@ _StateObserver = Callable[["JointState"], None]
 _state_observer: ContextVar[_StateObserver | None] = ContextVar("hexwire_state_observer", default=None)
 
 _PATIENCE = 1.0
-"""Seconds without an answer after which the user is told what the command waits for."""
+"""Seconds without an answer after which the command says what it waits for."""
 
 
 class FiniteFloat(click.ParamType[float]):

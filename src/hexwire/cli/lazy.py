@@ -1,6 +1,6 @@
 """A group of commands that are imported when they are used.
 
-Owns the lookup, so that the help text of a group imports none of its commands. Must not know what a command does.
+Owns the lookup, so that the help of a group imports none of its commands. Must not know what a command does.
 """
 
 from __future__ import annotations

@@ -70,10 +70,10 @@ class Verdict(Enum):
 
 
 class Arrival:
-    """Judges, state by state, whether a motion has arrived.
+    """Checks, state by state, whether a motion has arrived.
 
     Args:
-        tolerances: By joint; every judged joint has a row.
+        tolerances: By joint; every checked joint has a row.
         ends: When the motion ends, seconds; may change during the motion.
         grace: Seconds in which the goal must be reached, from the first state after the end; 0 waits forever.
         early: A state within the tolerances counts before the end too.
@@ -102,7 +102,7 @@ class Arrival:
         velocity: Sequence[float],
         sampled: float = math.inf,
     ) -> Verdict:
-        """Judge a state.
+        """Check a state.
 
         Args:
             now: Seconds.

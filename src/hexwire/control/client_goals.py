@@ -76,7 +76,7 @@ class ClientGoal(Generic[_C]):
         on_end: Called with this goal and how it ended.
 
     Attributes:
-        accepted: The client was told that it is accepted.
+        accepted: The client knows that it is accepted.
         cancelled: The client has cancelled it.
         answerable: Earliest time of an answer, by the worker's clock; None until there is an answer.
     """

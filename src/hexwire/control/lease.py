@@ -36,7 +36,7 @@ class LeaseCounters:
     Attributes:
         without_lease: The sender did not hold the lease.
         too_old: The set-point was older than allowed.
-        undated: The age of the set-point could not be judged: the clocks are not related well enough.
+        undated: The age of the set-point is unknown: the offset of the clocks is not known well enough.
         out_of_order: A later order of the same holder had been accepted.
         lost: Leases that ended by silence.
         preempted: Leases that were taken from their holder.
@@ -110,7 +110,7 @@ class Lease:
     ended: str = ""
     counters: LeaseCounters = field(default_factory=LeaseCounters)
     _former: tuple[int, str] = field(default=(0, ""), repr=False)
-    """Key of the last holder that lost it, and why: it shall hear that although others have had it since."""
+    """Key of the last holder that lost the lease, and why. It gets that reason even if others hold it now."""
 
     # -- taking and leaving ---------------------------------------------------------------------------
 
@@ -156,7 +156,7 @@ class Lease:
         """Grant the lease.
 
         Args:
-            client: Who asks, for display.
+            client: Name of the client, for display.
             rank: Its rank.
             now: Seconds.
             force: As in `check_take`.
@@ -171,10 +171,10 @@ class Lease:
         return self.holder
 
     def keep(self, key: int, now: float) -> Grant | None:
-        """Renew the lease of a client that takes what it holds already; None if it does not hold it.
+        """Renew the lease of a client that asks for a lease it holds; None if it does not hold it.
 
         Args:
-            key: Of the lease that the client had.
+            key: Key of the lease that the client had.
             now: Seconds.
         """
         try:
@@ -263,14 +263,14 @@ class Lease:
         return holder
 
     def check_age(self, age: float, doubt: float) -> None:
-        """Check that a set-point is not too old; again when its bytes are about to leave.
+        """Check that a set-point is not too old: when it arrives, and right before its bytes leave.
 
         Args:
             age: Its estimated age, seconds.
             doubt: Uncertainty of the age, seconds.
 
         Raises:
-            LeaseError: It is, or its age is not known; it is counted.
+            LeaseError: It is too old, or its age is unknown. This is counted.
         """
         # Compared so that NaN is refused.
         if not 0.0 <= doubt <= self.max_age or not -_ROUNDING <= age + doubt < math.inf:

@@ -76,7 +76,7 @@ class Output:
         # The last stop that the controllers know of. Targets decided before a newer one must not be sent.
         self._known_stop = asked or robot.epochs.mark()
         self.deciding = threading.RLock()
-        """Held from the decision on a target until it was sent, by whoever decides. A stop does not wait for it."""
+        """Lock held from the decision on a target until it was sent. A stop does not wait for it."""
 
     def hurry(self) -> None:
         """Send a target after the next state, if none was sent for a period."""
@@ -96,7 +96,7 @@ class Output:
             self._update(state, speeds, now, period, lead)
 
     def running(self) -> tuple[str, ...]:
-        """Joints that are on the way to their last target, or may still be."""
+        """Joints that are moving to their last target, or may be."""
         now = self._clock()
         return tuple([name for name, ends in self._ends.items() if now < ends])
 
@@ -183,7 +183,7 @@ class Output:
             except (CommandRefusedError, UsageError):
                 raise
             except HexwireError:
-                # No answer: the robot may have the target all the same.
+                # No answer: the robot may have received the target nevertheless.
                 self._note(target)
                 raise
             if holds and not sent.silent:

@@ -104,7 +104,7 @@ class RobotOwner:
         reconnects: Number of reconnections.
         probe: The report of the last probe.
         crash: The programming error that ended the thread, if any.
-        observers: Called with every state in the owner's thread, before it is the newest.
+        observers: Called in the owner's thread with every state, before it becomes the newest.
     """
 
     def __init__(
@@ -379,7 +379,7 @@ class RobotOwner:
         self._output.before, self._output.refusal = before, refusal
 
     def command(self, sub_cmd: int, data: bytes) -> bytes:
-        """Send a special command; see `RobotDriver.ioctl`. What it may move counts as moving.
+        """Send a special command; see `RobotDriver.ioctl`. Joints that it may move count as moving.
 
         Raises:
             HexwireError: As `call`, and as the command.
@@ -387,14 +387,14 @@ class RobotOwner:
 
         def command() -> bytes:
             if self.robot.may_move(sub_cmd, data):
-                # First: without an answer the robot may have it all the same.
+                # First: without an answer the robot may have received it nevertheless.
                 self._output.set_free()
             return self.robot.ioctl(sub_cmd, data)
 
         return self.call(command)
 
     def running(self) -> tuple[str, ...]:
-        """Joints that are on the way to the last target sent, or may still be."""
+        """Joints that are moving to the last target sent, or may be."""
         return self._output.running()
 
     def time_left(self) -> float:
@@ -648,7 +648,7 @@ class RobotOwner:
 
     def _take(self, state: JointState) -> None:
         check_joints(state, self.robot.model)
-        # First, since other programs wait for it.
+        # First, since other programs wait for this.
         for observer in self.observers:
             observer(state)
         published = self._latest.take(state, self._clock())

@@ -3,7 +3,7 @@
 Owns what joins lease and arm: an order is checked and sent in one step, a lost lease holds the arm, and silence of
 the holder's program stops it. Must not know how orders arrive: networks, messages, certificates.
 
-Locks, in this order: `RobotOwner.deciding`, then the lease's. A stop takes neither. The lease is judged when an
+Locks, in this order: `RobotOwner.deciding`, then the lease's. A stop takes neither. The lease is checked when an
 order is admitted, when the owner decides on targets, and right before the bytes of a target leave, since this
 program may have been halted in between.
 """
@@ -176,12 +176,12 @@ class SharedArm:
         watchdog: float = 0.0,
         watchdog_mode: StopMode = StopMode.HOLD,
     ) -> Grant:
-        """Grant the lease. If another holder loses it by this, the arm holds first; who holds it already keeps it.
+        """Grant the lease. If another client loses it, the arm holds first. A client that holds the lease keeps it.
 
         Args:
-            client: Who asks, for display.
+            client: Name of the client, for display.
             rank: Its rank.
-            key: Key of the lease that it holds already; 0 if it has none.
+            key: Key of the lease that the client holds; 0 if it has none.
             force: Pre-empt another holder, if the rank permits it.
             watchdog: Seconds without a call of the client's program after which the arm is stopped; 0 for never.
             watchdog_mode: How it is stopped then.

@@ -1,7 +1,7 @@
-"""Trajectories of a shared arm: begun at a time of the owner's clock, followed by the owner, judged to their end.
+"""Trajectories of a shared arm: started at a time of the owner's clock, followed by the owner, checked to the end.
 
 Owns the start time, the report on the motion, and the check of a path without moving. The owner's controller
-follows, so that nothing on the way to the client disturbs a motion. Must not know how orders arrive.
+follows, so that the connection to the client cannot disturb a motion. Must not know how orders arrive.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class _Goal:
 
     def ended(self, ended: Ended) -> None:
         self.report.reason, self.report.text = ended.reason.value, ended.text
-        # Last: who sees it reads the others.
+        # Last: a reader that sees it reads the others.
         self.report.outcome = ended.outcome.value
 
     def see(self, state: JointState) -> None:

@@ -75,7 +75,7 @@ class OrderCheck:
                 self._lease.check(key, self._clock())
             except LeaseError as error:
                 return error
-        return LeaseError("the lease has just changed; nothing was done", lost=False)
+        return LeaseError("the lease has just changed hands; nothing was done", lost=False)
 
     def of_targets(self) -> LeaseError | None:
         """Why no controller may send a target now; None if controllers may."""

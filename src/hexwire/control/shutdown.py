@@ -19,7 +19,7 @@ _LAST = 2
 
 
 class Shutdown:
-    """Tells the threads of a program to shut down.
+    """Asks the threads of a program to shut down.
 
     Args:
         patience: Seconds from the request in which the program must end. After them it exits with status 1, and the

@@ -214,7 +214,7 @@ def _turn_for(owner: RobotOwner, duration: float) -> None:
 
 def _turn_guided(owner: RobotOwner) -> None:
     owner.turn()
-    # Somebody holds the arm, and must hear that another program is about to move it.
+    # A person holds the arm and must know that another program is about to move it.
     state = owner.state
     if state is not None and (on := state.torque_on):
         raise ServoError(f"torque of {', '.join(on)} was switched on from elsewhere; the recording ends")
@@ -251,7 +251,7 @@ class TeachMode:
 
         Raises:
             HexwireError: Not in teach mode, nothing was recorded, a joint has no torque, or the file cannot be
-                written. The recording is kept all the same.
+                written. The recording is kept nevertheless.
         """
         faults: list[str] = []
         words = ""

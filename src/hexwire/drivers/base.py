@@ -80,7 +80,7 @@ class RobotDriver(ABC):
 
     @property
     def has_own_watchdog(self) -> bool:
-        """Whether that watchdog is in the robot; a program in between has one only as long as it lives itself."""
+        """Whether that watchdog is in the robot. One in a program in between ends with that program."""
         return self.has_watchdog
 
     @property
@@ -90,7 +90,7 @@ class RobotDriver(ABC):
 
     @property
     def stop_kept_by(self) -> str:
-        """Where a stop outlives this program.
+        """Where a stop is kept after this program has ended.
 
         ``board``, ``server`` (the program that shares the arm), ``user`` (a file of this user), or empty for
         nowhere.
@@ -270,7 +270,7 @@ class RobotDriver(ABC):
         """
 
     def may_move(self, sub_cmd: int, data: bytes = b"") -> bool:
-        """Whether a special command may set joints in motion; also True where a driver does not know."""
+        """Whether a special command may move joints; True if the driver does not know."""
         return True
 
     @abstractmethod

@@ -3,7 +3,7 @@
 Owns the relation of the two clocks. Pure. Must not know frames.
 
 A frame arrives some time after it was sent: a millisecond later, or seconds if this program was stopped meanwhile
-and the frame waited in the port. The frame that was under way for the shortest time tells the relation best, so the
+and the frame waited in the port. The frame with the shortest transit time gives the best relation, so the
 smallest difference counts, as far as the clocks may have drifted apart since.
 """
 

@@ -170,7 +170,7 @@ def explain_missing(bus: ServoBus, model: ArmModel, missing: Sequence[JointModel
 
 
 def judge_traffic(bus: ServoBus, model: ArmModel) -> list[Finding]:
-    """Read positions repeatedly and judge how many answers are lost; all servos must be present."""
+    """Read positions repeatedly and check how many answers are lost; all servos must be present."""
     ids = tuple(joint.servo_id for joint in model.joints)
     before = bus.counters
     for _ in range(_ROUNDS):

@@ -39,7 +39,7 @@ _FAULT_ADVICE = {
 
 
 def examine(report: ProbeReport, state: JointState) -> list[Finding]:
-    """Judge a robot with a controller by its probe and its state."""
+    """Check a robot with a controller by its probe and its state."""
     findings = judge_board(report) + judge_probe(report)
     shaky = [joint.name for joint in report.joints if joint.present and joint.name in state.silent]
     if shaky:
@@ -49,7 +49,7 @@ def examine(report: ProbeReport, state: JointState) -> list[Finding]:
 
 
 def judge_board(report: ProbeReport) -> list[Finding]:
-    """Judge what a controller reports about itself: its dialect, its start, its counts of failures."""
+    """Check what a controller reports about itself: dialect, start, failure counts."""
     firmware = f", firmware {report.firmware}" if report.firmware else ""
     text = report.robot + (f", dialect {report.dialect}" if report.dialect else "") + firmware
     if report.dialect == 1:
@@ -76,7 +76,7 @@ def judge_board(report: ProbeReport) -> list[Finding]:
 
 
 def judge_probe(report: ProbeReport, *, missing: bool = True) -> list[Finding]:
-    """Judge which servos answer, and whether they are the expected ones.
+    """Check which servos answer, and whether they are the expected ones.
 
     Args:
         report: The probe.
@@ -99,7 +99,7 @@ def judge_probe(report: ProbeReport, *, missing: bool = True) -> list[Finding]:
 
 
 def judge_state(state: JointState, joints: Sequence[JointProbe]) -> list[Finding]:
-    """Judge faults, supply and temperature of the joints that answered.
+    """Check faults, supply and temperature of the joints that answered.
 
     Args:
         state: The state.

@@ -87,7 +87,7 @@ class BoardOrders:
             groups.setdefault(run_time, []).append((joint, self.clamp(joint, position)))
         for run_time, group in groups.items():
             for joint, _ in group:
-                # A target makes the servo switch its torque on; the switch is read back all the same.
+                # A target makes the servo switch its torque on; the switch is read back nevertheless.
                 joint.torque_on = joint.unsure = True
             yield from self._bus.move(group, max(run_time, self.slowest(group)))
         return len(able) == len(named)

@@ -60,7 +60,7 @@ class ServedDevice(Protocol):
 
 
 class FakeClock:
-    """A clock that advances only when told: `clock()` is its time in seconds."""
+    """A clock that advances only on request: `clock()` is its time in seconds."""
 
     def __init__(self, start: float = 1000.0) -> None:
         self.time = start

@@ -27,7 +27,7 @@ FLEET_VARIABLE = "HEXWIRE_FLEET"
 """Environment variable with the path of a file that names router and certificates."""
 
 _MOST_NAMES = 8
-"""Most names of other arms in the error for a mistyped one."""
+"""Most names of other arms listed in the error for an unknown one."""
 _ROUTER_KEYS = ("router", "ca", "cert", "key")
 _KEYS = (*_ROUTER_KEYS, "role", "take", "without-certificates")
 

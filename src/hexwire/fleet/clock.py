@@ -16,7 +16,7 @@ _DRIFT = 1e-4
 """Difference in rate that two clocks may have: 100 ppm, twice that of a poor crystal."""
 _KEPT = 32
 _SEARCH = 1.0
-"""Seconds until the best exchange is looked for again; until then another one gets better by 0.1 ms at most."""
+"""Seconds until the best exchange is searched for again; another one improves by at most 0.1 ms in that time."""
 _ROUNDING = 1e-6
 """Seconds that are lost in sums of clocks that run for years."""
 _LARGEST = 1e12
@@ -34,7 +34,7 @@ class ClockOffset:
         self.jumps = 0
         # Here, offset, uncertainty. Replaced as a whole, since one thread adds while others read.
         self._samples: tuple[tuple[float, float, float], ...] = ()
-        # When the best of them was searched, and which it was.
+        # Time of the last search for the best exchange, and its result.
         self._best: tuple[float, tuple[float, float, float]] | None = None
 
     @property
@@ -54,13 +54,13 @@ class ClockOffset:
         if not (0.0 <= half < math.inf and abs(other) < _LARGEST):
             return
         middle = sent + half
-        # While the question was under way, the clocks drifted too.
+        # The clocks also drifted during the exchange.
         doubt = half * (1.0 + _DRIFT) + _ROUNDING
         rows = self._samples
         if rows:
             before, so_far = self.at(middle)
             if abs(other - middle - before) > so_far + doubt:
-                # Both cannot be true: what was known is so no longer.
+                # Both cannot be true: the earlier measurement no longer holds.
                 self.jumps += 1
                 rows = ()
         self._samples = (*rows[1 - _KEPT :], (middle, other - middle, doubt))

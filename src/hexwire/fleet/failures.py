@@ -1,4 +1,4 @@
-"""Errors on their way between the server of an arm and its clients.
+"""Errors in messages between the server of an arm and its clients.
 
 Owns which errors travel, and that an error in a client reads like the one at the server. Must not know bytes.
 """

@@ -27,7 +27,7 @@ class Following(ABC):
 
     @abstractmethod
     def _order(self, what: str, order: m.Order, *, freeing: bool = False, slow: bool = False) -> Any:
-        """Have an order done; returns the value of its answer."""
+        """Send an order; returns the value of its answer."""
 
     @abstractmethod
     def _asked(self, question: m.Ask) -> m.Answer:

@@ -1,4 +1,4 @@
-"""Watches by way of a router who else offers a name.
+"""Watches through a router for other servers of a name.
 
 Owns a second session with the router, as a client of it. A router tells its clients of every server, but not the
 servers of each other: these are peers for Zenoh, which are expected to find each other, and hexwire lets nobody
@@ -25,10 +25,10 @@ _ANSWER = 1.0
 
 
 class NameGuard:
-    """Sees who offers a name.
+    """Watches for servers of a name.
 
     Args:
-        network: The way to the router; nothing is listened on.
+        network: Connects to the router; it does not listen.
         key: Key or pattern of the liveliness tokens.
     """
 
@@ -49,7 +49,7 @@ class NameGuard:
         return self._node.visible(self._key, _ANSWER) if self._node is not None else []
 
     def watch(self, on_token: Callable[[str, bool], object]) -> None:
-        """Tell in another thread who comes and goes, once the router can be reached and as long as it can."""
+        """Report in another thread which servers appear and vanish while the router can be reached."""
         self._thread = threading.Thread(target=self._watch, args=(on_token,), name="guard", daemon=True)
         self._thread.start()
 

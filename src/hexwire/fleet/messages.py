@@ -108,11 +108,11 @@ class Take(_Message, tag=1):
     """Take the lease.
 
     Attributes:
-        client: Who asks, for display.
+        client: Name of the client, for display.
         force: Pre-empt the holder.
         watchdog: Seconds without a call of the client's program after which the arm is stopped; 0 for never.
         mode: How it is stopped then, as `StopMode`.
-        key: Key of the lease that the client holds already, which it keeps; 0 if it has none.
+        key: Key of the lease that the client holds, and keeps; 0 if it has none.
     """
 
     client: _Text
@@ -304,8 +304,8 @@ class Facts(_Message, tag=2):
         clock: Owner's monotonic clock, seconds.
         host: Name of the server's computer.
         watchdog: The robot has a watchdog of its own.
-        kept: Where a stop outlives the server, as `RobotDriver.stop_kept_by`.
-        geometry: Robot whose geometry the arm has; empty if `robot` says it.
+        kept: Where a stop is kept after the server has ended, as `RobotDriver.stop_kept_by`.
+        geometry: Robot whose geometry the arm has; empty if it is that of `robot`.
     """
 
     robot: _Name

@@ -36,7 +36,7 @@ ROOT = "hexwire"
 SCHEME = "zenoh"
 # Wildcards do not match a part that begins with '@', and no name has one.
 HERE = f"{ROOT}/@here/*"
-"""Keys under which a router or server tells whoever it knows that it is there."""
+"""Keys at which a router or server answers every certificate that it knows."""
 _SEGMENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
 _WILD = re.compile(r"\*{1,2}|[A-Za-z0-9][A-Za-z0-9_.-]{0,31}")
 _MOST_SEGMENTS = 4

@@ -1,6 +1,6 @@
-"""How a Zenoh session is set up: no scouting, no multicast, and nobody reached who was not named.
+"""How a Zenoh session is set up: no scouting, no multicast, no connections except those named.
 
-Owns Zenoh's settings and why a session does not open; `node` owns what an open one does. Must not know arms,
+Owns Zenoh's settings and why a session cannot be opened; `node` owns what an open one does. Must not know arms,
 messages or roles.
 
 Programs of one user on one machine meet at a Unix socket in a folder that only this user can read. Beyond the

@@ -1,6 +1,6 @@
-"""An open Zenoh session: questions and answers, what is published, and who is visible.
+"""An open Zenoh session: questions and answers, published samples, and liveliness.
 
-Owns asking a question within a time limit, and the threads that receive. The only module that imports Zenoh. Must
+Owns questions with a time-out, and the threads that receive. The only module that imports Zenoh. Must
 not know how a session is set up, nor arms, messages or roles.
 """
 
@@ -24,10 +24,10 @@ _log = logging.getLogger(__name__)
 
 _MOMENT = 0.01
 _RECEIVING = 1.0
-"""Seconds in which a sample that has arrived is handled, at most, when the session is closed."""
+"""Most seconds for the handling of a last sample when the session is closed."""
 
 _WAITING = 64
-"""Samples of an inbox that nobody has taken."""
+"""Most samples that wait in an inbox."""
 
 
 def load_zenoh() -> Any:
@@ -46,10 +46,10 @@ def load_zenoh() -> Any:
 
 
 class NoAnswerError(Exception):
-    """No answer to a question; `absent` if nobody offers to answer it, as far as this program may know."""
+    """No answer to a question; `absent` if no visible program offers to answer it."""
 
     def __init__(self, *, absent: bool) -> None:
-        super().__init__("nobody answers this" if absent else "no answer in time")
+        super().__init__("no program answers this" if absent else "no answer in time")
         self.absent = absent
 
 
@@ -72,7 +72,7 @@ class Question:
         return bytes(payload.to_bytes()) if payload is not None else b""
 
     def reply(self, payload: bytes) -> None:
-        """Answer it, once. Whoever asked may be gone."""
+        """Answer it, once. The sender may have ended."""
         with contextlib.suppress(Exception):
             self._query.reply(self._key, payload)
         with contextlib.suppress(Exception):
@@ -80,7 +80,7 @@ class Question:
 
 
 class Pending:
-    """A question on its way.
+    """A question without an answer yet.
 
     Args:
         replies: Zenoh's channel of replies.
@@ -108,7 +108,7 @@ class Pending:
 
 
 class Inbox:
-    """What is published under a key, for one thread that waits for it.
+    """Samples published under a key, for one thread that waits for them.
 
     Args:
         subscriber: Zenoh's; it ends with this object.
@@ -149,7 +149,7 @@ class Node:
 
     Args:
         session: As Zenoh opened it.
-        cert: Certificate by which others know this program; empty for none.
+        cert: Certificate of this program; empty for none.
     """
 
     def __init__(self, session: Any, *, cert: str = "") -> None:
@@ -158,7 +158,7 @@ class Node:
         self._session = session
         self._zenoh = load_zenoh()
         self._receivers: list[threading.Thread] = []
-        # Also at the end of a program that forgets it.
+        # Also when a program ends without closing it.
         self._closing = weakref.finalize(self, _close, session, self._zenoh.ZError, self._receivers)
 
     @property
@@ -215,7 +215,7 @@ class Node:
             key: Where.
             payload: The question.
             timeout: Seconds.
-            urgent: Before everything else on the way.
+            urgent: Ahead of all other messages.
 
         Raises:
             NoAnswerError: There is no answer.
@@ -252,11 +252,11 @@ class Node:
             raise LinkClosedError(f"the session is closed: {str(error)[:200]}") from None
 
     def is_offered(self, key: str, timeout: float) -> bool:
-        """Whether somebody answers questions at a key, as far as this program may know.
+        """Whether a visible program answers questions at a key.
 
         Args:
             key: The key.
-            timeout: Seconds in which that must be known.
+            timeout: Seconds.
         """
         deadline = time.monotonic() + timeout
         with contextlib.suppress(self._zenoh.ZError):
@@ -274,11 +274,11 @@ class Node:
         self._session.declare_queryable(key, lambda query: on_question(Question(key, query)), complete=True)
 
     def subscribe(self, key: str, on_sample: Callable[[bytes, str], object]) -> Callable[[], None]:
-        """Receive what is published; returns how to end it. A thread of its own passes payload and key."""
+        """Receive published samples in a thread of its own; returns a function that ends it."""
         subscriber, lost = self._session.declare_subscriber(key), self._zenoh.ZError
 
         def receive() -> None:
-            # It raises when it is undeclared, or when the session is closed.
+            # `recv` raises when the subscriber is undeclared or the session is closed.
             with contextlib.suppress(lost):
                 for sample in subscriber:
                     try:
@@ -298,14 +298,14 @@ class Node:
         return undeclare
 
     def inbox(self, key: str) -> Inbox:
-        """Receive in the thread that waits for it what is published; the oldest is dropped if nobody takes it."""
+        """Receive published samples in the thread that waits for them; the oldest are dropped if none waits."""
         zenoh = self._zenoh
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING))
         wake = self.publisher(key, allowed_destination=zenoh.Locality.SESSION_LOCAL)
         return Inbox(subscriber, wake, zenoh.ZError)
 
     def publisher(self, key: str, **options: Any) -> Callable[[bytes], None]:
-        """How to publish: nobody who is slow delays the publisher, and what does not get through is dropped."""
+        """A function that publishes. A slow receiver never delays it; what cannot be delivered is dropped."""
         zenoh = self._zenoh
         publisher = self._session.declare_publisher(
             key,
@@ -341,7 +341,7 @@ class Node:
         return []
 
     def watch_visible(self, key: str, on_change: Callable[[str, bool], object]) -> None:
-        """Be told in a thread of Zenoh's when programs become visible or vanish, and of those visible now."""
+        """Call a function in a thread of Zenoh's for each program that is visible, becomes visible or vanishes."""
         put = self._zenoh.SampleKind.PUT
         watch = self._session.liveliness().declare_subscriber(
             key, lambda sample: on_change(str(sample.key_expr), sample.kind == put), history=True

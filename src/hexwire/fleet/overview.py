@@ -28,16 +28,16 @@ __all__ = ["Overview", "Stopped", "look", "stop_all"]
 _WAIT = 0.002
 """Seconds between two looks for answers."""
 _LATE = 0.05
-"""Seconds for the end of a question whose time is over."""
+"""Time-out for the end of a question that has timed out, seconds."""
 _OPEN = 3.5
-"""Seconds in which a way must be tried: connecting takes up to 3 s if somebody hangs."""
+"""Seconds until a route must have been tried: connecting to a program that hangs takes up to 3 s."""
 _NO_RIGHT = "this program may not stop it, or it has just vanished"
 _OBSERVER = "an observer may stop it, but not switch its torque off"
 _DENIED = (
     "this program may not switch its torque off; if its certificate allows it, write the router's access file "
     "again with 'hexwire fleet config'"
 )
-_STARTING = "nobody answers for it: it starts or ends, or this program may not ask it"
+_STARTING = "no answer: its server is starting or ending, or this program may not ask it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +74,12 @@ class Stopped:
     """What became of the stop of one arm.
 
     Attributes:
-        name: Its name, or the way on which it was not found.
+        name: Its name, or the route by which it was not found.
         confirmed: Its server says that all that can confirm has confirmed.
         joints: Joints that confirmed.
         error: Why it is not confirmed; empty if it is.
         seconds: How long the answer took.
-        kept: Why it holds, although torque off was asked for; empty if it does as was asked.
+        kept: Why the arm holds although torque off was asked for; otherwise empty.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Stopped:
 
 
 def look(roster: Roster, timeout: float) -> list[Overview]:
-    """Ask every arm that is there how it is.
+    """Ask every arm for its condition.
 
     Args:
         roster: Which arms; those that it knows at present.
@@ -160,7 +160,7 @@ def _torque(state: m.State) -> str:
 def stop_all(
     roster: Roster, client: str, mode: StopMode = StopMode.HOLD, *, timeout: float = 3.0
 ) -> Iterator[Stopped]:
-    """Stop every arm as soon as it is found; yields what became of each as soon as that is known.
+    """Stop every arm as soon as it is found; yields each result as soon as it is known.
 
     Args:
         roster: Which arms.
@@ -196,7 +196,7 @@ def stop_all(
 
 
 class _Stop:
-    """The stop of one arm, on its way."""
+    """The stop of one arm while it waits for an answer."""
 
     def __init__(self, seen: Seen, request: m.StopRequest, roles: dict[str, Role], timeout: float) -> None:
         self._seen, self._payload, self._timeout = seen, m.encode(request), timeout
@@ -215,7 +215,7 @@ class _Stop:
         self._question = self._seen.node.question(key, self._payload, self._timeout, urgent=True)
 
     def poll(self) -> Stopped | None:
-        """What became of it; None while that is not known."""
+        """The result; None while it is not known."""
         name, seconds = self._seen.name, time.monotonic() - self._began
         try:
             payload = self._question.poll()
@@ -237,7 +237,7 @@ class _Stop:
         return Stopped(name, not why, joints, why, seconds, self._kept)
 
     def _hold(self) -> Stopped | None:
-        """Torque off was denied: stop it all the same."""
+        """Torque off was denied: stop it nevertheless."""
         self._kept = _DENIED
         try:
             self._ask(self._plain)
@@ -247,7 +247,7 @@ class _Stop:
 
 
 def _role(cert: str, roles: dict[str, Role]) -> Role:
-    """Role by a certificate; if that cannot be read any more, the least."""
+    """Role in a certificate; the lowest role if the certificate can no longer be read."""
     if cert not in roles:
         try:
             roles[cert] = role_of(cert)

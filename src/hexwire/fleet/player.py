@@ -66,7 +66,7 @@ class FleetMotionError(DeviceError):
 
 @dataclass(slots=True)
 class Arm:
-    """An arm and what it shall do.
+    """An arm and its motion.
 
     Attributes:
         robot: Attached.
@@ -141,7 +141,7 @@ def play_together(
         take: Pre-empt other holders of the leases.
         dry_run: Have the servers check the paths, and move nothing; then no holder is pre-empted.
         most_doubt: Greatest uncertainty of an arm's clock, seconds.
-        tell: Is told what happens.
+        tell: Called with a text for each event.
         shield: Keeps signals away while the arms are stopped.
 
     Raises:
@@ -327,7 +327,7 @@ class _Player:
         return done
 
     def stop(self, arms: Mapping[str, Arm] | None = None) -> None:
-        """Stop arms at once; tells which have not confirmed it."""
+        """Stop arms at once; returns those that did not confirm it."""
         with self._shield():
             _, failed = each_of(self._arms if arms is None else arms, lambda arm: arm.robot.stop(), _PATIENCE)
         for name, error in failed.items():
@@ -344,7 +344,7 @@ class _Player:
 
 
 class _NotBegunError(FleetMotionError):
-    """No arm has begun; those of which that was not sure were stopped."""
+    """No arm has started; those that might have were stopped."""
 
 
 class _SilentError(HexwireError):
@@ -354,7 +354,7 @@ class _SilentError(HexwireError):
 def each_of(
     arms: Mapping[str, _A], call: Callable[[_A], _T], patience: float, *, together: bool = False
 ) -> tuple[dict[str, _T], dict[str, HexwireError]]:
-    """Call for all arms at once, so that none delays another.
+    """Call for all arms at the same time, so that none delays another.
 
     Args:
         arms: The arms by name.

@@ -65,7 +65,7 @@ class FleetRecorder:
         writer: The file; closed by the caller.
         pattern: Names of the arms.
         router: As in `Roster`.
-        tell: Is told of arms that appear, vanish or lose states.
+        tell: Called with a text for each arm that appears, vanishes or loses states.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class FleetRecorder:
         if arm is None or arm.node is not node or not arm.clock.known:
             return
         if state.server != arm.server:
-            # It was started anew, and counts anew.
+            # It was restarted, and its count restarts.
             arm.server, arm.sequence, arm.sent = state.server, 0, -math.inf
         if state.sent <= arm.sent:
             return

@@ -47,7 +47,7 @@ _SLOW = 25.0
 _BEATS = 5.0
 """Heartbeats per time-out of the lease."""
 _LOOK = 0.1
-"""Most seconds between two looks whether states still come."""
+"""Most seconds between two checks whether states still arrive."""
 _SHARE = 0.5
 """Part of the lease's time-out for which a heartbeat waits for its answer; then the next one is sent."""
 _CLOCK_PERIOD = 5.0
@@ -75,7 +75,7 @@ class RemoteRobot(Following, Described):
         self.model = arm_model(facts)
         self._facts, self._keys = facts, Keys(address.name)
         self._node: Node | None = None
-        # In which the facts were asked; `attach` goes on with it.
+        # The session in which the facts were requested; `attach` continues with it.
         self._opened: Node | None = None
         self._commands_as = Role.OBSERVER
         self._me = whoami()
@@ -193,7 +193,7 @@ class RemoteRobot(Following, Described):
         self._keeper.start()
 
     def _session(self) -> Node:
-        """The session in which the facts were asked if its connection stands, else a new one."""
+        """The session in which the facts were requested if it is still connected, otherwise a new one."""
         node, self._opened = self._opened, None
         if node is not None:
             if node.connections:
@@ -312,7 +312,7 @@ class RemoteRobot(Following, Described):
         self._discarded = self._so_far()
 
     def _so_far(self) -> float:
-        """The time, after which the states count that have not arrived yet."""
+        """The present time; only states that arrive later count."""
         self._states.refresh()
         return time.monotonic()
 
@@ -325,7 +325,7 @@ class RemoteRobot(Following, Described):
         return state
 
     def _ask_why(self) -> None:
-        """Raise why no states come: there is no such arm, no right, or no answer."""
+        """Raise the reason why no states arrive: no such arm, no right, or no answer."""
         self._exchange(self._keys.ask, m.Ask("clock"), _TIMEOUT)
 
     # -- orders ---------------------------------------------------------------------------------------
@@ -357,7 +357,7 @@ class RemoteRobot(Following, Described):
             self._states.require(answer.done)
             names = joint_names(answer.value)
         if kept:
-            # The stop is done: an error inside would count as an unconfirmed one.
+            # Outside the block: an error inside would count as an unconfirmed stop.
             raise LinkPermissionError(f"{self.url} is stopped and holds, with torque: {kept}", url=self.url)
         return names
 
@@ -469,7 +469,7 @@ class RemoteRobot(Following, Described):
             silence.look(now, self._states.arrived)
             if now < due:
                 continue
-            # Half a step early is in time.
+            # Half a step early counts as in time.
             due = now + period - 0.5 * step
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
@@ -478,7 +478,7 @@ class RemoteRobot(Following, Described):
             beat = m.Beat(lease, now - self._used)
             key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))
             try:
-                # Not `ask`, which would look for the reason of a missing answer while the lease runs out.
+                # Not `ask`, which would search for the reason of a missing answer while the lease runs out.
                 answer = m.decode(node.ask(key, m.encode(message), _SHARE * self._timeout), m.Answer)
             except (NoAnswerError, HexwireError):
                 continue

@@ -69,12 +69,12 @@ def read_motions(file: str, speed: float = 1.0) -> dict[str, Spline]:
 def assign(
     motions: Mapping[str, Spline], file: str, arms: Sequence[str], pairs: Mapping[str, str] | None = None
 ) -> dict[str, Spline]:
-    """Give motions to arms.
+    """Assign motions to arms.
 
     Args:
         motions: From `read_motions`.
         file: Their file, for error texts.
-        arms: Names of the arms that shall move.
+        arms: Names of the arms to move.
         pairs: Arm -> name in the file, where they differ.
 
     Raises:
@@ -101,7 +101,7 @@ def assign(
 
 
 def _motion(joints: _Samples, begin: float, speed: float) -> Spline:
-    """The motion of one arm; one that was recorded later waits at its first position."""
+    """The motion of one arm; an arm that was recorded later waits at its first position."""
     duration = max(column[-1][0] for column in joints.values()) - begin
     spacing = max(_SPACING * speed, duration / _MOST_POINTS)
     if spacing > _COARSEST * max(speed, 1.0):

@@ -103,7 +103,7 @@ class ArmServer:
         self._shared, self._node, self._keys, self._server = shared, node, Keys(name), server
         self._guard = guard
         self._owner, self._robot = shared.arm.owner, shared.arm.owner.robot
-        # Sorts like the time of its start: 16 hexadecimal digits, then what tells two of the same time apart.
+        # Sorts like the time of its start: 16 hexadecimal digits, then what distinguishes two of the same time.
         self._instance = f"{int(1e6 * started):016x}-{secrets.token_hex(8)}"
         # Tells a client that this is another server than before, whatever its clock says.
         self._number = secrets.randbits(_NUMBER_BITS)
@@ -285,7 +285,7 @@ class ArmServer:
             return
         if request.key:
             self._shared.rules.void(request.key, request.sequence)
-        # Who has no right to switch torque off stops the arm all the same: it holds.
+        # Without the right to switch torque off, the stop still takes place, and the arm holds.
         mode = _mode(request.mode) if most is StopMode.TORQUE_OFF else StopMode.HOLD
         if not self._stops[mode].put((query, _shown(request.client))):
             self.refused += 1
@@ -345,7 +345,7 @@ class ArmServer:
             payload = query.payload
             key, holder = m.lease_key(payload), self._shared.holder
             if holder is None or holder.key != key:
-                # At once, so that nobody without a lease can fill the queue of the one who has it; and undecoded,
+                # At once, so that a client without the lease cannot fill the queue of its holder; and undecoded,
                 # so that it costs as little if it is long.
                 self._refuse(query, self._shared.refusal(key))
                 return
@@ -383,7 +383,7 @@ class ArmServer:
         except HexwireError as error:
             for query in queries:
                 self._refuse(query, error)
-        except Exception as error:  # noqa: BLE001  # a mistake in this program: nobody shall wait in vain
+        except Exception as error:  # noqa: BLE001  # a mistake in this program: the client must get an answer
             _log.exception("an order or question failed")
             for query in queries:
                 self._refuse(query, DeviceError(f"the arm's server failed at this: {error}"))

@@ -69,7 +69,7 @@ class _Served:
         self._thread.start()
 
     def end(self) -> None:
-        """Tell it to end, from any thread."""
+        """Ask it to end, from any thread."""
         self._ending.set()
         if not self.is_shared:
             with contextlib.suppress(HexwireError):
@@ -97,7 +97,7 @@ class _Served:
     def _running(self, started: float) -> Iterator[None]:
         path = local_socket(self.name)
         network = replace(self._network, listen=(*endpoints_of([path]), *self._network.listen))
-        # In reverse order: no order comes any more, then the arm stops if it moves, then its port is closed.
+        # In reverse order: no more orders are accepted, then the arm stops if it moves, then its port is closed.
         with ExitStack() as stack:
             stack.enter_context(_only_server(self.name, path))
             stack.callback(self.arm.shutdown)
@@ -262,7 +262,7 @@ class Service:
 
 
 def _check_certificate(cert: str, names: Sequence[str]) -> None:
-    """Check that a certificate allows to serve these arms; Zenoh drops what is not allowed without a word."""
+    """Check that a certificate allows serving these arms; Zenoh drops forbidden messages silently."""
     rights = rights_of(cert)
     if rights is None or rights.kind is not Kind.ARM:
         what = f"is for the role {rights}" if rights is not None else "names no role"

@@ -73,7 +73,7 @@ class _Faults(Faults):
     place: str = field(default="")
 
     def add(self, name: str, text: object) -> None:
-        # Named out loud: `super()` does not work in a class with slots that dataclass makes anew.
+        # Named explicitly: `super()` does not work in a class with slots that dataclass makes anew.
         Faults.add(self, f"{self.place}{name}", text)
 
 

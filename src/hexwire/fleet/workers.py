@@ -54,7 +54,7 @@ class Worker:
         while (job := self._jobs.get()) is not None:
             try:
                 job()
-            except Exception:  # noqa: BLE001  # the next job must be done all the same
+            except Exception:  # noqa: BLE001  # the next job must still be done
                 _log.exception("an answer failed")
 
 
@@ -100,5 +100,5 @@ class Gathering(Generic[_T]):
                 return
             try:
                 self._act(items)
-            except Exception:  # noqa: BLE001  # the next stop must be sent all the same
+            except Exception:  # noqa: BLE001  # the next stop must still be sent
                 _log.exception("an answer failed")

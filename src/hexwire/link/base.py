@@ -142,7 +142,7 @@ class Link(Openable):
     def exchange(self, data: bytes, window: float, rest: Callable[[bytes], float] | None = None) -> bytes:
         """Write a request and read the bytes that come back: the fast path of a request-and-answer bus.
 
-        `post` and `collect` in one call; who has work to do while the request is on its way calls them himself.
+        `post` and `collect` in one call; a caller with work to do meanwhile calls the two itself.
 
         Args:
             data: The request.

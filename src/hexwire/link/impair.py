@@ -216,8 +216,8 @@ class ImpairedLink(Link):
 
     Args:
         inner: The link that carries the bytes; it is opened and closed with this one.
-        sending: How bad the way to the peer is.
-        receiving: How bad the way from the peer is.
+        sending: Impairment towards the peer.
+        receiving: Impairment from the peer.
         seed: The same seed does the same to the same units.
         clock: Where the time comes from; by default the inner link's own clock if it has one, as links in
             simulated time do, else `time.monotonic`. Deadlines are on the same clock. In simulated time the inner
