@@ -80,7 +80,7 @@ def test_dialect_1_and_unpaced(make_bench: Any, monkeypatch: pytest.MonkeyPatch)
     assert "summary: dialect 1, 9 cycles at 1.50 Hz (0 late, 0 skipped)" in result.stdout
 
 
-def test_a_real_arm_moves_only_if_told_so(bench: Any) -> None:
+def test_a_real_arm_moves_only_if_confirmed(bench: Any) -> None:
     result = bench.run("demo", port="/dev/ttyARM")
     assert result.exit_code == 2
     assert "--yes-move-the-arm" in result.stderr

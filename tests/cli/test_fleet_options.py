@@ -1,4 +1,4 @@
-"""The options that name the way to a router: the same on every command for many arms."""
+"""The options that name a router: the same on every command for many arms."""
 
 from __future__ import annotations
 

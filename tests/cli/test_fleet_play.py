@@ -147,7 +147,7 @@ def test_ctrl_c_stops_all_arms(serve: Serve, taught: Path) -> None:
         assert other.read().stopped
 
 
-def test_why_no_arm_is_found_behind_a_router_is_said(runtime: Path, taught: Path) -> None:
+def test_the_error_says_why_no_arm_is_found_behind_a_router(runtime: Path, taught: Path) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"

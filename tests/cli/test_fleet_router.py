@@ -70,7 +70,7 @@ def test_a_certificate_that_was_removed_or_issued_anew_has_its_old_rights_no_mor
     assert not names() & before
 
 
-def test_what_does_not_count_is_told(lab: Path, tmp_path: Path) -> None:
+def test_files_that_are_ignored_are_named(lab: Path, tmp_path: Path) -> None:
     make_authority(tmp_path / "other")
     ok("cert", "issue", tmp_path / "other", "eve", "--role", "maintainer", "--for", "**")
     (lab / "eve.pem").write_bytes((tmp_path / "other" / "eve.pem").read_bytes())
@@ -94,7 +94,7 @@ def test_what_does_not_count_is_told(lab: Path, tmp_path: Path) -> None:
         (("router", "--listen", "tls/localhost:{port}", *files(Path("{lab}"), "router")), "--access"),
     ],
 )
-def test_mistakes_are_told_in_one_line(lab: Path, words: tuple[str, ...], text: str) -> None:
+def test_mistakes_are_reported_in_one_line(lab: Path, words: tuple[str, ...], text: str) -> None:
     ok("fleet", "config", lab)
     result = run("fleet", *(word.format(lab=lab, port=free_port()) for word in words))
     assert result.exit_code == 2, result.output

@@ -111,7 +111,7 @@ def test_unknown_arguments_are_refused_on_one_line(args: list[str]) -> None:
     assert "--help" in result.stderr
 
 
-def test_a_port_without_its_name_is_told_how_parameters_are_given() -> None:
+def test_a_port_without_its_name_is_refused_with_an_example() -> None:
     assert "_port:=" in _run("/dev/ttyUSB0").stderr
 
 

@@ -203,9 +203,7 @@ def test_a_motion_that_is_taught_by_hand_is_recorded_and_played(board: PtyBoard,
         assert robot.read().positions["J1"] == pytest.approx(begin + 0.4, abs=0.05)
 
 
-def test_the_one_who_guides_the_arm_hears_at_once_that_another_program_takes_it(
-    board: PtyBoard, folder: Path
-) -> None:
+def test_hand_guiding_ends_with_an_error_when_another_program_takes_the_arm(board: PtyBoard, folder: Path) -> None:
     file, port = folder / "taken.mcap", BOARD
     with hexwire.connect(f"{port}?take=1") as other:
 

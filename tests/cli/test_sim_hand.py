@@ -64,7 +64,7 @@ def test_a_joint_with_torque_gives_way_and_goes_back(port: str) -> None:
         before = bus.read(1, "present_position").raw
         output = run("1", "+40", "--duration", "0.3").output
         assert output.startswith("shoulder_pan has torque: it gave way by 3")
-        assert output.endswith("deg and goes back\n")
+        assert output.endswith("deg and returns\n")
         deadline = time.monotonic() + 10.0
         while abs((bus.read(1, "present_position").raw or 0) - (before or 0)) > 2:
             assert time.monotonic() < deadline
@@ -85,10 +85,10 @@ def test_a_joint_with_torque_gives_way_and_goes_back(port: str) -> None:
         (["1", "4", "--port", "/dev/null"], 2, "is not an emulated arm"),
         (["1", "4", "--port", "zenoh:lab/arm1"], 2, "is a shared arm"),
         (["1", "4", "--port", "/dev/pts/none"], 1, "there is no /dev/pts/none"),
-        (["1", "4", "--port", "sim://hex7bot"], 1, "no emulated arm of yours runs at sim://hex7bot"),
+        (["1", "4", "--port", "sim://hex7bot"], 1, "no emulated arm of this user is running at sim://hex7bot"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(words: list[str], status: int, said: str, port: str) -> None:
+def test_errors_are_one_line(words: list[str], status: int, said: str, port: str) -> None:
     result = run(*words)
     assert (result.exit_code, len(result.stderr.splitlines())) == (status, 1)
     assert said in result.stderr

@@ -377,7 +377,7 @@ def test_progress_between_goals_is_kept_only_for_those_who_monitor_it() -> None:
     assert monitored.progress.position == state().position
 
 
-def test_a_goal_of_an_unmonitored_controller_is_judged_all_the_same() -> None:
+def test_a_goal_of_an_unmonitored_controller_is_still_checked() -> None:
     loop = Loop(monitored=False)
     told = loop.send(order((1.0, {"J1": J1 + 0.2})))
     loop.run(0.5)

@@ -66,7 +66,7 @@ def test_a_heartbeat_that_comes_late_does_not_revive_it_though_nobody_has_looked
     assert lease.expire(3.0) is not None
 
 
-def test_a_lease_is_over_at_its_very_end_for_all_who_ask() -> None:
+def test_every_method_sees_the_same_end_of_a_lease() -> None:
     lease = make()
     key = lease.take("Ann", 1, 0.0).key
     assert lease.is_alive(0.25)
@@ -131,7 +131,7 @@ def test_each_refusal_has_its_own_counter() -> None:
         (-1e300, 0.25),
     ],
 )
-def test_a_set_point_whose_age_nobody_can_judge_is_refused(age: float, doubt: float) -> None:
+def test_a_set_point_of_unknown_age_is_refused(age: float, doubt: float) -> None:
     lease = make()
     key = lease.take("Ann", 1, 0.0).key
     with pytest.raises(LeaseError):
@@ -163,7 +163,7 @@ def test_an_idle_time_never_takes_back_what_was_heard(idle: float) -> None:
     assert lease.beat(key, 0.2, idle).active == 0.0
 
 
-def test_who_lost_it_hears_why_though_another_has_had_it_since() -> None:
+def test_a_former_holder_gets_the_reason_even_after_another_holder() -> None:
     lease = make()
     ann = lease.take("Ann", 1, 0.0).key
     lease.revoke("Bob took it from Ann")
@@ -325,7 +325,7 @@ TestRules = Rules.TestCase
 TestRules.settings = settings(max_examples=60, stateful_step_count=40)
 
 
-def test_who_holds_it_keeps_it_and_nobody_else_by_a_guess() -> None:
+def test_only_the_key_of_the_holder_keeps_the_lease() -> None:
     lease = Lease(timeout=0.5)
     grant = lease.take("Ann", 1, 0.0)
     lease.admit(grant.key, 7, 0.1)

@@ -77,7 +77,7 @@ def test_a_stop_since_the_last_state_voids_what_is_followed_though_it_is_resumed
 
 
 @pytest.mark.parametrize("before", ["the watchdog", "the target", "another target"])
-def test_a_stop_on_the_way_voids_the_watchdog_and_the_target_though_it_is_resumed(before: str) -> None:
+def test_a_stop_meanwhile_voids_the_watchdog_and_the_target_even_after_a_resume(before: str) -> None:
     bench = Bench()
     write = bench.robot.write
 

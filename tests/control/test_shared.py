@@ -218,7 +218,7 @@ def test_what_ends_the_motion_of_a_special_command_ends_it_for_good(by: str) -> 
     assert not bench.sent
 
 
-def test_who_leaves_the_motion_of_a_special_command_to_itself_does_not_keep_the_lease() -> None:
+def test_the_lease_is_free_after_its_holder_leaves_a_special_command_running() -> None:
     bench = SharedBench()
     key = bench.take(rank=2)
     special(bench, key, J1=AWAY)
@@ -243,7 +243,7 @@ def test_an_arm_at_rest_gets_no_target_when_the_lease_ends() -> None:
     assert not bench.sent
 
 
-def test_the_lease_is_judged_again_right_before_the_bytes_leave() -> None:
+def test_the_lease_is_checked_again_right_before_the_bytes_leave() -> None:
     bench = SharedBench()
     key = bench.take()
     write = bench._write
@@ -405,7 +405,7 @@ def test_pre_emption_ends_the_former_holders_right_then_holds_then_grants() -> N
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_who_holds_the_lease_may_take_it_and_its_motion_goes_on(force: bool) -> None:
+def test_the_holder_may_take_the_lease_again_and_its_motion_continues(force: bool) -> None:
     bench = SharedBench()
     key = bench.take()
     bench.move(key, J1=AWAY)

@@ -36,7 +36,7 @@ def test_an_order_carries_what_its_checks_need_and_nothing_else() -> None:
         order.note = "x"  # type: ignore[attr-defined]  # that is what the test is about
 
 
-def test_a_set_point_is_judged_again_when_its_bytes_are_about_to_leave_and_counted_once() -> None:
+def test_a_set_point_is_checked_again_right_before_its_bytes_leave_and_counted_once() -> None:
     desk = Desk()
     order = desk.order(1, made=desk.time, doubt=0.01)
     desk.judge.admit(order)

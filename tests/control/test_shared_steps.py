@@ -1,4 +1,4 @@
-"""Far targets of a shared arm without a watchdog go out in short steps, and end with who answers for them."""
+"""Far targets of a shared arm without a watchdog are sent in short steps, and end with the lease."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_a_trajectory_takes_over_from_the_steps() -> None:
     assert bench.owner.group.reason is None
 
 
-def test_who_leaves_and_lets_the_motion_end_gets_to_the_end() -> None:
+def test_the_steps_continue_after_a_holder_that_leaves_its_motion_running() -> None:
     bench, key = make()
     goal = bench.where("J1") + AWAY
     bench.move(key, 8.0, J1=AWAY)
@@ -216,7 +216,7 @@ def test_a_joint_of_unknown_position_is_sent_to_its_target() -> None:
     assert goals(bench)[0] == pytest.approx(bench.where("J1") + 0.1, abs=0.01)
 
 
-def test_a_way_is_a_controller_that_nobody_hears_of() -> None:
+def test_the_controller_of_steps_reports_no_goals() -> None:
     way = JointSteps("J1")
     assert not way.busy
     assert way.cycle(None, 0.0, 0.1) is None  # type: ignore[arg-type]

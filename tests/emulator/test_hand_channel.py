@@ -79,7 +79,7 @@ def test_no_bytes_raise_or_move_a_joint(pieces: list[bytes]) -> None:
     assert it.servo.motion.position == 2048.0
 
 
-def test_who_says_nothing_is_sent_away() -> None:
+def test_a_silent_connection_is_closed() -> None:
     it = Talk()
     it.talk.receive(LINE[:-1], 0.0)
     it.talk.step(1.9)

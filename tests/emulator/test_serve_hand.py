@@ -88,7 +88,7 @@ def test_a_joint_is_moved_and_the_socket_is_private_and_goes(folder: Path) -> No
     assert list(folder.iterdir()) == []
 
 
-def test_arms_are_told_apart_by_kind_and_name(folder: Path) -> None:
+def test_arms_are_distinguished_by_kind_and_name(folder: Path) -> None:
     names = [inside_name("so101", "left"), inside_name("so101", ""), inside_name("so100", "left")]
     with serving(names[0], runs=False), serving(names[1], runs=False), serving(names[2], runs=False):
         assert find_arm("sim://so101?name=left&seed=3").name == f"{names[0]}.hand"
@@ -124,9 +124,9 @@ def test_what_is_no_emulated_arm_is_refused(port: str) -> None:
         find_arm(port)
 
 
-def test_where_none_runs_that_is_said(tmp_path: Path) -> None:
+def test_no_running_emulator_is_an_error_that_says_so(tmp_path: Path) -> None:
     assert terminal_name("/dev/null") == ""
-    with pytest.raises(LinkNotFoundError, match=r"no emulated arm of yours runs; start"):
+    with pytest.raises(LinkNotFoundError, match=r"no emulated arm of this user is running; start"):
         find_arm(None)
     with pytest.raises(LinkNotFoundError, match=r"there is no .*/x; start"):
         find_arm(str(tmp_path / "x"))
@@ -156,7 +156,7 @@ def test_without_a_folder_the_arm_works_but_says_so(
     assert "cannot be moved by hand" in caplog.text
 
 
-def test_whoever_leaves_lets_go(folder: Path) -> None:
+def test_a_closed_connection_releases_the_joint(folder: Path) -> None:
     one = servo()
     with serving("pts-7", one), talking(folder / "pts-7.hand") as talk:
         talk.sendall(serialize_order(HandOrder("3", 20.0, 0.5, hold=60.0)))
@@ -193,7 +193,7 @@ def test_conversations_are_few_and_silent_ones_end(folder: Path) -> None:
 def test_an_emulator_that_stands_still_or_ends_is_an_error(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setattr(serve_hand, "_PATIENCE", 0.1)
     with serving("pts-7", runs=False) as server:
-        with pytest.raises(DeviceError, match="stands still"):
+        with pytest.raises(DeviceError, match="does not run"):
             move_by_hand(None, ORDER)
         monkeypatch.setattr(serve_hand, "_PATIENCE", PATIENCE)
         thread = threading.Timer(0.1, server.close)

@@ -53,7 +53,7 @@ def test_the_role_is_that_of_the_certificate_unless_it_is_named(tmp_path: Path) 
     assert role("observer") is Role.OBSERVER
     assert role("maintainer") is Role.MAINTAINER
     assert role("maintainer", "role=operator") is Role.OPERATOR
-    # What the certificate lacks is told when it is denied.
+    # A missing right shows when a request is denied.
     assert role("none") is Role.OPERATOR
     with pytest.raises(UsageError, match=r"king\.pem: a role that this version does not know"):
         role("king")
@@ -123,7 +123,7 @@ def test_a_router_of_another_machine_is_not_reached_without_certificates() -> No
 # -- the way of the commands for many arms ----------------------------------------------------------------
 
 
-def test_the_way_is_what_is_given_and_else_what_the_file_says(tmp_path: Path) -> None:
+def test_options_take_precedence_over_the_file(tmp_path: Path) -> None:
     make_authority(tmp_path)
     for name in ("anna", "bob"):
         issue_certificate(tmp_path, name, "client", uris=["hexwire:operator:lab/*"])
@@ -144,7 +144,7 @@ def test_the_way_is_what_is_given_and_else_what_the_file_says(tmp_path: Path) ->
     assert router_network(environ={}) is None
 
 
-def test_an_address_that_is_made_of_a_way_leads_there_whatever_the_environment_says(tmp_path: Path) -> None:
+def test_an_address_made_from_a_network_ignores_the_environment(tmp_path: Path) -> None:
     folder = tmp_path / "a +&%b"
     make_authority(folder)
     for name in ("anna", "bob"):
@@ -166,7 +166,7 @@ def test_a_router_beyond_this_machine_without_certificates_needs_the_option() ->
     assert parse(address_text("arm", network)).without_certificates
 
 
-def test_a_way_that_cannot_be_used_is_an_error_of_what_was_given(tmp_path: Path) -> None:
+def test_a_network_that_cannot_be_used_is_an_error_of_its_options(tmp_path: Path) -> None:
     make_authority(tmp_path)
     files = {key: str(tmp_path / f"none.{key}") for key in ("cert", "key")} | {"ca": str(tmp_path / "ca.pem")}
     with pytest.raises(UsageError, match=r"none\.(cert|key)"):
@@ -178,7 +178,7 @@ def test_a_way_that_cannot_be_used_is_an_error_of_what_was_given(tmp_path: Path)
         router_network(without_certificates=True, environ={})
 
 
-def test_whoever_mistypes_a_name_is_told_which_arms_are_served_here(runtime: Path) -> None:
+def test_an_unknown_name_gives_the_names_of_the_arms_served_here(runtime: Path) -> None:
     with closing(socket.socket(socket.AF_UNIX)) as served:
         make_socket_folder()
         served.bind(str(local_socket("lab/arm1")))

@@ -66,7 +66,7 @@ def test_by_default_nothing_listens_on_a_network(runtime: Path) -> None:
     assert out.stdout == "looked\n", out.stderr
 
 
-def test_it_listens_where_it_is_told_only() -> None:
+def test_it_listens_only_where_configured() -> None:
     port = free_port()
     node = Network(listen=(f"tcp/LOCALHOST:{port}",), router=True).open()
     try:
@@ -172,7 +172,7 @@ def test_a_port_that_is_taken_is_named() -> None:
         assert "\n" not in str(raised.value)
 
 
-def test_nobody_at_the_other_end_is_told_at_once() -> None:
+def test_a_missing_peer_is_reported_at_once() -> None:
     with pytest.raises(LinkNotFoundError, match="nobody answers at tcp/127"):
         Network(connect=(f"tcp/127.0.0.1:{free_port()}",)).open()
 

@@ -107,9 +107,7 @@ def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
         node.close()
 
 
-def test_torque_off_that_is_denied_stops_the_arm_all_the_same(
-    runtime: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_denied_torque_off_still_stops_the_arm(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     confirmed = m.Answer("", value=["J1"])
     nodes = [
         puppet("lab/a", **{"stop": confirmed, "as/maintainer/off": confirmed}),

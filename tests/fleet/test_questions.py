@@ -104,7 +104,7 @@ def command(robot: RobotDriver) -> None:
     robot.write(JointTarget(((state.names[0], state.position[0]),), 1.0))
 
 
-# -- each right, and what is told of a missing one ---------------------------------------------------------
+# -- each right, and the error for a missing one ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["anna", "cora"])
@@ -116,7 +116,7 @@ def test_who_may_command_does(lab: Lab, served: Service, name: str) -> None:
         assert holder.client.endswith({"anna": "operator", "cora": "maintainer"}[name])
 
 
-def test_an_observer_reads_and_stops_and_is_told_that_it_may_not_command(lab: Lab, served: Service) -> None:
+def test_an_observer_reads_and_stops_but_may_not_command(lab: Lab, served: Service) -> None:
     with connected(lab, "lab/arm1", "watcher") as robot:
         assert robot.read().names
         with pytest.raises(LinkPermissionError, match=r"an observer may read and stop.*watcher\.pem") as raised:
@@ -135,9 +135,7 @@ def test_who_may_command_stops_with_torque_off(lab: Lab, served: Service, name: 
         assert (state.stopped, state.torque_on) == (True, ())
 
 
-def test_an_observer_that_asks_for_torque_off_stops_the_arm_and_is_told_that_it_holds(
-    lab: Lab, served: Service
-) -> None:
+def test_torque_off_by_an_observer_stops_the_arm_which_holds(lab: Lab, served: Service) -> None:
     with connected(lab, "lab/arm1", "cora") as cora, connected(lab, "lab/arm1", "watcher") as watcher:
         cora.torque(True)
         words = r"is stopped and holds, with torque: an observer may stop it, but .*watcher\.pem"
@@ -150,7 +148,7 @@ def test_an_observer_that_asks_for_torque_off_stops_the_arm_and_is_told_that_it_
         # As a program that does not know its own certificate.
         watcher._commands_as = Role.OPERATOR  # type: ignore[attr-defined]
         with pytest.raises(
-            LinkPermissionError, match=r"holds.*\(observer for lab/\*\) does not allow to switch its"
+            LinkPermissionError, match=r"holds.*\(observer for lab/\*\) does not allow a program to switch its"
         ):
             watcher.stop(StopMode.TORQUE_OFF)
         cora.resume()
@@ -187,7 +185,9 @@ def test_a_role_above_that_of_the_certificate_is_denied_by_the_router_and_explai
 ) -> None:
     for name, role in (("watcher", "operator"), ("anna", "maintainer")):
         with connected(lab, "lab/arm1", name, f"&role={role}") as robot:
-            words = rf"{name}\.pem \((observer|operator) for lab/\*\) does not allow to command it as {role}"
+            words = (
+                rf"{name}\.pem \((observer|operator) for lab/\*\) does not allow a program to command it as {role}"
+            )
             with pytest.raises(LinkPermissionError, match=words) as raised:
                 command(robot)
             why(raised.value)
@@ -199,9 +199,9 @@ def test_a_role_above_that_of_the_certificate_is_denied_by_the_router_and_explai
     ("name", "words"),
     [
         ("ben", r"ben\.pem \(operator for hall/\*\) is not for this arm"),
-        ("arm1", r"arm1\.pem \(arm for lab/arm1\) serves, and may not read"),
+        ("arm1", r"arm1\.pem \(arm for lab/arm1\) is for a server, which may not read"),
         ("mute", r"mute\.pem \(arm for lab/mute\) is not for this arm"),
-        ("plain", r"plain\.pem \(without a role\) does not allow to read; 'hexwire cert issue'"),
+        ("plain", r"plain\.pem \(without a role\) does not allow a program to read; 'hexwire cert issue'"),
         ("stranger", r"the router does not know the certificate .*stranger\.pem \(operator for lab/\*\)"),
     ],
 )
@@ -336,7 +336,7 @@ def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Pa
                 robot.stop()
             with (
                 connected(lab, "lab/arm1", "watcher", "&role=operator") as robot,
-                pytest.raises(LinkPermissionError, match="does not allow to command it as operator"),
+                pytest.raises(LinkPermissionError, match="does not allow a program to command it as operator"),
             ):
                 command(robot)
             for name, words in (("ben", "is not for this arm"), ("stranger", "the router does not know")):
@@ -346,7 +346,7 @@ def test_a_server_that_is_reached_directly_enforces_the_same_rights(tmp_path: Pa
                 hexwire.connect(lab.url("lab/arm2", "anna"))
 
 
-def test_a_server_that_was_away_for_a_moment_is_not_taken_for_a_missing_right(
+def test_a_short_absence_of_the_server_is_not_reported_as_a_missing_right(
     lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its token returns with its connection, and its answers a moment later."""

@@ -122,7 +122,7 @@ def test_pre_emption_tells_the_former_holder_who_does_not_take_it_back_by_itself
     assert ann.read()["J1"].position == pytest.approx(here, abs=0.05)
 
 
-def test_who_holds_it_takes_it_again_without_effect(connect: Callable[..., RemoteRobot]) -> None:
+def test_taking_the_lease_again_has_no_effect(connect: Callable[..., RemoteRobot]) -> None:
     ann, bob = connect(), connect()
     ann.torque(True)
     before = ann.board_counters()["lease_preempted"]

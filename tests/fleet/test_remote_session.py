@@ -1,4 +1,4 @@
-"""The session of a shared arm as a driver: one for all, closed with it; and states that cease to come."""
+"""The session of a shared arm as a driver: one for all requests, closed with the driver; and missing states."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_session_whose_connection_has_ended_meanwhile_is_not_used(serve: Serve
     (node,) = opened
     service.close()
     eventually(lambda: not node.connections)
-    # What is wrong is told by the attempt to open another one.
+    # The attempt to open another one reports the reason.
     with pytest.raises(LinkNotFoundError, match="no arm lab/arm1 is served"):
         robot.attach()
     assert node.is_closed

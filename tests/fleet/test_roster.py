@@ -145,7 +145,7 @@ def test_a_router_that_does_not_know_the_certificate_is_named_as_the_reason(runt
                 eventually(roster.seen)
 
 
-def test_a_router_that_does_not_answer_is_told_until_an_arm_is_seen(
+def test_a_router_that_does_not_answer_is_reported_until_an_arm_is_seen(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket() as probe:

@@ -67,7 +67,7 @@ SIM = '[arms."lab/arm1"]\nrobot = "sim"\n'
         (SIM + "lease = 'x'", ["arms.lab/arm1.lease", "number"]),
         (SIM + SIM, ["lab.toml:3:", "not TOML", "twice"]),
         ("[arms.'lab arm']\nrobot='sim'", ["arms.'lab arm' is not the name of an arm"]),
-        ("[arms.lab.arm1]\nrobot = 'sim'", ["arms.lab has an arm in it", '[arms."lab/arm1"]']),
+        ("[arms.lab.arm1]\nrobot = 'sim'", ["arms.lab contains an arm", '[arms."lab/arm1"]']),
         ("[arms]\na = 3", ["arms.a", "a table"]),
         ("[arms.a]\nrobot = 'sim'\nwacthdog = 1.0", ["arms.a.wacthdog", "did you mean watchdog"]),
         ("[arms.a]\nrobot = 'sim'\nwatchdog = 'x'", ["arms.a.watchdog", "number"]),

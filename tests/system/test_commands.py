@@ -134,7 +134,7 @@ def test_a_port_that_answers_nothing(tmp_path: Path) -> None:
     assert "hexwire ports" in text
 
 
-def test_the_user_is_told_what_the_command_waits_for(tmp_path: Path) -> None:
+def test_the_command_says_what_it_waits_for(tmp_path: Path) -> None:
     with mute_port(tmp_path / "ttyUSB0") as path, Terminal("probe", "--port", path, "--timeout", "3") as terminal:
         assert terminal.wait() == 1
         lines = terminal.plain.splitlines()
@@ -254,7 +254,7 @@ def test_a_board_has_a_name_that_stays_and_is_tidied_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_board_ends_when_it_is_told_to(number: signal.Signals) -> None:
+def test_a_board_ends_on_a_signal(number: signal.Signals) -> None:
     process = start("sim", "board")
     assert process.stdout is not None
     path = process.stdout.readline().strip()

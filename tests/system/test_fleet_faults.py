@@ -78,7 +78,7 @@ def test_a_server_that_is_killed_leaves_an_arm_that_its_board_stops(lab: Lab) ->
     assert before == there
 
 
-def test_an_operator_that_is_stopped_loses_the_lease_and_is_told_so(lab: Lab) -> None:
+def test_an_operator_that_is_stopped_loses_the_lease_and_gets_an_error(lab: Lab) -> None:
     lab.operator.do("stream", 20.0, J1=0.3)
     time.sleep(0.5)
     with lab.operator.stopped(STOPPED) as cut:

@@ -127,7 +127,7 @@ def issue(
 ) -> None:
     """Create a certificate NAME with a role for arms in DIR, and an authority if there is none.
 
-    The role is granted when 'hexwire fleet config DIR' is run and the router started again.
+    The role takes effect after 'hexwire fleet config DIR' and a restart of the router.
     """
     from hexwire.errors import UsageError
     from hexwire.fleet.rights import Kind, Rights

@@ -427,7 +427,7 @@ def force_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def arm_option(command: _F) -> _F:
     """``--arm``, for a recording that may be of several arms; the command gets ``arm``, or None."""
-    return click.option("--arm", metavar="NAME", help="Of a recording of several arms: this one.")(command)
+    return click.option("--arm", metavar="NAME", help="Arm to use from a recording of several arms.")(command)
 
 
 def refuse_idle_force(force: bool, words: str) -> None:

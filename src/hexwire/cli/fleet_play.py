@@ -75,7 +75,7 @@ def record(
 @click.argument("file", metavar="FILE")
 @click.option("--on", "on", multiple=True, metavar="PATTERN", help="The arms that move, as in 'lab/*'; repeatable.")
 @click.option(
-    "--map", "pairs", multiple=True, metavar="RECORDED=ARM", help="What was recorded of one arm, on another one."
+    "--map", "pairs", multiple=True, metavar="RECORDED=ARM", help="Play the recording of one arm on another."
 )
 @number_option("--speed", "FACTOR", "2 plays twice as fast.", above=0, default=1.0)
 @click.option("--take", is_flag=True, help="Take the leases from other holders, if this program's role may.")
@@ -103,7 +103,7 @@ def play(
 ) -> None:
     """Play a recording (.mcap) or waypoints (.json) on several arms, with a common start time.
 
-    A recording of a fleet is played arm by arm; anything else on every arm alike. All arms move slowly to their
+    A recording of a fleet is played arm by arm; any other file plays on every arm. All arms move slowly to their
     first point, and then begin together. Each follows its motion by itself, so that the network cannot disturb it.
     If one refuses, none begins. Ctrl-C or the failure of one arm stops all of them: 'hexwire resume' ends the stop.
     """

@@ -23,9 +23,9 @@ _NEAR = 1.0
 @click.argument("joint", metavar="JOINT|ID")
 @click.argument("degrees", metavar="±DEGREES", type=FiniteFloat("degrees"))
 @number_option("--duration", "SECONDS", "Duration of the motion (60 degrees a second).", above=0)
-@number_option("--hold", "SECONDS", "Hold the joint so long at the end before letting go.", minimum=0, default=0.0)
+@number_option("--hold", "SECONDS", "Time to hold the joint at the end of the motion.", minimum=0, default=0.0)
 @number_option(
-    "--strength", "PERCENT", "Torque of the hand, of what the servo can give at most.", above=0, default=60.0
+    "--strength", "PERCENT", "Torque of the hand, as a percentage of the servo's maximum.", above=0, default=60.0
 )
 @click.option(
     "--port",
@@ -46,7 +46,7 @@ def hand(
 ) -> None:
     """Move a joint of an emulated arm by hand, while other programs use the arm.
 
-    A joint without torque goes along; one with torque gives way a little, and goes back. It ends at the mechanical
+    A joint without torque follows; one with torque gives way a little and returns. It ends at the mechanical
     stops of the arm. JOINT is a name such as elbow_flex or J2, or a servo's id.
 
     --port is the port of 'hexwire sim board' or 'hexwire sim bus', or an address such as sim://so101 that another
@@ -63,7 +63,7 @@ def hand(
     result = move_by_hand(port, HandOrder(joint, degrees, seconds, hold, strength / 100))
     moved = f"{decimal(result.moved)} deg"
     if result.torque:
-        words = f"has torque: it gave way by {moved} and goes back"
+        words = f"has torque: it gave way by {moved} and returns"
     elif result.blocked:
         words = f"moved by {moved}, to its stop"
     elif abs(result.moved - degrees) > _NEAR:

@@ -74,7 +74,7 @@ class TrajectoryGoal:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """How far the arm may be off its path and its goal.
+    """How far the arm may deviate from its path and its goal.
 
     Attributes:
         path: By joint, while it moves; every joint of the controller has a row.

@@ -41,7 +41,7 @@ class StopCause(Enum):
     HERE = "this program stopped it"
     """`stop` was called in this program, or this user's stop from an earlier program still holds."""
     WATCHDOG = "its watchdog stopped it because the host fell silent"
-    ELSEWHERE = "it was told to stop from elsewhere"
+    ELSEWHERE = "it was stopped from elsewhere"
     """Another program, or a button."""
 
 

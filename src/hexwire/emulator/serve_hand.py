@@ -188,10 +188,12 @@ def find_arm(port: str | None) -> Path:
     alive = [path for path in fitting if _is_alive(path)]
     if not alive:
         at = f" at {port}" if port is not None else ""
-        raise LinkNotFoundError(f"no emulated arm of yours runs{at}; {advice}", url=port or "")
+        raise LinkNotFoundError(f"no emulated arm of this user is running{at}; {advice}", url=port or "")
     if len(alive) > 1:
         names = ", ".join(_shown(path) for path in alive)
-        raise UsageError(f"several emulated arms run: {names}; name one with --port, as in sim://so101?name=left")
+        raise UsageError(
+            f"several emulated arms are running: {names}; name one with --port, as in sim://so101?name=left"
+        )
     return alive[0]
 
 
@@ -258,7 +260,7 @@ def move_by_hand(port: str | None, order: HandOrder) -> HandResult:
                     raise DeviceError("the emulated arm ended, or is moved by too many hands")
                 heard += data
     except TimeoutError:
-        raise DeviceError("the emulated arm stands still: the program that has it open does not read it") from None
+        raise DeviceError("the emulated arm does not run: the program that has it open does not read it") from None
     except OSError as error:
         raise DeviceError(f"the emulated arm cannot be reached: {error.strerror or error}") from None
     return parse_result(heard)

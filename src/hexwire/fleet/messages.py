@@ -421,7 +421,7 @@ def lease_key(payload: bytes) -> int:
         size = 0 if code < 0x80 else _UINTS.get(code)
         if size is not None and len(payload) >= 4 + size:
             return int.from_bytes(payload[4 : 4 + size], "big") if size else code
-    raise RemoteProtocolError("not a valid message: it does not begin like an order")
+    raise RemoteProtocolError("not a valid message: it does not start like an order")
 
 
 def _check(payload: bytes, largest: int) -> None:

@@ -189,11 +189,11 @@ def _missing(cert: str, name: str, key: str) -> str:
     """Which right a certificate does not give; empty if it gives it."""
     rights, holder, what = rights_of(cert), _holder(cert), _word(key)
     if rights is None:
-        return f"{holder} does not allow to {what}; 'hexwire cert issue' creates one with a role"
+        return f"{holder} does not allow a program to {what}; 'hexwire cert issue' creates one with a role"
     if not rights.covers(name):
         return f"{holder} is not for this arm"
     if rights.role is None:
-        return f"{holder} serves, and may not {what}; use that of a client"
+        return f"{holder} is for a server, which may not {what}; use the certificate of a client"
     if key not in Keys(name).asked(rights.role):
-        return f"{holder} does not allow to {what} as {key.split('/')[-2]}"
+        return f"{holder} does not allow a program to {what} as {key.split('/')[-2]}"
     return ""

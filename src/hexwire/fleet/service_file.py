@@ -182,7 +182,7 @@ def read_service_file(
         for key, value in rows[name].items():
             # TOML reads [arms.lab.arm1] as a table in a table.
             if isinstance(value, dict) and not {"robot", "port"}.isdisjoint(value):
-                raise item.fault(f'has an arm in it: the name of an arm stands in quotes, [arms."{name}/{key}"]')
+                raise item.fault(f'contains an arm: write its name in quotes, [arms."{name}/{key}"]')
     if not rows:
         raise top["arms"].fault('names no arm; write [arms."lab/arm1"]')
     network: dict[str, Any] = {}

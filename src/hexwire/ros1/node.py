@@ -418,8 +418,8 @@ def _init_node(argv: list[str]) -> None:
         # This node handles signals: rospy's handlers would close the topics before the arm is safe.
         rospy.init_node(_NAME, argv=["hexwire-ros1", *argv], disable_signals=True)
     except TypeError:
-        # rospy reads values as YAML, where `zenoh:` is a table with an empty place.
-        raise UsageError("ROS rejects these arguments: a value ends in a colon or has an empty place") from None
+        # rospy reads values as YAML, where `zenoh:` is a table with an empty value.
+        raise UsageError("ROS rejects these arguments: a value ends in a colon or has an empty element") from None
     except (ValueError, rospy.ROSException) as error:
         raise UsageError(f"ROS rejects these arguments: {' '.join(str(error).split())}") from None
     logger = logging.getLogger("rosout")
