@@ -185,7 +185,8 @@ def test_node_gets_the_arguments_of_ros_untouched(tmp_path: Path) -> None:
     [
         ("hex7bot", "/tmp/a b", "sim board --link /tmp/a b --physics"),
         ("puma260", "tcp://127.0.0.1:15030", "sim puma260 --tcp 127.0.0.1:15030 --physics"),
-        ("so101", "/tmp/a", "sim bus --ids 1-6 --link /tmp/a --physics"),
+        ("so101", "/tmp/a", "sim bus --arm so101 --link /tmp/a --physics"),
+        ("chain", "/tmp/a", "sim bus --ids 1-6 --link /tmp/a --physics"),
     ],
 )
 def test_emulated_board_takes_out_what_is_meant_for_nodes(
