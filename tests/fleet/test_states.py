@@ -330,18 +330,28 @@ def test_a_read_in_a_signal_handler_of_the_thread_that_waits_receives_too() -> N
     assert within[0]["J1"].position == 0.1  # type: ignore[index]
 
 
-def test_a_wait_that_a_signal_handler_read_in_still_ends_in_time() -> None:
+@pytest.mark.parametrize("waits", [False, True], ids=["it has arrived", "it waits"])
+def test_a_wait_that_a_signal_handler_read_in_still_ends_in_time(waits: bool) -> None:
     bench, within = InboxBench(), list[object]()
     real = bench.inbox.wait
 
-    def wait() -> bytes:
-        bench.inbox.wait = real  # type: ignore[method-assign]
-        bench.inbox.rows.put(state(1, 10.01))
+    def handler() -> bytes:
+        if waits:
+            bench.inbox.rows.put(b"")
+            bench.inbox.wait = arrives  # type: ignore[method-assign]
+        else:
+            bench.inbox.wait = real  # type: ignore[method-assign]
+            bench.inbox.rows.put(state(1, 10.01))
         bench.time += 0.01
         within.append(bench.states.next(bench.time - 0.001, 0.5))
         return real()
 
-    bench.inbox.wait = wait  # type: ignore[method-assign]
+    def arrives() -> bytes:
+        bench.inbox.wait = real  # type: ignore[method-assign]
+        bench.inbox.rows.put(state(1, 10.01))
+        return bench.inbox.rows.get()  # type: ignore[return-value]
+
+    bench.inbox.wait = handler  # type: ignore[method-assign]
     bench.begin(lambda: bench.states.next(bench.time + 0.5, 1.0))
     assert bench.inbox.waiting.acquire(timeout=PATIENCE)
     assert within[0] is not None

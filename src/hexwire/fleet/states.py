@@ -90,13 +90,13 @@ class ArrivedStates:
                 self._put(state, arrived)
                 self._changed.notify_all()
 
-    def _end_wait(self, payload: bytes) -> None:
+    def _end_wait(self, payload: bytes, outer: tuple[int, float]) -> None:
         """Take what arrived, in one step with the end of receiving: the caller waits for it."""
         arrived, state = self._now(), self._decoded(payload)
         with self._changed:
             if state is not None:
                 self._put(state, arrived)
-            self._receiver = 0
+            self._receiver, self._until = outer
             self._changed.notify_all()
 
     def _decoded(self, payload: bytes) -> m.State | None:
@@ -214,7 +214,7 @@ class ArrivedStates:
                 with self._changed:
                     self._until = until
                     self._changed.notify_all()
-                self._end_wait(inbox.wait())
+                self._end_wait(inbox.wait(), outer)
             while payload is not None:
                 self.add(payload)
                 payload = inbox.poll()
