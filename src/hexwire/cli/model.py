@@ -164,7 +164,7 @@ def _pose_report(arm: KinematicModel, degrees: Sequence[float]) -> dict[str, Any
 )
 @click.option("--rpy", nargs=3, type=DEGREES, metavar="R P Y", help="The rotation as roll, pitch, yaw in degrees.")
 @click.option("--pitch", type=DEGREES, help="SO-100, SO-101: pitch of the tool; 0 is level, 90 straight down.")
-@click.option("--roll", type=DEGREES, help="Roll of the tool, for --pitch: wrist_roll, 0 if not given.")
+@click.option("--roll", type=DEGREES, help="With --pitch: angle of wrist_roll, 0 if not given.")
 @click.option("--wrist", is_flag=True, help="7Bot: X Y Z is the wrist centre; without a rotation, only T0 T1 T2.")
 @links_option
 @_robot_option

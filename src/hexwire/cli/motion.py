@@ -113,7 +113,7 @@ def _pose_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="R P Y",
             help="Roll, pitch and yaw of the tool in degrees.",
         ),
-        number_option("--roll", "DEG", "Roll of the tool, for --pitch; otherwise it stays. It is wrist_roll."),
+        number_option("--roll", "DEG", "With --pitch: angle of wrist_roll. If not given, it stays."),
         number_option("--pitch", "DEG", "SO-100, SO-101: pitch of the tool; 0 is level, 90 straight down."),
         click.option("--down", is_flag=True, help="The tool points straight down."),
     ):
