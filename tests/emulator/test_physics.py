@@ -138,9 +138,9 @@ def test_obstacles_and_pushes_set_by_hand_work_as_with_the_usual_shafts(monkeypa
 class SoBody:
     """An SO-101 whose servos move a body, with hands at it."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, table: bool = True, **options: Any) -> None:
         self.arm = make_so_arm("so101", **options)
-        self.twin = PhysicsTwin(self.arm.servos, self.arm.model)
+        self.twin = PhysicsTwin(self.arm.servos, self.arm.model, table=table)
         self.hands = Hands(self.arm.servos, self.arm.model)
         self.now = 0.0
 
@@ -254,3 +254,10 @@ def test_on_the_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
     result = CliRunner().invoke(cli, ["sim", "board", "--payload", "10"])
     assert result.exit_code == 2
     assert "--payload needs --physics" in result.stderr
+
+
+@pytest.mark.parametrize(("leader", "sinks"), [(False, False), (True, True)])
+def test_the_wrist_of_a_leader_sinks_and_that_of_a_follower_is_held_by_its_gears(leader: bool, sinks: bool) -> None:
+    body = SoBody(table=False, leader=leader)
+    start = body.run(0.001)["wrist_flex"]
+    assert (body.run(1.0)["wrist_flex"] > start + 15.0) is sinks
