@@ -551,8 +551,8 @@ def test_a_goal_that_is_checked_while_teach_mode_begins_is_refused(monkeypatch: 
     bench = make_bench()
     check = bench.controller.check_path
 
-    def check_path(*args: Any) -> None:
-        check(*args)
+    def check_path(*args: Any, **named: Any) -> None:
+        check(*args, **named)
         bench.ask(bench.arm.teach_start)
 
     monkeypatch.setattr(bench.controller, "check_path", check_path)

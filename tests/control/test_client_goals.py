@@ -109,8 +109,8 @@ def test_a_goal_that_is_cancelled_before_it_begins_never_does(
     controller = goals.bench.controller
     check = controller.check_path
 
-    def check_path(*args: Any) -> None:
-        check(*args)
+    def check_path(*args: Any, **named: Any) -> None:
+        check(*args, **named)
         goals.goals.cancel("", "one")
 
     if when != "before":
@@ -175,7 +175,7 @@ def test_a_programming_error_refuses_its_goal_and_no_other(
 ) -> None:
     goals.goals.start()
     with monkeypatch.context() as patch, caplog.at_level(logging.CRITICAL, logger="hexwire"):
-        patch.setattr(goals.bench.controller, "check_path", lambda *_: 1 / 0)
+        patch.setattr(goals.bench.controller, "check_path", lambda *_, **__: 1 / 0)
         broken = goals.send({"J1": HOME["J1"]})
         wait_for(lambda: broken.over)
         unreadable = Client()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
@@ -13,6 +14,7 @@ from tests.motion.arms import HOME
 from hexwire.control.goals import Point, TrajectoryGoal
 from hexwire.control.shared_goals import SharedGoals
 from hexwire.errors import GoalError, LeaseError
+from hexwire.motion.fence import Fence
 
 AWAY = 0.3
 STILL = 0.004
@@ -149,6 +151,35 @@ def test_a_stop_ends_the_motion_and_what_was_asked_before_it() -> None:
     bench.bench.ask(lambda: bench.shared.resume(bench.order(bench.key)))
     with pytest.raises((GoalError, LeaseError)):
         bench.goals.follow(early, order((2.0, HOME)), bench.owner.now() + 1.0)
+
+
+@pytest.mark.parametrize("only_check", [False, True], ids=["follow", "check"])
+@pytest.mark.parametrize("ends", ["taken", "stopped"])
+def test_the_check_of_a_long_path_ends_with_the_right_to_move(
+    ends: str, only_check: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The orders of the next holder, and a resume, do not wait for the rest of it."""
+    bench, seen = Goals(), list[float]()
+    plain = Fence.check
+
+    def check(fence: Fence, where: Mapping[str, float]) -> dict[str, str]:
+        seen.append(where["J1"])
+        if len(seen) == 10 and ends == "taken":
+            bench.take("Bob", force=True)
+        elif len(seen) == 10:
+            bench.robot.epochs.begin(object())
+        return plain(fence, where)
+
+    monkeypatch.setattr(Fence, "check", check)
+    far = (600.0, {**HOME, "J1": HOME["J1"] + AWAY})
+    sent, soon = bench.order(bench.key), bench.owner.now() + 30.0
+    with pytest.raises(GoalError, match="cancelled before it began"):
+        _ = (
+            bench.goals.check(sent, order((0.0, HOME), far))
+            if only_check
+            else bench.goals.follow(sent, order(far), soon)
+        )
+    assert len(seen) == 10
 
 
 def test_only_the_holder_may_follow_check_and_cancel() -> None:

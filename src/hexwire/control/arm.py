@@ -134,6 +134,7 @@ class Arm:
         listener: GoalListener | None = None,
         tolerances: Tolerances | None = None,
         wanted: Callable[[], bool] = lambda: True,
+        accepting: Callable[[], object] = lambda: None,
         received: float | None = None,
     ) -> None:
         """Let a controller follow a trajectory; a trajectory without points means hold.
@@ -143,7 +144,8 @@ class Arm:
             goal: The trajectory.
             listener: As in `TrajectoryController.accept`.
             tolerances: Likewise.
-            wanted: Called after the path check, which takes time: whether the goal is still wanted.
+            wanted: Called during the path check, which takes time, and after it: whether the goal is still wanted.
+            accepting: Called right before it is accepted, under the lock of the controllers.
             received: Time to which the goal's delay refers, seconds of the owner's clock; now if None.
 
         Raises:
@@ -162,11 +164,12 @@ class Arm:
                 start = controller.start(goal.delay, state, received)
                 others = self._meanwhile([name], controller.follower.next_start(received + max(0.0, goal.delay)))
             # Not under the lock, since the check of a long trajectory takes long.
-            controller.check_path(plan.trajectory(start, received), state, others)
+            controller.check_path(plan.trajectory(start, received), state, others, wanted=wanted)
             with owner.locked():
                 self.teach_mode.hand.refuse()
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
+                accepting()
                 now = owner.now()
                 controller.accept(
                     plan,

@@ -7,7 +7,7 @@ argument, and goals as plain values. Must not know messages, robots, threads or 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -190,19 +190,27 @@ class TrajectoryController:
         check_goal(goal, self.joints, allow_partial=self.settings.allow_partial)
         return Plan(goal, self.joints, received)
 
-    def check_path(self, trajectory: Trajectory, state: JointState, meanwhile: Sequence[Trajectory] = ()) -> None:
+    def check_path(
+        self,
+        trajectory: Trajectory,
+        state: JointState,
+        meanwhile: Sequence[Trajectory] = (),
+        *,
+        wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
         """Check a trajectory's limits, speeds, joint coupling limits and table, and that its joints can move.
 
         Args:
             trajectory: The trajectory.
             state: The newest state.
             meanwhile: Trajectories of other controllers, from its beginning on.
+            wanted: As in `PathCheck.trajectory`.
 
         Raises:
-            GoalError: The path is not allowed.
+            GoalError: The path is not allowed; CANCELLED if it is no longer wanted.
         """
         self._refuse_unready(trajectory.names, state)
-        self._check.trajectory(trajectory, state.positions, meanwhile)
+        self._check.trajectory(trajectory, state.positions, meanwhile, wanted=wanted)
 
     def accept(
         self,

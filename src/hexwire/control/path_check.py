@@ -7,7 +7,7 @@ motion; and while it runs, the combined targets of all controllers. Must not kno
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from hexwire.errors import GoalError, LimitError
 from hexwire.model.state import JointFlag
 from hexwire.motion.checks import check_move, check_trajectory
 from hexwire.motion.fence import Fence
-from hexwire.motion.waypoints import Spline, Tail
+from hexwire.motion.waypoints import Sample, Spline, Tail, Trajectory
 
 from .outcomes import Reason
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.checks import MotionReport
     from hexwire.motion.safety import StopReason
-    from hexwire.motion.waypoints import Trajectory
 
 __all__ = ["PathCheck"]
 
@@ -36,6 +35,19 @@ _LONGEST = 3600.0
 """Seconds; a longer trajectory takes too long to check, and is usually given in the wrong unit."""
 _BRIDGE_GRACE = 1.1
 """Factor on a joint's speed limit on the path to the first point, since a motion at the limit begins late."""
+
+
+class _While(Trajectory):
+    """A trajectory whose samples end with an error when nobody wants them any more."""
+
+    def __init__(self, of: Trajectory, wanted: Callable[[], bool]) -> None:
+        self.names, self.duration = of.names, of.duration
+        self._of, self._wanted = of, wanted
+
+    def at(self, t: float) -> Sample:
+        if not self._wanted():
+            raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
+        return self._of.at(t)
 
 
 class PathCheck:
@@ -125,7 +137,12 @@ class PathCheck:
             raise LimitError(f"{'; '.join(found.values())}; nothing was sent")
 
     def trajectory(
-        self, trajectory: Trajectory, others: Mapping[str, float], meanwhile: Sequence[Trajectory] = ()
+        self,
+        trajectory: Trajectory,
+        others: Mapping[str, float],
+        meanwhile: Sequence[Trajectory] = (),
+        *,
+        wanted: Callable[[], bool] = lambda: True,
     ) -> MotionReport:
         """Check limits, speeds, joint coupling limits and the table along a trajectory.
 
@@ -133,19 +150,25 @@ class PathCheck:
             trajectory: The trajectory.
             others: Positions of the arm's joints, radians.
             meanwhile: Trajectories of other joints, from its beginning on.
+            wanted: Asked again and again, since the check may take long: whether the result is still wanted.
 
         Returns:
             The result of the check.
 
         Raises:
-            GoalError: The path is not allowed.
+            GoalError: The path is not allowed; CANCELLED if it is no longer wanted.
         """
         if trajectory.duration > _LONGEST:
             text = f"the trajectory lasts {trajectory.duration:g} s; send at most {_LONGEST:g} s at a time"
             raise GoalError(text, reason=Reason.MALFORMED)
         try:
             return check_trajectory(
-                trajectory, self._arm, self._kinematics, others=others, meanwhile=meanwhile, table=self._table
+                _While(trajectory, wanted),
+                self._arm,
+                self._kinematics,
+                others=others,
+                meanwhile=meanwhile,
+                table=self._table,
             ).require()
         except LimitError as error:
             raise GoalError(str(error), reason=Reason.PATH_NOT_ALLOWED) from None

@@ -166,6 +166,10 @@ class SharedArm:
         """Check that an order that moves nothing may be done; raises `LeaseError` if it may not."""
         self._orders.admit(order)
 
+    def is_wanted(self, order: Order) -> bool:
+        """Whether an order that was admitted may still be done: the lease lasts, and no stop has come since."""
+        return self._robot.epochs.holds(self._orders.token(order))
+
     def take(
         self,
         client: str,
@@ -326,18 +330,18 @@ class SharedArm:
             GoalError: The goal is refused; CANCELLED if its check took until `latest`.
         """
         self._orders.admit(order)
-        token, epochs = self._orders.token(order), self._robot.epochs
-
-        def wanted() -> bool:
-            # The path check takes time, in which the lease may be lost or the arm stopped.
-            if not epochs.holds(token) or self.now() >= latest:
-                return False
-            # Under the lock of the controllers, so that no joint obeys two of them.
-            self._steps.release(self.arm.controllers[controller].joints)
-            return True
-
-        with epochs.using(token):
-            self.arm.command(controller, goal, listener=listener, wanted=wanted, received=received)
+        joints = self.arm.controllers[controller].joints
+        with self._robot.epochs.using(self._orders.token(order)):
+            self.arm.command(
+                controller,
+                goal,
+                listener=listener,
+                # The path check takes time, in which the lease may be lost or the arm stopped.
+                wanted=lambda: self.now() < latest and self.is_wanted(order),
+                # So that no joint obeys two controllers.
+                accepting=lambda: self._steps.release(joints),
+                received=received,
+            )
         if goal.points:
             ends = self.now() + max(0.0, goal.delay) + goal.points[-1].time
             self._followed_until = max(self._followed_until, ends)

@@ -135,7 +135,11 @@ class SharedGoals:
         here = self._arm.owner.newest().positions
         points = [Waypoint(p.time, p.positions, p.velocities or None, p.accelerations or None) for p in goal.points]
         path = Spline(goal.names, points)
-        self._shared.path_check.trajectory(path, {**here, **dict(zip(goal.names, path.start, strict=True))})
+        self._shared.path_check.trajectory(
+            path,
+            {**here, **dict(zip(goal.names, path.start, strict=True))},
+            wanted=lambda: self._shared.is_wanted(order),
+        )
         return path.duration
 
     def follow(self, order: Order, goal: TrajectoryGoal, start: float) -> int:
