@@ -122,7 +122,9 @@ def test_host_and_port_are_taken_apart() -> None:
     assert host_and_port("tcp/lab-pc:1") == ("tcp", "lab-pc", 1)
 
 
-def test_only_sockets_on_which_somebody_listens_are_found(runtime: Path) -> None:
+def test_only_sockets_on_which_a_program_of_this_user_listens_are_found(
+    runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert local_sockets() == []
     make_socket_folder()
     assert socket_folder().stat().st_mode & 0o777 == 0o700
@@ -136,6 +138,13 @@ def test_only_sockets_on_which_somebody_listens_are_found(runtime: Path) -> None
         assert local_sockets() == [path]
         assert is_served(path)
         assert not is_served(left)
+        # Another user may have put a socket there, behind which is no arm.
+        socket_folder().chmod(0o777)
+        assert not is_served(path)
+        assert local_sockets() == []
+        socket_folder().chmod(0o700)
+        monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+        assert not is_served(path)
 
 
 def test_a_long_name_has_a_short_socket(runtime: Path) -> None:

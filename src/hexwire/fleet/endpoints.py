@@ -103,6 +103,15 @@ def _is_private(folder: Path) -> bool:
     return status.st_uid == os.geteuid() and not status.st_mode & 0o077
 
 
+def _is_own(folder: Path) -> bool:
+    """Whether a folder belongs to this user, and nobody else may change it."""
+    try:
+        status = folder.stat()
+    except OSError:
+        return False
+    return status.st_uid == os.geteuid() and not status.st_mode & 0o022
+
+
 def _loopback(host: str) -> str | None:
     """Address of this machine in its usual form; None for whatever may be another one."""
     if host.lower() == "localhost":
@@ -158,7 +167,10 @@ def local_sockets() -> list[Path]:
 
 
 def is_served(path: Path) -> bool:
-    """Whether a program listens on that socket."""
+    """Whether a program of this user listens on that socket."""
+    # With a wrong XDG_RUNTIME_DIR another user may have made the folder, and would confirm stops of no arm.
+    if not _is_own(path.parent):
+        return False
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) as probe:
         probe.settimeout(_CONNECT)
         try:
