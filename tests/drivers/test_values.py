@@ -36,3 +36,7 @@ def test_robots_of_one_kind() -> None:
 
 def test_a_latch_is_stopped_where_something_stopped_it() -> None:
     assert [cause for cause in StopCause if not StopLatch(cause).stopped] == [StopCause.NONE]
+
+
+def test_only_dialect_1_is_the_chapters() -> None:
+    assert [replace(REPORT, dialect=dialect).chapter for dialect in (0, 1, 2)] == [False, True, False]

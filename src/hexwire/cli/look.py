@@ -83,7 +83,7 @@ def _say_report(report: ProbeReport) -> None:
     facts = [
         ("robot", report.robot),
         ("link", report.link),
-        ("dialect", f"{report.dialect}" + (" (the chapter's)" if report.dialect == 1 else "")),
+        ("dialect", f"{report.dialect}" + (" (the chapter's)" if report.chapter else "")),
         ("firmware", report.firmware),
         ("boot id", "" if report.boot_id is None else f"{report.boot_id:08x}"),
         ("supports", ", ".join(report.capabilities).replace("_", " ")),

@@ -56,7 +56,7 @@ def hold_moving(owner: RobotOwner, why: str) -> None:
         if moving and target is not None and (silent := owner.send(target, asked, holds=True).silent):
             raise DeviceError(f"{', '.join(silent)} does not answer")
     except (StoppedError, PreemptedError):
-        # Somebody stops it.
+        # Another program stops it.
         return
     except HexwireError as error:
         _log.error("the arm cannot hold: %s; it is stopped", error)

@@ -222,8 +222,8 @@ class RobotOwner:
             steps.callback(self._leave, torque_off)
             steps.callback(self._disarm)
             steps.callback(self._end_thread)
-            # What a borrowed robot was sent past its controllers is its caller's; and its motion may have arrived
-            # before the time of its last target is over.
+            # Targets that a borrowed robot got past its controllers belong to its caller; and its motion may have
+            # arrived before the time of its last target is over.
             moving = self.group.moving or (not self._borrowed and bool(self.running()))
             self.group.stop(StopReason("asked", "the program ends"))
             with suppress(HexwireError):

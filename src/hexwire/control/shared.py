@@ -51,7 +51,7 @@ _LOOK = 0.5
 _BUSY = 1.0
 """Seconds that a hold or a shutdown waits for an order that is being sent; then it stops, and waits for nothing."""
 _PATIENCE = 5.0
-"""Seconds in which the supervising thread ends."""
+"""Time-out for the end of the supervising thread, seconds."""
 _WATCHDOG = (0.05, 60.0)
 """Shortest and longest watchdog of a lease, seconds."""
 
@@ -393,7 +393,7 @@ class SharedArm:
             try:
                 wait = self.check()
             except Exception:  # noqa: BLE001  # logged; nobody else would notice
-                # Nobody supervises the lease then: nothing may move.
+                # The lease is then unsupervised: nothing may move.
                 _log.exception("the supervision of the lease failed")
                 wait = _LOOK
                 with self._changed:

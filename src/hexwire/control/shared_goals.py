@@ -78,7 +78,7 @@ class _Goal:
         self.report.outcome = ended.outcome.value
 
     def see(self, state: JointState) -> None:
-        """Look for the first movement in a state."""
+        """Detect the first movement in a state."""
         report = self.report
         report.slips = self._controller.follower.counters.slips - self._slips
         if report.moved is not None:
@@ -114,7 +114,7 @@ class SharedGoals:
         shared.arm.owner.observers.append(self._see)
 
     def close(self) -> None:
-        """Observe the arm no longer."""
+        """Stop observing the arm."""
         self._arm.owner.observers.remove(self._see)
 
     def check(self, order: Order, goal: TrajectoryGoal) -> float:

@@ -126,7 +126,7 @@ class HandGuiding:
             hold = self._had_torque if hold is None else hold
             try:
                 if hold:
-                    # Whatever happened, nobody should have to go on holding the arm.
+                    # In any case: no person should have to keep holding the arm.
                     switch_torque(self._owner, True, hold)
             finally:
                 self.active = False

@@ -122,6 +122,11 @@ class ProbeReport:
     unprotected: str = ""
 
     @property
+    def chapter(self) -> bool:
+        """Whether it is a board of the chapter, with the chapter's dialect."""
+        return self.dialect == 1
+
+    @property
     def missing(self) -> tuple[str, ...]:
         """Names of the joints whose servo does not answer."""
         return tuple(joint.name for joint in self.joints if not joint.present)

@@ -18,9 +18,9 @@ _KEPT = 32
 _SEARCH = 1.0
 """Seconds until the best exchange is searched for again; another one improves by at most 0.1 ms in that time."""
 _ROUNDING = 1e-6
-"""Seconds that are lost in sums of clocks that run for years."""
+"""Rounding error of sums of clocks that run for years, seconds."""
 _LARGEST = 1e12
-"""Seconds; a clock beyond this is none."""
+"""Seconds; a greater value is not a valid clock."""
 
 
 class ClockOffset:
@@ -43,7 +43,7 @@ class ClockOffset:
         return bool(self._samples)
 
     def add(self, sent: float, other: float, received: float) -> None:
-        """Add an exchange; what cannot be one is ignored.
+        """Add an exchange; impossible values are ignored.
 
         Args:
             sent: Here, when the question was sent, seconds.

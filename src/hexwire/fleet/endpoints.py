@@ -43,7 +43,7 @@ _MOST_PATH = 100
 """Bytes of a socket's path; the system allows 107."""
 _SUFFIX = ".sock"
 _CONNECT = 3.0
-"""Seconds in which a connection must stand."""
+"""Time-out for a connection, seconds."""
 
 
 def host_and_port(endpoint: str) -> tuple[str, str, int]:

@@ -221,7 +221,7 @@ Order = Write | Torque | Resume | Watchdog | Ioctl | Follow | Cancel
 
 
 class Envelope(_Message, tag=10):
-    """An order with what proves that it may be done.
+    """An order with the proof of its right.
 
     Attributes:
         key: Key of the lease.

@@ -50,12 +50,12 @@ __all__ = [
 
 _ACCESS = ("enabled", "default_permission", "rules", "subjects", "policies")
 _OPEN = 3.0
-"""Seconds in which a connection must stand."""
+"""Time-out for a connection, seconds."""
 SILENT = 5.0
 """Seconds of silence after which a connection counts as lost, so that a computer that was cut off shows as gone.
 Where every fifth packet is lost, TCP is silent for up to 3 s."""
 _SIGNS = 5
-"""Signs of life in that time."""
+"""Heartbeats in that time."""
 _RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
 _STUCK = 0.25
 """Seconds for which an answer waits for a program that takes nothing; then its connection is closed. Behind such
@@ -172,7 +172,7 @@ class Network:
                 "connect_certificate": self.cert,
                 "enable_mtls": True,
                 "verify_name_on_connect": True,
-                # A connection that stands ends when the certificate of the other side does.
+                # An open connection ends when the certificate of the other side expires.
                 "close_link_on_expiration": True,
             }
             rows |= {f"transport/link/tls/{key}": value for key, value in tls.items()}

@@ -26,7 +26,7 @@ from .roster import HUNG, Roster, Seen
 __all__ = ["Overview", "Stopped", "look", "stop_all"]
 
 _WAIT = 0.002
-"""Seconds between two looks for answers."""
+"""Seconds between two checks for answers."""
 _LATE = 0.05
 """Time-out for the end of a question that has timed out, seconds."""
 _OPEN = 3.5
@@ -259,7 +259,7 @@ def _role(cert: str, roles: dict[str, Role]) -> Role:
 def _ask_all(
     seen: Mapping[str, Seen], key: Callable[[Keys], str], messages: tuple[Any, ...], timeout: float
 ) -> Iterator[tuple[str, m.Answer | None]]:
-    """Ask the arms all questions at once; yields answers as they come, None if nobody answers such questions."""
+    """Ask all arms at once; yields the answers as they arrive, None for a question that no program answers."""
     waiting: list[tuple[str, Pending]] = []
     for message in messages:
         payload = m.encode(message)

@@ -41,7 +41,7 @@ _KNOT = 0.05
 _SHORTEST = 0.5
 """Shortest approach, seconds."""
 _POLL = 0.1
-"""Seconds between two questions how a motion goes on."""
+"""Seconds between two questions about the progress of a motion."""
 _GRACE = 5.0
 """Seconds after its end in which an arm must arrive."""
 _WATCHDOG = 1.0
@@ -52,7 +52,7 @@ _RESTING = 1e-6
 
 
 class FleetMotionError(DeviceError):
-    """Arms refused or failed.
+    """Arms that refused or failed.
 
     Args:
         text: What happened to the motion.
@@ -248,7 +248,7 @@ class _Player:
         return Report(self.duration, rows)
 
     def _run(self, what: str, number: int) -> tuple[float, dict[str, m.Goal]]:
-        """Do the approaches (0) or the motions (1); returns the start time, and how they ended."""
+        """Run the approaches (0) or the motions (1); returns the start time and the results."""
         longest = max(paths[number].duration for paths in self._paths.values())
         self._tell(f"{what}: {longest:.2f} s, starts in {self._lead:.1f} s")
         start, goals = self._begin(number)
@@ -271,7 +271,7 @@ class _Player:
             return start, goals
         accepted = {name: arm for name, arm in self._arms.items() if name in goals}
         _, kept = each_of(accepted, lambda arm: arm.robot.cancel(goals[arm.name]), _MARGIN)
-        # Whether these will begin is not known.
+        # It is not known whether these will start.
         unknown = {
             name: arm
             for name, arm in self._arms.items()
@@ -334,7 +334,7 @@ class _Player:
             self._tell(f"{name}: THE STOP IS NOT CONFIRMED: {error}")
 
     def give_back(self) -> None:
-        """Give the leases back; what moves holds."""
+        """Give the leases back; moving joints hold."""
 
         def leave(arm: Arm) -> None:
             with suppress(HexwireError):

@@ -39,7 +39,7 @@ _CLOCK = 2.0
 _EXCHANGES = 4
 """Measurements at the beginning."""
 _TIMEOUT = 0.5
-"""Seconds for an exchange: a slower one says little."""
+"""Longest round trip that is used, seconds; a slower one is too inaccurate."""
 _STEP = 0.1
 _WAITING = 20_000
 """States that may wait for the disk: 20 s of ten arms."""
@@ -156,7 +156,7 @@ class FleetRecorder:
             except queue.Full:
                 self.overflows += 1
 
-        # For each arm by itself: a pattern may be more than the certificate is for.
+        # Separately for each arm: a pattern may exceed what the certificate allows.
         node.subscribe(Keys(name).state, put)
 
     def _event(self, text: str, *, warning: bool = False, tell: bool = True) -> None:

@@ -279,7 +279,7 @@ class RemoteRobot(Following, Described):
     # -- reading --------------------------------------------------------------------------------------
 
     def read(self) -> JointState:
-        """The first state that arrives after the call; a long request of somebody delays it.
+        """The first state that arrives after the call; a long request of another program delays it.
 
         Raises:
             LeaseError: The watchdog is armed, so that this program moves the arm, but the lease was lost.
@@ -365,7 +365,7 @@ class RemoteRobot(Following, Described):
         token = self.epochs.token("resume", freeing=True)
         with self.epochs.using(token):
             if self._lost:
-                # A person asks for it: after a loss of the lease this takes it again.
+                # At the request of a person: after a loss of the lease this takes it again.
                 self.take()
             self._order("resume", m.Resume(), freeing=True)
             self.epochs.resumed(token)

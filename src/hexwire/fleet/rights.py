@@ -95,7 +95,7 @@ class Rights:
         return self.kind is Kind.ROUTER or any(matches(pattern, name) for pattern in self.arms)
 
     def uris(self) -> tuple[str, ...]:
-        """As they stand in a certificate."""
+        """As written in a certificate."""
         return tuple(f"{_SCHEME}:{self.kind}:{pattern}" for pattern in self.arms or ("",))
 
     @classmethod

@@ -217,7 +217,7 @@ class Roster:
             # Its only server has a token, so that an empty answer comes too early.
             return ["**"]
         arms = self._rights.arms if self._rights is not None else ()
-        # One part of a pattern stands for itself here; for '**' only '**' does.
+        # A pattern is compared here like a name: '*' counts as a part, and only '**' matches '**'.
         covered = any(matches(arm, self.pattern) for arm in arms) and "**" not in self.pattern
         return [self.pattern] if not arms or covered or "**" in arms else list(arms)
 

@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 
 _NUMBER_BITS = 53
 _DONE = 4096
-"""Orders whose end is remembered until a state was sampled after it."""
+"""Most orders whose end is remembered until a later state is sampled."""
 _RECENT = 0.5
 """Seconds; a joint whose value is older is silent, and no state waits for it."""
 _LONGEST_NAME = 200
@@ -59,7 +59,7 @@ _STATUS = 0.2
 """Seconds between two messages while no states come."""
 _ROLES = (Role.OPERATOR, Role.MAINTAINER)
 _PROBE_AGE = 2.0
-"""Seconds for which a probe answers further questions: nobody may keep the line busy by asking."""
+"""Seconds for which the result of a probe is reused, so that questions cannot keep the line busy."""
 _SETTLE = 0.3
 """Seconds in which the tokens of two servers that start together become visible to each other."""
 
@@ -80,7 +80,7 @@ class ArmServer:
         node: The session; closed by the caller.
         server: This host, process and version, in words.
         guard: Sees other servers of this name behind a router; opened and closed by the caller.
-        started: When it was started, wall clock; the later of two servers of a name gives way.
+        started: When it was started, wall clock; the later of two servers of a name ends.
 
     Attributes:
         conflict: Another server offers this name: which; empty if none does.
@@ -132,11 +132,11 @@ class ArmServer:
         if self._others(self._visible()):
             raise self._taken()
         node.announce(keys.token(self._instance))
-        # Two that start at the same time see each other's tokens now; one of them gives way.
+        # Two servers that start at the same time see each other's tokens now; one of them ends.
         self._ending.wait(_SETTLE)
         if any(other < self._instance for other in self._others(self._visible())):
             raise self._taken()
-        # Apart from each other: a slow order delays no lease, and nothing a stop, not even another kind of stop.
+        # Separate: a slow order does not delay a lease, and nothing delays a stop, not even another kind of stop.
         self._workers = {name: Worker(name) for name in ("orders", "leases", "questions")}
         self._stops = {mode: Gathering("stops", partial(self._stop, mode)) for mode in StopMode}
         self._publish = node.publisher(keys.state)
@@ -185,7 +185,7 @@ class ArmServer:
         return found
 
     def _on_token(self, key: str, visible: bool) -> None:
-        # After two parts of a network have met again. The one that was started later gives way.
+        # Two parts of a network have been reconnected. The server that was started later ends.
         if visible and any(other < self._instance for other in self._others([key])):
             self.conflict = self.conflict or f"another server offers {self._keys.name}, and was started earlier"
 
@@ -250,7 +250,7 @@ class ArmServer:
             # An order that ends now ends after the sample.
             return self._done_before
         if state is None:
-            # It has no values, and may say that the robot is lost.
+            # It has no values, and may report that the robot is lost.
             return self._done
         sampled = state.stamp - max((age for age in state.age if age < _RECENT), default=0.0)
         with self._counting:
@@ -377,7 +377,7 @@ class ArmServer:
             self._refuse(query, DeviceError("the arm's server is busy; nothing was done"))
 
     def _answer(self, queries: Sequence[Question], call: Callable[[], object]) -> None:
-        """Make a call, and tell all who wait for it what came of it."""
+        """Make a call, and pass its result to all callers that wait for it."""
         try:
             value = call()
         except HexwireError as error:
@@ -487,7 +487,7 @@ class ArmServer:
 
 
 def _shown(text: str) -> str:
-    """A client's name for display: nothing that moves a terminal's cursor, and not too long."""
+    """A client's name for display: shortened, and without characters that move a terminal's cursor."""
     return "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_NAME])
 
 

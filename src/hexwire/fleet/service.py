@@ -40,11 +40,11 @@ __all__ = ["Service"]
 _log = logging.getLogger(__name__)
 
 _LOOK = 0.05
-"""Seconds between two looks of `Service.wait_until_shared`."""
+"""Seconds between two checks of `Service.wait_until_shared`."""
 _KNOWN = 1.0
-"""Seconds in which a router answers whether it knows this program."""
+"""Time-out for the question whether a router knows this program, seconds."""
 _PATIENCE = 11.0
-"""Seconds in which all arms must have ended."""
+"""Time-out for the end of all arms, seconds."""
 
 
 class _Served:
@@ -274,7 +274,7 @@ def _check_certificate(cert: str, names: Sequence[str]) -> None:
 
 @contextlib.contextmanager
 def _only_server(name: str, path: Path) -> Iterator[None]:
-    """Be the only server of that name by this user on this machine.
+    """Claim a name: this user has no other server of that name on this machine.
 
     The system gives the lock back when a program dies, so that a file which was left means nothing.
     """

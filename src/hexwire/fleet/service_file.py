@@ -142,7 +142,7 @@ def _refuse_shared(values: dict[str, object], faults: Faults) -> None:
     port = values.get("port") or os.environ.get(PORT_VARIABLE)
     if isinstance(port, str) and is_address(port):
         faults.add("port", f"{port} is shared already; start the server with --router to reach it from elsewhere")
-        # Its server need not be asked.
+        # No question to its server is needed.
         values["port"] = _SIMULATED["port"]
 
 

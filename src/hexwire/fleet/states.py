@@ -75,7 +75,7 @@ class ArrivedStates:
         self.seen = self.lost = self.damaged = 0
         self._url, self._clock, self._inbox, self._now = url, clock, inbox, now
         self._done = 0
-        # Servers of before, which may still be there: two of one name.
+        # Earlier servers, which may still run: two of the same name.
         self._former: dict[int, None] = {}
         self._changed = threading.Condition()
         self._closed = False

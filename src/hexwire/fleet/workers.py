@@ -59,11 +59,11 @@ class Worker:
 
 
 class Gathering(Generic[_T]):
-    """Passes on, in a thread of its own, everything that has arrived since it was last free: one stop answers many.
+    """Collects items and handles all of them at once in a thread of its own, so that one stop answers many.
 
     Args:
         name: Of the thread.
-        act: Called with what has arrived, oldest first.
+        act: Called with the collected items, oldest first.
     """
 
     def __init__(self, name: str, act: Callable[[list[_T]], object]) -> None:
@@ -75,7 +75,7 @@ class Gathering(Generic[_T]):
         self._thread.start()
 
     def put(self, item: _T) -> bool:
-        """Add something; False if too many wait: what they all ask for is done, but this one is not answered."""
+        """Add an item; False if too many wait. The action still takes place, but this item gets no answer."""
         with self._changed:
             if len(self._waiting) >= _MOST_GATHERED:
                 return False
@@ -84,7 +84,7 @@ class Gathering(Generic[_T]):
         return True
 
     def close(self, timeout: float) -> None:
-        """End after what waits."""
+        """End after handling the items that wait."""
         with self._changed:
             self._closed = True
             self._changed.notify()
