@@ -315,7 +315,7 @@ def _end_wave(arm: BusArm, start: JointReading, *, keep_torque: bool) -> None:
 
 @contextmanager
 def _any_key() -> Iterator[Callable[[], bool]]:
-    """A function that tells whether a key was pressed; always False without a keyboard."""
+    """A function that returns whether a key was pressed; always False without a keyboard."""
     if not sys.stdin.isatty():
         yield lambda: False
         return

@@ -40,7 +40,7 @@ class BoardClock:
             drift = _DRIFT * max(0.0, arrived - self._arrived)
             self._set(clock, arrived, min(difference, self._difference + drift))
         elif self._waited(clock, arrived):
-            # One that arrived sooner than those before tells the relation better, too.
+            # A frame with a shorter transit time than those before also gives a better relation.
             self._difference = min(difference, self._difference)
         else:
             # The board was reset; or it has no clock.

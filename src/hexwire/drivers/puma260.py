@@ -140,7 +140,7 @@ class Puma260Driver(SessionDriver):
         try:
             for session in self.sessions:
                 session.open()
-                # The negotiation also tells the controller that sequence numbers start again.
+                # The negotiation also makes the controller restart the sequence numbers.
                 session.negotiate(dialect=tables.PROTO_HEXWIRE, boot_window=self._boot_window)
             self._status()
         except BaseException:

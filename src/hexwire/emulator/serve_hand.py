@@ -1,4 +1,4 @@
-"""The way of a hand to an emulated arm: a socket beside the arm's line, which only this user reaches.
+"""The connection of a hand to an emulated arm: a socket beside the arm's line, open only to this user.
 
 Owns the sockets, their names, and how the arm at a port is found. The socket of a pseudo-terminal is named after
 the terminal, that of an arm inside a program after its address and the program. Must not know what hands do.
@@ -33,7 +33,7 @@ _MOST = 8
 """Conversations at a time."""
 _READ = 2000
 _PATIENCE = 5.0
-"""Seconds beyond the motion of the hand after which its result is overdue."""
+"""Time-out for the result after the end of the motion, seconds."""
 _TERMINAL = re.compile(r"/dev/pts/([0-9]{1,9})")
 _numbers = itertools.count(1)
 
@@ -45,7 +45,7 @@ def terminal_name(path: str) -> str:
 
 
 def inside_name(robot: str, name: str) -> str:
-    """Name for an arm inside this program; each call gives another one."""
+    """Name for an arm inside this program; each call returns a new one."""
     return f"{_inside(robot, name)}{os.getpid()}.{next(_numbers)}"
 
 
@@ -59,7 +59,7 @@ def _folder() -> Path:
 
 @contextlib.contextmanager
 def _short(path: Path) -> Iterator[str]:
-    """An address for a socket's path, which may be longer than the system takes."""
+    """An address for a socket's path, which may be longer than the system allows."""
     folder = open_folder(path.parent)
     try:
         yield f"/proc/self/fd/{folder}/{path.name}"
@@ -81,11 +81,11 @@ class HandServer:
         self._talks: list[tuple[socket.socket, HandConversation]] = []
 
     def open(self) -> None:
-        """Make the socket; where that fails, log a warning: the arm then works, but hands cannot reach it."""
+        """Create the socket. If that fails, log a warning: the arm then works, but cannot be moved by hand."""
         door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             make_private_folder(_folder(), "set XDG_RUNTIME_DIR to a folder of yours")
-            # One that was left behind: the name is that of a terminal or a program that is ours now.
+            # A leftover socket: its name belongs to a terminal or program that is now ours.
             with contextlib.suppress(FileNotFoundError):
                 self._path.unlink()
             with _short(self._path) as address:
@@ -111,7 +111,7 @@ class HandServer:
                 self._path.unlink()
 
     def descriptors(self) -> list[int]:
-        """Descriptors that turn readable when `step` has something to do."""
+        """Descriptors that become readable when `step` has something to do."""
         door = [] if self._door is None else [self._door]
         return [one.fileno() for one in (*door, *(talk for talk, _ in self._talks))]
 
@@ -121,7 +121,7 @@ class HandServer:
         return bool(self._talks)
 
     def step(self, now: float) -> None:
-        """Take orders, and let hands move up to `now`. Never waits."""
+        """Handle orders, and move joints up to `now`. Never waits."""
         if self._door is not None:
             self._accept(self._door, now)
         for row in list(self._talks):
@@ -205,7 +205,7 @@ def _shown(path: Path) -> str:
 
 
 def _is_alive(path: Path) -> bool:
-    """Whether an emulator listens there; removes what one that was killed has left."""
+    """Whether an emulator listens there; removes the socket of one that was killed."""
     try:
         _connect(path).close()
     except ConnectionRefusedError:

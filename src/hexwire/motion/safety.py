@@ -100,7 +100,7 @@ STOP_COMMAND = "a stop command has stopped the arm"
 
 
 def board_stop(state: JointState) -> StopReason | None:
-    """What has stopped the arm, as far as its state tells; None if nothing has.
+    """What has stopped the arm, according to its state; None if nothing has.
 
     An arm on a servo bus has no board: only a stop command stops it.
     """
