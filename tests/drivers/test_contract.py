@@ -16,7 +16,7 @@ SRC = Path(__file__).parents[2] / "src" / "hexwire"
 ROOMS = ("control", "ros1", "ros2", "fleet", "studio", "cli")
 ROBOTS = {"robot", "driver", "arm", "board", "probe", "report"}
 KINDS = {"RobotDriver", "SessionDriver", "Board", "Board1", "Board2"}
-FOR_PEOPLE = {"cli/look.py: decides by report.dialect", "control/diagnostics.py: decides by probe.dialect"}
+FOR_PEOPLE = {"control/diagnostics.py: decides by probe.dialect"}
 """A probe's dialect is put in words for a person there."""
 
 
