@@ -323,8 +323,8 @@ def test_a_trajectory_whose_lease_is_lost_during_its_check_does_not_begin() -> N
     controller = bench.bench.controller
     check = controller.check_path
 
-    def slow(*args: Any) -> None:
-        check(*args)
+    def slow(*args: Any, **options: Any) -> None:
+        check(*args, **options)
         bench.clock.time += 1.0
 
     controller.check_path = slow  # type: ignore[method-assign]
