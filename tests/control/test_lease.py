@@ -98,6 +98,22 @@ def test_only_who_may_takes_it_from_a_holder() -> None:
     assert lease.counters.preempted == 1
 
 
+def test_it_is_taken_from_a_former_holder_as_long_as_another_one_has_it() -> None:
+    lease = make()
+    key = lease.take("Ann", 1, 0.0).key
+    assert not lease.taken_from(key)
+    assert not lease.taken_from(0), "who never had it has lost nothing"
+    lease.revoke("Eve took it")
+    assert lease.taken_from(key), "before Eve has it, the arm holds for her"
+    eve = lease.take("Eve", 2, 0.1)
+    assert lease.taken_from(key)
+    assert not lease.taken_from(eve.key)
+    lease.leave(eve.key, 0.2, -math.inf)
+    assert not lease.taken_from(key), "nobody has it"
+    lease.take("Bob", 1, 0.3)
+    assert lease.taken_from(key)
+
+
 def test_each_refusal_has_its_own_counter() -> None:
     lease = make()
     key = lease.take("Ann", 1, 0.0).key

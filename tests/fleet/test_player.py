@@ -149,6 +149,26 @@ def test_the_stop_of_one_arm_stops_all(robots: dict[str, RemoteRobot]) -> None:
     other.detach()
 
 
+def test_an_arm_that_another_program_has_taken_is_left_to_it(robots: dict[str, RemoteRobot]) -> None:
+    other, told = hexwire.connect("zenoh:lab/arm1"), list[str]()
+    assert isinstance(other, RemoteRobot)
+    before = where(robots)
+
+    def take() -> None:
+        eventually(lambda: abs(other.read().positions["J1"] - before[0]) > 0.1)
+        other.take(force=True)
+
+    taking = threading.Thread(target=take)
+    taking.start()
+    with pytest.raises(FleetMotionError, match=r"the arms that nobody else has taken are stopped: .*lab/arm1"):
+        play_together(arms(robots, arm1=way(0.4, 6.0), arm2=way(0.4, 6.0)), tell=told.append)
+    taking.join()
+    assert any(line.startswith("lab/arm1: not stopped, since ") for line in told), told
+    assert eventually(lambda: robots["lab/arm2"].read().stopped)
+    assert not other.read().stopped
+    other.detach()
+
+
 def test_an_interruption_stops_all(robots: dict[str, RemoteRobot]) -> None:
     before, shields = where(robots), []
 

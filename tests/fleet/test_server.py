@@ -184,6 +184,20 @@ def test_a_stop_voids_the_orders_of_its_own_program_that_it_overtakes(served: Se
     assert served.order(key, m.Resume()).kind == "", "made after the stop"
 
 
+def test_a_stop_of_ones_own_motion_stops_no_arm_that_another_program_has_taken(served: Served) -> None:
+    key = served.take("Ann").value
+    assert served.ask(KEYS.stop, m.StopRequest("Ann", key=key, own=True)).kind == "", "she has it"
+    served.order(key, m.Resume())
+    eve = served.take("Eve", force=True).value
+    refused = served.ask(KEYS.stop, m.StopRequest("Ann", key=key, own=True))
+    assert refused.kind == "LeaseError"
+    assert "Eve" in refused.text
+    assert not served.bench.board.state.stopped
+    assert served.ask(KEYS.stop, m.StopRequest("Ann", key=key)).kind == "", "a stop that is meant for anybody"
+    assert served.bench.board.state.stopped
+    served.order(eve, m.Resume())
+
+
 def test_the_stop_of_another_program_voids_no_later_order_of_the_holder(served: Served) -> None:
     key = served.take("Ann").value
     assert served.ask(KEYS.stop, m.StopRequest("Bob", key=key ^ 1, sequence=2**40)).kind == ""

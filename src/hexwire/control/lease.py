@@ -111,6 +111,8 @@ class Lease:
     counters: LeaseCounters = field(default_factory=LeaseCounters)
     _former: tuple[int, str] = field(default=(0, ""), repr=False)
     """Key of the last holder that lost the lease, and why. It gets that reason even if others hold it now."""
+    _passing: int = field(default=0, repr=False)
+    """Key of a holder from which it is being taken, until the next one has it."""
 
     # -- taking and leaving ---------------------------------------------------------------------------
 
@@ -149,7 +151,7 @@ class Lease:
             return None
         self.counters.preempted += 1
         self.ended = why
-        self._former = former.key, why
+        self._former, self._passing = (former.key, why), former.key
         return former
 
     def take(self, client: str, rank: Rank, now: float, *, force: bool = False) -> Grant:
@@ -167,8 +169,13 @@ class Lease:
         self.check_take(rank, force=force)
         self.revoke("")
         self.ended = ""
-        self.holder = Grant(self.new_key(), client, rank, now, now, now)
+        self.holder, self._passing = Grant(self.new_key(), client, rank, now, now, now), 0
         return self.holder
+
+    def taken_from(self, key: int) -> bool:
+        """Whether another client has the lease, or is about to get it, that a client with this key had."""
+        holder = self.holder
+        return bool(key) and (self._passing == key if holder is None else holder.key != key)
 
     def keep(self, key: int, now: float) -> Grant | None:
         """Renew the lease of a client that asks for a lease it holds; None if it does not hold it.

@@ -261,12 +261,14 @@ class StopRequest(_Message, tag=2):
         mode: As `StopMode`; where only a stop that holds is done, that is done whatever it says.
         key: Key of the client's lease; 0 if it has none.
         sequence: Number of the client's last order before the stop: what it overtakes on the way is void.
+        own: Stop it only if no other client has taken the lease with that key.
     """
 
     client: _Text
     mode: int = 0
     key: _Count = 0
     sequence: _Count = 0
+    own: bool = False
 
 
 Question = Ask | StopRequest

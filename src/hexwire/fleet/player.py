@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from hexwire.control.power import give_torque
-from hexwire.errors import DeviceError, HexwireError, ServoError, UsageError
+from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
 from hexwire.motion.teach import approach
 from hexwire.motion.waypoints import Spline, Trajectory, Waypoint
 
@@ -235,9 +235,15 @@ class _Player:
         try:
             self._run("approach", 0)
             start, ended = self._run("motion", 1)
-        except BaseException as error:
-            if not isinstance(error, _NotBegunError):
-                self.stop()
+        except _NotBegunError:
+            raise
+        except FleetMotionError as error:
+            if self.stop(lambda arm: arm.robot.stop_own()):
+                raise
+            raise FleetMotionError("the arms that nobody else has taken are stopped", error.why) from None
+        except BaseException:
+            # Whoever interrupts this means all arms.
+            self.stop()
             raise
         rows = {}
         for arm in self._arms.values():
@@ -278,7 +284,7 @@ class _Player:
             if name in kept or isinstance(failed.get(name), _SilentError)
         }
         if unknown:
-            self.stop(unknown)
+            self.stop(arms=unknown)
         raise _NotBegunError("no arm began", {name: str(error) for name, error in failed.items()})
 
     def _wait(self, number: int, goals: Mapping[str, int], start: float) -> dict[str, m.Goal]:
@@ -326,12 +332,27 @@ class _Player:
             raise FleetMotionError(text, {name: str(error) for name, error in failed.items()})
         return done
 
-    def stop(self, arms: Mapping[str, Arm] | None = None) -> None:
-        """Stop arms at once; returns those that did not confirm it."""
+    def stop(
+        self,
+        call: Callable[[Arm], object] = lambda arm: arm.robot.stop(),
+        arms: Mapping[str, Arm] | None = None,
+    ) -> bool:
+        """Stop arms at once, and tell which did not confirm it.
+
+        Args:
+            call: Stops one; raises `LeaseError` if another program has taken it.
+            arms: All if None.
+
+        Returns:
+            False if another program has taken some.
+        """
         with self._shield():
-            _, failed = each_of(self._arms if arms is None else arms, lambda arm: arm.robot.stop(), _PATIENCE)
+            _, failed = each_of(self._arms if arms is None else arms, call, _PATIENCE)
+        taken = {name: error for name, error in failed.items() if isinstance(error, LeaseError)}
         for name, error in failed.items():
-            self._tell(f"{name}: THE STOP IS NOT CONFIRMED: {error}")
+            missed = "not stopped, since" if name in taken else "THE STOP IS NOT CONFIRMED:"
+            self._tell(f"{name}: {missed} {error}")
+        return not taken
 
     def give_back(self) -> None:
         """Give the leases back; moving joints hold."""

@@ -86,7 +86,7 @@ class RemoteRobot(Following, Described):
         self._questions = Questions(address)
         # One order at a time, so that they arrive in the order of their numbers.
         self._ordering = threading.RLock()
-        self._lease, self._sequence, self._timeout = 0, 0, facts.timeout
+        self._lease, self._last_lease, self._sequence, self._timeout = 0, 0, 0, facts.timeout
         self._lost = ""
         self._watchdog, self._watchdog_mode = 0.0, StopMode.HOLD
         self._used = time.monotonic()
@@ -252,7 +252,7 @@ class RemoteRobot(Following, Described):
             self._used = time.monotonic()
             if answer.value != self._lease:
                 self._sequence = 0
-            self._lost, self._lease = "", answer.value
+            self._lost, self._lease, self._last_lease = "", answer.value, answer.value
 
     def release(self, *, finish: bool = False) -> None:
         """Give the lease back.
@@ -350,9 +350,19 @@ class RemoteRobot(Following, Described):
         Raises:
             LinkPermissionError: It is stopped, but holds, since this program may not switch torque off.
         """
+        return self._stop(m.StopRequest(self._me, int(mode), self._lease, self._sequence))
+
+    def stop_own(self) -> tuple[str, ...]:
+        """Stop it, unless another program has taken it from this one: then it may move for that one.
+
+        Raises:
+            LeaseError: Another program has taken it; it is not stopped.
+        """
+        return self._stop(m.StopRequest(self._me, key=self._last_lease, sequence=self._sequence, own=True))
+
+    def _stop(self, request: m.StopRequest) -> tuple[str, ...]:
         node = self._attached()
         with self.epochs.stopping():
-            request = m.StopRequest(self._me, int(mode), self._lease, self._sequence)
             answer, kept = self._questions.stop(node, self._commands_as, request, _SLOW)
             self._states.require(answer.done)
             names = joint_names(answer.value)

@@ -283,8 +283,14 @@ class ArmServer:
         request = self._parse(query, m.StopRequest)
         if request is None:
             return
+        rules = self._shared.rules
+        if request.own and rules.taken_from(request.key):
+            self._refuse(
+                query, LeaseError(f"{rules.holder.client} holds the lease" if rules.holder else rules.ended)
+            )
+            return
         if request.key:
-            self._shared.rules.void(request.key, request.sequence)
+            rules.void(request.key, request.sequence)
         # Without the right to switch torque off, the stop still takes place, and the arm holds.
         mode = _mode(request.mode) if most is StopMode.TORQUE_OFF else StopMode.HOLD
         if not self._stops[mode].put((query, _shown(request.client))):
