@@ -195,21 +195,23 @@ def make_folder(path: Path) -> None:
 
 
 def make_private_folder(path: Path, remedy: str) -> None:
-    """Make a folder that nobody else can look into.
+    """Make a folder that nobody else can look into, in one that nobody else can change.
 
     Raises:
-        UsageError: It cannot be made, or belongs to another user; the text ends with `remedy`.
+        UsageError: One of them cannot be made, or belongs to another user; the text ends with `remedy`.
     """
     try:
         make_folder(path)
     except UsageError as error:
         raise UsageError(f"{error}: {remedy}") from None
     try:
-        status = path.stat()
-        if status.st_uid != os.geteuid():
-            raise UsageError(f"{path} belongs to {owner_name(status.st_uid)}; {remedy}")
-        if status.st_mode & 0o077:
-            path.chmod(0o700)
+        # Whoever may change the folder above could put another one in its place.
+        for folder, forbidden in ((path.parent, 0o022), (path, 0o077)):
+            status = folder.stat()
+            if status.st_uid != os.geteuid():
+                raise UsageError(f"{folder} belongs to {owner_name(status.st_uid)}; {remedy}")
+            if status.st_mode & forbidden:
+                folder.chmod(status.st_mode & 0o777 & ~forbidden)
     except OSError as error:
         raise UsageError(f"{path} cannot be used: {error.strerror}; {remedy}") from None
 
