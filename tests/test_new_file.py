@@ -298,6 +298,17 @@ def test_a_private_folder_is_closed_to_others(tmp_path: Path, monkeypatch: pytes
         make_private_folder(folder, "try another")
 
 
+def test_a_private_folder_is_in_one_that_nobody_else_can_change(tmp_path: Path, belongs_to: BelongsTo) -> None:
+    above = tmp_path / "hexwire"
+    above.mkdir()
+    above.chmod(0o777)
+    make_private_folder(above / "arms", "try another")
+    assert above.stat().st_mode & 0o777 == 0o755
+    belongs_to(above, STRANGER)
+    with pytest.raises(UsageError, match=r"hexwire belongs to .*; try another"):
+        make_private_folder(above / "arms", "try another")
+
+
 @pytest.mark.parametrize(
     ("runtime", "state", "place"),
     [

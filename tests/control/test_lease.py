@@ -104,9 +104,9 @@ def test_it_is_taken_from_a_former_holder_as_long_as_another_one_has_it() -> Non
     assert not lease.taken_from(key)
     assert not lease.taken_from(0), "who never had it has lost nothing"
     lease.revoke("Eve took it")
-    assert lease.taken_from(key), "before Eve has it, the arm holds for her"
+    assert lease.taken_from(key) == "Eve took it", "before Eve has it, the arm holds for her"
     eve = lease.take("Eve", 2, 0.1)
-    assert lease.taken_from(key)
+    assert lease.taken_from(key) == "Eve holds the lease"
     assert not lease.taken_from(eve.key)
     lease.leave(eve.key, 0.2, -math.inf)
     assert not lease.taken_from(key), "nobody has it"

@@ -172,10 +172,12 @@ class Lease:
         self.holder, self._passing = Grant(self.new_key(), client, rank, now, now, now), 0
         return self.holder
 
-    def taken_from(self, key: int) -> bool:
-        """Whether another client has the lease, or is about to get it, that a client with this key had."""
+    def taken_from(self, key: int) -> str:
+        """Who has the lease, or is about to get it, that a client with this key had, in words; empty if nobody."""
         holder = self.holder
-        return bool(key) and (self._passing == key if holder is None else holder.key != key)
+        if holder is None:
+            return self.ended if key and self._passing == key else ""
+        return f"{holder.client} holds the lease" if key and holder.key != key else ""
 
     def keep(self, key: int, now: float) -> Grant | None:
         """Renew the lease of a client that asks for a lease it holds; None if it does not hold it.

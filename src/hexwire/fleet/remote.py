@@ -353,11 +353,7 @@ class RemoteRobot(Following, Described):
         return self._stop(m.StopRequest(self._me, int(mode), self._lease, self._sequence))
 
     def stop_own(self) -> tuple[str, ...]:
-        """Stop it, unless another program has taken it from this one: then it may move for that one.
-
-        Raises:
-            LeaseError: Another program has taken it; it is not stopped.
-        """
+        """Stop it, but raise `LeaseError` if another program has taken it from this one, and may be moving it."""
         return self._stop(m.StopRequest(self._me, key=self._last_lease, sequence=self._sequence, own=True))
 
     def _stop(self, request: m.StopRequest) -> tuple[str, ...]:

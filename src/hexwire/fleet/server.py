@@ -284,10 +284,8 @@ class ArmServer:
         if request is None:
             return
         rules = self._shared.rules
-        if request.own and rules.taken_from(request.key):
-            self._refuse(
-                query, LeaseError(f"{rules.holder.client} holds the lease" if rules.holder else rules.ended)
-            )
+        if request.own and (taken := rules.taken_from(request.key)):
+            self._refuse(query, LeaseError(taken))
             return
         if request.key:
             rules.void(request.key, request.sequence)
