@@ -98,3 +98,22 @@ def test_what_is_no_exchange_is_ignored(sent: float, other: float, received: flo
     clock.add(sent, other, received)
     assert clock.at(1.0)[0] == 4.0
     assert clock.jumps == 0
+
+
+def test_a_clock_of_which_little_is_known_is_compared_again_soon() -> None:
+    clock = ClockOffset()
+    assert clock.period(0.0) == 0.5
+    clock.add(0.0, 100.1, 0.2)
+    assert clock.period(0.2) == 0.5
+    clock.add(0.3, 100.301, 0.302)
+    assert clock.period(0.302) == 5.0
+
+
+def test_a_better_exchange_counts_at_once() -> None:
+    clock = ClockOffset()
+    clock.add(0.0, 100.1, 0.2)
+    assert clock.at(0.25)[1] == pytest.approx(0.1, rel=0.01)
+    clock.add(0.3, 100.301, 0.302)
+    offset, doubt = clock.at(0.31)
+    assert offset == pytest.approx(100.0, abs=doubt)
+    assert doubt < 0.0011

@@ -184,6 +184,7 @@ class Client:
                         e="state",
                         t=clock(),
                         stamp=state.stamp - SHIFT,
+                        doubt=self.robot.clock_offset[1],
                         ids=[self.robot.model.joint(name).servo_id for name in state.names],
                         counts=[self._counts(name, state[name].position) for name in state.names],
                         age=list(state.age),

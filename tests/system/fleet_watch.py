@@ -32,7 +32,8 @@ ROUNDING = 1.0
 SAME = 1.0
 """Seconds by which the start of a board may differ, as its log and a state tell it."""
 LATE = 0.05
-"""Seconds by which the stamp of a state may be wrong: the way from the board, and its clock."""
+"""Seconds by which the stamp of a state may be wrong, besides its own uncertainty: the way from the board, and its
+clock."""
 
 Span = tuple[float, float]
 
@@ -221,7 +222,7 @@ def violations(
                 found.append(f"at {row['t'] - begin:.2f} s client {row['client']} read another board")
         elif row["e"] == "state":
             for number, counts, age in zip(row["ids"], row["counts"], row["age"], strict=True):
-                low, high = servos[number].had(row["stamp"] - age - LATE, row["t"])
+                low, high = servos[number].had(row["stamp"] - age - LATE - row.get("doubt", 0.0), row["t"])
                 if math.isfinite(counts) and not low - ROUNDING <= counts <= high + ROUNDING:
                     since = row["t"] - row["stamp"] + age
                     found.append(

@@ -17,10 +17,15 @@ _DRIFT = 1e-4
 _KEPT = 32
 _SEARCH = 1.0
 """Seconds until the best exchange is searched for again; another one improves by at most 0.1 ms in that time."""
+_PERIOD, _SOON, _KNOWN = 5.0, 0.5, 0.005
+"""Seconds between two exchanges, and between two until the offset is known to so many seconds."""
 _ROUNDING = 1e-6
 """Rounding error of sums of clocks that run for years, seconds."""
 _LARGEST = 1e12
 """Seconds; a greater value is not a valid clock."""
+
+_Sample = tuple[float, float, float]
+"""When it was measured here, the offset and its uncertainty, seconds."""
 
 
 class ClockOffset:
@@ -33,9 +38,9 @@ class ClockOffset:
     def __init__(self) -> None:
         self.jumps = 0
         # Here, offset, uncertainty. Replaced as a whole, since one thread adds while others read.
-        self._samples: tuple[tuple[float, float, float], ...] = ()
-        # Time of the last search for the best exchange, and its result.
-        self._best: tuple[float, tuple[float, float, float]] | None = None
+        self._samples: tuple[_Sample, ...] = ()
+        # When the best was searched, among which samples, and which it was.
+        self._best: tuple[float, tuple[_Sample, ...], _Sample] | None = None
 
     @property
     def known(self) -> bool:
@@ -64,18 +69,20 @@ class ClockOffset:
                 self.jumps += 1
                 rows = ()
         self._samples = (*rows[1 - _KEPT :], (middle, other - middle, doubt))
-        self._best = None
 
     def at(self, now: float) -> tuple[float, float]:
         """Offset of the other clock (other = here + offset) and its uncertainty, seconds.
 
         Without an exchange the offset is 0 and the uncertainty infinite.
         """
-        best = self._best
-        if best is None or not 0.0 <= now - best[0] < _SEARCH:
-            rows = self._samples
+        rows, best = self._samples, self._best
+        if best is None or best[1] is not rows or not 0.0 <= now - best[0] < _SEARCH:
             if not rows:
                 return 0.0, math.inf
-            best = self._best = (now, min(rows, key=lambda row: row[2] + _DRIFT * abs(now - row[0])))
-        when, offset, doubt = best[1]
+            best = self._best = (now, rows, min(rows, key=lambda row: row[2] + _DRIFT * abs(now - row[0])))
+        when, offset, doubt = best[2]
         return offset, doubt + _DRIFT * abs(now - when)
+
+    def period(self, now: float) -> float:
+        """Seconds until the next exchange; few while little is known, as after poor ones on a busy machine."""
+        return _PERIOD if self.at(now)[1] < _KNOWN else _SOON

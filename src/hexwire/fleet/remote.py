@@ -50,8 +50,6 @@ _LOOK = 0.1
 """Most seconds between two checks whether states still arrive."""
 _SHARE = 0.5
 """Part of the lease's time-out for which a heartbeat waits for its answer; then the next one is sent."""
-_CLOCK_PERIOD = 5.0
-"""Seconds between two measurements of the owner's clock without a lease."""
 _EXCHANGES = 4
 """Measurements of the owner's clock at the beginning."""
 _SILENCE = 1.0
@@ -479,7 +477,7 @@ class RemoteRobot(Following, Described):
             due = now + period - 0.5 * step
             # Another server may have another clock: its computer was restarted.
             sender = newest.server if newest is not None else 0
-            if not lease and sender == server and now - measured < _CLOCK_PERIOD:
+            if not lease and sender == server and now - measured < self._clock.period(now):
                 continue
             beat = m.Beat(lease, now - self._used)
             key, message = (self._keys.lease(self._role), beat) if lease else (self._keys.ask, m.Ask("clock"))
