@@ -16,8 +16,6 @@ SRC = Path(__file__).parents[2] / "src" / "hexwire"
 ROOMS = ("control", "ros1", "ros2", "fleet", "studio", "cli")
 ROBOTS = {"robot", "driver", "arm", "board", "probe", "report"}
 KINDS = {"RobotDriver", "SessionDriver", "Board", "Board1", "Board2"}
-FOR_PEOPLE = {"control/diagnostics.py: decides by probe.dialect"}
-"""A probe's dialect is put in words for a person there."""
 
 
 def _kinds(kind: type) -> Iterator[str]:
@@ -79,8 +77,7 @@ def test_no_front_asks_a_robot_what_it_is() -> None:
         for path in sorted((SRC / room).rglob("*.py"))
         for fault in faults(path.read_text(encoding="utf-8"))
     }
-    assert found - FOR_PEOPLE == set(), "ask for what it can do: see hexwire.drivers.base"
-    assert found >= FOR_PEOPLE, "an exception that nobody needs any more"
+    assert found == set(), "ask for what it can do: see hexwire.drivers.base"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import struct
 import tracemalloc
@@ -14,12 +13,13 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.soak import rounds
 
 from hexwire.errors import RemoteProtocolError
 from hexwire.fleet import messages as m
 
-_HOSTILE = int(os.environ.get("HOSTILE_MESSAGES", "6000"))
-"""Hostile payloads for each kind of message; a million in all takes about a minute."""
+_HOSTILE = rounds(6_000, 1_000_000)
+"""Hostile payloads, each decoded as every kind of message."""
 
 KINDS: list[Any] = [m.State, m.LeaseRequest, m.Envelope, m.Ask, m.StopRequest, m.Facts, m.Goal, m.Answer]
 
@@ -170,6 +170,7 @@ def _poisoned(rng: random.Random, value: Any) -> bytes:
     return msgspec.msgpack.encode(value)
 
 
+@pytest.mark.soak
 def test_whatever_arrives_is_a_message_of_the_kind_or_one_error() -> None:
     rng = random.Random(17)
     parts = [msgspec.msgpack.decode(m.encode(message)[1:]) for message in VALID]

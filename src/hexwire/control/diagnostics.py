@@ -181,7 +181,7 @@ def _judge_board(facts: Facts) -> Verdict:
     tripped = state is not None and state.watchdog_tripped
     values = [("robot", facts.robot)]
     if probe is not None:
-        values.append(("dialect", str(probe.dialect) if probe.dialect else "none: servo bus"))
+        values.append(("dialect", probe.dialect_name))
         if probe.firmware:
             values.append(("firmware", probe.firmware))
         if probe.boot_id is not None:

@@ -127,6 +127,11 @@ class ProbeReport:
         return self.dialect == 1
 
     @property
+    def dialect_name(self) -> str:
+        """The dialect for display."""
+        return str(self.dialect) if self.dialect else "none: servo bus"
+
+    @property
     def missing(self) -> tuple[str, ...]:
         """Names of the joints whose servo does not answer."""
         return tuple(joint.name for joint in self.joints if not joint.present)
