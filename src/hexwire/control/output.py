@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
     from .group import ControllerGroup
 
-__all__ = ["Output"]
+__all__ = ["SETTLING", "Output"]
 
 _log = logging.getLogger(__name__)
 
-_SETTLING = 0.2
+SETTLING = 0.2
 """Seconds after a target's duration in which its servos may still move."""
 
 
@@ -110,7 +110,7 @@ class Output:
         self._ends = dict.fromkeys(self._robot.model.names, math.inf)
 
     def _note(self, sent: SentTarget | JointTarget) -> None:
-        ends = self._clock() + sent.duration + _SETTLING
+        ends = self._clock() + sent.duration + SETTLING
         for name, _ in sent.positions:
             self._ends[name] = ends
 

@@ -13,6 +13,9 @@ from hexwire.errors import StoppedError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.limits import check_target
 
+from .output import SETTLING
+from .target import AHEAD, step_share
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
@@ -25,12 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["JointSteps", "SteppedTargets"]
 
-_AHEAD = 1.5
-"""Duration of a step's target in steps, so that a late step does not pause the motion."""
 _SHORT = 1.1
 """Targets up to this many such durations, such as streamed set-points, are sent whole; more than 1 for rounding."""
-_SETTLING = 0.2
-"""Seconds that a joint may still move after the duration of a target."""
 
 
 class _Line(NamedTuple):
@@ -44,7 +43,7 @@ class _Line(NamedTuple):
 
     def place(self, now: float) -> float:
         """Target of a step that is sent now."""
-        share = min(1.0, (now - self.began + self.step) / self.duration)
+        share = step_share(now - self.began, self.step, self.duration)
         return self.start + share * (self.goal - self.start)
 
 
@@ -72,11 +71,11 @@ class JointSteps:
     def begin(self, start: float, goal: float, began: float, duration: float, step: float) -> None:
         """Move on a straight line, after its first step was sent."""
         self._line = line = _Line(start, goal, began, duration, step)
-        self.aimed(line.place(began), began + _AHEAD * step)
+        self.aimed(line.place(began), began + AHEAD * step)
 
     def aimed(self, angle: float, until: float) -> None:
         """Note a target that was sent, and when the joint reaches it."""
-        self._aim, self._until = angle, until + _SETTLING
+        self._aim, self._until = angle, until + SETTLING
 
     def aim(self, now: float) -> float | None:
         """Target to which the joint is moving, or None if it rests; a stream of targets continues from there."""
@@ -87,7 +86,7 @@ class JointSteps:
         line = self._line
         if line is None:
             return 0.0
-        return max(0.0, line.began + line.duration - now) + 2.0 * line.step + _SETTLING
+        return max(0.0, line.began + line.duration - now) + 2.0 * line.step + SETTLING
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Do nothing: the sender of the target checks the arrival."""
@@ -97,7 +96,7 @@ class JointSteps:
         line = self._line
         if line is None:
             return None
-        place, duration = line.place(now), _AHEAD * line.step
+        place, duration = line.place(now), AHEAD * line.step
         if now - line.began >= line.duration:
             self._line, duration = None, line.step
         self.aimed(place, now + duration)
@@ -151,7 +150,7 @@ class SteppedTargets:
         now, step = owner.now(), owner.command_period
         here = self._here(now)
         checked = check_target(robot.model, target, here)
-        if checked.duration <= _SHORT * _AHEAD * step:
+        if checked.duration <= _SHORT * AHEAD * step:
             sent = owner.send(target, asked)
             for name, angle in sent.positions:
                 self._members[name].aimed(angle, now + sent.duration)
@@ -160,7 +159,7 @@ class SteppedTargets:
         start = {name: here[name] if math.isfinite(here[name]) else goal for name, goal in checked.positions}
         lines = {name: _Line(start[name], goal, now, checked.duration, step) for name, goal in checked.positions}
         first = owner.send(
-            JointTarget.of({name: line.place(now) for name, line in lines.items()}, _AHEAD * step), asked
+            JointTarget.of({name: line.place(now) for name, line in lines.items()}, AHEAD * step), asked
         )
         with owner.locked():
             # A stop that came since then found no steps to end.

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from .outcomes import Ended, GoalListener
 
-__all__ = ["SingleMotion", "TargetController", "holding"]
+__all__ = ["AHEAD", "SingleMotion", "TargetController", "holding", "step_share"]
 
-_AHEAD = 1.5
+AHEAD = 1.5
 """Duration of a step's target in steps, so that a late step does not pause the motion."""
 _SETTLE = 0.05
 """Duration of a target that holds the joints, seconds."""
@@ -43,6 +43,17 @@ def holding(arm: ArmModel, state: JointState, joints: Collection[str] | None = N
         if math.isfinite(joint.position) and (joints is None or joint.name in joints):
             inside[joint.name] = max(limits.minimum, min(limits.maximum, joint.position))
     return JointTarget.of(inside, _SETTLE) if inside else None
+
+
+def step_share(since: float, step: float, duration: float) -> float:
+    """Part of a straight line to which the next step leads, 0 to 1.
+
+    Args:
+        since: Seconds since the motion began.
+        step: Seconds between two steps.
+        duration: Of the whole line, seconds.
+    """
+    return min(1.0, (since + step) / duration)
 
 
 class SingleMotion:
@@ -169,9 +180,9 @@ class TargetController(SingleMotion):
         if since >= duration:
             self._last = True
             return JointTarget.of(goal, self._step)
-        share = min(1.0, (since + self._step) / duration)
+        share = step_share(since, self._step, duration)
         place = {name: start + share * (goal[name] - start) for name, start in self._start.items()}
-        return JointTarget.of(place, _AHEAD * self._step)
+        return JointTarget.of(place, AHEAD * self._step)
 
     def was_sent(self, sent: SentTarget) -> None:
         """Note how the last target was sent."""
