@@ -21,6 +21,7 @@ from .address import role_of
 from .failures import restore
 from .names import Keys, Role
 from .node import NoAnswerError, Pending
+from .questions import KEEPS_TORQUE
 from .roster import HUNG, Roster, Seen
 
 __all__ = ["Overview", "Stopped", "look", "stop_all"]
@@ -32,7 +33,6 @@ _LATE = 0.05
 _OPEN = 3.5
 """Seconds until a route must have been tried: connecting to a program that hangs takes up to 3 s."""
 _NO_RIGHT = "this program may not stop it, or it has just vanished"
-_OBSERVER = "an observer may stop it, but not switch its torque off"
 _DENIED = (
     "this program may not switch its torque off; if its certificate allows it, write the router's access file "
     "again with 'hexwire fleet config'"
@@ -206,7 +206,7 @@ class _Stop:
         self._plain = key = keys.stop
         if request.mode == StopMode.TORQUE_OFF:
             role = _role(seen.node.cert, roles)
-            self._kept = _OBSERVER if role is Role.OBSERVER else ""
+            self._kept = KEEPS_TORQUE if role is Role.OBSERVER else ""
             key = keys.stop if self._kept else keys.off(role)
         self._ask(key)
 

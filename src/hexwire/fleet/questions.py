@@ -31,10 +31,11 @@ from .names import Keys, Role
 from .node import NoAnswerError, Node
 from .rights import KEY_WORDS
 
-__all__ = ["Questions", "ask", "decoded", "unknown_certificate"]
+__all__ = ["KEEPS_TORQUE", "Questions", "ask", "decoded", "unknown_certificate"]
 
 _TIMEOUT = 2.0
 """Time-out of the questions that find out why there was no answer, seconds."""
+KEEPS_TORQUE = "an observer may stop it, but not switch its torque off"
 _BACK = 0.5
 """Seconds until a server answers questions again after its token has returned."""
 _SILENT = "is its program stopped, or the network slow?"
@@ -111,7 +112,7 @@ class Questions:
             return self.ask(node, self._keys.stop, request, timeout, urgent=True), ""
         if role is Role.OBSERVER:
             whose = f"with {_holder(node.cert)}" if node.cert else "as the address says"
-            kept = f"an observer may stop it, but not switch its torque off ({whose})"
+            kept = f"{KEEPS_TORQUE} ({whose})"
             return self.ask(node, self._keys.stop, request, timeout, urgent=True), kept
         key = self._keys.off(role)
         try:
