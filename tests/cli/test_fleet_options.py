@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from click.testing import CliRunner, Result
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
 from tests.fleet.eventually import eventually
 from tests.fleet.lab import LONG_AGO, Lab
+from tests.link.far_ends import free_port
 
 from hexwire.cli.main import cli
 from hexwire.fleet import endpoints
@@ -122,9 +122,7 @@ def test_a_router_without_certificates_is_reached_where_a_flag_says_so(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The address of this computer stands for another one's."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = Network(listen=(endpoint,), router=True).open()
     monkeypatch.setattr(endpoints, "_loopback", lambda host: None)
     try:

@@ -6,6 +6,7 @@ import socket
 from pathlib import Path
 
 import pytest
+from tests.link.far_ends import free_port
 
 from hexwire.errors import UsageError
 from hexwire.fleet.endpoints import endpoints_of, local_socket
@@ -75,9 +76,7 @@ def test_a_server_that_hangs_is_named_and_delays_no_other(runtime: Path) -> None
 
 
 def test_arms_behind_a_router_and_a_router_that_is_lost(runtime: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     way = Network(connect=(endpoint,))
     with Roster(router=way) as roster:
         assert roster.settle(10.0)
@@ -148,9 +147,7 @@ def test_a_router_that_does_not_know_the_certificate_is_named_as_the_reason(runt
 def test_a_router_that_does_not_answer_is_reported_until_an_arm_is_seen(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = Network(listen=(endpoint,), router=True).open()
 
     def silent(node: Node, timeout: float) -> None:
