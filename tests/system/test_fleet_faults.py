@@ -6,7 +6,6 @@ Real processes of one machine at a Unix socket. Each test ends with the check of
 from __future__ import annotations
 
 import itertools
-import shutil
 import struct
 import subprocess
 import tempfile
@@ -28,12 +27,8 @@ WALL_CLOCK = Path(__file__).with_name("wall_clock.c")
 
 @pytest.fixture(scope="module")
 def home() -> Iterator[Lab]:
-    folder = Path(tempfile.mkdtemp(prefix="hw-", dir="/tmp"))
-    try:
-        with Lab(folder) as lab:
-            yield lab
-    finally:
-        shutil.rmtree(folder)
+    with tempfile.TemporaryDirectory(prefix="hw-", dir="/tmp") as folder, Lab(Path(folder)) as lab:
+        yield lab
 
 
 @pytest.fixture

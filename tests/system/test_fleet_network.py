@@ -162,12 +162,12 @@ class Site(Lab):
 
 @pytest.fixture(scope="module")
 def home() -> Iterator[Site]:
-    folder = Path(tempfile.mkdtemp(prefix="hw-", dir="/tmp"))
-    try:
-        with Hosts("arm", "op", "rd") as hosts, Site(folder, hosts) as site:
-            yield site
-    finally:
-        shutil.rmtree(folder)
+    with (
+        tempfile.TemporaryDirectory(prefix="hw-", dir="/tmp") as folder,
+        Hosts("arm", "op", "rd") as hosts,
+        Site(Path(folder), hosts) as site,
+    ):
+        yield site
 
 
 @pytest.fixture

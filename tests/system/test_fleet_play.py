@@ -6,7 +6,6 @@ Real processes of one machine. What the arms do is read from their servos.
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 import tempfile
 import time
@@ -107,12 +106,8 @@ class Stage:
 
 @pytest.fixture(scope="module")
 def stage() -> Iterator[Stage]:
-    folder = Path(tempfile.mkdtemp(prefix="hw-", dir="/tmp"))
-    try:
-        with Stage(folder) as stage:
-            yield stage
-    finally:
-        shutil.rmtree(folder)
+    with tempfile.TemporaryDirectory(prefix="hw-", dir="/tmp") as folder, Stage(Path(folder)) as stage:
+        yield stage
 
 
 def show(capsys: pytest.CaptureFixture[str], what: str, times: list[float]) -> None:
