@@ -3,14 +3,14 @@
 
 UV_VERSION := 0.13.8
 # The optional dependencies that the tests use, see pyproject.toml.
-EXTRAS := mq tls joystick numpy motion record plots sim fleet
+EXTRAS := mq tls joystick numpy motion record plots sim fleet studio
 # ROS 1: the packages that the node needs, then those that only the tests need.
 ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rospy python3-sensor-msgs \
     python3-std-srvs python3-trajectory-msgs \
     python3-rosbag python3-roslaunch python3-rosmsg python3-rosnode python3-rosparam python3-rosservice \
     python3-rostopic python3-tf2-msgs ros-robot-state-publisher
 # The Debian packages that the tests use.
-APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr clang g++ gcc gcc-avr libclang-rt-dev libelf-dev \
+APT_TEST := arduino-core-avr avr-libc avrdude binutils-avr chromium clang g++ gcc gcc-avr libclang-rt-dev libelf-dev \
     iproute2 libsimavr-dev make nftables sigrok-cli tshark $(ROS1)
 
 # The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another.
