@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from tests.cli.bus_cli import BusCli
 
-from hexwire.cli.bus_live import histogram, wave_angle
+from hexwire.cli.bus_live import histogram
 from hexwire.cli.main import cli
 from hexwire.control import run_motion
 from hexwire.drivers.bus_arm import BusArm
@@ -42,7 +42,7 @@ def test_files_that_cannot_be_created_are_refused(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("series", [Series.STS_SMS, Series.HLS])
-@pytest.mark.parametrize("shape", ["sine", "step"])
+@pytest.mark.parametrize("shape", ["sine", "step", "triangle", "sweep"])
 def test_wave_moves_and_comes_back(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, series: Series, shape: str
 ) -> None:
@@ -138,12 +138,6 @@ def test_stress(monkeypatch: pytest.MonkeyPatch) -> None:
     result = bad.run("stress", "1,2", "-n", "50", "--series", "sts_sms")
     assert result.exit_code == 1
     assert "most of them from servo 2" in result.stderr
-
-
-def test_wave_shapes() -> None:
-    assert wave_angle("sine", 2.0, 4.0, 1.0) == pytest.approx(2.0)
-    assert wave_angle("sine", 2.0, 4.0, 6.0) == pytest.approx(0.0, abs=1e-9)
-    assert [wave_angle("step", 1.0, 2.0, t) for t in (0.0, 0.9, 1.1, 2.1)] == [1.0, 1.0, -1.0, 1.0]
 
 
 def test_histogram() -> None:

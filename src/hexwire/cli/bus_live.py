@@ -11,11 +11,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
-from hexwire.errors import HexwireError, ServoError, UsageError
+from hexwire.errors import HexwireError, ServoError
 from hexwire.model.state import JointFlag
 
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, with_unit
@@ -27,18 +28,15 @@ from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
+    from hexwire.control.servo_wave import WaveEnd, WaveSample
     from hexwire.drivers.bus_arm import BusArm
     from hexwire.model.state import JointReading
 
-__all__ = ["histogram", "wave_angle"]
+__all__ = ["histogram"]
 
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
 _SHOWN = ("present_position", "present_speed", "present_load", "present_voltage", "present_temperature")
 _HEAD = ("id", "position deg", "speed deg/s", "load %", "V", "degC", "mA", "condition")
-_WAVE_RATE = 50.0
-_MOST_AMPLITUDE = 45.0
-_MOST_SILENT = 25
-"""Samples in a row that may be missing: half a second."""
 _MOST_ROWS = 1_000_000
 
 
@@ -129,27 +127,25 @@ def _screen(as_json: bool) -> Iterator[Callable[[list[tuple[tuple[str, ...], Row
 # --- wave ------------------------------------------------------------------------------------------------------
 
 
-def wave_angle(shape: str, amplitude: float, period: float, t: float) -> float:
-    """Angle relative to the start at a time: a sine from zero, or steps to one side and the other."""
-    phase = t / period % 1.0
-    if shape == "sine":
-        return amplitude * math.sin(2 * math.pi * phase)
-    return amplitude * (1 if phase < 0.5 else -1)
-
-
 @bus.command()
 @click.argument("servo_id", type=click.IntRange(0, 253), metavar="ID")
 @click.option(
-    "--shape", type=click.Choice(["sine", "step"]), default="sine", show_default=True, help="Shape of the motion."
+    "--shape",
+    type=click.Choice(["sine", "step", "triangle", "sweep"]),
+    default="sine",
+    show_default=True,
+    help="Shape of the motion.",
 )
-@number_option(
-    "--amplitude",
-    "DEG",
-    f"To either side of the present position; at most {_MOST_AMPLITUDE:g}.",
-    above=0,
-    default=10.0,
-)
+@number_option("--amplitude", "DEG", "To either side of the present position; at most 45.", above=0, default=10.0)
 @click.option("--period", type=FiniteFloat("seconds", minimum=0.2), default=2.0, show_default=True, metavar="S")
+@click.option(
+    "--last-period",
+    type=FiniteFloat("seconds", minimum=0.2),
+    default=0.25,
+    show_default=True,
+    metavar="S",
+    help="Period at the end of a sweep, which begins with --period.",
+)
 @click.option("--seconds", type=FiniteFloat("seconds", above=0), default=6.0, show_default=True, metavar="S")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @file_options
@@ -160,6 +156,7 @@ def wave(
     shape: str,
     amplitude: float,
     period: float,
+    last_period: float,
     seconds: float,
     yes: bool,
     files: SampleFiles,
@@ -168,124 +165,79 @@ def wave(
 ) -> None:
     """Move one servo back and forth about its present position, then return. Any key stops it.
 
-    Its torque is switched on for this, and off again if it was off.
+    Its torque is switched on for this, and off again if it was off. A step wave also reports how fast the servo
+    rises, how far it overshoots, when it settles and which error stays.
     """
-    if amplitude > _MOST_AMPLITUDE:
-        raise UsageError(f"an amplitude of {amplitude:g} deg is more than {_MOST_AMPLITUDE:g}")
+    from hexwire.control.servo_wave import WaveEnd, one_servo, run_wave, standing
+    from hexwire.motion.waves import Wave
+
+    motion = Wave(shape, math.radians(amplitude), period, seconds, last_period)
+    end = WaveEnd()
     with saving(files, ("time_s", "id", "target", "position", "velocity", "load"), "position") as samples:
         confirm(f"Servo {servo_id} will move {amplitude:g} deg to either side. Is it free to move?", yes)
-        with _one_servo(servo_id, amplitude, options) as arm:
-            joint = _standing(arm, servo_id)
-            if not arm.torque(True):
-                raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
-            with _brought_back(arm, joint, keep_torque=bool(joint.flags & JointFlag.TORQUE_ON)):
-                try:
-                    _wave(
-                        arm,
-                        joint,
-                        lambda t: wave_angle(shape, math.radians(amplitude), period, t),
-                        seconds,
-                        samples,
-                    )
-                except KeyboardInterrupt:
-                    note("stopped")
+        with open_bus(options) as opened:
+            known_servo(opened, servo_id, options)
+            with one_servo(opened, servo_id, motion.amplitude) as arm:
+                joint = standing(arm)
+                if not arm.torque(True):
+                    raise ServoError(f"servo {servo_id} does not confirm its torque", servo_id=servo_id)
+
+                def keep(row: WaveSample) -> None:
+                    goal, position = joint.position + row.goal, joint.position + row.position
+                    samples.append((row.t, float(servo_id), goal, position, row.velocity, row.load))
+
+                with _brought_back(arm, joint, keep_torque=bool(joint.flags & JointFlag.TORQUE_ON)):
+                    try:
+                        with _any_key() as pressed:
+                            run_wave(
+                                arm,
+                                joint,
+                                motion.angle,
+                                seconds,
+                                end,
+                                go_on=lambda: not pressed(),
+                                clock=time.monotonic,
+                                sleep=time.sleep,
+                                on_sample=keep,
+                            )
+                    except KeyboardInterrupt:
+                        note("stopped")
+    if end.missed:
+        note(f"warning: {end.missed} sample{'s' if end.missed > 1 else ''} missing: the servo did not answer")
     if samples:
-        off = max(abs(row[2] - row[3]) for row in samples)
-        words = f"{len(samples)} samples, largest error: {with_unit(off, 'rad')}"
-        answer(as_json, {"id": servo_id, "samples": len(samples), "farthest_off_rad": off}, words)
+        _say_wave(servo_id, shape, end, as_json)
 
 
-@contextmanager
-def _one_servo(servo_id: int, amplitude: float, options: BusOptions) -> Iterator[BusArm]:
-    """The servo as an arm of one joint, limited to the wave and to the servo's own limits."""
-    from hexwire.drivers.arm_file import BusArmFile
-    from hexwire.drivers.bus_arm import BusArm
-    from hexwire.link.open import make_link
-    from hexwire.model.arm import ArmModel, JointModel
+def _say_wave(servo_id: int, shape: str, end: WaveEnd, as_json: bool) -> None:
+    """Report how the servo followed; for steps, the figures of each."""
+    from hexwire.motion.step_response import step_figures
 
-    with open_bus(options) as opened:
-        known_servo(opened, servo_id, options)
-        series = opened.series_of(servo_id)
-        reading = opened.read(servo_id, "present_position").check()
-        scale = reading.register.si_factor
-        counts = reading.raw or 0
-        reach = math.ceil(math.radians(amplitude) / scale) + 2
-        low, high = counts - reach, counts + reach
-        names = [name for name in ("min_position_limit", "min_angle_limit") if name in series.registers]
-        if names:
-            least = opened.read(servo_id, names[0]).raw
-            most = opened.read(servo_id, names[0].replace("min", "max")).raw
-            if least is not None and most is not None and most > least and (low < least or high > most):
-                raise UsageError(
-                    f"servo {servo_id} is at {counts} and may move from {least} to {most}: "
-                    f"{amplitude:g} deg to either side is too much"
+    rows = [(0.0, 0.0, 0.0), *((row.t, row.goal, row.position) for row in end.samples)]
+    steps = step_figures(rows) if shape == "step" else []
+    words = f"{len(end.samples)} samples, largest error: {with_unit(end.farthest_off, 'rad')}"
+    data: dict[str, object] = {
+        "id": servo_id,
+        "samples": len(end.samples),
+        "farthest_off_rad": end.farthest_off,
+    }
+    if shape == "step":
+        data["steps"] = [asdict(step) for step in steps]
+    answer(as_json, data, words)
+    if steps and not as_json:
+        say_table(
+            ("step at s", "deg", "rise ms", "overshoot %", "settled ms", "steady error deg"),
+            [
+                (
+                    plain(step.at, 2),
+                    plain(math.degrees(step.size), 1),
+                    plain(step.rise * 1000, 0),
+                    plain(step.overshoot * 100, 1),
+                    plain(step.settled * 1000, 0),
+                    plain(math.degrees(step.steady_error), 2),
                 )
-        joint = JointModel(
-            f"servo {servo_id}",
-            servo_id,
-            series.value,
-            counts,
-            1,
-            0.0,
-            scale,
-            -reach * scale,
-            reach * scale,
-            math.inf,
+                for step in steps
+            ],
         )
-        url, baud = opened.link.url, opened.timing.baud
-    arm = BusArmFile(ArmModel("one servo", (joint,)), baud)
-    driver = BusArm(make_link(url), arm=arm)
-    with driver:
-        yield driver
-
-
-def _standing(arm: BusArm, servo_id: int) -> JointReading:
-    """State of the servo before it is moved.
-
-    Raises:
-        ServoError: It does not report its position.
-    """
-    for _ in range(_MOST_SILENT):
-        joint = arm.read()[arm.model.names[0]]
-        if not joint.flags & JointFlag.SILENT:
-            return joint
-    raise ServoError(f"servo {servo_id} does not answer: check cable and power", servo_id=servo_id)
-
-
-def _wave(
-    arm: BusArm, start: JointReading, shape: Callable[[float], float], seconds: float, samples: list[Row]
-) -> None:
-    """Move the servo and collect samples.
-
-    Raises:
-        ServoError: The servo has a fault, is silent for too long, or was stopped.
-    """
-    from hexwire.control.owner import RobotOwner
-    from hexwire.control.wave import WaveController
-
-    servo_id = arm.model.joint(start.name).servo_id
-
-    def sample(t: float, target: float, joint: JointReading) -> None:
-        samples.append((t, float(servo_id), target, joint.position, joint.velocity, joint.load))
-
-    controller = WaveController(
-        start, shape, seconds, period=1 / _WAVE_RATE, most_silent=_MOST_SILENT, on_sample=sample
-    )
-    # After a failure the servo is brought back, and not stopped where it is.
-    owner = RobotOwner(
-        arm, borrowed=True, command_rate=_WAVE_RATE, stop_on_failure=False, clock=time.monotonic, sleep=time.sleep
-    )
-    with _any_key() as pressed, owner:
-        owner.group.members = (controller,)
-        while not controller.over and not pressed():
-            owner.turn()
-        stopped = controller.reason
-    if controller.fault:
-        raise ServoError(f"servo {servo_id} {controller.fault}", servo_id=servo_id)
-    if stopped is not None:
-        raise ServoError(f"stopped: {stopped}; clear it with 'hexwire resume'", servo_id=servo_id)
-    if missed := controller.missed:
-        note(f"warning: {missed} sample{'s' if missed > 1 else ''} missing: the servo did not answer")
 
 
 @contextmanager
@@ -304,12 +256,10 @@ def _brought_back(arm: BusArm, start: JointReading, *, keep_torque: bool) -> Ite
 
 
 def _end_wave(arm: BusArm, start: JointReading, *, keep_torque: bool) -> None:
-    from hexwire.model.state import JointTarget
+    from hexwire.control.servo_wave import bring_back
 
     with shielded():
-        arm.write(JointTarget.of({start.name: start.position}, duration=0.5))
-        time.sleep(0.7)
-        if not keep_torque and not arm.torque(False):
+        if not bring_back(arm, start, keep_torque=keep_torque, sleep=time.sleep):
             note("warning: the servo does not confirm that its torque is off again")
 
 

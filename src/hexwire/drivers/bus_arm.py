@@ -67,6 +67,7 @@ class BusArm(RobotDriver):
         link: Link to the adapter.
         arm: Description of the arm; the class's profile if None.
         calibration: Neutral positions and limits that replace those of the arm.
+        bus: An open bus on that link, to be used instead of a bus of its own. It stays open and keeps its stops.
     """
 
     port_leads_to = "adapter"
@@ -74,7 +75,12 @@ class BusArm(RobotDriver):
     _file: ClassVar[Path | None] = None
 
     def __init__(
-        self, link: Link, *, arm: BusArmFile | None = None, calibration: Calibration | None = None
+        self,
+        link: Link,
+        *,
+        arm: BusArmFile | None = None,
+        calibration: Calibration | None = None,
+        bus: ServoBus | None = None,
     ) -> None:
         super().__init__()
         if arm is None:
@@ -84,9 +90,13 @@ class BusArm(RobotDriver):
         self.calibration = calibration
         # A link opened without a rate has the default of serial ports.
         self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
-        self.bus = ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
+        self._borrowed = bus is not None
+        self.bus = bus or ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
         # One arm, one set of stops: a stop also cancels the calls that wait for the bus.
-        self.bus.epochs = self.epochs
+        if bus is None:
+            self.bus.epochs = self.epochs
+        else:
+            self._epochs = bus.epochs
         self._memory = StopMemory(link.url)
         self._attached, self._mode = False, StopMode.HOLD
         self._torque: list[bool | None] = [None] * len(self.model.joints)
@@ -113,7 +123,8 @@ class BusArm(RobotDriver):
 
     @property
     def is_attached(self) -> bool:
-        return self.bus.link.is_open
+        # A borrowed bus is open before the arm is attached.
+        return self.bus.link.is_open and (self._attached or not self._borrowed)
 
     def abort(self) -> None:
         self.bus.close()
@@ -129,9 +140,10 @@ class BusArm(RobotDriver):
             ReplyTimeoutError: No servo answers.
         """
         bus = self.bus
-        if self._baud is not None and hasattr(bus.link, "set_baud"):
-            bus.set_baud(self._baud)
-        bus.open()
+        if not self._borrowed:
+            if self._baud is not None and hasattr(bus.link, "set_baud"):
+                bus.set_baud(self._baud)
+            bus.open()
         try:
             here = [joint for joint in self.model.joints if not bus.ping(joint.servo_id).error]
             if not here:
@@ -145,11 +157,12 @@ class BusArm(RobotDriver):
             for i, joint in enumerate(self.model.joints):
                 self._torque[i] = self._read_torque(joint) if joint in here else None
         except BaseException:
-            bus.close()
+            self._release()
             raise
         self._attached = True
-        self.epochs.forget()
-        if self._memory.stopped:
+        if not self._borrowed:
+            self.epochs.forget()
+        if self._memory.stopped and not self.epochs.stopped:
             self.epochs.assume_stopped()
 
     def detach(self, *, torque_off: bool = False) -> None:
@@ -158,6 +171,10 @@ class BusArm(RobotDriver):
             if was and torque_off and self.bus.link.is_open:
                 servo_setup.torque_off(self.bus, [joint.servo_id for joint in self.model.joints])
         finally:
+            self._release()
+
+    def _release(self) -> None:
+        if not self._borrowed:
             self.bus.close()
 
     def probe(self) -> ProbeReport:
