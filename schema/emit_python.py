@@ -235,6 +235,8 @@ def _commands(commands: dict[str, Any]) -> list[str]:
         for name, entry in commands["commands"].items()
     }
     out.append(assign("COMMAND_ROWS", rows, "dict[str, CommandRow]"))
+    docs = {name: entry["doc"] for name, entry in commands["commands"].items()}
+    out.append(assign("COMMAND_DOCS", docs, "dict[str, str]"))
     return out
 
 

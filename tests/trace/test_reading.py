@@ -95,3 +95,14 @@ def test_no_byte_is_lost_and_pieces_make_no_difference(parts: list[bytes], cuts:
     edges = sorted({min(cut, len(stream)) for cut in cuts})
     split = [stream[a:b] for a, b in zip([0, *edges], [*edges, len(stream)], strict=True)]
     assert sound(split) == sound([stream])
+
+
+def test_requests_that_nobody_answers_are_forgotten() -> None:
+    reader = Reader(TABLES)
+    for src in range(2000):
+        reader.feed(frame_bytes(Command.STATS, b"", proto=2, seq=1, src=src, dst=8))
+    replies = [
+        reader.feed(frame_bytes(Command.STATS, bytes(60), proto=2, seq=1, src=8, dst=src, cmd_ext=0x80))[0]
+        for src in (0, 1999)
+    ]
+    assert [reply.answers is not None for reply in replies] == [False, True]

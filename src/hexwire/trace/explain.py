@@ -7,7 +7,6 @@ Must not know where the transfers come from.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,10 +28,10 @@ from hexwire.wire.servo_packet import (
     parse_status,
     parse_sync_write,
 )
-from hexwire.wire.tables import PROTO_CHAPTER, SYNC_BYTES, TAIL
+from hexwire.wire.tables import PROTO_CHAPTER, TAIL
 
-from .reading import CEILING, COOKED, Reader, Reading, has_ceiling_hazard, u16
-from .reading_tables import TABLES
+from .line_reader import LineReader
+from .reading import CEILING, COOKED, Reading, has_ceiling_hazard, u16
 
 __all__ = ["Explained", "Explainer", "Layer"]
 
@@ -42,8 +41,6 @@ _NO_FRAME = "not part of a frame"
 _NO_PACKET = "not a servo packet"
 _CEILING = f"hazard: {CEILING}"
 _OTHER_SERIES = "the header of another series"
-_PIECE = 1 << 16
-"""Bytes that are read at a time, since all frames found in them are kept in memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,51 +100,24 @@ class Explainer:
     """
 
     def __init__(self, series: str = "board", *, bus: bool | None = None) -> None:
-        self._bus = bus
-        self._reader = Reader(TABLES, series=series)
-        self._lines = dict.fromkeys(Direction, "host")
-        self._framed: set[Direction] = set()
-        # If the caller stops iterating early, the rest comes with the next transfer.
-        self._left: deque[Passed] = deque()
-        self._found: deque[Reading] = deque()
+        self.lines = LineReader(series, bus=bus)
 
     def feed(self, passed: Passed) -> Iterator[Explained]:
         """Explain the frames that this transfer completes."""
-        for at in range(0, len(passed.data), _PIECE):
-            self._left.append(passed._replace(data=passed.data[at : at + _PIECE]))
-        while self._found or self._left:
-            if self._found:
-                yield self._explained(self._found.popleft())
-                continue
-            way, data, time, _ = self._left.popleft()
-            self._reader.line = self._lines[way] = self._line(way, data)
-            self._found += self._reader.feed(data, way, time)
+        yield from map(self.explain, self.lines.feed(passed))
 
     def finish(self) -> Iterator[Explained]:
         """Explain the incomplete bytes at the end."""
-        for way in Direction:
-            self._reader.line = self._lines[way]
-            for reading in self._reader.silence(way):
-                yield self._explained(reading)
+        yield from map(self.explain, self.lines.finish())
 
-    def _line(self, way: Direction, data: bytes) -> str:
-        """How to read these bytes, host or bus: once a frame was found, the line is not a bus."""
-        if self._bus is not None:
-            return "bus" if self._bus else "host"
-        data = self._reader.unfinished(way) + data
-        if SYNC_BYTES in data:
-            self._framed.add(way)
-        is_bus = way not in self._framed and data.startswith((tables.SERVO_HEADER, tables.LEGACY_HEADER))
-        return "bus" if is_bus else "host"
-
-    def _explained(self, reading: Reading) -> Explained:
+    def explain(self, reading: Reading) -> Explained:
+        """Explain one frame, packet, or bytes that are neither."""
         if reading.kind == "frame":
             return self._frame(reading)
         if reading.kind == "packet":
             return self._packet(reading)
         data = reading.data
-        on_bus = self._reader.line == "bus"
-        problem = reading.problem or (_NO_PACKET if on_bus else _NO_FRAME)
+        problem = reading.problem or (_NO_PACKET if reading.line == "bus" else _NO_FRAME)
         sample = data[:16].hex(" ").upper() + (" ..." if len(data) > 16 else "")
         text = f"{reading.kind}, {len(data)} bytes, {problem}: {sample}"
         return Explained(reading.way, reading.time, reading.kind, data, text, (), problem, reading.text)
@@ -270,7 +240,7 @@ class Explainer:
         elif packet.instruction in (Instruction.READ, Instruction.SYNC_READ) and packet.params and series:
             register = series.at(address)
             fields["register"] = register.name if register else f"0x{address:02X}"
-        if any(has_ceiling_hazard(self._reader.series_of(servo_id), address, data) for servo_id, data in rows):
+        if any(has_ceiling_hazard(self.lines.reader.series_of(servo_id), address, data) for servo_id, data in rows):
             fields["hazard"] = _CEILING
         return fields
 
@@ -294,7 +264,7 @@ class Explainer:
         return Layer("servo", words, fields)
 
     def _series(self, servo_id: int) -> Series | None:
-        name = self._reader.series_of(servo_id)
+        name = self.lines.reader.series_of(servo_id)
         return None if name is None else Series(name)
 
 

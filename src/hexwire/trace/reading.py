@@ -4,7 +4,7 @@
 Owns finding frames in a stream, matching answers with requests, and the wording, which ``vectors/readings.jsonl``
 specifies. `make analyzers` copies this file into the analysers for sigrok and Logic 2, which run inside GPL
 programs. So it has both licences, and needs only the standard library of Python 3.8 and the tables that are passed
-to it (`reading_tables`). Never raises, for any bytes.
+to it (`reading_tables`). Never raises, for any bytes. Over 500 lines, so that one file has to be copied.
 """
 
 from __future__ import annotations
@@ -20,7 +20,19 @@ if TYPE_CHECKING:
 
     Order = Literal["little", "big"]
 
-__all__ = ["CEILING", "COOKED", "HEAD_SIZE", "Reader", "Reading", "has_ceiling_hazard", "to_hex", "u16"]
+__all__ = [
+    "CEILING",
+    "COOKED",
+    "HEAD_SIZE",
+    "Inner",
+    "Item",
+    "Reader",
+    "Reading",
+    "has_ceiling_hazard",
+    "packet_problem",
+    "to_hex",
+    "u16",
+]
 
 SYNC = b"\x5a\xfa\xfa\x5a"
 TAIL = b"\r\n"
@@ -28,6 +40,7 @@ COOKED = b"\n\n"
 HEAD_SIZE = 40
 OVERHEAD = 44
 MIN_PACKET, MAX_PACKET = 6, 250
+MOST_ASKED = 1024  # requests that wait for an answer: whoever sends, sets their number
 SAMPLE = 24  # most bytes shown of an undecoded body
 SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 READ, REG_WRITE, WRITE, SYNC_READ, SYNC_WRITE = 2, 4, 3, 0x82, 0x83
@@ -56,6 +69,7 @@ class Reading(NamedTuple):
         problem: Why it is bad; empty if it is not.
         answer: Whether it is an answer: a frame from the board, or a status packet.
         answers: The request that it answers, or None.
+        line: How it was read: host or bus.
     """
 
     kind: str
@@ -69,6 +83,41 @@ class Reading(NamedTuple):
     problem: str = ""
     answer: bool = False
     answers: Reading | None = None
+    line: str = "host"
+
+
+class Item(NamedTuple):
+    """A value among bytes.
+
+    Attributes:
+        name: Its name.
+        start: Offset of its first byte in the bytes that were passed.
+        end: Offset after its last byte.
+        value: The number; None for bytes.
+        words: Name and value.
+    """
+
+    name: str
+    start: int
+    end: int
+    value: int | None
+    words: str
+
+
+class Inner(NamedTuple):
+    """A servo packet in a frame's body.
+
+    Attributes:
+        packet: Its bytes; they need not be a valid packet.
+        start: Their offset in the body.
+        where: to_board, from_board, or through (see `Reader.servo_place`).
+        order: Byte order of written values if it is not that of the series.
+    """
+
+    packet: bytes
+    start: int
+    where: str
+    order: Order | None
 
 
 class Piece(NamedTuple):
@@ -146,10 +195,11 @@ class Reader:
     def _word(self, piece: Piece, data: bytes, way: Any, base: int, time: float) -> Reading:
         place = way, base + piece.start, base + piece.end
         if piece.kind == "garbage":
-            return Reading("garbage", *place, f"garbage: {len(data)} bytes", data, time)
+            return Reading("garbage", *place, f"garbage: {len(data)} bytes", data, time, line=self.line)
         if piece.kind == "bad":
             name = "frame" if self.line == "host" else "packet"
-            return Reading("bad", *place, f"bad {name}: {piece.problem}", data, time, "", piece.problem)
+            text = f"bad {name}: {piece.problem}"
+            return Reading("bad", *place, text, data, time, "", piece.problem, line=self.line)
         if piece.kind == "packet":
             return self._packet(place, data, time)
         return self._frame(place, data, time, piece.kind == "cooked")
@@ -257,13 +307,15 @@ class Reader:
         found = Reading("frame", *place, text, data, time, words + hazard, "", from_board, before)
         if not from_board and (reply or not report) and not (dialect == 1 and cmd == CMD_SYNC_WRITE):
             self._asked[slot] = (found, body[2:] if cmd == CMD_TRANSACT else body)
+            if len(self._asked) > MOST_ASKED:
+                del self._asked[next(iter(self._asked))]
         return found
 
     def _packet(self, place: tuple[Any, int, int], data: bytes, time: float) -> Reading:
         asked = self._asked.get("bus")
         words, answer, hazard = self._servo_words(data, asked[1] if asked else None, "bus", None)
         text, before = words + hazard, asked[0] if answer and asked else None
-        found = Reading("packet", *place, text, data, time, text, "", answer, before)
+        found = Reading("packet", *place, text, data, time, text, "", answer, before, "bus")
         if not answer:
             self._asked["bus"] = (found, data)
         elif asked and asked[1][4] != SYNC_READ:
@@ -285,60 +337,68 @@ class Reader:
 
     def _inner_words(self, data: bytes, body: bytes, asked: bytes | None, from_board: bool) -> tuple[str, str]:
         """Description of a body, and its hazard."""
-        cmd, told = data[38], data[33] == 2 and data[39] & 0xC0
-        row = self.tables["commands"].get(cmd)
+        told = data[33] == 2 and data[39] & 0xC0
+        row = self.tables["commands"].get(data[38])
         if not body:
             return "", ""
-        if cmd > CMD_SYNC_WRITE and cmd != CMD_TRANSACT:
-            words = self._body_words(body, row["reply" if told else "request"]) if row else None
-            return (to_hex(body, SAMPLE), MISFIT if row else "") if words is None else (words, "")
-        packet, before = body, ""
-        if cmd == CMD_TRANSACT and not (data[33] == 2 and data[39] & 0x80):
-            packet = body[2:]
-            before = f"reply_length {body[0]}, timeout_ms {body[1]}; " if len(body) > 1 else ""
-        problem = _unsound(packet)
+        inner = self.inner_packet(data, body, from_board)
+        if inner is None:
+            parts = self.body_items(body, row["reply" if told else "request"]) if row else None
+            if parts is None:
+                return to_hex(body, SAMPLE), MISFIT if row else ""
+            head, *rows = (", ".join(item.words for item in part) for part in parts)
+            return " ".join(part for part in (head, *(f"({each})" for each in rows)) if part), ""
+        before = f"reply_length {body[0]}, timeout_ms {body[1]}; " if inner.start else ""
+        problem = packet_problem(inner.packet)
         if problem:
-            return f"{before}bad packet, {problem}: {to_hex(packet, SAMPLE)}", ""
-        where = "to_board" if not from_board else "through" if cmd == CMD_TRANSACT else "from_board"
-        words, _, hazard = self._servo_words(packet, asked, where, "little" if cmd == CMD_SYNC_WRITE else None)
+            return f"{before}bad packet, {problem}: {to_hex(inner.packet, SAMPLE)}", ""
+        words, _, hazard = self._servo_words(inner.packet, asked, inner.where, inner.order)
         return before + words, hazard
 
-    def _body_words(self, data: bytes, layout: Mapping[str, Any]) -> str | None:
-        """Describe a body by the layout of its command; None if it does not fit."""
+    def inner_packet(self, data: bytes, body: bytes, from_board: bool) -> Inner | None:
+        """The servo packet in a frame with this body; None if the command has none."""
+        cmd = data[38]
+        if not body or (cmd > CMD_SYNC_WRITE and cmd != CMD_TRANSACT):
+            return None
+        start = 0 if cmd != CMD_TRANSACT or (data[33] == 2 and data[39] & 0x80) else min(2, len(body))
+        where = "to_board" if not from_board else "through" if cmd == CMD_TRANSACT else "from_board"
+        return Inner(body[start:], start if start == 2 else 0, where, "little" if cmd == CMD_SYNC_WRITE else None)
+
+    def body_items(self, data: bytes, layout: Mapping[str, Any]) -> list[list[Item]] | None:
+        """The fields of a body by the layout of its command, then those of each row; None if it does not fit."""
         known: dict[str, int] = {}
-        text, at = self._row_words(data, 0, layout["fields"], known, 0)
-        if text is None:
+        first, at = self._row_items(data, 0, layout["fields"], known, 0)
+        if first is None:
             return None
         number = known.get(layout["count"])
-        rows: list[str] = []
-        while layout["rows"] and at < len(data) and (number is None or len(rows) < number):
-            words, end = self._row_words(data, at, layout["rows"], {}, known.get("fields", 0))
-            if words is None or end == at:
+        rows = [first]
+        while layout["rows"] and at < len(data) and (number is None or len(rows) <= number):
+            row, end = self._row_items(data, at, layout["rows"], {}, known.get("fields", 0))
+            if row is None or end == at:
                 return None
-            rows.append(f"({words})")
+            rows.append(row)
             at = end
-        if at != len(data) or (layout["rows"] and number is not None and len(rows) != number):
+        if at != len(data) or (layout["rows"] and number is not None and len(rows) - 1 != number):
             return None
-        return " ".join(part for part in (text, *rows) if part)
+        return rows
 
-    def _row_words(
+    def _row_items(
         self, data: bytes, at: int, row: tuple[tuple[str, str, str], ...], known: dict[str, int], mask: int
-    ) -> tuple[str | None, int]:
-        words = []
+    ) -> tuple[list[Item] | None, int]:
+        items = []
         for name, kind, wanted in row:
             if wanted and not mask & self.tables["state_fields"][wanted]:
                 continue
-            if kind == "bytes":
-                words.append(f"{name} {to_hex(data[at:], SAMPLE)}")
-                at = len(data)
-            elif at + SIZES[kind] > len(data):
+            end = len(data) if kind == "bytes" else at + SIZES[kind]
+            if end > len(data):
                 return None, at
+            if kind == "bytes":
+                items.append(Item(name, at, end, None, f"{name} {to_hex(data[at:], SAMPLE)}"))
             else:
-                raw = data[at : at + SIZES[kind]]
-                known[name] = int.from_bytes(raw, "little", signed=kind[0] == "i")
-                words.append(f"{name} {known[name]}")
-                at += SIZES[kind]
-        return ", ".join(words), at
+                known[name] = value = int.from_bytes(data[at:end], "little", signed=kind[0] == "i")
+                items.append(Item(name, at, end, value, f"{name} {value}"))
+            at = end
+        return items, at
 
     def _servo_words(
         self, data: bytes, asked: bytes | None, where: str, order: Order | None
@@ -381,12 +441,18 @@ class Reader:
             text += f" error {', '.join(bits) or f'0x{error:02X}'}"
         if not params:
             return text
+        items = self.answer_items(data, asked, where)
+        return f"{text}: {to_hex(params) if items is None else _listed(items)}"
+
+    def answer_items(self, data: bytes, asked: bytes | None, where: str) -> list[Item] | None:
+        """The registers in the parameters of a status packet; None if they are unknown."""
+        legacy, servo, params = data[1] == 0xF5, data[2], data[5:-1]
         series = self.series_of(servo) or ("seven_bot" if legacy else None)
-        if asked and len(asked) > 6 and asked[4] in (READ, SYNC_READ) and series:
-            # The board swaps the two bytes of a legacy servo's answer.
-            swapped = where == "from_board" and series == "seven_bot" and len(params) == 2
-            return f"{text}: {self._values(series, asked[5], params, 'little' if swapped else None)}"
-        return f"{text}: {to_hex(params)}"
+        if not (asked and len(asked) > 6 and asked[4] in (READ, SYNC_READ) and series):
+            return None
+        # The board swaps the two bytes of a legacy servo's answer.
+        swapped = where == "from_board" and series == "seven_bot" and len(params) == 2
+        return self.register_items(series, asked[5], params, "little" if swapped else None)
 
     def _request_words(self, data: bytes, order: Order | None) -> tuple[str, bool]:
         servo, inst, params = data[2], data[4], data[5:-1]
@@ -415,15 +481,26 @@ class Reader:
         return row[0] if row else f"0x{address:02X}"
 
     def _placed(self, series: str | None, address: int, data: bytes, order: Order | None) -> str:
-        return self._values(series, address, data, order) if series else f"0x{address:02X} {to_hex(data)}"
+        if not series:
+            return f"0x{address:02X} {to_hex(data)}"
+        return _listed(self.register_items(series, address, data, order))
 
-    def _values(self, series: str, address: int, data: bytes, order: Order | None) -> str:
+    def register_items(self, series: str, address: int, data: bytes, order: Order | None) -> list[Item]:
+        """The registers of a series in bytes from an address.
+
+        Args:
+            series: Its name in the tables.
+            address: Of the first byte.
+            data: The bytes.
+            order: Byte order if it is not that of the series.
+        """
         rows = self.tables["series"][series]
-        words, at = [], 0
+        items, at = [], 0
         while at < len(data):
             row = rows["registers"].get(address + at)
             if row is None or at + row[1] > len(data):
-                words.append(f"0x{address + at:02X} {data[at]}")
+                name = f"0x{address + at:02X}"
+                items.append(Item(name, at, at + 1, data[at], f"{name} {data[at]}"))
                 at += 1
                 continue
             name, size, sign, unit, scale = row
@@ -433,9 +510,13 @@ class Reader:
             text = f"{name} {raw}"
             if scale:
                 text += f" = {raw * scale:.6g} {'deg' if unit == 'count' else unit}"
-            words.append(text)
+            items.append(Item(name, at, at + size, raw, text))
             at += size
-        return ", ".join(words)
+        return items
+
+
+def _listed(items: list[Item]) -> str:
+    return ", ".join(item.words for item in items)
 
 
 def _garbage(start: int, end: int) -> Iterator[Piece]:
@@ -452,8 +533,8 @@ def _header(data: bytes, at: int) -> int:
     return -1 if found is None else found.start()
 
 
-def _unsound(data: bytes) -> str:
-    """Why this is not a valid packet; empty if it is."""
+def packet_problem(data: bytes) -> str:
+    """Why this is not a valid servo packet; empty if it is."""
     if len(data) < MIN_PACKET or data[:2] not in (b"\xff\xff", b"\xff\xf5"):
         return "no header"
     if data[3] != len(data) - 4 and not (data[1] == 0xF5 and len(data) == 6 == data[3]):

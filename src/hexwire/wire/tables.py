@@ -377,6 +377,34 @@ COMMAND_ROWS: dict[str, CommandRow] = {
         Body((), (), ""),
     ),
 }
+COMMAND_DOCS: dict[str, str] = {
+    "PING": "Dialect 1: sends a PING packet to the bus and returns the answer.",
+    "READ": "Dialect 1: sends any servo packet to the bus and returns the answer; 2-byte reads of legacy servos are swapped.",
+    "SYNC_WRITE": "Dialect 1: sync write of position and run time, 4 bytes per servo at 0x2A; never answered in dialect 1, empty reply in dialect 2.",
+    "IDENTIFY": "Identity of the board: versions, boot id (new at every reset), capabilities, one row per joint.",
+    "JOINT_STATE": "All joints in one frame, on request or unsolicited (REPORT). Age is ms since the sample, 65535 = never.",
+    "REPORT": "Send JOINT_STATE unsolicited every period_ms with these fields; 0 stops.",
+    "JOINT_MOVE": "Targets for any subset of joints; clamped to the stored limits. The reply has the values that were sent; flags bit 0 = clamped.",
+    "TORQUE": "Torque on (1) or off (0) for the joints of the mask. The reply has the joints that confirmed it.",
+    "STOP": "Latched stop: 0 holds where the joints are, 1 switches torque off. The reply has the joints that confirmed it.",
+    "RESUME": "Ends a stop. It moves nothing.",
+    "WATCHDOG": "Stop automatically when no valid host frame arrives for timeout_ms (0 = never). Mode as in STOP.",
+    "LIMITS": "Per-joint limits. An empty body reads; a body with one row per joint writes them all, checked as a whole.",
+    "OFFSETS": "Per-joint neutral count and sign. An empty body reads; a body with one row per joint writes them all.",
+    "TRANSACT": "One servo packet, raw. reply_length 0 = no answer expected; the reply has the answer's bytes, unswapped.",
+    "STATS": "Counters since reset, in this order; a newer board may append more.",
+    "FRAGMENT": "One chunk of a body that does not fit. Chunks of a message share message_id; all but the last are equally long.",
+    "FRAGMENT_MISSING": "Asks for missing chunks; count 0 = all arrived, forget the message.",
+    "IO": "Digital outputs of the board: pump (pin 40), valve (36), buzzer (37). A mask of 0 reads.",
+    "MAINTENANCE": "Maintenance on (1) or off (0). While on, TRANSACT may write settings of servos, and nothing may move. Requires all torque off.",
+    "ROBOT_PROBE": "Identity of a robot controller.",
+    "ROBOT_SIGNAL": "A signal by number: 1 stop and hold, 2 stop without torque, 3 resume, 4 torque on, 5 torque off.",
+    "ROBOT_MODE": "Sets the mode of a robot controller.",
+    "JOINT_COMMANDS": "The fields of osrf_msgs/JointCommands. Arrays: bit i = the i-th of position, velocity, effort, kp_position, ki_position, kd_position, kp_velocity, i_effort_min, i_effort_max is present. Then the names (length byte and text each), then the arrays as float64.",
+    "JOINT_STATES": "Encoder counts, counts/s, efforts (0.1 %) of a robot controller's joints, on request or unsolicited (REPORT).",
+    "JOINT_TRAJECTORY": "Waypoints: float64 time from start, positions (rad) and, with flags bit 0, velocities (rad/s) of every joint. Replaces the running trajectory. Long ones are sent in fragments.",
+    "JOYSTICK": "Axes (-32767..32767) and a mask of buttons, from the JOY_STICK module; never answered.",
+}
 
 # Servo packets.
 SERVO_HEADER = b"\xff\xff"

@@ -1,0 +1,407 @@
+"""Dissects a frame or packet into a tree: session header, command frame, body, servo packet, and their fields.
+
+Owns where each field is, and joining it with its meaning; `reading` finds the values, `explain` words the layers.
+Never raises. Must not know who shows the tree.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from hexwire.errors import HexwireError
+from hexwire.wire import tables as t
+from hexwire.wire.command_frame import BODY_OFFSET, command_name, status_name
+from hexwire.wire.modules import module_name
+from hexwire.wire.registers import Series
+from hexwire.wire.robot_bodies import COMMAND_ARRAYS, JointCommands, TrajectoryPoints
+
+from .explain import Explainer
+from .meanings import FRAME, SERVO, body_meaning, flag_words, register_meaning
+from .parts import Part, filled
+from .reading import Item, Reader, Reading, packet_problem, to_hex, u16
+
+if TYPE_CHECKING:
+    from .reading import Order
+
+__all__ = ["Dissector", "doubt"]
+
+_SAMPLE = 16
+_DOUBT = " ! "
+
+
+def doubt(reading: Reading) -> str:
+    """What is wrong or doubtful about a frame; empty if nothing is."""
+    if reading.kind in ("bad", "garbage"):
+        return reading.problem or FRAME["garbage"]
+    return reading.text.partition(_DOUBT)[2]
+
+
+class Dissector:
+    """Dissects what was read from one line.
+
+    Args:
+        series: Name of the series of all servos, or board: the series of each Hex7Bot servo, by id.
+    """
+
+    def __init__(self, series: str = "board") -> None:
+        self._explainer = Explainer(series)
+        self._reader: Reader = self._explainer.lines.reader
+
+    def dissect(self, reading: Reading) -> Part:
+        """The tree of one frame, packet, or bytes that are neither; its leaves cover every byte once."""
+        size = len(reading.data)
+        if reading.kind == "frame":
+            parts = self._frame(reading)
+        elif reading.kind == "packet":
+            asked = reading.answers.data if reading.answers is not None else None
+            parts = (self._packet(reading.data, 0, asked, "bus", None, reading),)
+        elif reading.kind == "bad":
+            parts = _bad_packet(reading) if reading.line == "bus" else _bad_frame(reading)
+        else:
+            parts = (Part("garbage", 0, size, to_hex(reading.data, _SAMPLE), FRAME["garbage"]),)
+        name = "frame" if reading.kind == "frame" else "servo packet" if reading.kind == "packet" else reading.kind
+        return Part(name, 0, size, reading.text, "", None, doubt(reading), filled(parts, 0, size))
+
+    # -- frames -------------------------------------------------------------------------------------
+
+    def _frame(self, reading: Reading) -> tuple[Part, ...]:
+        data = reading.data
+        words = {layer.name: layer.text for layer in self._explainer.explain(reading).layers}
+        end = BODY_OFFSET + u16(data, 36)
+        parts = list(_command_header(data))
+        if end > BODY_OFFSET:
+            parts.append(self._body(reading, data[BODY_OFFSET:end], words.get("body", "")))
+        parts += _closing(data, end, "")
+        session = Part(
+            "session header", 0, 32, words["session"], FRAME["session header"], parts=tuple(_header(data))
+        )
+        return (session, _layer("command frame", 32, len(data), words["command"], parts))
+
+    def _body(self, reading: Reading, body: bytes, words: str) -> Part:
+        data, at, end = reading.data, BODY_OFFSET, BODY_OFFSET + len(body)
+        inner = self._reader.inner_packet(data, body, reading.answer)
+        name = command_name(data[38])
+        if inner is not None:
+            request = reading.answers.data if reading.answers is not None else None
+            asked = None
+            if request is not None:
+                told = self._reader.inner_packet(request, _body_of(request), False)
+                asked = told.packet if told is not None else None
+            before = [
+                _number(name, Item(each, at + i, at + i + 1, body[i], "")) for i, each in _transact(inner.start)
+            ]
+            start = at + inner.start
+            if start >= end:
+                packet = None
+            elif packet_problem(inner.packet):
+                problem = packet_problem(inner.packet)
+                text = to_hex(inner.packet, _SAMPLE)
+                packet = Part("packet", start, end, text, SERVO["packet"], None, problem)
+            else:
+                packet = self._packet(inner.packet, start, asked, inner.where, inner.order, reading)
+            if packet is not None and not before:
+                return packet
+            parts = (*before, *([packet] if packet is not None else []))
+            return Part("body", at, end, reading.words, t.COMMAND_DOCS.get(name, ""), parts=filled(parts, at, end))
+        row = self._reader.tables["commands"].get(data[38])
+        told_layout = data[33] == 2 and data[39] & 0xC0
+        rows = self._reader.body_items(body, row["reply" if told_layout else "request"]) if row else None
+        if rows is None:
+            problem = "the body does not fit the command" if row else ""
+            return Part("body", at, end, to_hex(body, _SAMPLE), FRAME["body"], None, problem)
+        parts_of = [*self._items(name, rows[0], body, at)]
+        for number, items in enumerate(rows[1:]):
+            fields = tuple(self._items(name, items, body, at))
+            text = ", ".join(f"{field.name} {field.words}" for field in fields)
+            parts_of.append(Part(f"row {number}", fields[0].start, fields[-1].end, text, parts=fields))
+        return Part("body", at, end, words, t.COMMAND_DOCS.get(name, ""), parts=filled(parts_of, at, end))
+
+    def _items(self, command: str, items: list[Item], body: bytes, at: int) -> Iterator[Part]:
+        for item in items:
+            if item.value is not None:
+                yield _number(command, item._replace(start=at + item.start, end=at + item.end))
+            elif item.end > item.start:
+                data = body[item.start : item.end]
+                parts = tuple(_arrays(command, body, item.start, at))
+                meaning = body_meaning(command, item.name).text
+                yield Part(item.name, at + item.start, at + item.end, to_hex(data, _SAMPLE), meaning, parts=parts)
+
+    # -- servo packets ------------------------------------------------------------------------------
+
+    def _packet(
+        self, data: bytes, at: int, asked: bytes | None, where: str, order: Order | None, reading: Reading
+    ) -> Part:
+        """A valid servo packet at an offset in the frame."""
+        end = at + len(data)
+        status = reading.answer or data[1] == 0xF5
+        if status:
+            bits = flag_words(data[4], t.STATUS_BITS)
+            words = reading.words if reading.words.startswith("board error") else bits
+            fourth = Part("error", at + 4, at + 5, words, SERVO["error"], data[4])
+        else:
+            name = self._reader.tables["instructions"].get(data[4], f"0x{data[4]:02X}")
+            fourth = Part("instruction", at + 4, at + 5, name, SERVO["instruction"], data[4])
+        params = self._answer(data, asked, where) if status else self._request(data, order)
+        parts = [
+            *_packet_head(data, at),
+            fourth,
+            *(_moved(part, at + 5) for part in params),
+            Part("checksum", end - 1, end, f"{data[-1]:02X} good", SERVO["checksum"], data[-1]),
+        ]
+        filling = filled(parts, at, end, "params", SERVO["params"])
+        filling = tuple(_with_bytes(part, data, at) for part in filling)
+        return Part("servo packet", at, end, reading.words, SERVO["servo packet"], parts=filling)
+
+    def _answer(self, data: bytes, asked: bytes | None, where: str) -> list[Part]:
+        items = self._reader.answer_items(data, asked, where)
+        series = self._reader.series_of(data[2]) or ("seven_bot" if data[1] == 0xF5 else None)
+        return [] if items is None or asked is None else list(_registers(items, series, asked[5]))
+
+    def _request(self, data: bytes, order: Order | None) -> list[Part]:
+        inst, params, reader = data[4], data[5:-1], self._reader
+        instruction = t.INSTRUCTIONS
+        if not params:
+            return []
+        reads = inst in (instruction["READ"], instruction["SYNC_READ"])
+        series = reader.series_of(params[2] if inst == instruction["SYNC_READ"] and len(params) > 2 else data[2])
+        if reads and len(params) > 1:
+            ids = [
+                Part("id", i, i + 1, f"servo {params[i]}", SERVO["id"], params[i]) for i in range(2, len(params))
+            ]
+            count = Part("count", 1, 2, f"{params[1]} bytes", SERVO["count"], params[1])
+            return [_address(series, params[0]), count, *(ids if inst == instruction["SYNC_READ"] else [])]
+        if inst in (instruction["WRITE"], instruction["REG_WRITE"]):
+            items = reader.register_items(series, params[0], params[1:], order) if series else []
+            return [_address(series, params[0]), *(_moved(p, 1) for p in _registers(items, series, params[0]))]
+        if inst == instruction["SYNC_WRITE"] and len(params) > 2 and (len(params) - 2) % (params[1] + 1) == 0:
+            step = params[1] + 1
+            width = Part("width", 1, 2, f"{params[1]} bytes", SERVO["width"], params[1])
+            parts = [_address(reader.series_of(params[2]), params[0]), width]
+            for i in range(2, len(params), step):
+                series, values = reader.series_of(params[i]), params[i + 1 : i + step]
+                items = reader.register_items(series, params[0], values, order) if series else []
+                inside = [Part("id", i, i + 1, f"servo {params[i]}", SERVO["id"], params[i])]
+                inside += [_moved(part, i + 1) for part in _registers(items, series, params[0])]
+                words = f"servo {params[i]}: " + (", ".join(x.words for x in items) or to_hex(values, _SAMPLE))
+                rest = filled(inside, i, i + step, "params", SERVO["params"])
+                parts.append(Part("row", i, i + step, words, SERVO["row"], parts=rest))
+            return parts
+        return []
+
+
+def _body_of(frame: bytes) -> bytes:
+    return frame[BODY_OFFSET : BODY_OFFSET + u16(frame, 36)]
+
+
+def _transact(start: int) -> Iterator[tuple[int, str]]:
+    """The fields before the packet of TRANSACT."""
+    return enumerate(("reply_length", "timeout_ms")[:start])
+
+
+def _layer(name: str, start: int, end: int, words: str, parts: list[Part]) -> Part:
+    return Part(name, start, end, words, FRAME[name], parts=filled(parts, start, end))
+
+
+def _moved(part: Part, by: int) -> Part:
+    inside = tuple(_moved(each, by) for each in part.parts)
+    return Part(
+        part.name, part.start + by, part.end + by, part.words, part.meaning, part.value, part.problem, inside
+    )
+
+
+def _with_bytes(part: Part, data: bytes, at: int) -> Part:
+    """A field without words, with its bytes as words."""
+    if part.words or part.parts:
+        return part
+    text = to_hex(data[part.start - at : part.end - at], _SAMPLE)
+    return Part(part.name, part.start, part.end, text, part.meaning, part.value, part.problem)
+
+
+def _header(data: bytes) -> Iterator[Part]:
+    """The fields of the session header, as far as the bytes reach."""
+    for name, kind, at in t.HEADER_FIELDS:
+        end = at + 4
+        if end > len(data):
+            return
+        value = int.from_bytes(data[at:end], "little", signed=kind[0] == "i")
+        words = str(value)
+        if name in ("src", "dst"):
+            words = f"{value} {module_name(value)}" if value in t.MODULES.values() else words
+        elif name == "sync":
+            words = to_hex(data[at:end])
+        yield Part(name, at, end, words, FRAME[name], value)
+
+
+def _command_header(data: bytes) -> Iterator[Part]:
+    fields = (("flag", 32, 1), ("proto", 33, 1), ("seq", 34, 1), ("pad", 35, 1))
+    for name, at, size in (*fields, ("len", 36, 2), ("cmd", 38, 1), ("cmd_ext", 39, 1)):
+        if at + size > len(data):
+            return
+        value = int.from_bytes(data[at : at + size], "little")
+        words, meaning = str(value), FRAME[name]
+        if name == "flag":
+            words = f"{value:02X}"
+        elif name == "proto":
+            words = f"dialect {value}"
+        elif name == "cmd":
+            words = f"{value:02X} {command_name(value)}"
+            meaning = t.COMMAND_DOCS.get(command_name(value), meaning)
+        elif name == "cmd_ext":
+            words = f"{value:02X}" + _ext_words(data[33], value)
+        yield Part(name, at, at + size, words, meaning, value)
+
+
+def _ext_words(dialect: int, value: int) -> str:
+    if dialect != t.PROTO_HEXWIRE:
+        return ""
+    if value & t.EXT_REPLY:
+        return f" reply: {status_name(value & t.EXT_STATUS_MASK)}"
+    return " unsolicited" if value & t.EXT_UNSOLICITED else " request"
+
+
+def _closing(data: bytes, end: int, problem: str) -> Iterator[Part]:
+    """Check, pad bytes and tail of a frame whose body ends there, as far as the bytes reach."""
+    if len(data) < end + 2:
+        return
+    check = u16(data, end)
+    verdict = "good" if data[33] == t.PROTO_HEXWIRE else "not verified"
+    verdict = "not checked" if check == t.UNCHECKED else verdict
+    wrong = problem if problem.startswith("check") else ""
+    verdict = "wrong" if wrong else verdict if not problem else ""
+    yield Part("check", end, end + 2, f"{check:04X} {verdict}".rstrip(), FRAME["check"], check, wrong)
+    tail = end + 2 + data[35]
+    if data[35] and len(data) >= tail:
+        yield Part("padding", end + 2, tail, to_hex(data[end + 2 : tail]), FRAME["padding"])
+    if len(data) >= tail + 2:
+        found = data[tail : tail + 2]
+        wrong = "" if found == t.TAIL else f"is {to_hex(found)}, not 0D 0A"
+        yield Part("tail", tail, tail + 2, to_hex(found), FRAME["tail"], None, wrong)
+
+
+def _bad_frame(reading: Reading) -> tuple[Part, ...]:
+    data = reading.data
+    size = len(data)
+    header = tuple(_header(data[:32]))
+    rest = filled(header, 0, min(size, 32), "rest", FRAME["rest"])
+    session = Part("session header", 0, min(size, 32), "", FRAME["session header"], parts=rest)
+    if size <= 32:
+        return (session,)
+    parts = list(_command_header(data))
+    if size >= BODY_OFFSET:
+        end = BODY_OFFSET + u16(data, 36)
+        if BODY_OFFSET < end <= size:
+            text = to_hex(data[BODY_OFFSET:end], _SAMPLE)
+            parts.append(Part("body", BODY_OFFSET, end, text, FRAME["body"]))
+        parts += _closing(data, end, reading.problem)
+    inside = filled(parts, 32, size, "rest", FRAME["rest"])
+    return (session, Part("command frame", 32, size, "", FRAME["command frame"], None, reading.problem, inside))
+
+
+def _bad_packet(reading: Reading) -> tuple[Part, ...]:
+    data, size = reading.data, len(reading.data)
+    parts = list(_packet_head(data, 0))
+    whole = size > 5 and size == data[3] + 4
+    if size > 4:
+        parts.append(
+            Part("instruction", 4, 5, f"{data[4]:02X}", "Instruction, or the error of an answer.", data[4])
+        )
+    if whole:
+        text = f"{data[-1]:02X} wrong"
+        parts.append(Part("checksum", size - 1, size, text, SERVO["checksum"], data[-1], reading.problem))
+    inside = filled(parts, 0, size, "params", SERVO["params"])
+    inside = tuple(_with_bytes(part, data, 0) for part in inside)
+    return (Part("servo packet", 0, size, "", SERVO["servo packet"], None, reading.problem, inside),)
+
+
+def _packet_head(data: bytes, at: int) -> Iterator[Part]:
+    kind = {0xFF: "packet", 0xF5: "answer of a legacy servo or a board"}.get(data[1] if len(data) > 1 else -1, "")
+    yield Part("header", at, at + min(2, len(data)), f"{to_hex(data[:2])} {kind}".strip(), SERVO["header"])
+    if len(data) > 2:
+        who = "all servos" if data[2] == t.BROADCAST_ID else f"servo {data[2]}"
+        yield Part("id", at + 2, at + 3, who, SERVO["id"], data[2])
+    if len(data) > 3:
+        yield Part("length", at + 3, at + 4, str(data[3]), SERVO["length"], data[3])
+
+
+def _number(command: str, item: Item) -> Part:
+    """A field of a body; the item's place is that in the frame."""
+    meaning, value = body_meaning(command, item.name), item.value or 0
+    words = str(value)
+    if meaning.names is not None and value in meaning.names:
+        words += f" = {meaning.names[value]}"
+    elif meaning.bits is not None:
+        words = f"0x{value:02X} = {flag_words(value, meaning.bits)}"
+    elif meaning.unit and meaning.scale != 1.0:
+        words += f" = {value * meaning.scale:.6g} {meaning.unit}"
+    elif meaning.unit:
+        words += f" {meaning.unit}"
+    return Part(item.name, item.start, item.end, words, meaning.text, value)
+
+
+def _address(series: str | None, address: int) -> Part:
+    register = Series(series).at(address) if series else None
+    name = f" {register.name}" if register is not None else ""
+    return Part("address", 0, 1, f"0x{address:02X}{name}", SERVO["address"], address)
+
+
+def _registers(items: list[Item], series: str | None, address: int) -> Iterator[Part]:
+    """The values of registers; their places are those in the bytes after the address."""
+    for item in items:
+        register = Series(series).at(address + item.start) if series else None
+        if register is not None and register.size != item.end - item.start:
+            register = None
+        words = item.words.removeprefix(item.name).strip()
+        yield Part(item.name, item.start, item.end, words, register_meaning(register), item.value)
+
+
+def _arrays(command: str, body: bytes, start: int, at: int) -> Iterator[Part]:
+    """Names and numbers of a robot controller's command, from `start` in its body; nothing if they do not fit."""
+    try:
+        if command == "JOINT_COMMANDS":
+            yield from _joint_commands(JointCommands.parse(body), start, at)
+        elif command == "JOINT_TRAJECTORY":
+            yield from _trajectory(TrajectoryPoints.parse(body), body, start, at)
+    except HexwireError:
+        return
+
+
+def _joint_commands(command: JointCommands, start: int, at: int) -> Iterator[Part]:
+    place = at + start
+    for name in command.name:
+        size = len(name.encode())
+        length = Part("name_length", place, place + 1, str(size), "Bytes of the joint's name.", size)
+        text = Part("name", place + 1, place + 1 + size, name, "The joint.")
+        yield Part(name, place, place + 1 + size, name, "A joint.", parts=(length, text))
+        place += 1 + size
+    for array in COMMAND_ARRAYS:
+        values = getattr(command, array)
+        if not values:
+            continue
+        inside = tuple(
+            Part(joint, place + 8 * i, place + 8 * i + 8, f"{value:.6g}", f"{array} of the joint.", value)
+            for i, (joint, value) in enumerate(zip(command.name, values, strict=True))
+        )
+        words = " ".join(part.words for part in inside)
+        yield Part(array, place, place + 8 * len(values), words, "An array of float64.", parts=inside)
+        place += 8 * len(values)
+
+
+def _trajectory(trajectory: TrajectoryPoints, body: bytes, start: int, at: int) -> Iterator[Part]:
+    joints = len(trajectory.positions[0])
+    names = ["time", *(f"position {i + 1}" for i in range(joints))]
+    if trajectory.velocities:
+        names += [f"speed {i + 1}" for i in range(joints)]
+    units = {"time": "s", "position": "rad", "speed": "rad/s"}
+    for number in range(len(trajectory.times)):
+        first = start + 8 * len(names) * number
+        values = struct.unpack_from(f"<{len(names)}d", body, first)
+        fields = tuple(
+            Part(
+                name, at + first + 8 * i, at + first + 8 * i + 8, f"{value:.6g} {units[name.split()[0]]}", "", value
+            )
+            for i, (name, value) in enumerate(zip(names, values, strict=True))
+        )
+        text = f"at {values[0]:.6g} s"
+        yield Part(f"point {number}", fields[0].start, fields[-1].end, text, "A waypoint.", parts=fields)
