@@ -1,0 +1,88 @@
+// The table below a plot: every series with a switch, its value now (or under the pointer), at both cursors, and the difference.
+//
+// Owns the table; written at most ten times a second.
+
+import { timeText, valueText } from "./plot_look.js";
+
+const PERIOD = 100; // ms
+
+export class Legend {
+  constructor(plot) {
+    this.plot = plot;
+    this.element = document.createElement("div");
+    this.element.className = "hx-plot-legend";
+    this._timer = 0;
+  }
+
+  build() {
+    const { plot } = this;
+    const table = document.createElement("table");
+    const head = table.createTHead().insertRow();
+    this._heads = ["", "unit", "now", "A", "B", "B − A"].map((text) => {
+      const cell = document.createElement("th");
+      cell.scope = "col";
+      cell.textContent = text;
+      head.append(cell);
+      return cell;
+    });
+    this._heads[0].textContent = "signal";
+    const body = table.createTBody();
+    this._rows = plot.series.map((one, i) => {
+      const row = body.insertRow();
+      const name = document.createElement("th");
+      name.scope = "row";
+      const label = document.createElement("label");
+      const box = document.createElement("input");
+      box.type = "checkbox";
+      box.checked = one.shown;
+      box.addEventListener("change", () => plot.show(i, box.checked));
+      const line = document.createElement("span");
+      line.className = "hx-plot-line" + (one.dash ? " dashed" : "");
+      label.append(box, line, ` ${one.name}`);
+      name.append(label);
+      row.append(name);
+      const unit = row.insertCell();
+      unit.textContent = one.unit;
+      unit.className = "unit";
+      return { line, box, cells: ["now", "a", "b", "d"].map(() => row.insertCell()) };
+    });
+    this.element.replaceChildren(table);
+    this.colours();
+    this._write();
+  }
+
+  colours() {
+    this._rows.forEach((row, i) => { row.line.style.borderColor = this.plot.colour(i); });
+  }
+
+  later() {
+    if (this._timer) return;
+    this._timer = setTimeout(() => { this._timer = 0; this._write(); }, PERIOD);
+  }
+
+  destroy() { clearTimeout(this._timer); }
+
+  _write() {
+    const { plot } = this;
+    const { a, b } = plot.cursors;
+    const origin = plot.options.origin;
+    const at = (t) => (t === null ? "" : ` ${timeText(t - origin)} s`);
+    put(this._heads[2], plot.hover === null ? (plot.options.live ? "now" : "end") : `at${at(plot.hover)}`);
+    put(this._heads[3], `A${at(a)}`);
+    put(this._heads[4], `B${at(b)}`);
+    put(this._heads[5], a !== null && b !== null ? `B − A ${timeText(b - a)} s` : "B − A");
+    for (const [i, shown] of [[3, a !== null], [4, b !== null], [5, a !== null && b !== null]]) {
+      this.element.firstChild.classList.toggle(`without-${i + 1}`, !shown);
+    }
+    this._rows.forEach((row, i) => {
+      const digits = plot.digits(i);
+      const v = plot.values(i);
+      const texts = [v.now, v.a, v.b, v.b - v.a].map((value) => valueText(value, digits));
+      row.cells.forEach((cell, k) => put(cell, texts[k]));
+    });
+  }
+}
+
+function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
