@@ -245,30 +245,29 @@ def write(servo_id: int, name: str, value: str, si: bool, yes: bool, options: Bu
 @json_option
 def table(servo_id: int, options: BusOptions, as_json: bool) -> None:
     """Show every register of a servo; a * marks stored settings that differ from the factory settings."""
+    from hexwire.bus.register_table import read_table
+
     rows = []
     data = []
     with open_bus(options) as opened:
         known_servo(opened, servo_id, options)
-        series = opened.series_of(servo_id)
-        for register in series.registers.values():
-            reading = opened.read(servo_id, register.name)
-            if reading.error:
-                reading.check()
-            raw = reading.raw
-            changed = register.default is not None and register.area == "eeprom" and raw != register.default
+        for row in read_table(opened, servo_id):
+            register, changed = row.register, row.differs_from_factory
             rows.append(
                 (
-                    "*" if changed and register.name != "id" else "",
+                    "*" if changed else "",
                     str(register.address),
                     register.name,
-                    str(raw),
-                    with_unit(reading.value, register.si_unit) if register.si_unit else "",
+                    str(row.raw),
+                    with_unit(register.to_si(row.raw or 0), register.si_unit) if register.si_unit else "",
                     "" if register.default is None else str(register.default),
                     register.access,
                     register.area,
                 )
             )
-            data.append({"address": register.address, "register": register.name, "raw": raw, "changed": changed})
+            data.append(
+                {"address": register.address, "register": register.name, "raw": row.raw, "changed": changed}
+            )
     if as_json:
         print_json(data)
     else:

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["histogram"]
 
-_LIVE_FIRST, _LIVE_COUNT = 56, 15
 _SHOWN = ("present_position", "present_speed", "present_load", "present_voltage", "present_temperature")
 _HEAD = ("id", "position deg", "speed deg/s", "load %", "V", "degC", "mA", "condition")
 _MOST_ROWS = 1_000_000
@@ -79,27 +78,22 @@ def monitor(
 
 def _sample(opened: ServoBus, ids: tuple[int, ...]) -> list[tuple[tuple[str, ...], Row]]:
     """Cells and SI values of each servo."""
-    from hexwire.bus.values import fault_words
+    from hexwire.bus.live_values import read_live
 
     rows: list[tuple[tuple[str, ...], Row]] = []
-    for block in opened.sync_read_blocks(_LIVE_FIRST, _LIVE_COUNT, ids):
-        registers = opened.series_of(block.servo_id).registers
-        values = [block.value(registers[name]) for name in _SHOWN]
-        current = registers.get("present_current")
-        values.append(block.value(current) if current is not None and current.si_unit == "A" else math.nan)
-        condition = block.error or ", ".join(fault_words(block.status)) or "ok"
-        position, speed, load, volts, celsius, amperes = values
+    for now in read_live(opened, ids):
         cells = (
-            str(block.servo_id),
-            plain(math.degrees(position), 2),
-            plain(math.degrees(speed), 1),
-            plain(load * 100, 1),
-            plain(volts, 1),
-            plain(celsius, 0),
-            plain(amperes * 1000, 0),
-            condition,
+            str(now.servo_id),
+            plain(math.degrees(now.position), 2),
+            plain(math.degrees(now.speed), 1),
+            plain(now.load * 100, 1),
+            plain(now.voltage, 1),
+            plain(now.temperature, 0),
+            plain(now.current * 1000, 0),
+            now.error or ", ".join(now.faults) or "ok",
         )
-        rows.append((cells, (float(block.servo_id), *values)))
+        values = (now.position, now.speed, now.load, now.voltage, now.temperature, now.current)
+        rows.append((cells, (float(now.servo_id), *values)))
     return rows
 
 

@@ -1,0 +1,232 @@
+"""Edits of registers by a person: checked before they are sent, read back, and undone on request.
+
+Owns what a person may type, which registers are not edited like this and why, and the history. Must not know
+terminals or pages, and asks for no confirmation: `Edit.warning` says what to confirm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from hexwire.errors import ServoError, UsageError
+from hexwire.wire.registers import Register, Series
+
+from .register_table import people_unit
+from .servo_bus import ServoBus
+from .setup import write_setting
+
+__all__ = ["MOVING", "Edit", "RegisterEdits", "parse_value", "why_not"]
+
+MOVING = frozenset(
+    ("goal_position", "target_position", "goal_speed", "target_speed", "goal_pwm_or_time", "goal_time", "run_time")
+)
+"""Registers whose write may set a servo in motion."""
+_MOST_UNDONE = 100
+_LONGEST = 40
+_WARNINGS = {
+    "mode": "another mode: a goal of the old mode may then turn the servo without end",
+    "phase": "the drive's own wiring: a wrong value makes the servo run away or not at all",
+    "byte_order": "the order of its bytes: hexwire then no longer understands it",
+    "status_return_level": "whether it answers writes",
+    "position_offset": "the zero of its positions: a calibration of the arm is then wrong",
+    "protection_switch": "which faults switch it off",
+    "max_voltage": "its protection against a wrong supply",
+    "min_voltage": "its protection against a wrong supply",
+    "max_temperature": "its protection against heat",
+    "protection_current": "its protection against a blocked joint",
+    "overload_torque": "its protection against a blocked joint",
+    "overload_time": "its protection against a blocked joint",
+    "min_position_limit": "how far it may turn",
+    "max_position_limit": "how far it may turn",
+}
+
+
+class Edit(NamedTuple):
+    """A change of one register.
+
+    Attributes:
+        servo_id: The servo.
+        register: The register.
+        before: Its raw value before.
+        after: Its raw value afterwards.
+    """
+
+    servo_id: int
+    register: Register
+    before: int
+    after: int
+
+    @property
+    def stored(self) -> bool:
+        """Whether the new value survives power-off."""
+        return self.register.area == "eeprom"
+
+    @property
+    def warning(self) -> str:
+        """What the change means, for a question before it; empty for a harmless value that power-off forgets."""
+        what = _WARNINGS.get(self.register.name, "")
+        if not self.stored:
+            return what
+        kept = f"{self.register.name} is stored in servo {self.servo_id} and survives power-off"
+        return f"{kept}. It is {what}" if what else kept
+
+    def __str__(self) -> str:
+        return f"servo {self.servo_id} {self.register.name}: {self.before} → {self.after}"
+
+
+def why_not(register: Register) -> str:
+    """Say why a register is not edited as a number; empty if it may be."""
+    if register.access != "rw":
+        return "the servo only reports it"
+    if register.name == "id":
+        return "change the id: that is checked, and goes back if the servo does not answer"
+    if register.name == "baud_code":
+        return "change the rate: that is checked, and goes back if the servo does not answer"
+    if register.name == "lock":
+        return "stored settings are unlocked and locked again by hexwire"
+    if register.name == "torque_enable":
+        return "switch the torque: on, the servo then holds where it is"
+    if register.name in MOVING:
+        return "it would move the servo: a wave moves it only while somebody holds it"
+    return ""
+
+
+def parse_value(register: Register, text: str, *, raw: bool) -> int:
+    """Parse what a person typed for a register, and check it against the servo's own range.
+
+    Args:
+        register: The register.
+        text: A whole number (also ``0x1f``) if raw; else a number in the unit of `people_unit`.
+        raw: See above.
+
+    Raises:
+        UsageError: It is not such a number, or out of range; the text says the range.
+    """
+    text = text.strip().replace(",", ".")
+    unit, si = people_unit(register.si_unit)
+    try:
+        if len(text) > _LONGEST:
+            raise ValueError
+        if raw or not register.si_unit:
+            value = int(text, 0)
+        else:
+            number = float(text)
+            if not math.isfinite(number):
+                raise ValueError
+            value = register.from_si(number * si)
+    except UsageError:
+        raise
+    except (ValueError, OverflowError):
+        kind = "a whole number" if raw or not register.si_unit else f"a number in {unit}"
+        raise UsageError(f"{register.name}: {text[:_LONGEST]!r} is not {kind}") from None
+    low = register.fits[0] if register.minimum is None else register.minimum
+    high = register.fits[-1] if register.maximum is None else register.maximum
+    if not low <= value <= high:
+        step = register.si_factor / si
+        told = f"{low}..{high}" if raw or not unit else f"{low * step:.4g}..{high * step:.4g} {unit}"
+        raise UsageError(f"{register.name} takes {told}, not {text}")
+    return value
+
+
+class RegisterEdits:
+    """The edits of one session at a bus, and the way back. Its callers take turns.
+
+    Attributes:
+        done: Edits that can be undone, newest last; the oldest are forgotten after a hundred.
+    """
+
+    def __init__(self) -> None:
+        self.done: deque[Edit] = deque(maxlen=_MOST_UNDONE)
+
+    def prepare(self, bus: ServoBus, servo_id: int, name: str, text: str, *, raw: bool) -> Edit:
+        """Check an edit and read the value before it; nothing is written.
+
+        Raises:
+            UsageError: The register is not edited like this, or the value is not accepted.
+            ServoError: The servo does not answer.
+        """
+        register = bus.series_of(servo_id).register(name)
+        if refusal := why_not(register):
+            raise UsageError(f"{name}: {refusal}")
+        after = parse_value(register, text, raw=raw)
+        other = _other_limit(bus, servo_id, register)
+        if other is not None and (after >= other if name.startswith("min") else after <= other):
+            raise UsageError(f"{name}: {after} leaves no range, the other limit is {other}")
+        return Edit(servo_id, register, _read(bus, servo_id, name), after)
+
+    def apply(self, bus: ServoBus, edit: Edit) -> None:
+        """Write an edit and verify it.
+
+        Raises:
+            ServoError: The register changed since `prepare`, or has another value afterwards.
+        """
+        _expect(bus, edit, edit.before, "since it was shown")
+        _write(bus, edit.servo_id, edit.register, edit.after)
+        self.done.append(edit)
+
+    def undo(self, bus: ServoBus) -> Edit:
+        """Undo the last edit and verify it; it stays in the history if that fails.
+
+        Returns:
+            The edit that was undone.
+
+        Raises:
+            UsageError: There is none.
+            ServoError: The register was changed by something else since, or the servo does not answer.
+        """
+        if not self.done:
+            raise UsageError("there is nothing to undo")
+        edit = self.done[-1]
+        _expect(bus, edit, edit.after, "since that edit")
+        _write(bus, edit.servo_id, edit.register, edit.before)
+        self.done.pop()
+        return edit
+
+    def moved(self, old: int, new: int) -> None:
+        """Follow a servo to its new id."""
+        rows = [edit._replace(servo_id=new) if edit.servo_id == old else edit for edit in self.done]
+        self.done = deque(rows, maxlen=_MOST_UNDONE)
+
+
+def _other_limit(bus: ServoBus, servo_id: int, register: Register) -> int | None:
+    """The other end of a range of two registers: without a range between them a servo refuses goals, or turns."""
+    name = register.name
+    pair = name.replace("min_", "max_") if name.startswith("min_") else name.replace("max_", "min_")
+    # An SCS with both limits at 0 is a wheel on purpose.
+    if (
+        pair == name
+        or pair not in (known := bus.series_of(servo_id).registers)
+        or bus.series_of(servo_id) is Series.SCS
+    ):
+        return None
+    return _read(bus, servo_id, pair) if known[pair].si_unit == register.si_unit else None
+
+
+def _read(bus: ServoBus, servo_id: int, name: str) -> int:
+    reading = bus.read(servo_id, name)
+    if reading.raw is None:
+        raise ServoError(f"servo {servo_id}: {reading.error} to {name} (check cable and power)", servo_id=servo_id)
+    return reading.raw
+
+
+def _expect(bus: ServoBus, edit: Edit, raw: int, when: str) -> None:
+    now = _read(bus, edit.servo_id, edit.register.name)
+    if now != raw:
+        what = f"servo {edit.servo_id} {edit.register.name}"
+        raise ServoError(
+            f"{what} changed {when}: it is {now}, not {raw}; nothing was written", servo_id=edit.servo_id
+        )
+
+
+def _write(bus: ServoBus, servo_id: int, register: Register, raw: int) -> None:
+    if register.area == "eeprom":
+        write_setting(bus, servo_id, register.name, raw)
+        return
+    answer = bus.write_raw(servo_id, register.name, raw)
+    if answer.error:
+        answer.check()
+    now = _read(bus, servo_id, register.name)
+    if now != raw:
+        raise ServoError(f"servo {servo_id} has {register.name} = {now} after a write of {raw}", servo_id=servo_id)
