@@ -1,0 +1,207 @@
+"""The last ten minutes of an arm: positions, goals, velocities, loads, rates, for plots and files.
+
+Owns the samples, in memory that is taken once and never grows. Pure: states come in as arguments, with their times.
+Must not know who looks at them, nor files or sockets.
+
+One thread adds samples; any thread may read. Neither waits for the other: a reader notices that the oldest rows
+were overwritten while it copied, and leaves them out.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hexwire.model.state import JointFlag, JointState
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["ARM_SIGNALS", "JOINT_SIGNALS", "History", "Rows", "Signal"]
+
+_FAULTS = sum(int(flag.faults) for flag in JointFlag)
+_COPY = 512
+"""Rows that are copied at once: other threads wait meanwhile."""
+_SPARE = 256
+"""Rows that may be overwritten while a reader copies."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A quantity that is kept.
+
+    Attributes:
+        name: Its name in files, as in `JointState`.
+        unit: Its SI unit; empty for a plain number.
+        words: Its name for people.
+    """
+
+    name: str
+    unit: str
+    words: str
+
+
+JOINT_SIGNALS = (
+    Signal("position", "rad", "position"),
+    Signal("goal", "rad", "goal"),
+    Signal("velocity", "rad/s", "velocity"),
+    Signal("load", "", "load"),
+    Signal("current", "A", "current"),
+    Signal("voltage", "V", "voltage"),
+    Signal("temperature", "°C", "temperature"),
+)
+"""What is kept of each joint, in this order; a goal is the last position that was sent."""
+ARM_SIGNALS = (
+    Signal("rate", "Hz", "state rate"),
+    Signal("round_trip", "s", "round trip"),
+    Signal("faults", "", "joints with faults"),
+)
+"""What is kept of the whole arm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Samples, oldest first.
+
+    Attributes:
+        times: Seconds of the host's clock, rising.
+        values: Little-endian floats of 32 bits, `width` for each time; NaN where unknown.
+        width: Values in a row.
+    """
+
+    times: array[float]
+    values: bytes
+    width: int
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __iter__(self) -> Iterator[tuple[float, tuple[float, ...]]]:
+        """Pairs of time and values."""
+        row = struct.Struct(f"<{self.width}f")
+        return zip(self.times, row.iter_unpack(self.values), strict=True)
+
+    def between(self, begin: float, end: float) -> Rows:
+        """Only the rows of these times, both included."""
+        from bisect import bisect_left, bisect_right
+
+        low, high = bisect_left(self.times, begin), bisect_right(self.times, end)
+        size = 4 * self.width
+        return Rows(self.times[low:high], self.values[low * size : high * size], self.width)
+
+
+class History:
+    """Keeps samples of one arm.
+
+    A row has `JOINT_SIGNALS` of the first joint, then those of the second, and so on; then `ARM_SIGNALS`.
+
+    Args:
+        names: Joint names.
+        seconds: How long samples are kept.
+        rate: Most samples per second; of more frequent ones, some are left out.
+    """
+
+    def __init__(self, names: Sequence[str], *, seconds: float = 600.0, rate: float = 100.0) -> None:
+        self.names = tuple(names)
+        self.width = len(JOINT_SIGNALS) * len(self.names) + len(ARM_SIGNALS)
+        self._period = 1.0 / rate
+        self._room = math.ceil(seconds * rate) + _SPARE
+        self._seconds = seconds
+        self._times = array("d", bytes(8 * self._room))
+        self._row = struct.Struct(f"<{self.width}f")
+        self._values = bytearray(self._row.size * self._room)
+        self._count = 0
+        self._due = self._last = -math.inf
+
+    @property
+    def columns(self) -> list[tuple[str, Signal]]:
+        """Pairs of joint and signal, in the order of a row; the joint is empty for the whole arm."""
+        return [(name, signal) for name in self.names for signal in JOINT_SIGNALS] + [
+            ("", signal) for signal in ARM_SIGNALS
+        ]
+
+    @property
+    def memory(self) -> int:
+        """Bytes for samples; they never change."""
+        return len(self._values) + 8 * self._room
+
+    def append(
+        self,
+        state: JointState,
+        goals: Mapping[str, float],
+        *,
+        rate: float = math.nan,
+        round_trip: float = math.nan,
+    ) -> bool:
+        """Add a state, unless it comes too soon after the last one or is not newer.
+
+        Args:
+            state: The state; joints that it lacks are unknown.
+            goals: Positions that were sent last, by joint, radians.
+            rate: States per second.
+            round_trip: Seconds.
+
+        Returns:
+            Whether it was added.
+        """
+        now = state.stamp
+        if not now > self._last:
+            return False
+        # Samples come early and late; after a delay of more than a period, the due times start from now.
+        if now < self._due - 0.5 * self._period:
+            return False
+        self._due = (self._due if now < self._due + self._period else now) + self._period
+        self._last = now
+        unknown = math.nan
+        row: list[float] = []
+        places = {name: i for i, name in enumerate(state.names)} if state.names != self.names else None
+        faults = 0
+        for k, name in enumerate(self.names):
+            i = k if places is None else places.get(name, -1)
+            if i < 0:
+                row += (unknown, goals.get(name, unknown), *(unknown,) * (len(JOINT_SIGNALS) - 2))
+                continue
+            row += (
+                state.position[i],
+                goals.get(name, unknown),
+                state.velocity[i],
+                state.load[i],
+                state.current[i],
+                state.voltage[i],
+                state.temperature[i],
+            )
+            faults += bool(state.flags[i] & _FAULTS)
+        at = self._count % self._room
+        self._times[at] = now
+        self._row.pack_into(self._values, at * self._row.size, *row, rate, round_trip, faults)
+        # Last, so that a reader never sees a row that is not complete.
+        self._count += 1
+        return True
+
+    def rows(self, after: float = -math.inf) -> Rows:
+        """The samples of the last ten minutes that are later than a time."""
+        end = self._count
+        begin = max(0, end - self._room + _SPARE)
+        newest = self._times[(end - 1) % self._room] if end else 0.0
+        after = max(after, newest - self._seconds)
+        low, high = begin, end
+        while low < high:
+            middle = (low + high) // 2
+            if self._times[middle % self._room] <= after:
+                low = middle + 1
+            else:
+                high = middle
+        times, values, size = array("d"), bytearray(), self._row.size
+        at = begin = low
+        while at < end:
+            place = at % self._room
+            n = min(end - at, self._room - place, _COPY)
+            times += self._times[place : place + n]
+            values += memoryview(self._values)[place * size : (place + n) * size]
+            at += n
+        lost = max(0, self._count - self._room - begin)
+        return Rows(times[lost:], bytes(memoryview(values)[lost * size :]), self.width)
