@@ -335,7 +335,7 @@ def test_a_rate_that_a_series_or_a_link_does_not_have() -> None:
         return None if deaf else plain(packet, now)
 
     device.wire[1].receive = receive
-    with pytest.raises(ServoError, match="answers neither at 1000000 nor at 115200 baud: scan for it"):
+    with pytest.raises(ServoError, match="answers neither at 1000000 nor at 115200 baud: switch its supply"):
         setup.set_baud(gone, 1, 115_200)
     written = [packet for packet in gone.link.written if packet[4:6] == b"\x03\x06"]
     assert written == [make_write(1, 6, b"\x04"), make_write(1, 6, b"\0")], "it is sent back blindly"

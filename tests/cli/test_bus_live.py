@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from tests.cli.bus_cli import BusCli
 
+from hexwire.bus.latency import LatencyCounts
 from hexwire.cli.bus_live import histogram
 from hexwire.cli.main import cli
 from hexwire.control import run_motion
@@ -141,8 +142,13 @@ def test_stress(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_histogram() -> None:
-    text = histogram([0.001] * 90 + [0.002] * 9 + [0.1])
+    counts = LatencyCounts()
+    for seconds in [0.001] * 90 + [0.002] * 9 + [0.1]:
+        counts.add(seconds)
+    text = histogram(counts.bins())
     assert "p50 1000 us" in text
     assert "longest 100000 us" in text
     assert len(text.splitlines()) == 12
-    assert "#" in histogram([0.5])
+    one = LatencyCounts()
+    one.add(0.5)
+    assert "#" in histogram(one.bins())

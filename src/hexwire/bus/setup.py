@@ -36,6 +36,8 @@ _EEPROM_TIME = 0.02
 """Seconds until a stored setting takes effect, with a margin; a servo receives nothing while it writes."""
 _LATE = 0.1
 """Seconds after which a late answer has arrived, even on a computer that stalls."""
+_LOOKS = 4
+"""Number of times that a servo is looked for after a change; a second in all."""
 _COLLISION_READS = 6
 _CALIBRATE_MID = 128
 _LIVE_FIRST, _LIVE_COUNT = 56, 15
@@ -267,28 +269,35 @@ def set_id(bus: ServoBus, old: int, new: int) -> ServoInfo:
     if old == new:
         raise UsageError(f"servo {old} has that id already")
     info = _must_be_there(bus, old)
-    if bus.ping(new).ok:
+    # A servo with a fault, or several whose answers collide, take an id as well as one that answers in order.
+    if _hears(bus, new):
         raise ServoError(f"id {new} is taken: nothing was changed", servo_id=new)
     register = bus.series_of(old).register("id")
     has_lock = "lock" in bus.series_of(old).registers
     if has_lock:
-        bus.write_raw(old, "lock", 0).check()
+        _unlock(bus, old)
     # The id of the acknowledgement differs between firmwares, so this write is verified by its effect.
     bus.raw(make_write(old, register.address, bytes((new,))))
     bus.pause(_EEPROM_TIME)
     bus.set_series(new, info.series or series)
     bus.set_acknowledges(new, info.acknowledges)
-    if not bus.ping(new).error:
-        if has_lock:
-            _faultless(bus.write_raw(new, "lock", 1))
-        if bus.ping(old).ok:
-            raise ServoError(f"servo {new} answers, but so does {old}: two servos had id {old}", servo_id=old)
-        return info._replace(servo_id=new)
-    if not bus.ping(old).error:
-        if has_lock:
-            bus.write_raw(old, "lock", 1)
-        raise ServoError(f"servo {old} did not accept id {new}; it still has {old}", servo_id=old)
-    raise ServoError(f"servo {old} answers neither to {old} nor to {new}: scan for it", servo_id=old)
+    for turn in range(_LOOKS):
+        if not bus.ping(new).error:
+            if has_lock:
+                _faultless(bus.write_raw(new, "lock", 1))
+            if not bus.ping(old).error:
+                raise ServoError(f"servo {new} answers, but so does {old}: two servos had id {old}", servo_id=old)
+            return info._replace(servo_id=new)
+        if not bus.ping(old).error:
+            if has_lock:
+                bus.write_raw(old, "lock", 1)
+            raise ServoError(f"servo {old} did not accept id {new}; it still has {old}", servo_id=old)
+        # It may be silent for a moment; a write under either id could reach another servo meanwhile.
+        bus.pause(_LATE * (1 + turn))
+    raise ServoError(
+        f"servo {old} answers neither to {old} nor to {new}: switch its supply off and on, then scan for it",
+        servo_id=old,
+    )
 
 
 def set_baud(bus: ServoBus, servo_id: int, baud: int) -> None:
@@ -313,26 +322,55 @@ def set_baud(bus: ServoBus, servo_id: int, baud: int) -> None:
     if getattr(bus.link, "set_baud", None) is None:
         raise NotSupportedError(f"{bus.link.url} has no line rate that could be changed with the servo's")
     register = series.register("baud_code")
-    bus.write_raw(servo_id, "lock", 0).check()
+    _unlock(bus, servo_id)
     # The acknowledgement may arrive at either rate, so verify the rate at which the servo answers afterwards.
     bus.raw(make_write(servo_id, register.address, bytes((codes[baud],))))
     bus.pause(_EEPROM_TIME)
     bus.set_baud(baud)
-    if not bus.ping(servo_id).error and bus.read(servo_id, "baud_code").raw == codes[baud]:
+    if _uses(bus, servo_id, codes[baud]):
         bus.write_raw(servo_id, "lock", 1)
         return
     # It may have changed its rate without a readable answer: restore the rate without an answer, then check it.
     old_code = codes.get(info.baud, register.default or 0)
     bus.raw(make_write(servo_id, register.address, bytes((old_code,))))
     bus.pause(_EEPROM_TIME)
+    for turn in range(_LOOKS):
+        bus.set_baud(before)
+        if not bus.ping(servo_id).error:
+            bus.write_raw(servo_id, "baud_code", old_code)
+            bus.write_raw(servo_id, "lock", 1)
+            raise ServoError(
+                f"servo {servo_id} does not answer at {baud} baud; it still uses {before}", servo_id=servo_id
+            )
+        # It may have been silent for a moment only, and have heard the change but not the way back.
+        bus.set_baud(baud)
+        if _uses(bus, servo_id, codes[baud]):
+            bus.write_raw(servo_id, "lock", 1)
+            return
+        bus.pause(_LATE * (1 + turn))
     bus.set_baud(before)
-    if not bus.ping(servo_id).error:
-        bus.write_raw(servo_id, "baud_code", old_code)
-        bus.write_raw(servo_id, "lock", 1)
-        raise ServoError(f"servo {servo_id} does not answer at {baud} baud; it still uses {before}")
     raise ServoError(
-        f"servo {servo_id} answers neither at {before} nor at {baud} baud: scan for it", servo_id=servo_id
+        f"servo {servo_id} answers neither at {before} nor at {baud} baud: switch its supply off and on, then scan "
+        "for it",
+        servo_id=servo_id,
     )
+
+
+def _uses(bus: ServoBus, servo_id: int, code: int) -> bool:
+    """Whether a servo answers at the bus's rate, and has stored it."""
+    return not bus.ping(servo_id).error and bus.read(servo_id, "baud_code").raw == code
+
+
+def _unlock(bus: ServoBus, servo_id: int) -> None:
+    """Unlock stored settings; if the servo does not confirm it, lock them again.
+
+    Raises:
+        ServoError: It does not confirm it, or has a fault.
+    """
+    answer = bus.write_raw(servo_id, "lock", 0)
+    if not answer.ok:
+        bus.write_raw(servo_id, "lock", 1)
+        answer.check()
 
 
 def center(bus: ServoBus, servo_id: int) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -27,6 +27,7 @@ from .samples import Row, SampleFiles, file_options, saving
 from .sim_bus import parse_ids
 
 if TYPE_CHECKING:
+    from hexwire.bus.latency import Bins
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.control.servo_wave import WaveEnd, WaveSample
     from hexwire.drivers.bus_arm import BusArm
@@ -286,77 +287,53 @@ def _any_key() -> Iterator[Callable[[], bool]]:
 @json_option
 def stress(ids: str, count: int, name: str, options: BusOptions, as_json: bool) -> None:
     """Read N times as fast as possible; print errors and a histogram of the times. Nothing moves."""
-    wanted = tuple(parse_ids(ids))
+    from hexwire.bus.latency import StressTest
+
+    test = StressTest(tuple(parse_ids(ids)), name)
     took: list[float] = []
-    missing = dict.fromkeys(wanted, 0)
     with open_bus(options) as opened:
-        for servo_id in wanted:
+        for servo_id in test.ids:
             known_servo(opened, servo_id, options)
-        start = time.monotonic()
         try:
-            for _ in range(count):
-                begin = time.perf_counter()
-                readings = opened.sync_read(name, wanted)
-                took.append(time.perf_counter() - begin)
-                for servo_id in readings.missing:
-                    missing[servo_id] += 1
+            test.run(opened, count, clock=time.perf_counter, each=took.append if as_json else lambda _: None)
         except KeyboardInterrupt:
             note("ended")
-        total = time.monotonic() - start
         counters = opened.counters.as_dict()
         overhead = opened.timing.overhead
-    if not took:
+    if not test.reads:
         return
-    failed = sum(missing.values())
-    values = len(took) * len(wanted)
     if as_json:
         print_json(
             {
-                "reads": len(took),
-                "seconds": total,
+                "reads": test.reads,
+                "seconds": test.seconds,
                 "round_trips_s": sorted(took),
-                "values": values,
-                "missing": missing,
+                "values": test.values,
+                "missing": test.missing,
                 "overhead_s": overhead,
                 "counters": counters,
             }
         )
     else:
-        _say_stress(took, wanted, total, missing, overhead, counters)
-    if failed:
-        worst = max(missing, key=lambda servo_id: missing[servo_id])
-        raise ServoError(f"{failed} values are missing, most of them from servo {worst}: check its cable and power")
+        say(*histogram(test.took.bins()).splitlines())
+        say(
+            f"{test.reads} reads of {len(test.ids)} in {test.seconds:.2f} s: "
+            f"{test.reads / test.seconds:.0f} per second"
+        )
+        say(f"values missing: {test.lost} of {test.values} ({test.lost / test.values:.3%})")
+        say(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
+        say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
+    if test.lost:
+        raise ServoError(
+            f"{test.lost} values are missing, most of them from servo {test.worst}: check its cable and power"
+        )
 
 
-def _say_stress(
-    took: Sequence[float],
-    wanted: Sequence[int],
-    total: float,
-    missing: Mapping[int, int],
-    overhead: float,
-    counters: Mapping[str, int],
-) -> None:
-    failed = sum(missing.values())
-    values = len(took) * len(wanted)
-    say(*histogram(took).splitlines())
-    say(f"{len(took)} reads of {len(wanted)} in {total:.2f} s: {len(took) / total:.0f} per second")
-    say(f"values missing: {failed} of {values} ({failed / values:.3%})")
-    say(f"adapter and system add {overhead * 1e6:.0f} us to each answer")
-    say(", ".join(f"{key} {value}" for key, value in counters.items() if value))
-
-
-def histogram(seconds: Sequence[float]) -> str:
-    """Durations as a text histogram, with percentiles."""
-    ordered = sorted(seconds)
-    low = ordered[0]
-    step = max((ordered[len(ordered) * 99 // 100] - low) / 10, 1e-6)
-    counts = [0] * 11
-    for value in ordered:
-        counts[min(int((value - low) / step), 10)] += 1
+def histogram(bins: Bins) -> str:
+    """A histogram of durations as text, with percentiles."""
     lines = []
-    for i, count in enumerate(counts):
-        label = f"{(low + i * step) * 1e6:8.0f} us" if i < 10 else f"above {(low + i * step) * 1e6:.0f}".rjust(11)
-        lines.append(f"{label} {'#' * round(40 * count / max(counts))} {count}".rstrip())
-    p50, p99 = ordered[len(ordered) // 2], ordered[len(ordered) * 99 // 100]
-    lines.append(f"p50 {p50 * 1e6:.0f} us, p99 {p99 * 1e6:.0f} us, longest {ordered[-1] * 1e6:.0f} us")
+    for i, (edge, count) in enumerate(zip(bins.edges, bins.counts, strict=True)):
+        label = f"{edge * 1e6:8.0f} us" if i < len(bins.edges) - 1 else f"above {edge * 1e6:.0f}".rjust(11)
+        lines.append(f"{label} {'#' * round(40 * count / max(bins.counts))} {count}".rstrip())
+    lines.append(f"p50 {bins.p50 * 1e6:.0f} us, p99 {bins.p99 * 1e6:.0f} us, longest {bins.longest * 1e6:.0f} us")
     return "\n".join(lines)
