@@ -1,4 +1,4 @@
-"""Reads traffic from files: the chapter's log, a hex dump, a raw capture, a recording.
+"""Reads traffic from files: the chapter's log, a hex dump, a raw capture, a recording, a capture of Wireshark.
 
 Owns detecting the format and converting each to transfers. Must not know what the bytes mean.
 """
@@ -15,6 +15,7 @@ from hexwire.link.tap import Direction, Passed
 from .capture import traffic_of
 from .chapter_log import HEADLINE, parse_log
 from .mcap_file import MAGIC
+from .pcap import guess, is_pcap, read_pcap
 
 __all__ = ["LARGEST", "read_traffic"]
 
@@ -23,7 +24,6 @@ LARGEST = 64 * 1024 * 1024
 
 _OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{4,16}:?\s+(?=[0-9A-Fa-f]{2}\b)")
 _TEXT_COLUMN = re.compile(r"\||\s\s[^0-9A-Fa-f\s|]")
-_BOARD_TO_HOST = b"\xff\xf5"
 
 
 def read_traffic(data: bytes, name: str = "the file") -> Iterator[Passed | str]:
@@ -49,9 +49,12 @@ def read_traffic(data: bytes, name: str = "the file") -> Iterator[Passed | str]:
     if data.startswith(MAGIC):
         yield from traffic_of(io.BytesIO(data), name)
         return
+    if is_pcap(data):
+        yield from read_pcap(data)
+        return
     text = _as_text(data)
     if text is None:
-        yield Passed(_direction(data), data, 0.0, "")
+        yield Passed(guess(data), data, 0.0, "")
     elif any(HEADLINE.match(line) for line in _lines(text)):
         yield from parse_log(_lines(text))
     else:
@@ -113,13 +116,4 @@ def _bytes_of(line: str) -> bytes:
 
 def _gathered(data: bytearray, direction: Direction | None) -> Iterator[Passed]:
     if data:
-        yield Passed(direction or _direction(bytes(data)), bytes(data), 0.0, "")
-
-
-def _direction(data: bytes) -> Direction:
-    """The most likely direction, from src of a frame or the header of a legacy status packet."""
-    if data.startswith(_BOARD_TO_HOST):
-        return Direction.RECEIVED
-    if data[:4] == b"\x5a\xfa\xfa\x5a" and data[16:20] == b"\x08\0\0\0":
-        return Direction.RECEIVED
-    return Direction.SENT
+        yield Passed(direction or guess(bytes(data)), bytes(data), 0.0, "")

@@ -1,0 +1,135 @@
+"""Filters for a list of frames, in simple words: ``servo 3``, ``joint_move``, ``bad``, ``slow 20``, ``not sent``.
+
+Owns the language. Must not know where the list comes from.
+
+Conditions are separated by blanks, and all of them must hold:
+
+    servo 3        names servo 3; servo 3,4 one of both
+    joint_move     that command or instruction; a word that is none is searched for in the text
+    "two words"    searched for in the text
+    bad            no valid frame or packet
+    doubt          bad, or with a remark
+    sent received request answer unanswered frame packet
+    dialect 2      frames of that dialect
+    slow 20        an answer that took more than 20 ms, and its request
+    bytes 0D0A     has these bytes
+    not ...        the next condition must not hold; -... is the same
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+from hexwire.errors import UsageError
+from hexwire.wire import tables as t
+
+from .traffic import Entry
+
+__all__ = ["Condition", "parse_filter"]
+
+Condition = Callable[[Entry], bool]
+
+_LONGEST = 200
+_TOKEN = re.compile(r'(-?)(?:"([^"]*)"?|([^\s"]+))')
+_NAMES = {name.lower() for name in (*t.COMMANDS, *t.INSTRUCTIONS)} | {"status"}
+
+
+def _is_answer(entry: Entry) -> bool:
+    return entry.reading.kind in ("frame", "packet") and entry.reading.answer
+
+
+def _is_request(entry: Entry) -> bool:
+    return entry.reading.kind in ("frame", "packet") and not entry.reading.answer
+
+
+_WORDS: dict[str, Condition] = {
+    "bad": lambda entry: entry.bad,
+    "doubt": lambda entry: bool(entry.problem),
+    "sent": lambda entry: entry.sent,
+    "received": lambda entry: not entry.sent,
+    "frame": lambda entry: entry.reading.kind == "frame",
+    "packet": lambda entry: entry.reading.kind == "packet",
+    "request": _is_request,
+    "answer": _is_answer,
+    "unanswered": lambda entry: _is_request(entry) and entry.answered is None,
+}
+
+
+def parse_filter(text: str) -> Condition:
+    """Parse a filter.
+
+    Args:
+        text: See the module; empty for everything.
+
+    Returns:
+        Whether an entry passes.
+
+    Raises:
+        UsageError: A word lacks its number, or the filter is too long.
+    """
+    if len(text) > _LONGEST:
+        raise UsageError(f"a filter has at most {_LONGEST} characters")
+    conditions = list(_conditions(text))
+    return lambda entry: all(condition(entry) for condition in conditions)
+
+
+def _conditions(text: str) -> Iterator[Condition]:
+    tokens = [(bool(m[1]), m[2] if m[3] is None else m[3], m[3] is None) for m in _TOKEN.finditer(text)]
+    at, negative = 0, False
+    while at < len(tokens):
+        minus, word, quoted = tokens[at]
+        negative = negative != minus
+        at += 1
+        if not quoted and word.lower() == "not":
+            negative = not negative
+            if at == len(tokens):
+                raise UsageError("what follows 'not'? For example: not servo 3")
+            continue
+        following = tokens[at][1] if at < len(tokens) else ""
+        condition, used = (_text(word), 0) if quoted else _condition(word, following)
+        at += used
+        yield _inverted(condition) if negative else condition
+        negative = False
+
+
+def _condition(word: str, following: str) -> tuple[Condition, int]:
+    """The condition of a word, and how many of the following words belong to it."""
+    name = word.lower()
+    if name in _WORDS:
+        return _WORDS[name], 0
+    if name == "servo":
+        wanted = frozenset(_whole(each, "servo 3, or servo 3,4", 254) for each in following.split(","))
+        return lambda entry: not wanted.isdisjoint(entry.servos), 1
+    if name == "dialect":
+        dialect = _whole(following, "dialect 2", 255)
+        return lambda entry: entry.reading.kind == "frame" and entry.reading.data[33] == dialect, 1
+    if name == "slow":
+        least = _whole(following, "slow 20, in milliseconds", 1_000_000) / 1000
+        return lambda entry: entry.took is not None and entry.took > least, 1
+    if name == "bytes":
+        try:
+            pattern = bytes.fromhex(following)
+        except ValueError:
+            pattern = b""
+        if not pattern:
+            raise UsageError("bytes needs pairs of hex digits, such as bytes 0D0A")
+        return lambda entry: pattern in entry.reading.data, 1
+    if name in _NAMES:
+        return lambda entry: entry.name == name, 0
+    return _text(word), 0
+
+
+def _text(wanted: str) -> Condition:
+    low = wanted.lower()
+    return lambda entry: low in entry.reading.text.lower()
+
+
+def _inverted(condition: Condition) -> Condition:
+    return lambda entry: not condition(entry)
+
+
+def _whole(text: str, example: str, most: int) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 9 and int(text) <= most):
+        raise UsageError(f"{example.split()[0]} needs a number up to {most}: {example}")
+    return int(text)

@@ -1,0 +1,212 @@
+"""The frames and packets of a line, in a list that is bounded: paired, timed, ready for filtering.
+
+Owns numbering them, the times between request and answer, which servos each concerns, and when an incomplete one is
+given up. `reading` finds and pairs them. Must not know links, nor who looks at the list.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+from hexwire.link.tap import Direction, Passed
+from hexwire.wire.tables import INSTRUCTIONS, INTERBYTE_TIMEOUT
+
+from .dissect import doubt
+from .line_reader import LineReader
+from .reading import HEAD_SIZE, Reader, Reading, packet_problem, u16
+
+__all__ = ["Entry", "Traffic"]
+
+_MOST = 10_000
+_SIZE = 8 * 1024 * 1024
+_SHOWN = 240
+"""Longest text in a row."""
+_SYNC = (INSTRUCTIONS["SYNC_READ"], INSTRUCTIONS["SYNC_WRITE"])
+
+
+@dataclass(slots=True)
+class Entry:
+    """One frame or packet, or bytes that are neither.
+
+    Attributes:
+        number: Counted from 1.
+        reading: What was found.
+        problem: What is wrong or doubtful about it; empty if nothing is.
+        servos: Ids of the servos that it names.
+        name: Command of a frame, instruction of a packet; in lower case, with underscores.
+        answers: Number of the request that it answers, or None.
+        answered: Number of the newest answer to it, or None.
+        took: Seconds from the request to this answer, or to the answer of this request; None without times.
+    """
+
+    number: int
+    reading: Reading
+    problem: str
+    servos: tuple[int, ...]
+    name: str
+    answers: int | None = None
+    answered: int | None = None
+    took: float | None = None
+
+    @property
+    def sent(self) -> bool:
+        """Whether the host sent it."""
+        return self.reading.way is Direction.SENT
+
+    @property
+    def bad(self) -> bool:
+        """Whether it is no valid frame or packet."""
+        return self.reading.kind in ("bad", "garbage")
+
+    def as_row(self) -> list[Any]:
+        """Plain values for a table: number, time, sent, kind, size, text, problem, bad, request, milliseconds."""
+        reading = self.reading
+        took = None if self.took is None or self.answers is None else round(1000 * self.took, 3)
+        return [
+            self.number,
+            round(reading.time, 6),
+            int(self.sent),
+            reading.kind,
+            len(reading.data),
+            reading.text[:_SHOWN],
+            self.problem[:_SHOWN],
+            int(self.bad),
+            self.answers,
+            took,
+        ]
+
+
+class Traffic:
+    """The newest frames of a line.
+
+    Args:
+        series: Name of the series of all servos, or board: the series of each Hex7Bot servo, by id.
+        bus: Whether the line is a servo bus without a board. If None, it is if it begins with a servo packet.
+        most: Entries to keep.
+        size: Bytes of their data to keep.
+
+    Attributes:
+        lost: Entries that were dropped since they were too many.
+    """
+
+    def __init__(
+        self, series: str = "board", *, bus: bool | None = None, most: int = _MOST, size: int = _SIZE
+    ) -> None:
+        self.series = series
+        self._lines = LineReader(series, bus=bus)
+        self._most, self._size = most, size
+        self._entries: deque[Entry] = deque()
+        self._places: dict[tuple[Any, int], Entry] = {}
+        self._bytes = 0
+        self._number = 0
+        self._heard: dict[Direction, float] = {}
+        self.lost = 0
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self._entries)
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest entry."""
+        return self._number
+
+    def feed(self, passed: Passed) -> None:
+        """Take a transfer. A pause in a direction ends what was incomplete there, if the transfers have times."""
+        way, time = passed.direction, passed.time
+        if time:
+            self.quiet(time, way)
+            self._heard[way] = time
+        for reading in self._lines.feed(passed):
+            self._add(reading)
+
+    def quiet(self, now: float, *ways: Direction) -> None:
+        """Give up what is incomplete and has not gone on for 50 ms, by the clock of the transfers."""
+        for way in ways or Direction:
+            heard = self._heard.get(way, 0.0)
+            if heard and now - heard > INTERBYTE_TIMEOUT and self._lines.waits(way):
+                for reading in self._lines.silence(way, heard):
+                    self._add(reading)
+
+    def finish(self) -> None:
+        """Give up what is incomplete, at the end of a file."""
+        for reading in self._lines.finish():
+            self._add(reading)
+
+    def get(self, number: int) -> Entry | None:
+        """An entry by its number; None if it is not kept."""
+        at = number - self._number + len(self._entries) - 1
+        return self._entries[at] if 0 <= at < len(self._entries) else None
+
+    def since(self, number: int, most: int | None = None) -> list[Entry]:
+        """The entries after a number, oldest first; only the newest `most` of them."""
+        wanted = max(0, min(self._number - number, len(self._entries)))
+        found = list(islice(reversed(self._entries), wanted if most is None else min(wanted, most)))
+        found.reverse()
+        return found
+
+    def _add(self, reading: Reading) -> None:
+        self._number += 1
+        entry = Entry(self._number, reading, doubt(reading), _servos(reading, self._lines.reader), _name(reading))
+        asked = reading.answers
+        request = None if asked is None else self._places.get((asked.way, asked.start))
+        if request is not None:
+            entry.answers, request.answered = request.number, entry.number
+            if reading.time and request.reading.time:
+                entry.took = request.took = reading.time - request.reading.time
+        self._entries.append(entry)
+        self._places[reading.way, reading.start] = entry
+        self._bytes += len(reading.data)
+        while len(self._entries) > self._most or (self._bytes > self._size and len(self._entries) > 1):
+            gone = self._entries.popleft()
+            self._places.pop((gone.reading.way, gone.reading.start), None)
+            self._bytes -= len(gone.reading.data)
+            self.lost += 1
+
+
+def _name(reading: Reading) -> str:
+    """Command or instruction; empty if it has none."""
+    reader = _READER
+    if reading.kind == "frame":
+        row = reader.tables["commands"].get(reading.data[38])
+        return str(row["name"]).lower() if row else ""
+    if reading.kind == "packet" and not reading.answer and reading.data[1] == 0xFF:
+        return str(reader.tables["instructions"].get(reading.data[4], "")).replace(" ", "_")
+    return "status" if reading.kind == "packet" else ""
+
+
+def _servos(reading: Reading, reader: Reader) -> tuple[int, ...]:
+    if reading.kind == "packet":
+        return _packet_servos(reading.data, reading.answer)
+    if reading.kind != "frame":
+        return ()
+    data = reading.data
+    body = data[HEAD_SIZE : HEAD_SIZE + u16(data, 36)]
+    inner = reader.inner_packet(data, body, reading.answer)
+    if inner is not None:
+        return () if packet_problem(inner.packet) else _packet_servos(inner.packet, reading.answer)
+    row = reader.tables["commands"].get(data[38])
+    if not body or row is None:
+        return ()
+    layout = row["reply" if data[33] == 2 and data[39] & 0xC0 else "request"]
+    if not any(name == "servo_id" for name, _, _ in layout["rows"]):
+        return ()
+    rows = reader.body_items(body, layout) or []
+    return tuple(item.value for each in rows for item in each if item.name == "servo_id" and item.value is not None)
+
+
+def _packet_servos(packet: bytes, answer: bool) -> tuple[int, ...]:
+    params = packet[5:-1]
+    if answer or packet[1] == 0xF5 or packet[4] not in _SYNC or len(params) < 3:
+        return (packet[2],)
+    return tuple(params[2:] if packet[4] == _SYNC[0] else params[2 :: params[1] + 1])
+
+
+_READER = LineReader().reader
+"""For its tables."""

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.frames import frame_bytes
+
+from hexwire.errors import UsageError
+from hexwire.link.tap import Direction, Passed
+from hexwire.trace.filtering import parse_filter
+from hexwire.trace.traffic import Traffic
+from hexwire.wire.command_frame import Command
+from hexwire.wire.commands import MoveRequest
+from hexwire.wire.servo_packet import make_read
+
+SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
+
+
+def frame(cmd: int, body: bytes = b"", *, src: int = 7, seq: int = 1, ext: int = 0, proto: int = 2) -> bytes:
+    return frame_bytes(cmd, body, proto=proto, seq=seq, src=src, dst=15 - src, cmd_ext=ext)
+
+
+def make_traffic() -> Traffic:
+    traffic = Traffic()
+    for way, data, time in (
+        (SENT, frame(Command.JOINT_MOVE, MoveRequest(1000, ((3, 100),)).serialize()), 1.0),
+        (RECEIVED, frame(Command.JOINT_MOVE, b"\xe8\x03\x00", src=8, ext=0x80), 1.03),
+        (SENT, frame(Command.READ, make_read(4, 0x38, 2), proto=1), 2.0),
+        (SENT, b"noise" + frame(Command.STATS, seq=9), 3.0),
+    ):
+        traffic.feed(Passed(way, data, time, ""))
+    return traffic
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("", [1, 2, 3, 4, 5]),
+        ("servo 3", [1]),
+        ("servo 3,4", [1, 3]),
+        ("joint_move", [1, 2]),
+        ("JOINT_MOVE answer", [2]),
+        ("bad", [4]),
+        ("not bad", [1, 2, 3, 5]),
+        ("-bad -joint_move", [3, 5]),
+        ("not not bad", [4]),
+        ("doubt", [4]),
+        ("sent frame", [1, 3, 5]),
+        ("received", [2]),
+        ("request unanswered", [3, 5]),
+        ("dialect 1", [3]),
+        ("slow 20", [1, 2]),
+        ("slow 40", []),
+        ("present_position", [3]),
+        ("PRESENT_pos", [3]),
+        ('"seq 9"', [5]),
+        ('"reply ok', [2]),
+        ('"bad"', []),
+        ("bytes FFFF04", [3]),
+        ("packet", []),
+    ],
+)
+def test_a_filter_finds(text: str, numbers: list[int]) -> None:
+    passes = parse_filter(text)
+    assert [entry.number for entry in make_traffic() if passes(entry)] == numbers
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("servo", "servo needs a number up to 254: servo 3, or servo 3,4"),
+        ("servo x", "servo needs a number"),
+        ("servo 255", "up to 254"),
+        ("slow soon", "in milliseconds"),
+        ("dialect", "dialect needs a number"),
+        ("bytes 0D0", "pairs of hex digits"),
+        ("bad not", "what follows 'not'?"),
+        ("x" * 201, "at most 200"),
+    ],
+)
+def test_a_wrong_filter_says_what_is_right(text: str, words: str) -> None:
+    with pytest.raises(UsageError, match=words.replace("?", r"\?")):
+        parse_filter(text)
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_a_filter_or_a_usage_error(text: str) -> None:
+    try:
+        passes = parse_filter(text)
+    except UsageError:
+        return
+    assert [passes(entry) for entry in make_traffic()]

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.frames import frame_bytes
+
+from hexwire.link.tap import Direction, Passed
+from hexwire.trace.traffic import Traffic
+from hexwire.wire.command_frame import Command
+from hexwire.wire.commands import MoveRequest
+from hexwire.wire.servo_packet import make_ping, make_read, make_status, make_sync_read, make_sync_write
+
+SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
+
+
+def frame(cmd: int, body: bytes = b"", *, src: int = 7, seq: int = 1, ext: int = 0, proto: int = 2) -> bytes:
+    return frame_bytes(cmd, body, proto=proto, seq=seq, src=src, dst=15 - src, cmd_ext=ext)
+
+
+def fed(*transfers: tuple[Direction, bytes, float], most: int = 1000, size: int = 100_000) -> Traffic:
+    traffic = Traffic(most=most, size=size)
+    for way, data, time in transfers:
+        traffic.feed(Passed(way, data, time, ""))
+    return traffic
+
+
+def test_an_answer_has_its_request_and_both_have_the_time_between() -> None:
+    request, other = frame(Command.STATS, seq=4), frame(Command.RESUME, seq=5)
+    reply = frame(Command.STATS, bytes(60), src=8, seq=4, ext=0x80)
+    traffic = fed((SENT, request, 1.0), (SENT, other, 1.01), (RECEIVED, reply, 1.025))
+    asked, unanswered, answered = traffic
+    assert (asked.answered, answered.answers) == (3, 1)
+    assert asked.took == answered.took == pytest.approx(0.025)
+    assert unanswered.answered is None
+    assert answered.as_row()[-2:] == [1, 25.0]
+    assert asked.as_row()[-2:] == [None, None]
+
+
+def test_without_times_there_is_a_pair_and_no_time() -> None:
+    traffic = fed((SENT, make_ping(4), 0.0), (RECEIVED, make_status(4), 0.0))
+    assert [(entry.answers, entry.took) for entry in traffic] == [(None, None), (1, None)]
+
+
+def test_every_answer_to_a_sync_read_belongs_to_it() -> None:
+    traffic = fed(
+        (SENT, make_sync_read(0x38, 2, (4, 5)), 1.0),
+        (RECEIVED, make_status(4, 0, b"ab"), 1.01),
+        (RECEIVED, make_status(5, 0, b"ab"), 1.02),
+    )
+    asked, *answers = traffic
+    assert [entry.answers for entry in answers] == [1, 1]
+    assert asked.answered == 3
+
+
+def test_an_entry_says_which_servos_it_names() -> None:
+    move = MoveRequest(1000, ((2, 100), (6, 200))).serialize()
+    read = b"\x08\x14" + make_read(4, 0x38, 2)
+    traffic = fed(
+        (SENT, frame(Command.JOINT_MOVE, move), 1.0),
+        (SENT, frame(Command.TRANSACT, read, seq=2), 1.0),
+        (SENT, frame(Command.SYNC_WRITE, make_sync_write(0x2A, {0: b"abcd", 3: b"efgh"}), proto=1), 1.0),
+        (SENT, frame(Command.STATS, seq=3), 1.0),
+    )
+    assert [entry.servos for entry in traffic] == [(2, 6), (4,), (0, 3), ()]
+    assert [entry.name for entry in traffic] == ["joint_move", "transact", "sync_write", "stats"]
+    bus = fed((SENT, make_sync_read(0x38, 2, (4, 5)), 1.0), (RECEIVED, make_status(4, 0, b"ab"), 1.0))
+    assert [entry.servos for entry in bus] == [(4, 5), (4,)]
+    assert [entry.name for entry in bus] == ["sync_read", "status"]
+
+
+def test_bad_bytes_say_why() -> None:
+    good = frame(Command.STATS)
+    traffic = fed((SENT, b"xx" + good[:-1] + b"z" + good, 1.0))
+    assert [(entry.bad, entry.problem) for entry in traffic] == [
+        (True, "Bytes that belong to no frame and no packet."),
+        (True, "tail is 0D 7A, not 0D 0A"),
+        (False, ""),
+    ]
+
+
+def test_a_pause_ends_an_incomplete_frame() -> None:
+    good = frame(Command.STATS)
+    traffic = fed((SENT, good[:20], 1.0))
+    traffic.quiet(1.04)
+    assert len(traffic) == 0
+    traffic.quiet(1.06)
+    (entry,) = traffic
+    assert entry.problem.startswith("cut short, 20 of")
+    assert entry.reading.time == 1.0
+    # The same when the next bytes come late, and for the other direction not.
+    traffic = fed((SENT, good[:20], 1.0), (RECEIVED, good, 1.2), (SENT, good, 1.3))
+    assert [(entry.sent, entry.bad) for entry in traffic] == [(False, False), (True, True), (True, False)]
+    traffic = fed((SENT, good[:20], 1.0), (SENT, good[20:], 1.02))
+    assert [entry.bad for entry in traffic] == [False]
+
+
+def test_the_end_of_a_file_ends_what_is_incomplete() -> None:
+    traffic = fed((SENT, frame(Command.STATS)[:20], 0.0))
+    traffic.finish()
+    assert [entry.bad for entry in traffic] == [True]
+
+
+def test_the_oldest_entries_are_dropped_and_numbers_stay() -> None:
+    traffic = fed(*[(SENT, frame(Command.STATS, seq=i), 1.0) for i in range(10)], most=4)
+    assert [entry.number for entry in traffic] == [7, 8, 9, 10]
+    assert traffic.lost == 6
+    assert traffic.newest == 10
+    assert traffic.get(6) is None
+    assert traffic.get(11) is None
+    assert [traffic.get(number) for number in (7, 10)] == [next(iter(traffic)), list(traffic)[-1]]
+    assert [entry.number for entry in traffic.since(8)] == [9, 10]
+    assert [entry.number for entry in traffic.since(0, most=2)] == [9, 10]
+    # An answer to a request that was dropped has none.
+    traffic.feed(Passed(RECEIVED, frame(Command.STATS, bytes(60), src=8, seq=1, ext=0x80), 1.0, ""))
+    assert traffic.since(10)[0].answers is None
+    assert len(fed(*[(SENT, frame(Command.STATS, seq=i), 1.0) for i in range(10)], size=100)) == 2
+
+
+@given(st.lists(st.tuples(st.sampled_from(Direction), st.binary(max_size=80), st.floats(0, 3)), max_size=12))
+def test_any_bytes_make_rows(transfers: list[tuple[Direction, bytes, float]]) -> None:
+    traffic = fed(*transfers, most=5)
+    traffic.finish()
+    assert len(traffic) <= 5
+    json.dumps([entry.as_row() for entry in traffic], allow_nan=False)
