@@ -248,7 +248,9 @@ def _walk(path: Path, *, make: bool) -> int:
             except FileNotFoundError:
                 if not make:
                     raise
-                os.mkdir(part, 0o755, dir_fd=here)
+                # Another program may make it at the same moment.
+                with contextlib.suppress(FileExistsError):
+                    os.mkdir(part, 0o755, dir_fd=here)
                 there = os.open(part, _PATH, dir_fd=here)
             found = os.fstat(there)
             if stat.S_ISLNK(found.st_mode):

@@ -82,8 +82,17 @@ def test_gripper_keeps_a_little_pressure(robot: Any) -> None:
     )
 
 
-def test_the_gripper_of_another_arm_is_not_guessed_at(robot: Any) -> None:
+def test_the_gripper_of_an_so_arm_closes_at_its_lower_limit(robot: Any) -> None:
     robot.model = load_profile("so101").model
-    with pytest.raises(UsageError, match=r"so101 has no joint J7.*`hexwire move NAME=DEGREES`"):
+    gripper = Gripper(robot)
+    gripper.move(0.0)
+    gripper.move(1.0)
+    joint = robot.model.joint("gripper")
+    assert [dict(t.positions)["gripper"] for t in robot.targets] == pytest.approx([joint.minimum, joint.maximum])
+
+
+def test_an_unknown_gripper_is_not_guessed_at(robot: Any) -> None:
+    robot.model = load_profile("chain").model
+    with pytest.raises(UsageError, match=r"no gripper of chain is known.*`hexwire move NAME=DEGREES`"):
         Gripper(robot)
     assert robot.targets == []

@@ -386,22 +386,16 @@ class _Aim:
 
 
 def _goal(model: KinematicModel, angles: Sequence[float], place: Vector, aim: _Aim, relative: bool) -> Pose:
-    from hexwire.model.pose import Pose, rotation_from_rpy
+    from hexwire.model.aim import Aim, aimed_pose
 
     aim.check(model)
     unit = _unit(model)
     where: Vector = (place[0] * unit, place[1] * unit, place[2] * unit)
-    if relative:
-        here = model.forward(angles).position
-        where = (where[0] + here[0], where[1] + here[1], where[2] + here[2])
-    if aim.down:
-        return Pose(where, model.tool_down(where, angles))
-    if aim.rpy is not None:
-        return Pose(where, rotation_from_rpy(*(math.radians(d) for d in aim.rpy)))
-    if aim.pitch is not None:
-        roll = angles[4] if aim.roll is None else math.radians(aim.roll)
-        return Pose(where, model.aimed(where, math.radians(aim.pitch), roll, angles))
-    return Pose(where, model.carried(where, angles))
+    rpy = (
+        None if aim.rpy is None else (math.radians(aim.rpy[0]), math.radians(aim.rpy[1]), math.radians(aim.rpy[2]))
+    )
+    pitch, roll = (None if turn is None else math.radians(turn) for turn in (aim.pitch, aim.roll))
+    return aimed_pose(model, angles, where, Aim(aim.down, rpy, pitch, roll), relative=relative)
 
 
 def _unit(model: KinematicModel) -> float:

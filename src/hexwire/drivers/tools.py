@@ -9,6 +9,7 @@ import math
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import JointModel
+from hexwire.model.gripper import jaws_of
 from hexwire.model.state import JointState, JointTarget, SentTarget
 from hexwire.wire.command_frame import Command
 
@@ -18,7 +19,6 @@ __all__ = ["Gripper", "Suction"]
 
 _PUMP = 0x01
 _VALVE = 0x02
-_GRIPPER_JOINT = "J7"
 
 
 class Suction:
@@ -58,26 +58,28 @@ class Suction:
 
 
 class Gripper:
-    """A gripper that one joint of the arm opens and closes.
+    """The gripper of an arm, which one of its joints opens and closes.
 
     Args:
         robot: An attached robot.
-        joint: Name of the joint.
         held: Effort from which a stationary jaw counts as holding something, fraction of full effort.
 
+    Attributes:
+        joint: The joint.
+
     Raises:
-        UsageError: The robot has no such joint; the direction of another gripper is unknown.
+        UsageError: The robot has no gripper, or nobody knows which way it opens.
     """
 
-    def __init__(self, robot: RobotDriver, joint: str = _GRIPPER_JOINT, *, held: float = 0.25) -> None:
-        if joint not in robot.model.names:
+    def __init__(self, robot: RobotDriver, *, held: float = 0.25) -> None:
+        jaws = jaws_of(robot.model)
+        if jaws is None:
             raise UsageError(
-                f"{robot.model.name} has no joint {joint}, the gripper of a Hex7Bot; move its gripper by name, "
-                "as in `hexwire move NAME=DEGREES`"
+                f"no gripper of {robot.model.name} is known; if it has one, move it by name, as in "
+                "`hexwire move NAME=DEGREES`"
             )
-        self._robot = robot
-        self.joint: JointModel = robot.model.joint(joint)
-        self._held = held
+        self._robot, self._jaws, self._held = robot, jaws, held
+        self.joint: JointModel = robot.model.joint(jaws.joint)
 
     def move(self, share: float, duration: float = 0.8) -> SentTarget:
         """Move to an opening: 0 is closed, 1 fully open.
@@ -89,15 +91,12 @@ class Gripper:
         return self._robot.write(JointTarget.of({self.joint.name: self.angle(share)}, duration))
 
     def angle(self, share: float) -> float:
-        """Return the angle of the joint for an opening, radians; the upper limit is closed."""
-        if not 0 <= share <= 1:
-            raise UsageError(f"a gripper's opening is from 0 (closed) to 1 (fully open), not {share:g}")
-        return self.joint.maximum + share * (self.joint.minimum - self.joint.maximum)
+        """Return the angle of the joint for an opening, radians; raises `UsageError` if it is not within 0..1."""
+        return self._jaws.angle(share)
 
     def share(self, state: JointState) -> float:
         """Return the opening: 0 is closed, 1 fully open."""
-        angle = state[self.joint.name].position
-        return (angle - self.joint.maximum) / (self.joint.minimum - self.joint.maximum)
+        return self._jaws.share(state[self.joint.name].position)
 
     def holds(self, state: JointState, goal: float) -> bool:
         """Whether an object is between the jaws: they press, stand still, and are not at their goal.
@@ -114,8 +113,8 @@ class Gripper:
 
     def grasp(self, state: JointState, squeeze: float = math.radians(3.0)) -> JointTarget:
         """Return the target that holds the object between the jaws with little force."""
-        here = state[self.joint.name].position
-        return JointTarget.of({self.joint.name: min(self.joint.maximum, here + squeeze)}, 0.2)
+        goal = self._jaws.pressed(state[self.joint.name].position, squeeze)
+        return JointTarget.of({self.joint.name: goal}, 0.2)
 
     def keep(self, state: JointState, squeeze: float = math.radians(3.0)) -> SentTarget:
         """Hold the object between the jaws with little force instead of the servo's full force."""

@@ -237,6 +237,10 @@ class KinematicModel(ABC):
         """
         raise UsageError(f"{self.name} has six joints: give its rotation, not only pitch and roll")
 
+    def pitch_and_roll(self, angles: Sequence[float]) -> tuple[float, float] | None:
+        """Pitch and roll that `aimed` takes, radians, at joint angles; None for an arm of six joints."""
+        return None
+
     def for_arm(self, arm: ArmModel) -> KinematicModel:
         """The same model with the limits of one arm's joints, if its joints are the model's."""
         return self

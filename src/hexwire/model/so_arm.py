@@ -262,6 +262,9 @@ class SoArmModel(KinematicModel):
         away = math.sqrt(max(0.0, x * x + y * y - side * side))
         return self._rotation(_turned(x, y, side, ahead * away), pitch, roll)
 
+    def pitch_and_roll(self, angles: Sequence[float]) -> tuple[float, float]:
+        return self.pitch(angles), angles[4]
+
     def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
         return self.aimed(position, math.pi / 2, angles[4], angles)
 

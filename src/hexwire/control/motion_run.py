@@ -1,0 +1,285 @@
+"""One motion that a person began: followed by the controllers, watched while it runs, ended when nobody wants it.
+
+Owns its beginning, its progress and its end, for all controllers together, and that a closing gripper does not
+crush what it meets. Must not know who began it, nor how a person keeps it alive.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hexwire.errors import GoalError, HexwireError
+
+from .goals import Point, TrajectoryGoal
+from .holding import hold_moving
+from .outcomes import Outcome, Reason
+from .preview import goal_of
+
+if TYPE_CHECKING:
+    from hexwire.drivers.tools import Gripper
+    from hexwire.model.state import JointState
+    from hexwire.motion.waypoints import Trajectory
+
+    from .outcomes import Ended
+    from .preview import Preview
+    from .shared import Order, SharedArm
+
+__all__ = ["Grip", "MotionRun", "Progress", "begin_motion"]
+
+_log = logging.getLogger(__name__)
+
+_SOON = 0.15
+"""Seconds that a joint may still move after its controller holds; where a target lasts longer, the joints are also
+told to hold where they are."""
+_PRESSED = 3
+"""Successive states in which the jaws press, since a single one may be the start of the motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a motion is.
+
+    Attributes:
+        title: What it is, for people.
+        elapsed: Seconds of it that are over.
+        duration: Seconds of all of it.
+        lead_in: Seconds at its start in which the arm only moves to where it begins.
+        outcome: As `Outcome`; empty while it runs.
+        text: Why it ended, in words; empty after a success.
+        holds: The gripper met an object, and holds it.
+    """
+
+    title: str
+    elapsed: float
+    duration: float
+    lead_in: float
+    outcome: str = ""
+    text: str = ""
+    holds: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """A motion of the gripper.
+
+    Attributes:
+        gripper: The gripper.
+        share: Opening at its end: 0 is closed, 1 fully open.
+    """
+
+    gripper: Gripper
+    share: float
+
+
+class MotionRun:
+    """One motion. Made by `begin_motion`; any thread may call its methods.
+
+    Args:
+        shared: The arm.
+        orders: Makes an order of whoever began it; called for each controller.
+        title: What it is, for people.
+        plan: What it does.
+        grip: It is a motion of the gripper.
+        on_end: Called once when it has ended, in the thread that ended it; must not wait.
+    """
+
+    def __init__(
+        self,
+        shared: SharedArm,
+        orders: Callable[[], Order],
+        title: str,
+        plan: Preview,
+        *,
+        grip: Grip | None = None,
+        on_end: Callable[[MotionRun], object] = lambda run: None,
+    ) -> None:
+        self._shared, self._arm, self._orders = shared, shared.arm, orders
+        self._title, self._plan, self._path = title, plan, plan.require()
+        self._grip, self._on_end = grip, on_end
+        self._lock = threading.Lock()
+        self._outcome: Outcome | None = None
+        self._text, self._done = "", 0.0
+        # Controllers that have not reached their goals.
+        self._waiting = 0
+        # Successive states in which the jaws pressed, while they close.
+        self._pressed, self._closing, self._holds = 0, False, False
+
+    @property
+    def over(self) -> bool:
+        """It has ended."""
+        return self._outcome is not None
+
+    def progress(self) -> Progress:
+        """How far it is."""
+        duration, lead = self._plan.duration, self._plan.lead_in
+        if self._outcome is None:
+            self._done = self._elapsed()
+            return Progress(self._title, self._done, duration, lead, holds=self._holds)
+        done = duration if self._outcome is Outcome.SUCCEEDED else self._done
+        return Progress(self._title, done, duration, lead, self._outcome.value, self._text, self._holds)
+
+    def end(self, why: str) -> None:
+        """End it; the joints that it moves hold. Without effect after its end.
+
+        Args:
+            why: In words.
+        """
+        with self._lock:
+            if self._outcome is not None:
+                return
+            self._done = self._elapsed()
+            self._finish(Outcome.PREEMPTED, why)
+        self._cancel()
+        owner = self._arm.owner
+        if owner.lead > _SOON and owner.connected:
+            # A target that was sent lasts too long to wait for its end.
+            with owner.deciding():
+                if owner.group.reason is None and not owner.group.moving:
+                    hold_moving(owner, why)
+        self._on_end(self)
+
+    def ended(self, ended: Ended) -> None:
+        """A controller reports the end of its goal, as `GoalListener`."""
+        with self._lock:
+            if self._outcome is not None:
+                return
+            if ended.outcome is Outcome.SUCCEEDED:
+                self._waiting -= 1
+                if self._waiting > 0:
+                    return
+            self._done = self._elapsed()
+            self._finish(ended.outcome, ended.text)
+        # If one controller fails, the others must not go on.
+        self._cancel()
+        self._on_end(self)
+
+    # -- for `begin_motion` ---------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Let the controllers follow the path; raises as `begin_motion`."""
+        arm = self._arm
+        goals = {name: goal_of(self._path, controller.joints) for name, controller in arm.controllers.items()}
+        moving = {name: goal for name, goal in goals.items() if _moves(goal, self._path)}
+        if not moving:
+            with self._lock:
+                self._finish(Outcome.SUCCEEDED, "")
+            self._on_end(self)
+            return
+        self._waiting = len(moving)
+        if self._grip is not None:
+            state = arm.owner.newest()
+            self._closing = self._grip.share < self._grip.gripper.share(state)
+            # A new list, since the owner's thread may be going through the old one.
+            arm.owner.observers = [*arm.owner.observers, self._see]
+        try:
+            for name, goal in moving.items():
+                self._shared.follow(self._orders(), name, goal, self)
+        except BaseException as error:
+            with self._lock:
+                self._finish(Outcome.ABORTED, str(error))
+            self._cancel()
+            raise
+
+    # -- helpers --------------------------------------------------------------------------------------
+
+    def _elapsed(self) -> float:
+        owner = self._arm.owner
+        now = owner.now()
+        left = max((c.follower.remaining(now) for c in self._arm.controllers.values()), default=0.0)
+        return max(0.0, self._plan.duration - left)
+
+    def _finish(self, outcome: Outcome, text: str) -> None:
+        """Note the end; the caller has the lock."""
+        self._outcome, self._text = outcome, text
+        if self._grip is not None:
+            owner = self._arm.owner
+            owner.observers = [observer for observer in owner.observers if observer != self._see]
+
+    def _cancel(self) -> None:
+        for name in self._arm.controllers:
+            self._arm.cancel(name, self)
+
+    def _see(self, state: JointState) -> None:
+        """Look whether the jaws press; called in the owner's thread with every state."""
+        grip = self._grip
+        if grip is None or not self._closing or self._holds:
+            return
+        self._pressed = self._pressed + 1 if grip.gripper.holds(state, grip.share) else 0
+        if self._pressed >= _PRESSED:
+            self._holds = True
+            # In a thread of its own, since the owner's must not wait for the check of a path.
+            threading.Thread(target=self._keep, args=(state,), name="grip", daemon=True).start()
+
+    def _keep(self, state: JointState) -> None:
+        """Hold the object with little force instead of closing further."""
+        grip = self._grip
+        with self._lock:
+            if grip is None or self._outcome is not None:
+                return
+            self._done = self._elapsed()
+            # First, since the goal is about to be replaced.
+            self._finish(Outcome.SUCCEEDED, "")
+        target, arm = grip.gripper.grasp(state), self._arm
+        try:
+            for name, controller in arm.controllers.items():
+                if grip.gripper.joint.name not in controller.joints:
+                    continue
+                with arm.owner.locked():
+                    here = controller.start(0.0, state, arm.owner.now()).position
+                goal = dict(zip(controller.joints, here, strict=True)) | dict(target.positions)
+                point = Point(target.duration, tuple(goal.values()), (0.0,) * len(goal))
+                self._shared.follow(self._orders(), name, TrajectoryGoal(controller.joints, (point,)), None)
+        except HexwireError as error:
+            _log.warning("the gripper does not hold what it met with little force: %s", error)
+            self._cancel()
+        self._on_end(self)
+
+
+def begin_motion(
+    shared: SharedArm,
+    orders: Callable[[], Order],
+    title: str,
+    make: Callable[[], Preview],
+    *,
+    grip: Grip | None = None,
+    wanted: Callable[[], bool] = lambda: True,
+    on_end: Callable[[MotionRun], object] = lambda run: None,
+) -> MotionRun:
+    """Plan a motion from where the arm is now, and begin it; a running motion is replaced.
+
+    Args:
+        shared: The arm.
+        orders: As for `MotionRun`; one more order is made for the beginning itself.
+        title: What it is, for people.
+        make: Plans it; called when the arm holds.
+        grip: It is a motion of the gripper.
+        wanted: Asked right before it begins, since planning takes time.
+        on_end: As for `MotionRun`.
+
+    Raises:
+        LeaseError: Whoever asks does not hold the lease.
+        GoalError: It may not begin; the text says why.
+        HexwireError: As `make`.
+    """
+    shared.admit(orders())
+    for name in shared.arm.controllers:
+        shared.arm.hold(name, f"replaced by {title}")
+    run = MotionRun(shared, orders, title, make(), grip=grip, on_end=on_end)
+    if not wanted():
+        raise GoalError("released before it began", reason=Reason.CANCELLED)
+    run.begin()
+    return run
+
+
+def _moves(goal: TrajectoryGoal, path: Trajectory) -> bool:
+    """Whether a goal leads anywhere but to where its joints are at the start of the path."""
+    start = dict(zip(path.names, path.start, strict=True))
+    return any(
+        value != start[name]
+        for point in goal.points
+        for name, value in zip(goal.names, point.positions, strict=True)
+    )

@@ -1,0 +1,114 @@
+"""Where the tip of a tool is to be and where the tool is to point, and how a pose is told to people.
+
+Owns the ways to give a tool's direction, and roll, pitch and yaw of a rotation. Must not know particular arms, nor
+how a person types a pose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hexwire.errors import UsageError
+
+from .kinematics import KinematicModel
+from .pose import Matrix, Pose, Vector, rotation_from_rpy
+
+__all__ = ["Aim", "Tip", "aimed_pose", "rpy_of"]
+
+_GIMBAL = 1e-9
+"""Cosine of the pitch below which roll and yaw turn about the same line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """Where the tool is to point; without any of these it keeps its direction relative to the arm.
+
+    Attributes:
+        down: Straight down.
+        rpy: Roll, pitch and yaw about the base's fixed axes, radians; for arms of six joints.
+        pitch: Radians: 0 is level, a quarter turn is straight down; for arms of five joints.
+        roll: Angle of the last joint, radians, with `pitch`; None to keep it.
+        fixed: Keep the direction in space instead of relative to the arm.
+    """
+
+    down: bool = False
+    rpy: Vector | None = None
+    pitch: float | None = None
+    roll: float | None = None
+    fixed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Tip:
+    """The pose of the tip of the tool, as people read it.
+
+    Attributes:
+        position: x, y, z, metres.
+        rpy: Roll, pitch and yaw about the base's fixed axes, radians.
+        pitch_roll: Pitch and roll of the tool, radians, for an arm of five joints; None for others.
+    """
+
+    position: Vector
+    rpy: Vector
+    pitch_roll: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, model: KinematicModel, angles: Sequence[float]) -> Tip:
+        """The pose at joint angles of the model, radians.
+
+        Raises:
+            UsageError: The angles are not one finite number for each joint.
+        """
+        pose = model.forward(angles)
+        return cls(pose.position, rpy_of(pose.rotation), model.pitch_and_roll(angles))
+
+
+def aimed_pose(
+    model: KinematicModel, angles: Sequence[float], place: Vector, aim: Aim, *, relative: bool = False
+) -> Pose:
+    """The pose of the tip at a place.
+
+    Args:
+        model: The kinematics.
+        angles: Present joint angles of the model, radians.
+        place: x, y, z in metres.
+        aim: Where the tool is to point.
+        relative: The place counts from the tip's present position.
+
+    Raises:
+        UsageError: The arm's tool cannot be aimed in this way.
+    """
+    here = model.forward(angles)
+    if relative:
+        place = (place[0] + here.position[0], place[1] + here.position[1], place[2] + here.position[2])
+    if aim.down:
+        return Pose(place, model.tool_down(place, angles))
+    if aim.rpy is not None:
+        if len(model.ranges) < 6:
+            raise UsageError(
+                f"{model.name} has five joints, and the heading of its tool follows from the position: "
+                "give its pitch and roll"
+            )
+        return Pose(place, rotation_from_rpy(*aim.rpy))
+    if aim.pitch is not None:
+        roll = angles[4] if aim.roll is None else aim.roll
+        return Pose(place, model.aimed(place, aim.pitch, roll, angles))
+    return Pose(place, here.rotation if aim.fixed else model.carried(place, angles))
+
+
+def rpy_of(rotation: Matrix) -> Vector:
+    """Roll about x, then pitch about y, then yaw about z of a rotation, about fixed axes as URDF has it; radians.
+
+    With a pitch of a quarter turn, roll and yaw turn about the same line, and the roll is 0.
+    """
+    cosine = math.hypot(rotation[0][0], rotation[1][0])
+    pitch = math.atan2(-rotation[2][0], cosine)
+    if cosine < _GIMBAL:
+        return 0.0, pitch, math.atan2(-rotation[0][1], rotation[1][1])
+    return (
+        math.atan2(rotation[2][1], rotation[2][2]),
+        pitch,
+        math.atan2(rotation[1][0], rotation[0][0]),
+    )

@@ -1,0 +1,67 @@
+"""Which joint of an arm opens and closes its gripper, and which of its limits is closed.
+
+Owns this for the arms whose gripper is known. Must not know servos, nor how a gripper is moved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hexwire.errors import UsageError
+
+from .arm import ArmModel
+
+__all__ = ["Jaws", "jaws_of"]
+
+_GRIPPERS = {
+    "hex7bot": ("J7", True),
+    "sevenbot": ("J7", True),
+    "so100": ("gripper", False),
+    "so101": ("gripper", False),
+}
+"""By robot: the gripper's joint, and whether its upper limit is closed, as on the 7Bot, or its lower one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Jaws:
+    """A gripper that one joint opens and closes.
+
+    Attributes:
+        joint: Name of the joint.
+        closed: Its angle when closed, radians.
+        opened: Its angle when fully open, radians.
+    """
+
+    joint: str
+    closed: float
+    opened: float
+
+    def angle(self, share: float) -> float:
+        """Angle of the joint for an opening, radians: 0 is closed, 1 fully open.
+
+        Raises:
+            UsageError: The opening is not within 0..1.
+        """
+        if not 0.0 <= share <= 1.0:
+            raise UsageError(f"a gripper's opening is from 0 (closed) to 1 (fully open), not {share:g}")
+        return self.closed + share * (self.opened - self.closed)
+
+    def share(self, angle: float) -> float:
+        """Opening at an angle of the joint in radians; outside 0..1 where the joint is outside its limits."""
+        return (angle - self.closed) / (self.opened - self.closed)
+
+    def pressed(self, angle: float, squeeze: float) -> float:
+        """Angle that lies by `squeeze`, radians, further closed than `angle`, but not beyond closed."""
+        step = math.copysign(squeeze, self.closed - self.opened)
+        return min(angle + step, self.closed) if step > 0 else max(angle + step, self.closed)
+
+
+def jaws_of(arm: ArmModel) -> Jaws | None:
+    """The gripper of an arm; None if it has none, or if nobody knows how it opens."""
+    name, at_maximum = _GRIPPERS.get(arm.geometry or arm.name, ("", False))
+    if name not in arm.names:
+        return None
+    joint = arm.joint(name)
+    ends = (joint.maximum, joint.minimum) if at_maximum else (joint.minimum, joint.maximum)
+    return Jaws(name, *ends)

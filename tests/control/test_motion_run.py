@@ -1,0 +1,241 @@
+"""Motions that a person began, on a shared arm around an emulated board in simulated time."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from tests.control.shared_bench import SharedBench
+from tests.motion.arms import HOME
+
+from hexwire.control.lease import Lease
+from hexwire.control.motion_run import Grip, MotionRun, begin_motion
+from hexwire.control.preview import Planner, Preview
+from hexwire.control.shared import Order
+from hexwire.drivers.tools import Gripper
+from hexwire.errors import GoalError, LeaseError
+from hexwire.motion.teach import Taught
+
+J1 = HOME["J1"]
+SPLIT = {"arm": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"]}, "hand": {"joints": ["J7"]}}
+
+
+class RunBench(SharedBench):
+    """Somebody has the lease and begins motions."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(lease=Lease(timeout=1000.0), **options)
+        self.planner = Planner(self.bench.arm)
+        self.key = self.take()
+        self.over: list[MotionRun] = []
+
+    def orders(self) -> Order:
+        return self.order(self.key)
+
+    def begin(self, make: Callable[[], Preview], **options: Any) -> MotionRun:
+        return begin_motion(self.shared, self.orders, "a motion", make, on_end=self.over.append, **options)
+
+    def go(self, joint: str = "J1", by: float = 0.8, **options: Any) -> MotionRun:
+        return self.begin(lambda: self.planner.to_joints({joint: HOME[joint] + by}), **options)
+
+    def until(self, run: MotionRun, seconds: float = 20.0) -> None:
+        self.bench.until(lambda: run.over, seconds)
+
+
+@pytest.fixture
+def bench() -> RunBench:
+    return RunBench()
+
+
+def test_it_arrives_and_says_so_once(bench: RunBench) -> None:
+    run = bench.go()
+    assert run.progress().outcome == ""
+    bench.until(run)
+    assert bench.where("J1") == pytest.approx(J1 + 0.8, abs=0.02)
+    progress = run.progress()
+    assert (progress.outcome, progress.text) == ("succeeded", "")
+    assert progress.elapsed == progress.duration > 0.5
+    bench.turn(1.0)
+    assert bench.over == [run]
+
+
+def test_progress_rises_with_the_motion(bench: RunBench) -> None:
+    run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.8}, speed=0.1))
+    bench.turn(0.2)
+    seen, begin = [run.progress().elapsed], bench.clock.time
+    for _ in range(8):
+        bench.turn(0.1)
+        seen.append(run.progress().elapsed)
+    assert seen == sorted(seen)
+    assert seen[-1] - seen[0] == pytest.approx(bench.clock.time - begin, abs=0.01)
+    assert run.progress().title == "a motion"
+
+
+def test_ended_it_holds_at_once(bench: RunBench) -> None:
+    run = bench.go()
+    bench.turn(0.6)
+    run.end("released")
+    assert run.progress().outcome == "preempted"
+    assert run.progress().text == "released"
+    assert 0.3 < run.progress().elapsed < 0.8
+    bench.turn(0.3)
+    stood = bench.where("J1")
+    assert J1 + 0.02 < stood < J1 + 0.5
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.005)
+    run.end("again")
+    assert run.progress().text == "released"
+    assert bench.over == [run]
+
+
+def test_on_a_slow_line_the_joints_are_told_to_hold_where_they_are() -> None:
+    bench = RunBench(dialect=1, publish_rate=1.0)
+    run = bench.go()
+    bench.bench.until(lambda: bench.where("J1") > J1 + 0.15)
+    bench.ask(lambda: run.end("released"))
+    stood = bench.where("J1")
+    bench.turn(0.5)
+    held = bench.where("J1")
+    bench.turn(3.0)
+    assert bench.where("J1") == pytest.approx(held, abs=0.01)
+    assert held - stood < 0.2
+
+
+def test_a_new_one_replaces_it(bench: RunBench) -> None:
+    first = bench.go()
+    bench.turn(0.5)
+    second = bench.go(by=-0.3)
+    assert first.progress().text == "replaced by a motion"
+    bench.until(second)
+    assert bench.where("J1") == pytest.approx(J1 - 0.3, abs=0.02)
+    assert bench.over == [first, second]
+
+
+def test_a_stop_ends_it_and_the_reason_is_told(bench: RunBench) -> None:
+    run = bench.go()
+    bench.turn(0.5)
+    bench.ask(lambda: bench.shared.stop("somebody pressed STOP"))
+    assert run.progress().outcome == "aborted"
+    assert "somebody pressed STOP" in run.progress().text
+    stood = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.03)
+    with pytest.raises(GoalError, match="the arm is stopped"):
+        bench.go()
+
+
+def test_a_refused_one_moves_nothing_and_says_why(bench: RunBench) -> None:
+    with pytest.raises(GoalError, match="outside its limits"):
+        bench.go(by=3.0)
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(J1, abs=0.01)
+    assert bench.over == []
+
+
+def test_without_the_lease_nothing_begins(bench: RunBench) -> None:
+    running = bench.go()
+    bench.key += 1
+    with pytest.raises(LeaseError):
+        bench.go(by=-0.5)
+    assert not running.over
+
+
+def test_one_that_is_no_longer_wanted_does_not_begin(bench: RunBench) -> None:
+    with pytest.raises(GoalError, match="released before it began"):
+        bench.go(wanted=lambda: False)
+    bench.turn(0.5)
+    assert bench.where("J1") == pytest.approx(J1, abs=0.01)
+
+
+def test_a_lost_lease_ends_it(bench: RunBench) -> None:
+    run = bench.go()
+    bench.turn(0.5)
+    bench.shared.leave(bench.key, finish=False)
+    assert run.progress().outcome == "aborted"
+    stood = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.05)
+
+
+def test_a_motion_to_where_the_arm_is_succeeds_at_once(bench: RunBench) -> None:
+    here = bench.owner.newest().positions["J1"]
+    run = bench.begin(lambda: bench.planner.to_joints({"J1": here}))
+    assert run.progress().outcome == "succeeded"
+    assert bench.over == [run]
+
+
+def test_all_controllers_move_and_it_ends_with_the_last() -> None:
+    bench = RunBench(controllers=SPLIT)
+    goals = {"J1": J1 + 0.6, "J7": HOME["J7"] + 0.2}
+    run = bench.begin(lambda: bench.planner.to_joints(goals))
+    bench.until(run)
+    assert run.progress().outcome == "succeeded"
+    assert (bench.where("J1"), bench.where("J7")) == pytest.approx(tuple(goals.values()), abs=0.02)
+
+
+def test_if_one_controller_fails_the_others_stop_too() -> None:
+    bench = RunBench(controllers=SPLIT)
+    run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.8, "J7": HOME["J7"] + 0.5}))
+    bench.turn(0.4)
+    bench.bench.arm.hold("hand", "somebody else moves it")
+    assert run.progress().text == "somebody else moves it"
+    bench.turn(0.3)
+    stood = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.005)
+    assert stood < J1 + 0.5
+
+
+def test_a_taught_motion_has_a_lead_in(bench: RunBench) -> None:
+    wave = Taught(("J1",), (0.0, 1.0, 2.0), ((J1 + 0.4,), (J1 + 0.7,), (J1 + 0.1,)))
+    run = bench.begin(lambda: bench.planner.along(wave))
+    lead = run.progress().lead_in
+    assert lead > 0.3
+    bench.turn(lead + 1.0)
+    assert bench.where("J1") == pytest.approx(J1 + 0.7, abs=0.1)
+    bench.until(run)
+    assert bench.where("J1") == pytest.approx(J1 + 0.1, abs=0.02)
+
+
+# -- the gripper ---------------------------------------------------------------------------------------------
+
+
+def grip(bench: RunBench, share: float) -> MotionRun:
+    gripper = Gripper(bench.robot)
+    goals = {gripper.joint.name: gripper.angle(share)}
+    return bench.begin(lambda: bench.planner.to_joints(goals), grip=Grip(gripper, share))
+
+
+def test_a_gripper_opens_and_closes(bench: RunBench) -> None:
+    for share in (1.0, 0.0, 0.5):
+        run = grip(bench, share)
+        bench.until(run)
+        assert (run.progress().outcome, run.progress().holds) == ("succeeded", False)
+        assert Gripper(bench.robot).share(bench.owner.newest()) == pytest.approx(share, abs=0.03)
+
+
+def test_a_closing_gripper_holds_what_it_meets_with_little_force(bench: RunBench) -> None:
+    bench.until(grip(bench, 1.0))
+    gripper = Gripper(bench.robot)
+    run = grip(bench, 0.0)
+    bench.bench.until(lambda: gripper.share(bench.owner.newest()) < 0.55)
+    bench.bench.jam("J7")
+    bench.until(run)
+    assert run.progress().holds
+    bench.turn(1.0)
+    assert bench.owner.group.reason is None
+    sent = dict(bench.sent[-1].positions)["J7"]
+    # 3 degrees, and what the newest state was late.
+    assert 0.0 < sent - bench.where("J7") < 0.12
+
+
+def test_an_opening_gripper_does_not_hold_what_it_meets(bench: RunBench) -> None:
+    bench.until(grip(bench, 0.0))
+    run = grip(bench, 1.0)
+    bench.turn(0.3)
+    bench.bench.jam("J7")
+    with pytest.raises(AssertionError):
+        bench.bench.until(lambda: run.progress().holds, 3.0)
+    assert list(itertools.islice(bench.owner.observers, 99)).count(run._see) <= 1
