@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from hexwire.cli.plot import MotionPlot, open_picture
+from hexwire.cli.plot import MotionPlot, TimePlot, drawing, open_picture
 from hexwire.errors import UsageError
+from hexwire.model.palette import LIGHT
 
 
 def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
@@ -26,11 +27,64 @@ def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
         assert words in text
 
 
-def test_png_without_a_path(tmp_path: Path) -> None:
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The figures that were saved."""
+    import hexwire.cli.plot
+
+    saved: list[Any] = []
+    save = hexwire.cli.plot.save_figure
+
+    def spy(figure: Any, picture: Any) -> None:
+        saved.append(figure)
+        save(figure, picture)
+
+    monkeypatch.setattr(hexwire.cli.plot, "save_figure", spy)
+    return saved
+
+
+def test_without_a_path_there_are_no_empty_axes(tmp_path: Path, figures: list[Any]) -> None:
     plot = MotionPlot(("J1",))
     plot.planned = [(0.0, (0.0,)), (1.0, (1.0,))]
     plot.draw(open_picture(str(tmp_path / "a.png"), force=False))
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    (axes,) = figures[0].axes
+    assert axes.has_data()
+
+
+def test_a_row_of_axes_for_each_unit_a_colour_for_each_joint(tmp_path: Path, figures: list[Any]) -> None:
+    plot = TimePlot("two")
+    for i, name in enumerate(("J1", "J2")):
+        plot.add("position, deg", name, i, [0.0, 1.0], [0.0, i])
+        plot.add("load, %", name, i, [0.0, 1.0], [5.0, i])
+    plot.add("position, deg", "J1 target", 0, [0.0, 1.0], [0.0, 2.0], dashed=True)
+    plot.draw(open_picture(str(tmp_path / "a.svg"), force=False))
+    (figure,) = figures
+    assert [axes.get_ylabel() for axes in figure.axes] == ["position, deg", "load, %"]
+    assert figure.axes[-1].get_xlabel() == "time, s"
+    above, below = ([line.get_color() for line in axes.lines] for axes in figure.axes)
+    assert above == [*below, below[0]] == [LIGHT[0], LIGHT[1], LIGHT[0]]
+    assert figure.axes[0].lines[2].get_linestyle() == "--"
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.texts] == ["J1", "J2", "J1 target"]
+
+
+def test_a_legend_covers_no_data(tmp_path: Path, figures: list[Any]) -> None:
+    plot = MotionPlot(tuple(f"J{i}" for i in range(1, 8)), "seven")
+    plot.planned = [(0.1 * i, [0.3 * (i % 7 - k) for k in range(7)]) for i in range(50)]
+    plot.draw(open_picture(str(tmp_path / "a.png"), force=False))
+    (figure,) = figures
+    (legend,) = figure.legends
+    assert all(not legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
+def test_the_look_ends_with_the_picture(tmp_path: Path) -> None:
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    with drawing(open_picture(str(tmp_path / "a.svg"), force=False), "x"):
+        assert mpl.rcParams["axes.grid"] is True
+    assert dict(mpl.rcParams) == before
 
 
 def test_unknown_picture_and_missing_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

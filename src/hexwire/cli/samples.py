@@ -20,7 +20,7 @@ from hexwire.new_file import OutputFile
 
 from .common import force_option, refuse_idle_force
 from .exits import note, shielded
-from .plot import open_picture, save_figure
+from .plot import TimePlot, open_picture
 
 __all__ = ["Row", "SampleFiles", "file_options", "saving"]
 
@@ -102,22 +102,16 @@ def _save(
 
 
 def _plot(samples: Sequence[Row], head: Sequence[str], picture: OutputFile, what: str) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 5))
-    axes = figure.add_subplot()
-    column = head.index(what)
-    for servo_id in sorted({row[1] for row in samples}):
+    servos, words = sorted({row[1] for row in samples}), what.replace("_", " ")
+    plot = TimePlot(
+        f"{words} of servo{'' if len(servos) == 1 else 's'} {', '.join(f'{one:.0f}' for one in servos)}"
+    )
+    for i, servo_id in enumerate(servos):
         rows = [row for row in samples if row[1] == servo_id]
-        axes.plot(
-            [row[0] for row in rows], [math.degrees(row[column]) for row in rows], label=f"servo {servo_id:.0f}"
-        )
-        if "target" in head:
-            goal = head.index("target")
-            axes.plot([row[0] for row in rows], [math.degrees(row[goal]) for row in rows], "--", label="target")
-    axes.set_xlabel("s")
-    axes.set_ylabel("deg")
-    if samples:
-        axes.legend()
-    axes.grid(True)
-    save_figure(figure, picture)
+        times = [row[0] for row in rows]
+        for column, name, dashed in ((what, "", False), ("target", ", target", True)):
+            if column in head:
+                place = head.index(column)
+                values = [math.degrees(row[place]) for row in rows]
+                plot.add(f"{words}, deg", f"servo {servo_id:.0f}{name}", i, times, values, dashed=dashed)
+    plot.draw(picture)
