@@ -1,4 +1,4 @@
-"""Kinematics of an arm by the robot's name and the name or file of its link set.
+"""Kinematics of an arm by the robot's name and the name or file of its link set, and its shapes.
 
 Owns the list of robots with a geometry, and is the only module of this package that reads a file: a user's link
 set. Must not know drivers, nor how a model is used.
@@ -14,8 +14,9 @@ from hexwire.inputs import read_text
 if TYPE_CHECKING:
     from .arm import ArmModel
     from .kinematics import KinematicModel
+    from .shapes import ArmShapes
 
-__all__ = ["ROBOTS", "kinematics_for", "kinematics_or_none", "make_kinematics"]
+__all__ = ["ROBOTS", "kinematics_for", "kinematics_or_none", "make_kinematics", "make_shapes"]
 
 ROBOTS = ("hex7bot", "puma260", "so100", "so101")
 """Robots that have a geometry."""
@@ -70,3 +71,28 @@ def kinematics_for(arm: ArmModel, links: str = "A") -> KinematicModel | None:
     """
     model = kinematics_or_none(arm.geometry or arm.name, links, for_motion=True)
     return None if model is None else model.for_arm(arm)
+
+
+def make_shapes(model: KinematicModel) -> ArmShapes:
+    """What the arm of a model looks like.
+
+    Raises:
+        UsageError: There are no shapes for this model.
+    """
+    from .hex7bot_kinematics import Hex7BotModel
+    from .puma260 import Puma260Model
+    from .so_arm import SoArmModel
+
+    if isinstance(model, Hex7BotModel):
+        from .hex7bot_shapes import make_hex7bot_shapes
+
+        return make_hex7bot_shapes(model)
+    if isinstance(model, SoArmModel):
+        from .so_arm_shapes import make_so_arm_shapes
+
+        return make_so_arm_shapes(model)
+    if isinstance(model, Puma260Model):
+        from .puma260_shapes import make_puma260_shapes
+
+        return make_puma260_shapes()
+    raise UsageError(f"no shapes are known for {model.name}")

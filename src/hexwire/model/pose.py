@@ -22,6 +22,7 @@ __all__ = [
     "distance",
     "multiply",
     "quaternion",
+    "rotation_about",
     "rotation_between",
     "rotation_from_numbers",
     "rotation_from_rpy",
@@ -192,7 +193,8 @@ def rotation_between(a: Matrix, b: Matrix) -> tuple[Vector, float]:
     return (x / n, y / n, z / n), 2.0 * math.atan2(n, w)
 
 
-def _about(axis: Vector, angle: float) -> Matrix:
+def rotation_about(axis: Vector, angle: float) -> Matrix:
+    """Rotation about an axis, a unit vector, by an angle in radians."""
     x, y, z = axis
     c, s = math.cos(angle), math.sin(angle)
     k = 1 - c
@@ -206,4 +208,4 @@ def _about(axis: Vector, angle: float) -> Matrix:
 def slerp(a: Matrix, b: Matrix, part: float) -> Matrix:
     """The rotation that is `part` of the way from `a` (0) to `b` (1), at an even rate about one axis."""
     axis, angle = rotation_between(a, b)
-    return multiply(_about(axis, angle * part), a)
+    return multiply(rotation_about(axis, angle * part), a)

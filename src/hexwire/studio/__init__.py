@@ -1,0 +1,1 @@
+"""The arm, its servos and its wire in a browser."""

@@ -1,0 +1,134 @@
+"""An arm's shapes for the browser's 3D view, as plain values that become JSON.
+
+Owns the format, which `static/arm3d.js` reads. Must not know pages, nor how anything is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from hexwire.model.geometry import kinematics_for, make_shapes
+from hexwire.model.palette import DARK, LIGHT
+from hexwire.model.pose import distance, quaternion, rotation_from_rpy
+from hexwire.model.shapes import COLOURS
+
+if TYPE_CHECKING:
+    from hexwire.model.arm import ArmModel
+    from hexwire.model.shapes import ArmShapes, Shape, ShapeJoint
+
+__all__ = ["make_geometry"]
+
+_DIGITS = 7
+"""Of metres and of quaternions: a ten-thousandth of a millimetre, at a third of the bytes."""
+
+
+def make_geometry(arm: ArmModel, links: str = "A") -> dict[str, Any] | None:
+    """The 3D geometry of an arm, or None for an arm whose lengths are unknown, such as a plain chain.
+
+    The frame is that of the kinematics: z up, z = 0 at the foot. Lengths are metres, angles radians, quaternions
+    x, y, z, w. Each link has its parent's index (-1 for the first), the place and turn of its frame in the frame of
+    its parent, and, if a joint moves it, the axis and how the joint's position becomes its angle: ``multiplier``
+    times the position of joint number ``joint`` plus ``offset``.
+
+    Args:
+        arm: The arm with its own limits.
+        links: Link set of a 7Bot, as in `make_kinematics`.
+
+    Raises:
+        UsageError: The link set is unknown or wrong.
+    """
+    model = kinematics_for(arm, links)
+    if model is None:
+        return None
+    shapes = make_shapes(model)
+    order = {name: i for i, name in enumerate(arm.names)}
+    joints = {joint.child: joint for joint in shapes.joints}
+    # A parent comes before its children.
+    rows = sorted((link.name for link in shapes.links), key=lambda name: _depth(shapes, name))
+    place = {name: i for i, name in enumerate(rows)}
+    return {
+        "name": arm.name,
+        "joints": [
+            {"name": joint.name, "minimum": _round(joint.minimum), "maximum": _round(joint.maximum)}
+            for joint in arm.joints
+        ],
+        "links": [
+            {
+                "name": name,
+                **_frame(joints.get(name), place, order),
+                "shapes": [_shape(shape, order) for shape in shapes.link(name).shapes],
+            }
+            for name in rows
+        ],
+        "tip": place[shapes.tip],
+        "heading": _heading(shapes),
+        "reach": _round(_reach(shapes)),
+        "colours": {theme: {name: pair[i] for name, pair in COLOURS.items()} for i, theme in enumerate(_THEMES)},
+        "palette": dict(zip(_THEMES, (LIGHT, DARK), strict=True)),
+    }
+
+
+_THEMES = ("light", "dark")
+
+
+def _frame(joint: ShapeJoint | None, place: Mapping[str, int], order: Mapping[str, int]) -> dict[str, Any]:
+    if joint is None:
+        return {"parent": -1, "place": [0.0] * 3, "turn": [0.0, 0.0, 0.0, 1.0]}
+    frame: dict[str, Any] = {
+        "parent": place[joint.parent],
+        "place": _rounded(joint.place),
+        "turn": _rounded(quaternion(rotation_from_rpy(*joint.rpy))),
+    }
+    if joint.axis is not None and joint.drive is not None:
+        frame |= {
+            "axis": list(joint.axis),
+            "joint": order[joint.drive.joint],
+            "multiplier": joint.drive.multiplier,
+            "offset": joint.drive.offset,
+        }
+    return frame
+
+
+def _shape(shape: Shape, order: Mapping[str, int]) -> dict[str, Any]:
+    colour = {"joint": order[shape.joint]} if shape.colour == "joint" else {"colour": shape.colour}
+    return {
+        "kind": shape.kind,
+        "size": _rounded(shape.size),
+        "place": _rounded(shape.place),
+        "turn": _rounded(quaternion(shape.rotation)),
+        **colour,
+    }
+
+
+def _depth(shapes: ArmShapes, name: str) -> int:
+    parents = {joint.child: joint.parent for joint in shapes.joints}
+    depth = 0
+    while name in parents:
+        name, depth = parents[name], depth + 1
+    return depth
+
+
+def _heading(shapes: ArmShapes) -> float:
+    """Which way the arm points with all joints at 0, to the nearest quarter turn."""
+    x, y, _ = shapes.poses({})[shapes.tip].position
+    return _round(round(math.atan2(y, x) / (math.pi / 2)) * math.pi / 2)
+
+
+def _reach(shapes: ArmShapes) -> float:
+    """Upper bound of the distance from the foot to the tip, metres."""
+    joints = {joint.child: joint for joint in shapes.joints}
+    name, reach = shapes.tip, 0.0
+    while name in joints:
+        reach += distance(joints[name].place, (0.0, 0.0, 0.0))
+        name = joints[name].parent
+    return reach
+
+
+def _rounded(values: Iterable[float]) -> list[float]:
+    return [_round(value) for value in values]
+
+
+def _round(value: float) -> float:
+    return round(value, _DIGITS) + 0.0

@@ -1,0 +1,549 @@
+/* A 3D view of an arm, drawn with three.js, which NiceGUI brings as the module "nicegui-scene".
+
+Owns the drawing and the camera. Must not know pages, sockets or robots. It draws only after something changed.
+
+  import { Arm3D } from "/static/arm3d.js";
+  const view = new Arm3D(element, geometry, { theme: "light" });   // geometry: hexwire.studio.geometry.make_geometry
+  view.setJoints(float32Array)       joint positions in radians in the order of geometry.joints, or {name: radians};
+                                     once a frame is fine: values that did not change draw nothing
+  view.setGhost(joints | null)       a second, translucent arm: where the arm would go
+  view.setTip(pose | "own" | null)   axes at a pose {position: [x, y, z], quaternion: [x, y, z, w]}, in metres; "own":
+                                     at this arm's own tip
+  view.setTable(height | null)       height of the table in metres; null: no table, the grid is at 0
+  view.trace(points | null)          a line through points, [[x, y, z], ...] or a flat Float32Array, metres
+  view.tip()                         {position, quaternion} of the drawn arm's tip
+  view.setTheme("light" | "dark" | "auto")
+  view.resetView("home" | "front" | "side" | "top")
+  view.resize()                      only needed where ResizeObserver does not notice
+  view.dispose()
+  view.available                     false without WebGL: then the element says so, and every call does nothing
+  view.drawn                         number of pictures drawn so far
+
+Mouse: drag turns, wheel zooms once the view has the focus, right drag moves. Touch: one finger turns, two zoom and
+move. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or Home resets. Escape is not taken. */
+
+let three = null;
+try {
+  three = await import("nicegui-scene");
+} catch (error) {
+  console.warn("arm3d: three.js is missing", error);
+}
+
+const LOOKS = {
+  light: { sky: "#fbfcfd", ground: "#e3e8ee", floor: "#d9dfe6", minor: "#cfd6de", major: "#a9b4c0", text: "#4a5563",
+           shadow: "#c3cad3", key: 1.9, fill: 1.2, trace: "#b02800", ghost: "#0a58b0" },
+  dark: { sky: "#1b2129", ground: "#101419", floor: "#161b21", minor: "#242c36", major: "#3d4855", text: "#a3afbd",
+          shadow: "#0b0e12", key: 1.8, fill: 1.1, trace: "#efbb11", ghost: "#689bdc" },
+};
+const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
+const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
+const CHAMFER = 0.0012;
+const VIEWS = { home: [0.95, -1.25, 0.62], front: [1, 0, 0.12], side: [0, -1, 0.08], top: [-0.001, 0, 1] };
+
+export class Arm3D {
+  constructor(element, geometry, options = {}) {
+    this.element = element;
+    this.geometry = geometry;
+    this.options = options;
+    this.available = false;
+    this.drawn = 0;
+    this._names = geometry.joints.map((joint) => joint.name);
+    if (getComputedStyle(element).position === "static") element.style.position = "relative";
+    if (!three) {
+      this._say("The 3D view is missing here: its library was not found. Everything else on this page works.");
+      return;
+    }
+    const THREE = three.THREE;
+    try {
+      this._renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, powerPreference: "low-power" });
+    } catch {
+      this._say("This browser shows no 3D here: WebGL is off. Everything else on this page works.");
+      return;
+    }
+    this.available = true;
+    this._prepare(THREE);
+    this.setTheme(options.theme ?? "auto");
+    this.setJoints(new Float32Array(this._names.length));
+    this.resetView();
+    this.resize();
+  }
+
+  // -- what is shown ---------------------------------------------------------------------------------------------
+
+  setJoints(joints) {
+    if (!this.available) return;
+    if (this._place(this._arm, joints)) this._change();
+  }
+
+  setGhost(joints) {
+    if (!this.available) return;
+    if (joints === null) {
+      if (this._ghost.root.visible) this._change();
+      this._ghost.root.visible = false;
+      return;
+    }
+    const shown = this._ghost.root.visible;
+    this._ghost.root.visible = true;
+    if (this._place(this._ghost, joints) || !shown) this._change();
+  }
+
+  setTip(pose) {
+    if (!this.available) return;
+    this._ownTip = pose === "own";
+    this._tipAxes.visible = pose !== null;
+    if (this._ownTip) this._followTip();
+    else if (pose) this._putTip(pose);
+    this._change();
+  }
+
+  setTable(height) {
+    if (!this.available) return;
+    this._table = height;
+    this._floor.position.z = height ?? 0;
+    this._shade();
+    this._change();
+  }
+
+  trace(points) {
+    if (!this.available) return;
+    const flat = points === null ? new Float32Array() : Float32Array.from(points.flat?.() ?? points);
+    this._trace.geometry.dispose();
+    this._trace.geometry = new three.THREE.BufferGeometry();
+    this._trace.geometry.setAttribute("position", new three.THREE.BufferAttribute(flat, 3));
+    this._trace.visible = flat.length > 3;
+    this._change();
+  }
+
+  tip() {
+    if (!this.available) return null;
+    const THREE = three.THREE;
+    const position = new THREE.Vector3(), quaternion = new THREE.Quaternion(), scale = new THREE.Vector3();
+    this._arm.root.updateMatrixWorld();
+    this._arm.frames[this.geometry.tip].matrixWorld.decompose(position, quaternion, scale);
+    return { position: position.toArray(), quaternion: quaternion.toArray() };
+  }
+
+  setTheme(theme) {
+    if (!this.available) return;
+    this._wanted = theme;
+    const root = document.documentElement.dataset.theme;
+    const asked = theme === "auto" ? (root === "light" || root === "dark" ? root : null) : theme;
+    const dark = asked ? asked === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+    const name = dark ? "dark" : "light";
+    if (name === this.theme) return;
+    this.theme = name;
+    this._dress();
+    this._change();
+  }
+
+  resetView(name = "home") {
+    if (!this.available) return;
+    const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
+    const aim = new three.THREE.Vector3(0.28 * reach, 0, 0.3 * reach).applyAxisAngle(up, heading).toArray();
+    const way = new three.THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
+    // A narrow picture is filled by the arm's width, so the camera steps back.
+    const far = reach * 1.5 * Math.max(1, 1.05 / this._camera.aspect);
+    this._controls.target.set(...aim);
+    this._camera.position.set(...aim).addScaledVector(way, far);
+    this._controls.update();
+    this._change();
+  }
+
+  resize() {
+    if (!this.available) return;
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this._renderer.setPixelRatio(Math.min(devicePixelRatio || 1, 2));
+    this._renderer.setSize(width, height, false);
+    this._camera.aspect = width / height;
+    this._camera.updateProjectionMatrix();
+    if (!this._sized) {
+      this._sized = true;
+      this.resetView();
+    }
+    this._change();
+  }
+
+  dispose() {
+    if (!this.available) return;
+    this.available = false;
+    cancelAnimationFrame(this._frame);
+    for (const stop of this._stops) stop();
+    this._controls.dispose();
+    this._clear(this._scene);
+    this._renderer.dispose();
+    this._canvas.remove();
+  }
+
+  // -- scene -----------------------------------------------------------------------------------------------------
+
+  _prepare(THREE) {
+    const canvas = (this._canvas = this._renderer.domElement);
+    Object.assign(canvas.style, { width: "100%", height: "100%", display: "block", touchAction: "none" });
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "application");
+    canvas.setAttribute("aria-label", this.options.label ?? LABEL);
+    this.element.append(canvas);
+    this._scene = new THREE.Scene();
+    this._camera = new THREE.PerspectiveCamera(32, 1, 0.02, 20);
+    this._camera.up.set(0, 0, 1);
+    const controls = (this._controls = new three.OrbitControls(this._camera, canvas));
+    Object.assign(controls, { enableZoom: false, minDistance: 0.08, maxDistance: 6, maxPolarAngle: 0.62 * Math.PI });
+    controls.addEventListener("change", () => this._change());
+    this._sky = new THREE.HemisphereLight();
+    this._key = new THREE.DirectionalLight();
+    this._key.position.set(0.5, -0.75, 1.5);
+    this._back = new THREE.DirectionalLight();
+    this._back.position.set(-1, 0.8, 0.4);
+    this._floor = new THREE.Group();
+    this._trace = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+    this._trace.frustumCulled = this._trace.visible = false;
+    this._tipAxes = this._axes(0.09 * this.geometry.reach, 0.0035 * this.geometry.reach);
+    this._tipAxes.visible = false;
+    // A lamp at the camera, so that no side that is looked at is in the dark.
+    this._lamp = new THREE.DirectionalLight();
+    this._lamp.position.set(-0.3, 0.25, 1);
+    this._camera.add(this._lamp);
+    this._scene.add(this._camera, this._sky, this._key, this._back, this._floor, this._trace, this._tipAxes);
+    this._stops = [];
+    this._listen(canvas);
+  }
+
+  _listen(canvas) {
+    const on = (target, name, act) => {
+      target.addEventListener(name, act);
+      this._stops.push(() => target.removeEventListener(name, act));
+    };
+    on(canvas, "keydown", (event) => this._key_down(event));
+    // The wheel scrolls the page until somebody has chosen the view.
+    on(canvas, "focus", () => (this._controls.enableZoom = true));
+    on(canvas, "blur", () => (this._controls.enableZoom = false));
+    on(canvas, "pointerdown", () => canvas.focus({ preventScroll: true }));
+    on(canvas, "webglcontextlost", (event) => {
+      event.preventDefault();
+      this._say("The graphics of this browser were reset. The 3D view comes back by itself if they do.");
+    });
+    on(canvas, "webglcontextrestored", () => {
+      this._note?.remove();
+      this._change();
+    });
+    on(matchMedia("(prefers-color-scheme: dark)"), "change", () => this.setTheme(this._wanted));
+    const size = new ResizeObserver(() => this.resize());
+    size.observe(this.element);
+    const themed = new MutationObserver(() => this.setTheme(this._wanted));
+    themed.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
+    this._stops.push(() => size.disconnect(), () => themed.disconnect());
+  }
+
+  _dress() {
+    const THREE = three.THREE, look = LOOKS[this.theme], before = [this._arm, this._ghost];
+    this.element.style.background = `linear-gradient(${look.sky}, ${look.ground})`;
+    this._sky.color.set("#ffffff");
+    this._sky.groundColor.set(this.theme === "dark" ? "#5c6672" : "#aeb6c0");
+    this._sky.intensity = look.fill;
+    this._key.intensity = look.key;
+    this._back.intensity = 0.4 * look.key;
+    this._lamp.intensity = 0.42 * look.key;
+    this._trace.material.color.set(this.options.traceColour ?? look.trace);
+    for (const arm of before) if (arm) this._clear(arm.root);
+    const solid = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 28, specular: "#262626" });
+    this._shadeMaterial = new THREE.MeshBasicMaterial({ color: look.shadow });
+    this._arm = this._assemble(solid, true);
+    const veil = new THREE.MeshLambertMaterial({ color: look.ghost, transparent: true, opacity: 0.4 });
+    this._ghost = this._assemble(veil, false);
+    this._ghost.root.visible = Boolean(before[1]?.root.visible);
+    this._scene.add(this._arm.root, this._ghost.root);
+    if (before[0]) this._place(this._arm, before[0].joints);
+    if (before[1]) this._place(this._ghost, before[1].joints);
+    this._lay();
+    this._shade();
+  }
+
+  /** One mesh for each link, with colours in its corners; `solid` adds the shadows on the table. */
+  _assemble(material, solid) {
+    const THREE = three.THREE, root = new THREE.Group(), frames = [], shades = [];
+    const palette = this.options.palette?.[this.theme] ?? this.geometry.palette[this.theme];
+    const colours = this.geometry.colours[this.theme];
+    for (const link of this.geometry.links) {
+      const frame = new THREE.Group();
+      frame.position.fromArray(link.place);
+      frame.quaternion.fromArray(link.turn);
+      (link.parent < 0 ? root : frames[link.parent]).add(frame);
+      frames.push(frame);
+      if (!link.shapes.length) continue;
+      const form = mesh(THREE, link.shapes, (shape) => ("joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]));
+      if (!solid) {
+        // Depth first, so that the inner faces of a translucent arm do not shine through.
+        const depth = new THREE.Mesh(form, new THREE.MeshBasicMaterial({ colorWrite: false }));
+        depth.renderOrder = 1;
+        frame.add(depth);
+      }
+      const body = new THREE.Mesh(form, material);
+      body.renderOrder = solid ? 0 : 2;
+      frame.add(body);
+      if (solid) {
+        const shade = new THREE.Mesh(form, this._shadeMaterial);
+        shade.matrixAutoUpdate = false;
+        shade.matrixWorldAutoUpdate = false;
+        shade.frustumCulled = false;
+        shade.renderOrder = -1;
+        shades.push([shade, frame]);
+        root.add(shade);
+      }
+    }
+    return { root, frames, shades, joints: null };
+  }
+
+  _place(arm, joints) {
+    const values = this._names.map((name, i) => (ArrayBuffer.isView(joints) || Array.isArray(joints) ? joints[i] : joints[name]) ?? arm.joints?.[i] ?? 0);
+    if (values.some((value) => !Number.isFinite(value))) return false;
+    if (arm.joints?.every((value, i) => Math.abs(value - values[i]) < 2e-5)) return false;
+    arm.joints = values;
+    const THREE = three.THREE, turn = new THREE.Quaternion(), axis = new THREE.Vector3();
+    this.geometry.links.forEach((link, i) => {
+      if (!link.axis) return;
+      turn.setFromAxisAngle(axis.fromArray(link.axis), link.multiplier * values[link.joint] + link.offset);
+      arm.frames[i].quaternion.fromArray(link.turn).multiply(turn);
+    });
+    if (arm === this._arm) {
+      if (this._ownTip) this._followTip();
+      this._shade();
+    }
+    return true;
+  }
+
+  /** Flatten every link along the light onto the table. */
+  _shade() {
+    if (!this._arm) return;
+    const THREE = three.THREE, z = (this._table ?? 0) + 0.0004, light = this._key.position;
+    const x = light.x / light.z, y = light.y / light.z;
+    const flat = new THREE.Matrix4().set(1, 0, -x, x * z, 0, 1, -y, y * z, 0, 0, 0.0005, z, 0, 0, 0, 1);
+    this._arm.root.updateMatrixWorld();
+    for (const [shade, frame] of this._arm.shades) shade.matrixWorld.multiplyMatrices(flat, frame.matrixWorld);
+  }
+
+  /** The grid: a line each 50 mm, a darker one each 100 mm, with numbers. */
+  _lay() {
+    const THREE = three.THREE, look = LOOKS[this.theme];
+    this._clear(this._floor);
+    this._floor.clear();
+    const half = Math.max(2, Math.ceil((this.geometry.reach * 1.05) / 0.1)) * 0.1, lines = { minor: [], major: [] };
+    for (let i = -Math.round(half / 0.05); i <= Math.round(half / 0.05); i++) {
+      const at = 0.05 * i, row = i % 2 ? lines.minor : lines.major;
+      row.push(at, -half, 0, at, half, 0, -half, at, 0, half, at, 0);
+    }
+    const plate = new THREE.Mesh(new THREE.PlaneGeometry(2 * half, 2 * half), new THREE.MeshBasicMaterial({ color: look.floor, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false }));
+    plate.position.z = -0.0006;
+    plate.renderOrder = -3;
+    this._floor.add(plate);
+    for (const [name, row] of Object.entries(lines)) {
+      const form = new THREE.BufferGeometry();
+      form.setAttribute("position", new THREE.Float32BufferAttribute(row, 3));
+      const line = new THREE.LineSegments(form, new THREE.LineBasicMaterial({ color: look[name], depthWrite: false }));
+      line.renderOrder = -2;
+      this._floor.add(line);
+    }
+    const step = half > 0.45 ? 0.2 : 0.1;
+    for (let at = step; at < half + 0.01; at += step) {
+      this._floor.add(this._text(`${Math.round(1000 * at)}`, [at, -half - 0.03, 0], look.text));
+      this._floor.add(this._text(`${Math.round(1000 * at)}`, [half + 0.03, at, 0], look.text));
+    }
+    this._floor.add(this._text("x mm", [half + 0.09, -half - 0.03, 0], look.text));
+    this._floor.add(this._text("y mm", [half + 0.03, half + 0.08, 0], look.text));
+    const axes = this._axes(0.07, 0.0018);
+    axes.position.set(-half, -half, 0.001);
+    this._floor.add(axes);
+    this._floor.position.z = this._table ?? 0;
+  }
+
+  _axes(length, radius) {
+    const THREE = three.THREE, axes = new THREE.Group();
+    AXES.forEach((colour, i) => {
+      const form = new THREE.CylinderGeometry(radius, radius, length, 10);
+      form.translate(0, length / 2, 0);
+      if (i === 0) form.rotateZ(-Math.PI / 2);
+      if (i === 2) form.rotateX(Math.PI / 2);
+      axes.add(new THREE.Mesh(form, new THREE.MeshLambertMaterial({ color: colour, emissive: colour, emissiveIntensity: 0.35 })));
+    });
+    return axes;
+  }
+
+  _text(words, place, colour) {
+    const THREE = three.THREE, canvas = document.createElement("canvas");
+    canvas.width = 160;
+    canvas.height = 48;
+    const pen = canvas.getContext("2d");
+    Object.assign(pen, { font: "500 30px system-ui, sans-serif", fillStyle: colour, textAlign: "center", textBaseline: "middle" });
+    pen.fillText(words, 80, 24);
+    const map = new THREE.CanvasTexture(canvas);
+    map.colorSpace = THREE.SRGBColorSpace;
+    const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthWrite: false }));
+    sprite.scale.set(0.1, 0.03, 1);
+    sprite.position.fromArray(place);
+    return sprite;
+  }
+
+  _followTip() {
+    const tip = this.tip();
+    if (tip) this._putTip(tip);
+  }
+
+  _putTip({ position, quaternion }) {
+    this._tipAxes.position.fromArray(position);
+    if (quaternion) this._tipAxes.quaternion.fromArray(quaternion);
+  }
+
+  _clear(group) {
+    group.traverse((part) => {
+      part.geometry?.dispose();
+      part.material?.map?.dispose();
+      part.material?.dispose();
+    });
+    if (group.parent && group !== this._floor) group.removeFromParent();
+  }
+
+  // -- drawing and keys ------------------------------------------------------------------------------------------
+
+  _change() {
+    if (this._frame || !this.available) return;
+    this._frame = requestAnimationFrame(() => {
+      this._frame = 0;
+      if (!this.element.clientWidth || !this.element.clientHeight || !this._arm) return;
+      this._renderer.render(this._scene, this._camera);
+      this.drawn += 1;
+    });
+  }
+
+  _key_down(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    const ways = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const way = ways[event.key];
+    if (way) this._step(way[0], way[1], event.shiftKey);
+    else if (event.key === "+" || event.key === "=") this._zoom(1 / 1.12);
+    else if (event.key === "-") this._zoom(1.12);
+    else if (event.key === "0" || event.key === "Home") this.resetView();
+    else return;
+    event.preventDefault();
+  }
+
+  _step(x, y, moves) {
+    const THREE = three.THREE, target = this._controls.target;
+    const arm = this._camera.position.clone().sub(target);
+    if (moves) {
+      const by = new THREE.Vector3(x, y, 0).multiplyScalar(0.05 * arm.length()).applyQuaternion(this._camera.quaternion);
+      target.add(by);
+      this._camera.position.add(by);
+    } else {
+      const up = new THREE.Vector3(0, 0, 1), round = new THREE.Spherical();
+      const upright = new THREE.Quaternion().setFromUnitVectors(up, new THREE.Vector3(0, 1, 0));
+      round.setFromVector3(arm.applyQuaternion(upright));
+      round.theta += 0.12 * x;
+      round.phi = Math.min(Math.max(round.phi - 0.1 * y, 0.02), this._controls.maxPolarAngle);
+      arm.setFromSpherical(round).applyQuaternion(upright.invert());
+      this._camera.position.copy(target).add(arm);
+    }
+    this._controls.update();
+    this._change();
+  }
+
+  _zoom(by) {
+    const target = this._controls.target, arm = this._camera.position.clone().sub(target);
+    arm.clampLength(this._controls.minDistance, this._controls.maxDistance).multiplyScalar(by);
+    this._camera.position.copy(target).add(arm);
+    this._controls.update();
+    this._change();
+  }
+
+  _say(words) {
+    this._note?.remove();
+    this._note = document.createElement("p");
+    this._note.textContent = words;
+    this._note.setAttribute("role", "status");
+    Object.assign(this._note.style, { position: "absolute", inset: "0", margin: "0", display: "grid", placeItems: "center", padding: "1rem", textAlign: "center" });
+    this.element.append(this._note);
+  }
+}
+
+// -- forms -------------------------------------------------------------------------------------------------------
+
+/** One geometry of all shapes of a link, with a colour for each corner. */
+function mesh(THREE, shapes, colourOf) {
+  const places = [], normals = [], colours = [], tint = new THREE.Color();
+  for (const shape of shapes) {
+    const [points, sides] = shape.kind === "box" ? bevelled(THREE, shape.size) : turned(shape);
+    const turn = new THREE.Quaternion().fromArray(shape.turn), at = new THREE.Vector3().fromArray(shape.place), v = new THREE.Vector3();
+    tint.set(colourOf(shape));
+    for (let i = 0; i < points.length; i += 3) {
+      v.fromArray(points, i).applyQuaternion(turn).add(at).toArray(places, places.length);
+      v.fromArray(sides, i).applyQuaternion(turn).toArray(normals, normals.length);
+      tint.toArray(colours, colours.length);
+    }
+  }
+  const form = new THREE.BufferGeometry();
+  form.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
+  form.setAttribute("normal", new THREE.Float32BufferAttribute(normals, 3));
+  form.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
+  return form;
+}
+
+/** A box whose edges are cut off a little, so that they catch the light. */
+function bevelled(THREE, size) {
+  const cut = Math.min(CHAMFER, 0.2 * Math.min(...size)), half = size.map((length) => length / 2), points = [], sides = [];
+  const corner = (signs, axis) => signs.map((sign, i) => sign * (i === axis ? half[i] : half[i] - cut));
+  const face = (corners) => {
+    // A convex face about the origin: its normal points away from it.
+    const [a, b, c] = corners.map((p) => new THREE.Vector3(...p));
+    const normal = b.clone().sub(a).cross(c.clone().sub(a)).normalize();
+    const out = normal.dot(a) >= 0, ring = out ? corners : [...corners].reverse();
+    if (!out) normal.negate();
+    for (let i = 1; i + 1 < ring.length; i++) {
+      points.push(...ring[0], ...ring[i], ...ring[i + 1]);
+      for (let n = 0; n < 3; n++) sides.push(normal.x, normal.y, normal.z);
+    }
+  };
+  const with_ = (axis, sign, others) => {
+    const signs = [0, 0, 0];
+    signs[axis] = sign;
+    others.forEach(([i, s]) => (signs[i] = s));
+    return signs;
+  };
+  for (let axis = 0; axis < 3; axis++) {
+    const [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
+    for (const sign of [1, -1]) {
+      face([[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => corner(with_(axis, sign, [[i, a], [j, b]]), axis)));
+    }
+    // The four edges along this axis.
+    for (const a of [1, -1]) {
+      for (const b of [1, -1]) {
+        const low = with_(axis, -1, [[i, a], [j, b]]), high = with_(axis, 1, [[i, a], [j, b]]);
+        face([corner(low, i), corner(high, i), corner(high, j), corner(low, j)]);
+      }
+    }
+  }
+  for (const a of [1, -1]) for (const b of [1, -1]) for (const c of [1, -1]) face([0, 1, 2].map((axis) => corner([a, b, c], axis)));
+  return [points, sides];
+}
+
+/** A cylinder along z with its edges cut off a little, or a ball. */
+function turned({ kind, size }) {
+  const [radius, length] = size, steps = radius > 0.02 ? 40 : 24, profile = [];
+  if (kind === "sphere") {
+    for (let i = 0; i <= 12; i++) profile.push([radius * Math.sin((Math.PI * i) / 12), -radius * Math.cos((Math.PI * i) / 12)]);
+  } else {
+    const cut = Math.min(CHAMFER, 0.2 * Math.min(radius, length)), top = length / 2;
+    profile.push([0, -top], [radius - cut, -top], [radius, cut - top], [radius, top - cut], [radius - cut, top], [0, top]);
+  }
+  const points = [], sides = [];
+  for (let p = 0; p + 1 < profile.length; p++) {
+    const [r0, z0] = profile[p], [r1, z1] = profile[p + 1], long = Math.hypot(r1 - r0, z1 - z0);
+    const out = (z1 - z0) / long, up = (r0 - r1) / long;
+    for (let i = 0; i < steps; i++) {
+      const a = (2 * Math.PI * i) / steps, b = (2 * Math.PI * (i + 1)) / steps;
+      const at = (r, z, angle) => points.push(r * Math.cos(angle), r * Math.sin(angle), z);
+      const side = (angle) => sides.push(out * Math.cos(angle), out * Math.sin(angle), up);
+      at(r0, z0, a), at(r0, z0, b), at(r1, z1, b), at(r0, z0, a), at(r1, z1, b), at(r1, z1, a);
+      side(a), side(b), side(b), side(a), side(b), side(a);
+    }
+  }
+  return [points, sides];
+}
