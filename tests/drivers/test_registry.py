@@ -29,7 +29,7 @@ def test_an_arm_on_a_servo_bus_loads_and_another_robot_is_refused() -> None:
 
 def test_an_entry_point_that_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("bad", "pathlib:Path", "hexwire.robots")
-    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    monkeypatch.setattr(registry, "_points", lambda group: (point,))
     with pytest.raises(UsageError, match="is not a RobotDriver class"):
         registry.load_driver("bad")
 

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.errors import UsageError
@@ -47,9 +49,19 @@ _ADDRESSES = "hexwire.addresses"
 """Entry points of drivers for addresses that name a robot, not a link to one: ``zenoh:lab/arm1``."""
 
 
+@cache
+def _installed(group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    # Reading the metadata of all packages takes milliseconds, and a command asks several times.
+    return tuple(entry_points(group=group))
+
+
+def _points(group: str) -> tuple[EntryPoint, ...]:
+    return _installed(group, tuple(sys.path))
+
+
 def robot_names() -> tuple[str, ...]:
     """Names of the installed robots, sorted."""
-    return tuple(sorted({point.name for point in entry_points(group=_GROUP)}))
+    return tuple(sorted({point.name for point in _points(_GROUP)}))
 
 
 def load_driver(name: str) -> type[RobotDriver]:
@@ -66,7 +78,7 @@ def load_driver(name: str) -> type[RobotDriver]:
         from .bus_arm import arm_class
 
         return arm_class(name)
-    for point in entry_points(group=_GROUP):
+    for point in _points(_GROUP):
         if point.name == name:
             driver = point.load()
             if not (isinstance(driver, type) and issubclass(driver, RobotDriver)):
@@ -125,7 +137,7 @@ def make_driver(
         LinkError: Nobody answers at the address.
     """
     if is_address(port):
-        point = next(point for point in entry_points(group=_ADDRESSES) if point.name == port.partition(":")[0])
+        point = next(point for point in _points(_ADDRESSES) if point.name == port.partition(":")[0])
         return prepare(point.load()).from_url(port, robot=robot, **options)
     return prepare(load_driver(robot or robot_at(port))).from_url(port, **options)
 
@@ -142,7 +154,7 @@ def robot_at(port: str | None) -> str:
 def is_address(port: str) -> bool:
     """Whether a text names a robot, as in ``zenoh:lab/arm1``, and not a link to one."""
     scheme, colon, _ = port.partition(":")
-    return bool(colon) and any(point.name == scheme for point in entry_points(group=_ADDRESSES))
+    return bool(colon) and any(point.name == scheme for point in _points(_ADDRESSES))
 
 
 def connect(port: str | None = None, robot: str | None = None, **options: Any) -> RobotDriver:
