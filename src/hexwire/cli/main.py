@@ -44,6 +44,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "sim": ("hexwire.cli.sim:sim", "Emulate a board on a pseudo-terminal."),
     "state": ("hexwire.cli.state:state", "Show all joints, once or live."),
     "stop": ("hexwire.cli.power:stop", "Stop the arm and keep it stopped."),
+    "studio": ("hexwire.cli.studio:studio", "Show the arm, its servos and its wire in a browser."),
     "teach": ("hexwire.cli.motion:teach", "Record a motion made by moving the arm by hand."),
     "teleop": ("hexwire.cli.teleop:teleop", "Move an arm by joystick."),
     "torque": ("hexwire.cli.power:torque", "Switch torque on (without moving the arm) or off."),

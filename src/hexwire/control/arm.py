@@ -27,7 +27,7 @@ from .waiting import TryLock, Waiter
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
-    from hexwire.model.state import JointState
+    from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
     from hexwire.motion.waypoints import Sample, Trajectory
 
@@ -53,6 +53,7 @@ class Arm:
         settings: The arm's settings.
         on_state: As in `RobotOwner`.
         on_taught: Called with a taught motion, in the thread that ended teach mode.
+        on_sent: As in `RobotOwner`.
         monitored: As in `TrajectoryController`.
         clock: As in `RobotOwner`.
         sleep: Likewise.
@@ -70,6 +71,7 @@ class Arm:
         *,
         on_state: Callable[[JointState, KnownState], object] = lambda state, published: None,
         on_taught: Callable[[Taught], object] = lambda taught: None,
+        on_sent: Callable[[SentTarget], object] = lambda sent: None,
         monitored: bool = True,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
@@ -81,6 +83,7 @@ class Arm:
             command_rate=settings.command_rate,
             watchdog=settings.watchdog,
             on_state=on_state,
+            on_sent=on_sent,
             clock=clock,
             sleep=sleep,
         )

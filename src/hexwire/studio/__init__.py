@@ -1,1 +1,1 @@
-"""The arm, its servos and its wire in a browser."""
+"""The studio: the arm, its servos and its wire in a browser. Only this room imports NiceGUI and Starlette."""

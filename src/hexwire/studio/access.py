@@ -1,0 +1,148 @@
+"""Who may use the studio: tokens, sessions, and where a request may come from.
+
+Owns the rules. Pure: time comes in as `now`, and requests as plain values. Must not know sockets, ASGI or pages.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+__all__ = ["COOKIE", "Access", "Limits", "Right", "Session"]
+
+COOKIE = "hexwire_session"
+"""Name of the cookie; the port is added, since browsers share cookies between ports."""
+
+
+class Right(IntEnum):
+    """What a session may do. Everybody may stop the arm."""
+
+    WATCH = 1
+    OPERATE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds for what comes from outside.
+
+    Attributes:
+        message: Bytes of one message on a socket.
+        body: Bytes of the body of a request; pages that take uploads bound them themselves, below this.
+        sockets: Sockets at a time.
+        sessions: Sessions at a time.
+        session_age: Seconds without a request after which a session ends.
+        patience: Seconds that a socket may take to accept a message.
+    """
+
+    message: int = 64 * 1024
+    body: int = 64 * 1024 * 1024
+    sockets: int = 64
+    sessions: int = 32
+    session_age: float = 12 * 3600.0
+    patience: float = 5.0
+
+
+@dataclass(slots=True)
+class Session:
+    """A browser that has shown a token.
+
+    Attributes:
+        key: Value of its cookie.
+        right: What it may do.
+        seen: Its last request, seconds.
+    """
+
+    key: str
+    right: Right
+    seen: float
+
+
+def _new_secret() -> str:
+    return secrets.token_urlsafe(32)
+
+
+@dataclass(slots=True)
+class Access:
+    """The rules of one studio. Not thread-safe: the loop of the server calls it.
+
+    Args:
+        hosts: Values of the Host header that name this studio, such as ``127.0.0.1:8080``.
+        secure: It is reached over TLS.
+        limits: The bounds.
+        new_secret: Makes what nobody can guess.
+
+    Attributes:
+        operate_token: Token of the URL that lets its reader take control.
+        watch_token: Token of the URL that only lets its reader watch.
+    """
+
+    hosts: frozenset[str]
+    secure: bool = False
+    limits: Limits = field(default_factory=Limits)
+    new_secret: Callable[[], str] = _new_secret
+    operate_token: str = ""
+    watch_token: str = ""
+    _sessions: dict[str, Session] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.operate_token = self.operate_token or self.new_secret()
+        self.watch_token = self.watch_token or self.new_secret()
+
+    @property
+    def scheme(self) -> str:
+        """``https`` or ``http``."""
+        return "https" if self.secure else "http"
+
+    def allows_host(self, host: str) -> bool:
+        """Whether a Host header names this studio; another name may lead here by DNS rebinding."""
+        return host.lower() in self.hosts
+
+    def allows_origin(self, origin: str | None, host: str, *, needed: bool) -> bool:
+        """Whether a request comes from a page of this studio.
+
+        Args:
+            origin: The Origin header, or None.
+            host: The Host header, which is allowed.
+            needed: A request without Origin is refused, as for sockets and for whatever changes something.
+        """
+        if origin is None:
+            return not needed
+        return origin.lower() == f"{self.scheme}://{host.lower()}"
+
+    def enter(self, token: str, now: float) -> Session | None:
+        """Begin a session for a token; None if it is not valid. The oldest session ends if there are too many."""
+        right = None
+        for value, granted in ((self.operate_token, Right.OPERATE), (self.watch_token, Right.WATCH)):
+            if hmac.compare_digest(token.encode(), value.encode()):
+                right = granted
+        return None if right is None else self.admit(right, now)
+
+    def admit(self, right: Right, now: float) -> Session:
+        """Begin a session; the caller has checked who asks for it."""
+        self._expire(now)
+        while len(self._sessions) >= self.limits.sessions:
+            oldest = min(self._sessions.values(), key=lambda session: session.seen)
+            del self._sessions[oldest.key]
+        session = Session(self.new_secret(), right, now)
+        self._sessions[session.key] = session
+        return session
+
+    def session(self, key: str | None, now: float) -> Session | None:
+        """The session of a cookie, which counts as a sign of life; None if there is none."""
+        self._expire(now)
+        found = self._sessions.get(key) if key else None
+        if found is not None:
+            found.seen = now
+        return found
+
+    def leave(self, key: str) -> None:
+        """End a session."""
+        self._sessions.pop(key, None)
+
+    def _expire(self, now: float) -> None:
+        old = [s.key for s in self._sessions.values() if now - s.seen > self.limits.session_age]
+        for key in old:
+            del self._sessions[key]

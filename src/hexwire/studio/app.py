@@ -1,0 +1,224 @@
+"""The studio: what is open, and who looks at it.
+
+Owns joining source, access, tabs and the live socket, and the order in which they end. Must not know what a page
+shows, how pages are served, nor decide about motion.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from hexwire.errors import HexwireError, LeaseError
+
+from .access import Access, Right
+from .holds import Holds
+from .live import Live
+from .source import Source
+from .tabs import Tab, Tabs
+
+if TYPE_CHECKING:
+    from hexwire.control.attended import Entry
+
+__all__ = ["FAILED", "Studio"]
+
+_log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
+
+
+class _Failed:
+    """The result of a call that failed, after the page has shown why."""
+
+    def __bool__(self) -> bool:
+        return False
+
+
+FAILED: Final = _Failed()
+"""What `Studio.run` returns when the call failed; it is false."""
+
+
+class Studio:
+    """One studio. Its pages call it in the loop of the server.
+
+    Args:
+        access: The rules of access.
+
+    Attributes:
+        access: As given.
+        source: What is open.
+        tabs: The open tabs.
+        holds: The kinds of motion that a page may hold.
+        live: The tabs' own sockets.
+        orders: Runs what tabs order, one after the other.
+    """
+
+    def __init__(self, access: Access) -> None:
+        self.access = access
+        self.tabs = Tabs()
+        self.source = Source(self._changed)
+        self.holds = Holds(self.source)
+        self.live = Live(self)
+        self.orders = ThreadPoolExecutor(1, "studio orders")
+        self._stops = ThreadPoolExecutor(2, "studio stops")
+        self._workers = ThreadPoolExecutor(8, "studio")
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ending = threading.Event()
+        self._watch: threading.Thread | None = None
+
+    # -- for pages ----------------------------------------------------------------------------------------
+
+    def tab(self) -> Tab:
+        """The tab whose page is being built, or whose event is being handled."""
+        from nicegui import context
+
+        tab = context.client.storage["tab"]
+        assert isinstance(tab, Tab)
+        return tab
+
+    async def run(self, call: Callable[[], _T], *, control: bool = False) -> _T | _Failed:
+        """Make a call that may wait in a worker thread; show its error, if it fails, in one line.
+
+        Args:
+            call: What to do.
+            control: Only for a tab that has control.
+
+        Returns:
+            Its result; `FAILED` if it failed.
+        """
+        from nicegui import ui
+
+        tab = self.tab()
+        try:
+            if control:
+                self.need_operator(tab)
+            return await asyncio.get_running_loop().run_in_executor(self._workers, call)
+        except HexwireError as error:
+            ui.notify(str(error), type="negative", multi_line=True)
+        except Exception as error:  # noqa: BLE001  # logged and shown as what it is
+            _log.exception("a call of a page failed")
+            ui.notify(f"The studio failed at this: {type(error).__name__}: {error}", type="negative")
+        return FAILED
+
+    def need_operator(self, tab: Tab) -> None:
+        """Check that a tab may command now.
+
+        Raises:
+            LeaseError: It does not have control.
+        """
+        self.source.need_control(tab)
+
+    def take(self, tab: Tab, *, force: bool = False) -> None:
+        """Give a tab control. Blocks.
+
+        Args:
+            tab: The tab.
+            force: Take it from another tab.
+
+        Raises:
+            LeaseError: Its session may only watch, or another tab has control.
+        """
+        if tab.right < Right.OPERATE:
+            raise LeaseError(
+                "this address is for watching only; open the other one that hexwire studio has printed"
+            )
+        self.source.take(tab, force=force)
+
+    # -- for the live socket --------------------------------------------------------------------------------
+
+    def soon(self, call: Callable[[], object]) -> None:
+        """Call something in the loop of the server, from any thread."""
+        loop = self._loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):
+                loop.call_soon_threadsafe(call)
+
+    def stop(self, who: str) -> None:
+        """Stop the arm, ahead of everything; returns at once. Any thread may call this; nobody needs control."""
+        arm = self.source.arm
+        if arm is None:
+            return
+        arm.attended.end_all(f"{who} stopped the arm")
+
+        def stop() -> None:
+            try:
+                arm.shared.stop(f"{who} stopped it")
+            except HexwireError as error:
+                _log.error("the stop was not confirmed: %s", error)
+                self.live.tell({"kind": "news", "level": "error", "text": f"the stop was not confirmed: {error}"})
+
+        self._stops.submit(stop)
+
+    def gone(self, tab: Tab) -> None:
+        """The socket of a tab is closed: end what it holds, and give its control back."""
+        self.holds.forget(tab)
+        arm = self.source.arm
+        if arm is not None:
+            arm.attended.end(tab.key, "its page was closed")
+        if tab.grant:
+            self.orders.submit(self.source.leave, tab)
+
+    def refused(self, entry: Entry, why: str) -> None:
+        """A motion that was announced did not begin."""
+        arm = self.source.arm
+        if arm is not None:
+            arm.attended.end(entry.who, why, entry.number)
+
+    def ended(self, entry: Entry) -> None:
+        """A motion has ended: tell its tab."""
+        self.live.tell({"kind": "ended", "id": entry.number, "why": entry.ended}, entry.who)
+
+    def facts(self) -> dict[str, object]:
+        """What is always in sight, for JSON."""
+        source = self.source
+        common: dict[str, object] = {"mode": source.mode, "opening": source.opening, "open_error": source.error}
+        arm = source.arm
+        if arm is None:
+            return common
+        holder = arm.shared.holder
+        tab = self.tabs.holder(holder.key) if holder is not None else None
+        return {**common, **arm.facts(), "holder_tab": tab.name if tab is not None else ""}
+
+    def model(self) -> dict[str, object]:
+        """The joints of what is open, for JSON."""
+        arm = self.source.arm
+        return arm.model() if arm is not None else {"robot": "", "joints": [], "space": False}
+
+    # -- life -----------------------------------------------------------------------------------------------
+
+    def _changed(self) -> None:
+        arm = self.source.arm
+        if arm is not None:
+            arm.attended.on_end = self.ended
+        self.soon(lambda: self.live._tell({"kind": "hello", **self.model()}, None))
+        self.soon(self.live.tell_facts)
+
+    def begin(self, loop: asyncio.AbstractEventLoop) -> None:
+        """The server has started."""
+        self._loop = loop
+        self._watch = threading.Thread(target=self._look, name="studio watch", daemon=True)
+        self._watch.start()
+
+    def _look(self) -> None:
+        """End what is held without signs of life, also when the loop of the server hangs."""
+        while not self._ending.wait(0.02):
+            arm = self.source.arm
+            if arm is not None:
+                try:
+                    arm.attended.check()
+                except Exception:  # noqa: BLE001  # logged; a hold ends in the owner's cycle, too
+                    _log.exception("the watch of holds failed")
+
+    def close(self) -> None:
+        """End: make the arm safe, and close everything."""
+        self._ending.set()
+        if self._watch is not None:
+            self._watch.join()
+        self.source.close()
+        for pool in (self.orders, self._stops, self._workers):
+            pool.shutdown()

@@ -1,0 +1,65 @@
+"""The kinds of motion that a page may hold: each is begun for a tab, and ends with its entry.
+
+Owns the table of kinds. Must not know sockets or pages, nor what makes a motion safe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from hexwire.errors import UsageError
+
+if TYPE_CHECKING:
+    from hexwire.control.attended import Entry
+    from hexwire.epochs import Token
+
+    from .source import Source
+    from .tabs import Tab
+
+__all__ = ["Begin", "Holds"]
+
+Begin = Callable[["Tab", "Entry", Mapping[str, object], "Token"], object]
+"""Begins a motion for a tab; then it calls `Attended.begun` with how it ends. Runs in a thread and may wait. Raises
+`HexwireError` if it is refused. The token says when it was asked for: a stop since then voids it."""
+
+_JOGS = ("joint", "space", "drag")
+
+
+class Holds:
+    """The kinds, by name.
+
+    Args:
+        source: What is open.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._kinds: dict[str, Begin] = {}
+        self._present: dict[str, str] = {}
+
+    def add(self, kind: str, begin: Begin) -> None:
+        """Add a kind of motion, such as ``goto``."""
+        self._kinds[kind] = begin
+
+    def begin(self, tab: Tab, entry: Entry, kind: str, args: Mapping[str, object], arrived: Token) -> None:
+        """Begin a motion; raises `HexwireError` if it is refused."""
+        self._source.need_control(tab)
+        self._present[tab.key] = kind
+        if kind in _JOGS:
+            self._source.need_arm().begin_jog(tab, entry, kind, args, arrived)
+            return
+        found = self._kinds.get(kind)
+        if found is None:
+            raise UsageError(f"there is no motion {kind[:20]!r} to hold")
+        found(tab, entry, args, arrived)
+
+    def update(self, tab: Tab, args: Any) -> None:
+        """Change what a tab holds; only a jog can be changed. Raises `HexwireError` if it is refused."""
+        kind = self._present.get(tab.key, "")
+        if kind in _JOGS and isinstance(args, dict):
+            self._source.need_arm().update_jog(kind, args)
+
+    def forget(self, tab: Tab) -> None:
+        """A tab is gone."""
+        self._present.pop(tab.key, None)

@@ -1,0 +1,128 @@
+"""What every page has: the facts that are always in sight, STOP, control, navigation.
+
+Owns the frame around a page. Facts are filled in by `static/live.js` from the live socket, without NiceGUI's. Must
+not know what a page shows.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from html import escape
+from typing import TYPE_CHECKING
+
+from .access import Right
+
+if TYPE_CHECKING:
+    from nicegui.element import Element
+
+    from .access import Session
+    from .app import Studio
+
+__all__ = ["build_page", "mount"]
+
+_FACTS = (
+    ("connection", "Connection"),
+    ("dialect", "Dialect"),
+    ("rate", "Rate"),
+    ("trip", "Round trip"),
+    ("faults", "Faults"),
+    ("holder", "Control"),
+    ("torque", "Torque"),
+)
+
+
+async def build_page(studio: Studio, session: Session) -> None:
+    """Build the frame and, in it, the page of the address."""
+    from nicegui import context, ui
+
+    from .pages import PAGES
+
+    tab = studio.tabs.open(session.key, session.right)
+    client = context.client
+    client.storage["tab"] = tab
+    client.on_delete(lambda: studio.tabs.close(tab))
+    ui.add_head_html(
+        '<link rel="stylesheet" href="/static/studio.css">'
+        f'<meta name="hexwire-tab" content="{escape(tab.key)}">'
+        '<script type="module" src="/static/live.js"></script>'
+    )
+    client.content.classes("hw-content")
+    with ui.element("header").classes("hw-header"):
+        ui.link("Skip to the page", "#hw-main").classes("hw-skip")
+        with ui.element("nav").classes("hw-nav").props('aria-label="Pages"'):
+            for page in PAGES:
+                ui.link(page.title, page.path).classes("hw-nav-link").props(f'data-path="{page.path}"')
+        with ui.element("dl").classes("hw-facts").props('aria-label="Facts"'):
+            for name, words in _FACTS:
+                with ui.element("div").classes("hw-fact"):
+                    with ui.element("dt"):
+                        ui.html(words, sanitize=False, tag="span")
+                    ui.element("dd").props(f'id="hw-fact-{name}"')
+        with ui.element("div").classes("hw-actions"):
+            _build_control(studio)
+            # Its handler is in live.js, which needs nothing of NiceGUI: it works while all else hangs.
+            with ui.element("button").classes("hw-stop").props('id="hw-stop" type="button" title="Stop (Escape)"'):
+                ui.html("STOP", sanitize=False, tag="span")
+    ui.element("div").classes("hw-banner").props('id="hw-banner" role="status" aria-live="polite" hidden')
+    with ui.element("main").classes("hw-main").props('id="hw-main" tabindex="-1"'):
+        ui.sub_pages({page.path: _builder(studio, page.path) for page in PAGES})
+
+
+def _build_control(studio: Studio) -> None:
+    """Take control, give it back, resume, torque: their state comes over the live socket."""
+    from nicegui import ui
+
+    tab = studio.tab()
+
+    async def take() -> None:
+        await studio.run(lambda: studio.take(tab, force=True))
+
+    async def leave() -> None:
+        await studio.run(lambda: studio.source.leave(tab))
+
+    async def resume() -> None:
+        arm = studio.source.arm
+        if arm is not None:
+            await studio.run(lambda: arm.shared.resume(arm.order(tab)), control=True)
+
+    async def torque(on: bool) -> None:
+        arm = studio.source.arm
+        if arm is not None:
+            await studio.run(lambda: arm.shared.torque(arm.order(tab), on, None), control=True)
+
+    def button(words: str, name: str, handler: object) -> None:
+        with ui.element("button").classes("hw-button").props(f'id="hw-{name}" type="button" hidden') as made:
+            ui.html(words, sanitize=False, tag="span")
+        made.on("click", handler)  # type: ignore[arg-type]  # a coroutine function is allowed
+
+    if tab.right >= Right.OPERATE:
+        button("Take control", "take", take)
+        button("Give back", "leave", leave)
+        button("Resume", "resume", resume)
+        button("Torque on", "torque-on", lambda: torque(True))
+        button("Torque off", "torque-off", lambda: torque(False))
+
+
+def _builder(studio: Studio, path: str) -> Callable[[], None]:
+    def build() -> None:
+        from .pages import load
+
+        load(path)(studio)
+
+    return build
+
+
+def mount(module: str, element: Element, **args: object) -> None:
+    """Let a module of ``static/`` take over an element of the page: calls its export ``mount(element, args)``.
+
+    Args:
+        module: Its file, such as ``arm.js``.
+        element: The element.
+        **args: What JSON can hold.
+    """
+    from nicegui import ui
+
+    place = f"document.getElementById('c{element.id}')"
+    call = f"import('/static/{module}').then((m) => m.mount({place}, {json.dumps(args)}))"
+    ui.run_javascript(call)

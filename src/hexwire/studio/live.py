@@ -1,0 +1,242 @@
+"""The tab's own socket: frames of state down; signs of life, holds and stops up.
+
+Owns the messages, their bounds, and that a slow reader gets fewer frames and is then dropped. Runs in the loop of
+the server and never waits for the arm: what may wait runs in threads. Must not know pages.
+
+Up, JSON: ``{"do": "alive"}``, ``{"do": "hold", "id": 1, "kind": "joint", "args": {}, "stops": 0}``,
+``{"do": "beat", "id": 1}`` (with ``args`` to change what is held), ``{"do": "release", "id": 1}``,
+``{"do": "stop"}``.
+Down: frames (`hexwire.studio.frames`), and JSON with a ``kind``: ``hello``, ``facts``, ``held``, ``ended``,
+``stopping``, ``news``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from hexwire.errors import HexwireError
+
+from .guard import SESSION
+
+if TYPE_CHECKING:
+    from hexwire.control.attended import Entry
+
+    from .app import Studio
+    from .tabs import Tab
+
+__all__ = ["Live"]
+
+_log = logging.getLogger(__name__)
+
+_FRAMES = 60.0
+"""Frames per second at most."""
+_FACTS = 0.25
+"""Seconds between two messages with facts that changed."""
+_MOST_TEXTS = 64
+"""Messages that may wait for a slow reader."""
+_BEAT = 0.2
+"""Seconds between two renewals of the lease for a tab that has its socket."""
+
+
+class _Socket:
+    """What waits for one browser: the newest frame, and all texts."""
+
+    def __init__(self, socket: WebSocket, tab: Tab, patience: float) -> None:
+        self.socket, self.tab = socket, tab
+        self._patience = patience
+        self._frame: bytes | None = None
+        self._texts: deque[str] = deque()
+        self._wake = asyncio.Event()
+        self.too_slow = False
+
+    def put_frame(self, frame: bytes) -> None:
+        self._frame = frame
+        self._wake.set()
+
+    def put(self, message: dict[str, Any] | str) -> None:
+        if len(self._texts) >= _MOST_TEXTS:
+            self.too_slow = True
+        else:
+            self._texts.append(message if isinstance(message, str) else json.dumps(message))
+        self._wake.set()
+
+    async def send_all(self) -> None:
+        """Send until the socket closes or is too slow."""
+        while not self.too_slow:
+            await self._wake.wait()
+            self._wake.clear()
+            async with asyncio.timeout(self._patience):
+                while self._texts:
+                    await self.socket.send_text(self._texts.popleft())
+                frame, self._frame = self._frame, None
+                if frame is not None:
+                    await self.socket.send_bytes(frame)
+
+
+class Live:
+    """All sockets of a studio.
+
+    Args:
+        studio: The studio.
+    """
+
+    def __init__(self, studio: Studio) -> None:
+        self._studio = studio
+        self._sockets: set[_Socket] = set()
+        self._facts = ""
+
+    # -- down ---------------------------------------------------------------------------------------------
+
+    async def pump(self) -> None:
+        """Send frames and facts until cancelled."""
+        loop = asyncio.get_running_loop()
+        last, next_facts, next_beat = None, 0.0, 0.0
+        while True:
+            await asyncio.sleep(1.0 / _FRAMES)
+            now = loop.time()
+            arm = self._studio.source.arm
+            try:
+                state = arm.arm.owner.state if arm is not None else None
+                if self._sockets and arm is not None and state is not None and state is not last:
+                    frame = arm.frame(state)
+                    for socket in self._sockets:
+                        socket.put_frame(frame)
+                last = state
+                if now >= next_beat:
+                    next_beat = now + _BEAT
+                    self._renew()
+                if now >= next_facts:
+                    next_facts = now + _FACTS
+                    self.tell_facts()
+            except Exception:  # noqa: BLE001  # logged; the next frame may be right
+                _log.exception("a frame failed")
+
+    def tell_facts(self) -> None:
+        """Send the facts if they have changed."""
+        facts = json.dumps({"kind": "facts", **self._studio.facts()})
+        if facts != self._facts:
+            self._facts = facts
+            for socket in self._sockets:
+                socket.put(facts)
+
+    def tell(self, message: dict[str, Any], tab_key: str | None = None) -> None:
+        """Send a message to one tab, or to all. Any thread may call this."""
+        self._studio.soon(lambda: self._tell(message, tab_key))
+
+    def _tell(self, message: dict[str, Any], tab_key: str | None) -> None:
+        for socket in self._sockets:
+            if tab_key in (None, socket.tab.key):
+                socket.put(message)
+
+    def _renew(self) -> None:
+        """Renew the lease of the tab that has control, while its socket is open."""
+        arm = self._studio.source.arm
+        if arm is None:
+            return
+        for socket in self._sockets:
+            if socket.tab.grant:
+                try:
+                    arm.shared.beat(socket.tab.grant, 0.0)
+                except HexwireError:
+                    socket.tab.grant = 0
+
+    # -- up -----------------------------------------------------------------------------------------------
+
+    async def serve(self, websocket: WebSocket) -> None:
+        """Serve one socket to its end."""
+        studio = self._studio
+        session = websocket.scope[SESSION]
+        tab = studio.tabs.find(websocket.query_params.get("tab", ""), session.key)
+        await websocket.accept()
+        if tab is None or tab.live:
+            await websocket.close(4404, "this page is not open any more; load it again")
+            return
+        tab.live = True
+        socket = _Socket(websocket, tab, studio.access.limits.patience)
+        self._sockets.add(socket)
+        socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **studio.model()})
+        socket.put({"kind": "facts", **studio.facts()})
+        sender = asyncio.create_task(socket.send_all())
+        receiver = asyncio.create_task(self._receive(socket))
+        try:
+            await asyncio.wait((sender, receiver), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            tab.live = False
+            self._sockets.discard(socket)
+            studio.gone(tab)
+            for task in (sender, receiver):
+                task.cancel()
+            for failed in await asyncio.gather(sender, receiver, return_exceptions=True):
+                expected = WebSocketDisconnect | TimeoutError | asyncio.CancelledError | RuntimeError
+                if isinstance(failed, BaseException) and not isinstance(failed, expected):
+                    _log.error("a socket failed", exc_info=failed)
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+                await websocket.close(1008 if socket.too_slow else 1000)
+
+    async def _receive(self, socket: _Socket) -> None:
+        most = self._studio.access.limits.message
+        while True:
+            message = await socket.socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text")
+            if text is None or len(text) > most:
+                return
+            try:
+                order = json.loads(text)
+            except ValueError:
+                return
+            if not isinstance(order, dict):
+                return
+            try:
+                self._obey(socket, order)
+            except HexwireError as error:
+                socket.put({"kind": "ended", "id": order.get("id"), "why": str(error)})
+
+    def _obey(self, socket: _Socket, order: dict[str, Any]) -> None:
+        what, tab, studio = order.get("do"), socket.tab, self._studio
+        if what == "stop":
+            socket.put({"kind": "stopping"})
+            studio.stop(tab.name)
+            return
+        arm = studio.source.arm
+        number = order.get("id")
+        if arm is None or not isinstance(number, int):
+            return
+        if what == "beat":
+            if arm.attended.beat(tab.key, number) and "args" in order:
+                studio.holds.update(tab, order.get("args"))
+        elif what == "release":
+            arm.attended.end(tab.key, "released", number)
+        elif what == "hold":
+            if order.get("stops") != arm.stops & 0xFFFFFFFF:
+                socket.put({"kind": "ended", "id": number, "why": "the arm was stopped meanwhile"})
+                return
+            arrived = arm.driver.epochs.mark()
+            entry = arm.attended.begin(tab.key, number)
+            if entry is not None:
+                self._begin(socket, entry, order, arrived)
+
+    def _begin(self, socket: _Socket, entry: Entry, order: dict[str, Any], arrived: Any) -> None:
+        args = order.get("args")
+        kind = str(order.get("kind"))
+
+        def begin() -> None:
+            try:
+                self._studio.holds.begin(socket.tab, entry, kind, args if isinstance(args, dict) else {}, arrived)
+            except HexwireError as error:
+                self._studio.refused(entry, str(error))
+            except Exception:  # noqa: BLE001  # logged and answered
+                _log.exception("a hold failed")
+                self._studio.refused(entry, "the studio failed at this; see its log")
+            else:
+                self.tell({"kind": "held", "id": entry.number}, entry.who)
+
+        self._studio.orders.submit(begin)

@@ -1,0 +1,318 @@
+// The tab's own socket: frames of state in; signs of life, holds and stops out. Needs nothing of NiceGUI, so that STOP
+// works while all else hangs. The bytes of a frame are described in studio/frames.py.
+
+const BEAT = 100; // ms between two signs of life while something is held
+const ALIVE = 2000; // ms between two signs of life otherwise
+const SURE = 300; // ms in which a stop is confirmed; after them it is sent again, by HTTP
+const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
+
+const key = document.querySelector('meta[name="hexwire-tab"]').content;
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), link: new Set() };
+let socket = null;
+let retry = 200;
+let held = null;
+let number = 0;
+let stopConfirmed = 0;
+let lost = false;
+
+const hexwire = {
+  model: { robot: "", joints: [], space: false },
+  facts: null,
+  frame: null,
+  tab: "",
+  get connected() {
+    return socket !== null && socket.readyState === WebSocket.OPEN;
+  },
+  get holding() {
+    return held !== null;
+  },
+  onFrame: (call, element) => listen("frame", call, element),
+  onFacts: (call, element) => {
+    const end = listen("facts", call, element);
+    if (hexwire.facts) call(hexwire.facts);
+    return end;
+  },
+  onHello: (call, element) => {
+    const end = listen("hello", call, element);
+    if (hexwire.model.joints.length) call(hexwire.model);
+    return end;
+  },
+  onNews: (call, element) => listen("news", call, element),
+  onLink: (call, element) => listen("link", call, element),
+  hold,
+  update,
+  release,
+  holdButton,
+  stop,
+};
+export default hexwire;
+window.hexwire = hexwire;
+
+// -- listeners -----------------------------------------------------------------------------------------
+
+function listen(kind, call, element) {
+  const row = { call, element };
+  listeners[kind].add(row);
+  return () => listeners[kind].delete(row);
+}
+
+function tell(kind, value) {
+  for (const row of listeners[kind]) {
+    if (row.element && !row.element.isConnected) {
+      listeners[kind].delete(row);
+      continue;
+    }
+    try {
+      row.call(value);
+    } catch (error) {
+      console.error(error);
+    }
+  }
+}
+
+// -- the socket ----------------------------------------------------------------------------------------
+
+function open() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const mine = new WebSocket(`${scheme}://${location.host}/live?tab=${encodeURIComponent(key)}`);
+  mine.binaryType = "arraybuffer";
+  socket = mine;
+  mine.onopen = () => {
+    retry = 200;
+    lost = false;
+    tell("link", true);
+  };
+  mine.onmessage = (event) => {
+    if (typeof event.data === "string") receive(JSON.parse(event.data));
+    else draw(event.data);
+  };
+  mine.onclose = (event) => {
+    if (socket !== mine) return;
+    socket = null;
+    ended("the connection to the studio was lost");
+    lost = true;
+    tell("link", false);
+    if (event.code === 4404) {
+      location.reload(); // the server has forgotten this page
+      return;
+    }
+    setTimeout(open, retry);
+    retry = Math.min(2 * retry, 3000);
+  };
+}
+
+function send(message) {
+  if (!hexwire.connected) return false;
+  socket.send(JSON.stringify(message));
+  return true;
+}
+
+function receive(message) {
+  if (message.kind === "hello") {
+    hexwire.model = message;
+    hexwire.tab = message.tab || hexwire.tab;
+    tell("hello", message);
+  } else if (message.kind === "facts") {
+    hexwire.facts = message;
+    tell("facts", message);
+  } else if (message.kind === "ended") {
+    if (held && held.number === message.id) ended(message.why);
+  } else if (message.kind === "stopping") {
+    stopConfirmed = performance.now();
+  } else if (message.kind === "news") {
+    tell("news", message);
+  }
+}
+
+function draw(bytes) {
+  const view = new DataView(bytes);
+  if (view.getUint8(0) !== 1) return;
+  const n = view.getUint8(1);
+  const bits = view.getUint16(2, true);
+  const frame = {
+    time: view.getFloat64(8, true),
+    joints: hexwire.model.joints.map((joint) => joint.name),
+    stops: view.getUint32(4, true),
+    stopped: Boolean(bits & 1),
+    tripped: Boolean(bits & 2),
+    maintenance: Boolean(bits & 4),
+    connected: Boolean(bits & 8),
+    held: Boolean(bits & 16),
+  };
+  COLUMNS.forEach((name, i) => {
+    frame[name] = new Float32Array(bytes, 16 + 4 * n * i, n);
+  });
+  frame.flags = new Uint32Array(bytes, 16 + 4 * n * COLUMNS.length, n);
+  hexwire.frame = frame;
+  tell("frame", frame);
+}
+
+// -- holds ---------------------------------------------------------------------------------------------
+
+function hold(kind, args, options = {}) {
+  release();
+  number += 1;
+  const stops = hexwire.frame ? hexwire.frame.stops : (hexwire.facts || {}).stops || 0;
+  let settle;
+  const over = new Promise((resolve) => (settle = resolve));
+  held = { number, kind, settle, attended: Boolean(options.attended) };
+  if (!send({ do: "hold", id: number, kind, args, stops })) {
+    ended("there is no connection to the studio");
+    return over;
+  }
+  held.timer = setInterval(() => send({ do: "beat", id: held.number }), BEAT);
+  return over;
+}
+
+function update(args) {
+  if (held) send({ do: "beat", id: held.number, args });
+}
+
+function release(why = "released") {
+  if (!held) return;
+  send({ do: "release", id: held.number });
+  ended(why);
+}
+
+function ended(why) {
+  if (!held) return;
+  clearInterval(held.timer);
+  const { settle } = held;
+  held = null;
+  settle(why);
+}
+
+function holdButton(element, kind, args, options = {}) {
+  const begin = () => {
+    const over = hold(kind, typeof args === "function" ? args() : args, options);
+    element.classList.add("hw-held");
+    over.then((why) => {
+      element.classList.remove("hw-held");
+      if (options.onEnd) options.onEnd(why);
+      if (why !== "released") say(why);
+    });
+  };
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0 || element.disabled) return;
+    element.setPointerCapture(event.pointerId);
+    begin();
+  });
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) element.addEventListener(name, () => release());
+  element.addEventListener("keydown", (event) => {
+    if (event.repeat || (event.key !== " " && event.key !== "Enter") || element.disabled) return;
+    event.preventDefault();
+    begin();
+  });
+  element.addEventListener("keyup", (event) => {
+    if (event.key === " " || event.key === "Enter") release();
+  });
+  element.addEventListener("blur", () => release());
+  element.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+
+window.addEventListener("blur", () => held && !held.attended && release("the page lost the focus"));
+document.addEventListener("visibilitychange", () => document.hidden && release("the page is hidden"));
+window.addEventListener("pagehide", () => release("the page was closed"));
+
+// -- stop ----------------------------------------------------------------------------------------------
+
+function stop() {
+  const asked = performance.now();
+  if (send({ do: "stop" })) {
+    setTimeout(() => stopConfirmed < asked && stopByRequest(), SURE);
+  } else {
+    stopByRequest();
+  }
+  ended("stopped");
+}
+
+function stopByRequest() {
+  fetch("/stop", { method: "POST", keepalive: true }).then(
+    (answer) => answer.ok || say("STOP was refused: use the emergency switch of the arm"),
+    () => say("STOP did not reach the studio: use the emergency switch of the arm"),
+  );
+}
+
+document.addEventListener(
+  "keydown",
+  (event) => {
+    if (event.key === "Escape") stop();
+  },
+  { capture: true },
+);
+document.addEventListener(
+  "pointerdown",
+  (event) => {
+    if (event.target.closest && event.target.closest("#hw-stop")) stop();
+  },
+  { capture: true },
+);
+document.addEventListener(
+  "click",
+  (event) => {
+    // detail 0: by keyboard or by a screen reader; a pointer has stopped the arm already.
+    if (event.detail === 0 && event.target.closest && event.target.closest("#hw-stop")) stop();
+  },
+  { capture: true },
+);
+
+// -- the header ----------------------------------------------------------------------------------------
+
+function say(text) {
+  const banner = document.getElementById("hw-banner");
+  if (!banner) return;
+  banner.textContent = text;
+  banner.hidden = !text;
+}
+
+function put(name, text, level = "") {
+  const element = document.getElementById(`hw-fact-${name}`);
+  if (!element) return;
+  if (element.textContent !== text) element.textContent = text;
+  element.dataset.level = level;
+}
+
+function show(name, so) {
+  const element = document.getElementById(`hw-${name}`);
+  if (element) element.hidden = !so;
+}
+
+function header(facts) {
+  const arm = facts.mode === "arm";
+  const link = hexwire.connected;
+  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}` : facts.mode === "bus" ? "servo bus" : "nothing open";
+  if (!link) put("connection", "no connection to the studio", "error");
+  else if (arm && !facts.connected) put("connection", `lost: ${facts.error}`, "error");
+  else put("connection", where, arm ? "ok" : "");
+  put("dialect", arm && facts.dialect ? String(facts.dialect) : "–");
+  put("rate", arm ? `${facts.rate.toFixed(0)} Hz` : "–");
+  put("trip", arm && facts.round_trip_ms !== null ? `${facts.round_trip_ms.toFixed(1)} ms` : "–");
+  put("faults", arm ? facts.faults.join("; ") || "none" : "–", arm && facts.faults.length ? "error" : "");
+  const mine = arm && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
+  put("holder", arm ? (mine ? "this page" : facts.holder || "nobody") : "–", mine ? "ok" : "");
+  put("torque", arm ? facts.torque : "–", arm && facts.torque === "on" ? "ok" : "");
+  show("take", link && arm && !mine);
+  show("leave", link && mine);
+  show("resume", link && mine && facts.stopped !== "");
+  show("torque-on", link && mine && facts.stopped === "" && facts.torque !== "on");
+  show("torque-off", link && mine && facts.torque !== "off");
+  document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
+  if (!link) say("No connection to the studio. STOP is tried by another way; use the emergency switch of the arm.");
+  else if (arm && !facts.connected) say(`The arm is not connected: ${facts.error}`);
+  else if (arm && facts.stopped) say(`Stopped: ${facts.stopped}`);
+  else say(facts.note || "");
+}
+
+hexwire.onFacts(header);
+hexwire.onLink(() => header(hexwire.facts || { mode: "none" }));
+setInterval(() => send({ do: "alive" }), ALIVE);
+
+function mark() {
+  for (const link of document.querySelectorAll(".hw-nav-link")) {
+    const here = link.dataset.path === location.pathname;
+    if (here) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+}
+setInterval(mark, 250);
+open();

@@ -1,0 +1,70 @@
+"""The open tabs: who they are, what they may do, and which of them has control.
+
+Owns the list, and the order numbers of each tab. Must not know sockets or pages.
+"""
+
+from __future__ import annotations
+
+import itertools
+import secrets
+from dataclasses import dataclass, field
+
+from .access import Right
+
+__all__ = ["Tab", "Tabs"]
+
+
+@dataclass(eq=False, slots=True)
+class Tab:
+    """One open tab of a browser.
+
+    Attributes:
+        name: For display, such as ``tab 2``.
+        key: Secret that its page knows, with which its own socket is opened.
+        session: Key of the session to which it belongs.
+        right: What that session may do.
+        grant: Key of the lease that it holds; 0 if it has none.
+        live: It has its socket.
+    """
+
+    name: str
+    key: str
+    session: str
+    right: Right
+    grant: int = 0
+    live: bool = False
+    _numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1), repr=False)
+
+    def next_number(self) -> int:
+        """Number of its next order."""
+        return next(self._numbers)
+
+
+class Tabs:
+    """All open tabs. The loop of the server adds and removes them; any thread may look."""
+
+    def __init__(self) -> None:
+        self._tabs: dict[str, Tab] = {}
+        self._count = itertools.count(1)
+
+    def __len__(self) -> int:
+        return len(self._tabs)
+
+    def open(self, session: str, right: Right) -> Tab:
+        """A page is built for a session."""
+        tab = Tab(f"tab {next(self._count)}", secrets.token_urlsafe(16), session, right)
+        self._tabs[tab.key] = tab
+        return tab
+
+    def find(self, key: str, session: str) -> Tab | None:
+        """The tab with that key, if it belongs to that session."""
+        tab = self._tabs.get(key)
+        return tab if tab is not None and tab.session == session else None
+
+    def close(self, tab: Tab) -> None:
+        """A page is gone."""
+        self._tabs.pop(tab.key, None)
+
+    def holder(self, grant: int) -> Tab | None:
+        """The tab that holds a lease."""
+        return next((tab for tab in list(self._tabs.values()) if grant and tab.grant == grant), None)

@@ -1,0 +1,85 @@
+"""Attended motions: silence ends them, each one ends once, and nothing old comes back."""
+
+from __future__ import annotations
+
+from hexwire.control.attended import SILENCE, Attended
+
+
+class _Clock:
+    time = 100.0
+
+    def __call__(self) -> float:
+        return self.time
+
+
+def _attended() -> tuple[Attended, _Clock, list[str]]:
+    clock, ended = _Clock(), list[str]()
+    return Attended(clock=clock, on_end=lambda entry: ended.append(entry.ended)), clock, ended
+
+
+def test_a_motion_lasts_while_beats_arrive() -> None:
+    attended, clock, ended = _attended()
+    entry = attended.begin("ann", 1)
+    assert entry is not None
+    for _ in range(20):
+        clock.time += 0.1
+        assert attended.beat("ann", 1)
+        attended.check()
+    assert not entry.ended
+    assert not ended
+
+
+def test_silence_ends_it_once() -> None:
+    attended, clock, ended = _attended()
+    finished: list[str] = []
+    entry = attended.begin("ann", 1)
+    assert entry is not None
+    attended.begun(entry, finished.append)
+    clock.time += SILENCE
+    attended.check()
+    attended.check()
+    attended.end("ann", "released")
+    assert finished == ended == ["no sign of life"]
+
+
+def test_a_late_beat_does_not_revive_a_motion() -> None:
+    attended, clock, ended = _attended()
+    attended.begin("ann", 1)
+    clock.time += SILENCE + 0.01
+    assert not attended.beat("ann", 1)
+    assert not attended.beat("ann", 1)
+    assert ended == ["no sign of life"]
+
+
+def test_a_motion_that_ended_while_it_was_checked_is_finished_when_it_begins() -> None:
+    attended, _, _ = _attended()
+    entry = attended.begin("ann", 1)
+    assert entry is not None
+    attended.end("ann", "released", 1)
+    finished: list[str] = []
+    attended.begun(entry, finished.append)
+    assert finished == ["released"]
+
+
+def test_a_beat_in_flight_over_a_stop_does_nothing() -> None:
+    attended, _, _ = _attended()
+    attended.begin("ann", 1)
+    attended.end_all("stopped")
+    assert not attended.beat("ann", 1)
+    assert attended.entry is None
+
+
+def test_a_release_that_overtakes_its_beginning_voids_it() -> None:
+    attended, _, _ = _attended()
+    attended.end("ann", "released", 7)
+    assert attended.begin("ann", 7) is None
+    assert attended.begin("ann", 8) is not None
+
+
+def test_another_motion_ends_the_one_before() -> None:
+    attended, _, ended = _attended()
+    first = attended.begin("ann", 1)
+    assert attended.begin("bob", 1) is not None
+    assert first is not None
+    assert ended == ["another motion was begun"]
+    assert not attended.beat("ann", 1)

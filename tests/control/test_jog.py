@@ -1,0 +1,161 @@
+"""Jog: joints move while the hold lasts, and hold when it ends; refused values move nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from hexwire.control.jog import JogController, JogRequest, read_request
+from hexwire.control.path_check import PathCheck
+from hexwire.errors import GoalError, LimitError, UsageError
+from hexwire.model.geometry import kinematics_for
+from hexwire.model.hex7bot import HEX7BOT
+from hexwire.model.state import JointFlag, JointState
+from hexwire.motion.safety import StopReason
+
+_NAMES = HEX7BOT.names
+_FIRST, _SECOND = _NAMES[0], _NAMES[1]
+
+
+def _state(torque: bool = True, **moved: float) -> JointState:
+    n = len(_NAMES)
+    flags = (int(JointFlag.TORQUE_ON) if torque else 0,) * n
+    zero = (0.0,) * n
+    middle = [0.5 * (joint.minimum + joint.maximum) for joint in HEX7BOT.joints]
+    place = tuple(moved.get(name, angle) for name, angle in zip(_NAMES, middle, strict=True))
+    return JointState(
+        names=_NAMES,
+        position=place,
+        velocity=zero,
+        load=zero,
+        current=zero,
+        voltage=zero,
+        temperature=zero,
+        flags=flags,
+        age=zero,
+        stamp=1.0,
+    )
+
+
+class _Hold:
+    """A jog in simulated time; the joints follow at once."""
+
+    def __init__(self, request: JogRequest, **moved: float) -> None:
+        kinematics = kinematics_for(HEX7BOT)
+        self.jog = JogController(HEX7BOT, kinematics, PathCheck(HEX7BOT, None, None))
+        self.age, self.now = 0.0, 10.0
+        self.state = _state(**moved)
+        self.jog.begin(request, lambda: self.age, self.state)
+
+    def turn(self) -> Any:
+        self.now += 0.02
+        target = self.jog.cycle(self.state, self.now, 0.03)
+        if target is not None:
+            self.state = _state(**{**self.state.positions, **dict(target.positions)})
+        return target
+
+    def where(self, name: str) -> float:
+        return self.state.positions[name]
+
+
+def test_a_joint_moves_at_its_share_of_the_speed_limit_while_held() -> None:
+    hold = _Hold(JogRequest(directions={_FIRST: 1.0}, speed=0.5))
+    before = hold.where(_FIRST)
+    for _ in range(11):
+        target = hold.turn()
+        assert [name for name, _ in target.positions] == [_FIRST]
+    way = 0.5 * HEX7BOT.joint(_FIRST).max_speed * 0.2
+    assert hold.where(_FIRST) - before == pytest.approx(way)
+
+
+@pytest.mark.parametrize("age", [0.25, math.inf])
+def test_without_signs_of_life_the_joint_holds_and_stays(age: float) -> None:
+    hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
+    for _ in range(5):
+        hold.turn()
+    place, hold.age = hold.where(_FIRST), age
+    assert dict(hold.turn().positions) == {_FIRST: pytest.approx(place)}
+    hold.age = 0.0
+    assert hold.turn() is None
+    assert not hold.jog.busy
+
+
+def test_a_stop_ends_it_and_a_reset_does_not_continue_it() -> None:
+    hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
+    hold.turn()
+    hold.jog.stop(StopReason("asked", "a test"))
+    hold.jog.reset()
+    assert hold.turn() is None
+
+
+def test_a_drag_ends_at_its_goal_without_overshoot() -> None:
+    start = _state().positions[_FIRST]
+    hold = _Hold(JogRequest(goals={_FIRST: start + 0.1}, speed=1.0))
+    places = []
+    for _ in range(60):
+        hold.turn()
+        places.append(hold.where(_FIRST))
+    assert max(places) <= start + 0.1 + 1e-9
+    assert places[-1] == pytest.approx(start + 0.1)
+
+
+def test_jog_in_space_moves_the_tip_along_its_axis() -> None:
+    kinematics = kinematics_for(HEX7BOT)
+    assert kinematics is not None
+    pose = {"J1": 0.0, "J2": 1.4, "J3": 0.6, "J4": 0.0, "J5": 0.5, "J6": 0.0}
+    named = dict(zip(kinematics.joint_names, pose.values(), strict=True))
+    hold = _Hold(JogRequest(tool=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0), speed=0.5), **named)
+    before = kinematics.forward(kinematics.from_joints(hold.state.positions)).position
+    for _ in range(12):
+        hold.turn()
+    after = kinematics.forward(kinematics.from_joints(hold.state.positions)).position
+    assert after[2] - before[2] > 0.005
+    assert math.dist(after[:2], before[:2]) < 0.001
+
+
+def test_a_joint_without_torque_does_not_begin() -> None:
+    jog = JogController(HEX7BOT, None, PathCheck(HEX7BOT, None, None))
+    with pytest.raises(GoalError, match="no torque"):
+        jog.begin(JogRequest(directions={_FIRST: 1.0}), lambda: 0.0, _state(torque=False))
+    assert not jog.busy
+
+
+def test_another_joint_or_kind_needs_a_new_hold() -> None:
+    hold = _Hold(JogRequest(directions={_FIRST: 1.0}))
+    for other in (JogRequest(directions={_SECOND: 1.0}), JogRequest(goals={_FIRST: 0.0})):
+        with pytest.raises(UsageError, match="release first"):
+            hold.jog.update(other)
+    hold.jog.update(JogRequest(directions={_FIRST: -1.0}))
+    before = hold.where(_FIRST)
+    hold.turn()
+    hold.turn()
+    assert hold.where(_FIRST) < before
+
+
+@pytest.mark.parametrize(
+    ("kind", "args"),
+    [
+        ("joint", {}),
+        ("joint", {"directions": {}}),
+        ("joint", {"directions": {"J1": 1.5}}),
+        ("joint", {"directions": {"J1": math.nan}}),
+        ("joint", {"directions": {"J1": "1"}}),
+        ("joint", {"directions": {"elbow": 1.0}}),
+        ("joint", {"directions": {"J1": 1.0}, "speed": 2.0}),
+        ("joint", {"directions": {"J1": 1.0}, "force": 2.0}),
+        ("space", {"tool": [1, 0, 0]}),
+        ("space", {"tool": [1, 0, 0, 0, 0, True]}),
+        ("drag", {"goals": ["J1"]}),
+        ("fly", {}),
+    ],
+)
+def test_a_malformed_request_is_refused(kind: str, args: dict[str, object]) -> None:
+    with pytest.raises(UsageError):
+        read_request(kind, args, HEX7BOT)
+
+
+def test_a_drag_beyond_a_limit_is_refused() -> None:
+    with pytest.raises(LimitError):
+        read_request("drag", {"goals": {"J1": 9.0}}, HEX7BOT)

@@ -1,0 +1,33 @@
+"""The kinds of motion that may be held: known ones with control only."""
+
+from __future__ import annotations
+
+import pytest
+
+from hexwire.control.attended import Attended
+from hexwire.errors import LeaseError, UsageError
+from hexwire.studio.access import Right
+from hexwire.studio.holds import Holds
+from hexwire.studio.source import Source
+from hexwire.studio.tabs import Tabs
+
+
+def test_a_kind_of_a_page_is_begun_for_the_tab_with_control_only() -> None:
+    source = Source()
+    try:
+        arm = source.open("sim://hex7bot?name=holds")
+        tab = Tabs().open("s", Right.OPERATE)
+        holds, begun = Holds(source), list[object]()
+        holds.add("goto", lambda tab, entry, args, arrived: begun.append(args))
+        entry = Attended().begin(tab.key, 1)
+        assert entry is not None
+        mark = arm.driver.epochs.mark()
+        with pytest.raises(LeaseError):
+            holds.begin(tab, entry, "goto", {}, mark)
+        source.take(tab)
+        holds.begin(tab, entry, "goto", {"a": 1}, mark)
+        assert begun == [{"a": 1}]
+        with pytest.raises(UsageError, match="no motion"):
+            holds.begin(tab, entry, "fly", {}, mark)
+    finally:
+        source.close()

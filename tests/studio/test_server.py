@@ -1,0 +1,36 @@
+"""The server: what it serves is behind the gate, and its port is its own."""
+
+from __future__ import annotations
+
+import urllib.error
+import urllib.request
+from typing import TYPE_CHECKING
+
+import pytest
+
+from hexwire.errors import LinkBusyError
+from hexwire.studio.access import Access
+from hexwire.studio.app import Studio
+from hexwire.studio.server import Server, url_of
+
+if TYPE_CHECKING:
+    from tests.studio.running import RunningStudio
+
+
+@pytest.mark.parametrize("path", ["/", "/static/live.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"])
+def test_nothing_is_served_without_a_session(served: RunningStudio, path: str) -> None:
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(served.url + path, timeout=10)
+    refused.value.close()
+    assert refused.value.code == 401
+
+
+def test_a_port_in_use_is_said(served: RunningStudio) -> None:
+    studio = Studio(Access(frozenset()))
+    try:
+        port = int(served.url.rpartition(":")[2])
+        with pytest.raises(LinkBusyError, match=str(port)):
+            Server(studio, port=port).bind()
+        assert url_of(Server(studio, port=9), "T") == "http://127.0.0.1:9/?token=T"
+    finally:
+        studio.close()

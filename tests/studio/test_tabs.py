@@ -1,0 +1,30 @@
+"""Tabs: found only by their own session, and numbered orders."""
+
+from __future__ import annotations
+
+from hexwire.studio.access import Right
+from hexwire.studio.tabs import Tabs
+
+
+def test_a_tab_is_found_by_its_own_session_only() -> None:
+    tabs = Tabs()
+    tab = tabs.open("session 1", Right.OPERATE)
+    assert tabs.find(tab.key, "session 1") is tab
+    assert tabs.find(tab.key, "session 2") is None
+    assert tabs.find("", "session 1") is None
+    tabs.close(tab)
+    assert tabs.find(tab.key, "session 1") is None
+
+
+def test_orders_are_numbered_upward() -> None:
+    tab = Tabs().open("session", Right.OPERATE)
+    assert [tab.next_number() for _ in range(3)] == [1, 2, 3]
+
+
+def test_the_holder_is_the_tab_with_that_grant() -> None:
+    tabs = Tabs()
+    first, second = tabs.open("s", Right.OPERATE), tabs.open("s", Right.OPERATE)
+    second.grant = 7
+    assert tabs.holder(7) is second
+    assert tabs.holder(0) is None
+    assert first.name != second.name
