@@ -18,7 +18,7 @@ def test_a_jog_moves_while_held_and_ends_with_its_release(studio: RunningStudio,
     operator.get_by_role("button", name="Torque on").click()
     studio.until(lambda: len(studio.arm.owner.state.torque_on) == 7, "torque")
     before = studio.arm.owner.state.positions["J1"]
-    operator.evaluate("window.over = hexwire.hold('joint', {directions: {J1: 1}, speed: 0.5})")
+    operator.evaluate("void (window.over = hexwire.hold('joint', {directions: {J1: 1}, speed: 0.5}))")
     studio.until(lambda: abs(studio.arm.owner.state.positions["J1"] - before) > 0.05, "motion")
     operator.evaluate("hexwire.release()")
     studio.until(lambda: not studio.studio.source.arm.jog.busy, "the end of the hold")
