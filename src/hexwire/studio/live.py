@@ -17,7 +17,7 @@ import contextlib
 import json
 import logging
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -26,12 +26,17 @@ from hexwire.errors import HexwireError
 from .guard import SESSION
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from concurrent.futures import ThreadPoolExecutor
+
     from hexwire.control.attended import Entry
 
-    from .app import Studio
-    from .tabs import Tab
+    from .access import Access
+    from .holds import Holds
+    from .source import Source
+    from .tabs import Tab, Tabs
 
-__all__ = ["Live"]
+__all__ = ["Desk", "Live"]
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +48,34 @@ _MOST_TEXTS = 64
 """Messages that may wait for a slow reader."""
 _BEAT = 0.2
 """Seconds between two renewals of the lease for a tab that has its socket."""
+
+
+class Desk(Protocol):
+    """What the sockets need of their studio."""
+
+    access: Access
+    source: Source
+    tabs: Tabs
+    holds: Holds
+    orders: ThreadPoolExecutor
+
+    def soon(self, call: Callable[[], object]) -> None:
+        """Call something in the loop of the server, from any thread."""
+
+    def stop(self, who: str) -> None:
+        """Stop the arm; returns at once."""
+
+    def gone(self, tab: Tab) -> None:
+        """The socket of a tab is closed."""
+
+    def refused(self, entry: Entry, why: str) -> None:
+        """A motion that was announced did not begin."""
+
+    def facts(self) -> dict[str, object]:
+        """What is always in sight, for JSON."""
+
+    def model(self) -> dict[str, object]:
+        """The joints of what is open, for JSON."""
 
 
 class _Socket:
@@ -87,7 +120,7 @@ class Live:
         studio: The studio.
     """
 
-    def __init__(self, studio: Studio) -> None:
+    def __init__(self, studio: Desk) -> None:
         self._studio = studio
         self._sockets: set[_Socket] = set()
         self._facts = ""
