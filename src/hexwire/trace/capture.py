@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
     from .explain import Explained
+    from .mcap_file import Readable
 
 __all__ = ["BYTES", "FRAMES", "MAGIC", "Capture", "Message", "Recovered", "read_messages", "recover", "traffic_of"]
 
@@ -195,7 +196,7 @@ def traffic_of(file: IO[bytes], name: str) -> Iterator[Passed | str]:
             yield Passed(directions[message.topic], message.data, message.time, "")
 
 
-def recover(source: IO[bytes], name: str, target: IO[bytes]) -> Recovered:
+def recover(source: Readable, name: str, target: IO[bytes]) -> Recovered:
     """Copy the intact part of a recording to a new one that every program can open.
 
     Args:

@@ -13,11 +13,11 @@ from __future__ import annotations
 import io
 import zlib
 from collections.abc import Iterator
-from typing import IO, Any
+from typing import Any, Protocol
 
 from hexwire.errors import UsageError
 
-__all__ = ["MAGIC", "load_mcap", "read_records"]
+__all__ = ["MAGIC", "Readable", "load_mcap", "read_records"]
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -34,6 +34,12 @@ _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 3, 4, 5, 6, 2
 _READ = (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER)
 
 
+class Readable(Protocol):
+    """What is needed of an open file."""
+
+    def read(self, size: int = -1, /) -> bytes: ...
+
+
 class _DamageError(Exception):
     """A record cannot be read; the text says why."""
 
@@ -42,7 +48,7 @@ class _CutError(Exception):
     """The file ends in the middle of a record."""
 
 
-def read_records(file: IO[bytes], name: str) -> Iterator[tuple[Any, Any, Any] | str]:
+def read_records(file: Readable, name: str) -> Iterator[tuple[Any, Any, Any] | str]:
     """Schema (or None), channel and message of every message in file order, up to the first damage.
 
     Args:
@@ -73,7 +79,7 @@ def read_records(file: IO[bytes], name: str) -> Iterator[tuple[Any, Any, Any] | 
 class _Reader:
     """Reads records. `at` is the byte at which the current record starts, `number` counts records from 1."""
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: Readable) -> None:
         self.at, self.number = 0, 0
         self._file = file
         self._next = len(MAGIC)

@@ -25,12 +25,15 @@ from .mcap_file import load_mcap, read_records
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from .mcap_file import Readable
+
 __all__ = [
     "JOINT_STATES",
     "RecordedJoints",
     "RecordingWriter",
     "arm_of",
     "is_joint_state",
+    "joint_states_in",
     "make_positions",
     "nanoseconds",
     "parse_joints",
@@ -75,6 +78,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
                     "properties": {
                         "name": {"type": "string"},
                         "position": {**_NUMBER, "description": "radians"},
+                        "goal": {**_NUMBER, "description": "last position sent, radians"},
                         "velocity": {**_NUMBER, "description": "radians per second"},
                         "load": {**_NUMBER, "description": "signed fraction of full drive"},
                         "current": {**_NUMBER, "description": "amperes"},
@@ -224,6 +228,7 @@ class RecordingWriter:
         stamp: float,
         *,
         topic: str = JOINT_STATES,
+        goals: Mapping[str, float] | None = None,
         extra: Mapping[str, Any] | None = None,
     ) -> None:
         """Write a joint state; unknown values (NaN) are omitted.
@@ -232,6 +237,7 @@ class RecordingWriter:
             state: The state.
             stamp: Time of the state, seconds since 1970.
             topic: Its channel: one for each arm.
+            goals: Positions that were sent last, by joint, radians.
             extra: Further fields, by name.
         """
         joints = []
@@ -247,6 +253,8 @@ class RecordingWriter:
             ):
                 if math.isfinite(column[i]):
                     joint[key] = column[i]
+            if goals is not None and math.isfinite(goal := goals.get(name, math.nan)):
+                joint["goal"] = goal
             if 0.0 < state.age[i] < math.inf:
                 joint["age"] = state.age[i]
             joint["flags"] = int(state.flags[i])
@@ -336,27 +344,42 @@ def read_joint_states(
         UsageError: It is not a recording, or the package ``mcap`` is not installed.
         ConfigError: The file cannot be read, or a joint state is wrong; the text says which, and where in it.
     """
-    number, only = 0, topic
     try:
         if Path(path).exists() and not Path(path).is_file() and not Path(path).is_dir():
             raise ConfigError("is a pipe or a device, not a file", file=str(path))
         with Path(path).open("rb") as file:
-            for record in read_records(file, str(path)):
-                if isinstance(record, str):
-                    if whole:
-                        raise ConfigError(f"{record}: recover it with 'hexwire record recover'", file=str(path))
-                elif is_joint_state(record[0], record[1]):
-                    found = record[1].topic
-                    if topic is not None and found != topic:
-                        continue
-                    if only is None:
-                        only = found
-                    if found != only and not several:
-                        raise several_arms(str(path), only, found)
-                    number += 1
-                    yield _joints(record[2], str(path), number, found)
+            for state in joint_states_in(file, str(path), topic=topic, several=several):
+                if not isinstance(state, str):
+                    yield state
+                elif whole:
+                    raise ConfigError(f"{state}: recover it with 'hexwire record recover'", file=str(path))
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror or error}", file=str(path)) from None
+
+
+def joint_states_in(
+    file: Readable, name: str, *, topic: str | None = None, several: bool = False
+) -> Iterator[RecordedJoints | str]:
+    """As `read_joint_states`, of an open file; finally a sentence if it is truncated or damaged.
+
+    Raises:
+        UsageError: As `read_joint_states`.
+        ConfigError: A joint state is wrong.
+    """
+    number, only = 0, topic
+    for record in read_records(file, name):
+        if isinstance(record, str):
+            yield record
+        elif is_joint_state(record[0], record[1]):
+            found = record[1].topic
+            if topic is not None and found != topic:
+                continue
+            if only is None:
+                only = found
+            if found != only and not several:
+                raise several_arms(name, only, found)
+            number += 1
+            yield _joints(record[2], name, number, found)
 
 
 def is_joint_state(schema: Any, channel: Any) -> bool:

@@ -1,0 +1,312 @@
+"""A folder of recordings: what is in it, what each holds, which are damaged; adding and repairing them.
+
+Owns the folder, the names in it, and the bounds for files that somebody brings. Must not know who plays or plots.
+Any thread may call it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import stat
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, BinaryIO
+
+from hexwire.errors import ConfigError, HexwireError, UsageError
+from hexwire.inputs import parse_message
+from hexwire.new_file import OutputFile, make_folder
+
+from .capture import BYTES, recover
+from .mcap_file import Readable, read_records
+from .recording import is_joint_state, parse_joints
+from .series import Series, TimedFile, read_series
+
+__all__ = ["LARGEST", "Library", "Recording", "recordings_folder", "survey"]
+
+LARGEST = 256 * 1024 * 1024
+"""Bytes of a file that somebody brings."""
+_MOST_FILES = 500
+"""Files that are listed, the newest."""
+_MOST_MESSAGES = 5_000_000
+_PATIENCE = 30.0
+"""Seconds for reading one file: an hour at 100 Hz takes a few."""
+_NSEC = 1_000_000_000
+_NAME = re.compile(r"[^\W_][\w .()+,=@-]{0,120}\.mcap", re.ASCII)
+_ENDING = ".mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What a recording holds.
+
+    Attributes:
+        name: Name of the file.
+        size: Bytes.
+        changed: When it was written, seconds since 1970.
+        begin: Time of the first message, seconds since 1970; 0 if there is none.
+        duration: Seconds to the last message.
+        states: Number of joint states.
+        joints: Joint names of the first state.
+        topics: Channels of joint states; several in the recording of a fleet.
+        robot: Name of the robot, if it is noted.
+        traffic: Number of transfers of bytes.
+        problem: Why it cannot be read, or not to its end; empty if it is whole.
+        recoverable: Whether its intact part can be saved as another recording.
+    """
+
+    name: str
+    size: int
+    changed: float
+    begin: float = 0.0
+    duration: float = 0.0
+    states: int = 0
+    joints: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    robot: str = ""
+    traffic: int = 0
+    problem: str = ""
+    recoverable: bool = False
+
+
+def recordings_folder() -> Path:
+    """The folder of this user's recordings, by the rules of XDG; it may not exist yet."""
+    data = os.environ.get("XDG_DATA_HOME")
+    base = Path(data) if data and Path(data).is_absolute() else Path.home() / ".local" / "share"
+    return base / "hexwire" / "recordings"
+
+
+def survey(file: Readable, empty: Recording) -> Recording:
+    """What a recording holds, from reading all of it.
+
+    Args:
+        file: Open for reading bytes.
+        empty: Its name, size and time.
+    """
+    first, last = None, 0
+    states = traffic = count = 0
+    topics: dict[str, None] = {}
+    joints: tuple[str, ...] = ()
+    robot = problem = ""
+    recoverable = False
+    sent = set(BYTES.values())
+    timed = TimedFile(file, empty.name, _PATIENCE)
+    try:
+        for record in read_records(timed, empty.name):
+            if isinstance(record, str):
+                problem, recoverable = record, count > 0
+                break
+            schema, channel, message = record
+            count += 1
+            if count > _MOST_MESSAGES:
+                problem = f"has more than {_MOST_MESSAGES} messages, too many for a list"
+                break
+            first = message.log_time if first is None else min(first, message.log_time)
+            last = max(last, message.log_time)
+            if channel.topic in sent:
+                traffic += 1
+            elif is_joint_state(schema, channel):
+                states += 1
+                topics.setdefault(channel.topic)
+                if not joints:
+                    joints, robot = _first_state(message.data, empty.name)
+    except HexwireError as error:
+        problem = str(error).removeprefix(f"{empty.name}: ")
+    return replace(
+        empty,
+        begin=(first or 0) / _NSEC,
+        duration=(last - first) / _NSEC if first is not None else 0.0,
+        states=states,
+        joints=joints,
+        topics=tuple(topics),
+        robot=robot,
+        traffic=traffic,
+        problem=problem,
+        recoverable=recoverable,
+    )
+
+
+def _first_state(data: bytes, name: str) -> tuple[tuple[str, ...], str]:
+    _, rows = parse_joints(data, name, 1)
+    said = parse_message(data, name, "joint state 1").table().get("robot")
+    return tuple(row["name"].text() for row in rows), said.text(100) if said is not None else ""
+
+
+class Library:
+    """Recordings of one folder. It is made when something is written.
+
+    Args:
+        folder: The folder.
+        largest: Most bytes of a file that is added.
+    """
+
+    def __init__(self, folder: str | Path, *, largest: int = LARGEST) -> None:
+        self.folder = Path(folder)
+        self.largest = largest
+        self._known: dict[str, Recording] = {}
+        self._lock = threading.Lock()
+
+    def entries(self) -> list[Recording]:
+        """The recordings, newest first. Reads those that are new or have changed.
+
+        Raises:
+            UsageError: The package ``mcap`` is not installed.
+        """
+        found: list[tuple[float, str, int]] = []
+        with suppress(FileNotFoundError), os.scandir(self.folder) as entries:
+            for entry in entries:
+                with suppress(OSError):
+                    status = entry.stat(follow_symlinks=False)
+                    if stat.S_ISREG(status.st_mode) and _NAME.fullmatch(entry.name):
+                        found.append((status.st_mtime, entry.name, status.st_size))
+        found.sort(reverse=True)
+        listed = []
+        for changed, name, size in found[:_MOST_FILES]:
+            with self._lock:
+                known = self._known.get(name)
+            if known is None or (known.changed, known.size) != (changed, size):
+                known = self._look(Recording(name, size, changed))
+                with self._lock:
+                    self._known[name] = known
+            listed.append(known)
+        with self._lock:
+            for gone in set(self._known) - {name for _, name, _ in found}:
+                del self._known[gone]
+        return listed
+
+    def _look(self, empty: Recording) -> Recording:
+        if not empty.size:
+            return replace(empty, problem="is empty: nothing was written, or it is being written")
+        try:
+            with self.open(empty.name) as file:
+                return survey(file, empty)
+        except OSError as error:
+            return replace(empty, problem=f"cannot be read: {error.strerror}")
+
+    def find(self, name: str) -> Recording:
+        """One recording.
+
+        Raises:
+            UsageError: There is none of this name.
+        """
+        for one in self.entries():
+            if one.name == name:
+                return one
+        raise UsageError(f"there is no recording {name!r}; it may have been removed")
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[BinaryIO]:
+        """Open a recording for reading.
+
+        Raises:
+            UsageError: The name is not that of a recording in the folder.
+            OSError: It cannot be opened.
+        """
+        path = self.path(name)
+        try:
+            # Neither a link to a file elsewhere, nor a pipe that never ends.
+            fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        except FileNotFoundError:
+            raise UsageError(f"there is no recording {name!r}; it may have been removed") from None
+        with os.fdopen(fd, "rb") as file:
+            if not stat.S_ISREG(os.fstat(fd).st_mode):
+                raise UsageError(f"{name} is not a plain file")
+            yield file
+
+    def path(self, name: str) -> Path:
+        """Path of a recording in the folder.
+
+        Raises:
+            UsageError: The name could lead elsewhere, or does not end in .mcap.
+        """
+        if not _NAME.fullmatch(name):
+            raise UsageError(
+                f"{name[:80]!r} cannot be the name of a recording: use letters, digits and ., end with {_ENDING}"
+            )
+        return self.folder / name
+
+    def series(self, name: str, topic: str | None = None) -> Series:
+        """Its joint states as columns; raises as `read_series`."""
+        try:
+            with self.open(name) as file:
+                return read_series(
+                    TimedFile(file, name, _PATIENCE),
+                    name,
+                    topic=topic,
+                )
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
+
+    def new_name(self, words: str, now: float | None = None) -> str:
+        """A name for a new recording that no file in the folder has: the time, then some words."""
+        stamp = time.strftime("%Y-%m-%d %H-%M-%S", time.localtime(now))
+        clean = re.sub(r"[^A-Za-z0-9+-]+", "-", words).strip("-")[:60]
+        base = f"{stamp} {clean}".strip()
+        for number in range(1, 1000):
+            name = f"{base}{f' ({number})' if number > 1 else ''}{_ENDING}"
+            if not (self.folder / name).exists():
+                return name
+        raise UsageError(f"the folder has too many recordings named {base}")
+
+    def make_folder(self) -> None:
+        """Make the folder; raises as `hexwire.new_file.make_folder`."""
+        make_folder(self.folder)
+
+    def add(self, name: str, content: IO[bytes]) -> Recording:
+        """Add a file that somebody brings. A truncated recording is kept; what is no recording is not.
+
+        Args:
+            name: Its name there; characters that cannot stay are replaced.
+            content: Open for reading bytes.
+
+        Raises:
+            UsageError: It is too large, is no recording, or has nothing that could be read; nothing was kept.
+        """
+        base = re.sub(r"[^A-Za-z0-9 .()+,=@_-]+", "-", Path(name).name.removesuffix(_ENDING)).strip(" .-_")[:100]
+        name = f"{base or 'recording'}{_ENDING}"
+        self.make_folder()
+        if (self.folder / name).exists():
+            name = f"{base or 'recording'} {secrets.token_hex(2)}{_ENDING}"
+        with OutputFile(self.path(name)) as out:
+            left = self.largest + 1
+            while left > 0 and (part := content.read(min(left, 1 << 20))):
+                out.file.write(part)
+                left -= len(part)
+            if left <= 0:
+                raise UsageError(f"{name} is larger than {self.largest >> 20} MiB; nothing was kept")
+            out.file.flush()
+            with Path(out.path).open("rb") as file:
+                status = os.fstat(file.fileno())
+                found = survey(file, Recording(name, status.st_size, status.st_mtime))
+            if found.problem and not found.recoverable:
+                raise UsageError(f"{found.problem.removeprefix(f'{name} ')}; nothing was kept")
+        return self.find(name)
+
+    def recover(self, name: str) -> Recording:
+        """Save the intact part of a damaged recording as a new one, as `hexwire record recover` does.
+
+        Raises:
+            UsageError: It is not a recording.
+        """
+        new = f"{name.removesuffix(_ENDING)[:100]} recovered{_ENDING}"
+        with self.open(name) as file, OutputFile(self.path(new)) as out:
+            recover(TimedFile(file, name, _PATIENCE), name, out.file)
+        return self.find(new)
+
+    def remove(self, name: str) -> None:
+        """Delete a recording.
+
+        Raises:
+            UsageError: There is none of this name, or it cannot be deleted.
+        """
+        try:
+            self.path(name).unlink()
+        except FileNotFoundError:
+            raise UsageError(f"there is no recording {name!r}") from None
+        except OSError as error:
+            raise UsageError(f"{name} cannot be deleted: {error.strerror}") from None
