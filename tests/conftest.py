@@ -24,6 +24,8 @@ for _name in [name for name in os.environ if name.startswith("HEXWIRE_")]:
 
 # Nor may stops that this user's programs have made, nor tests leave any behind.
 os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="hexwire-tests-")
+# Nor are this user's saved poses read or changed.
+os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_RUNTIME_DIR"]
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
 # No deadlines: a loaded machine is not a fault of the code. `make test` draws the same examples every time ("ci"),

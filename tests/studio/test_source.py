@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from tests.studio.running import until
 
-from hexwire.errors import HexwireError, LeaseError, LinkLostError
+from hexwire.control.attended import Entry
+from hexwire.errors import GoalError, HexwireError, LeaseError, LinkLostError
 from hexwire.studio.access import Right
 from hexwire.studio.source import Source
 from hexwire.studio.tabs import Tabs
@@ -54,3 +56,43 @@ def test_one_tab_has_control_at_a_time(source: Source) -> None:
         source.need_control(first)
     source.leave(second)
     assert not source.has_control(second)
+
+
+def test_a_motion_to_a_goal_ends_with_its_entry(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=runs")
+    tab = Tabs().open("s", Right.OPERATE)
+    source.take(tab)
+    arm.shared.torque(arm.order(tab), True, None)
+    until(lambda: arm.facts()["torque"] == "on", "torque")
+    over: list[str] = []
+
+    def begin(number: int, by: float) -> Entry:
+        entry = arm.attended.begin(tab.key, number)
+        assert entry is not None
+        goal = arm.arm.owner.newest().positions["J1"] + by
+        args = {"what": "joints", "goals": {"J1": goal}, "speed": 1.0}
+        arm.begin_run(tab, entry, args, arm.driver.epochs.mark(), lambda: over.append(entry.ended))
+        return entry
+
+    arm.attended.on_end = lambda entry: None
+    began = begin(1, 0.05)
+    until(lambda: over, "the arrival")
+    assert (over, began.ended) == (["arrived"], "arrived")
+    entry = begin(2, 0.6)
+    arm.attended.end(tab.key, "released")
+    until(lambda: len(over) == 2, "the end")
+    progress = arm.desk.progress
+    assert progress is not None
+    assert (progress.outcome, progress.text, entry.ended) == ("preempted", "released", "released")
+    assert not arm.arm.owner.group.moving
+
+
+def test_a_motion_that_is_refused_does_not_begin(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=refused")
+    tab = Tabs().open("s", Right.OPERATE)
+    source.take(tab)
+    entry = arm.attended.begin(tab.key, 1)
+    assert entry is not None
+    with pytest.raises(GoalError, match="no torque"):
+        arm.begin_run(tab, entry, {"what": "joints", "goals": {"J1": 0.1}}, arm.driver.epochs.mark())
+    assert arm.desk.progress is None

@@ -10,8 +10,9 @@ import asyncio
 import contextlib
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from hexwire.errors import HexwireError, LeaseError
@@ -24,6 +25,9 @@ from .tabs import Tab, Tabs
 
 if TYPE_CHECKING:
     from hexwire.control.attended import Entry
+    from hexwire.epochs import Token
+
+    from .source import ArmSource
 
 __all__ = ["FAILED", "Studio"]
 
@@ -63,6 +67,7 @@ class Studio:
         self.tabs = Tabs()
         self.source = Source(self._changed)
         self.holds = Holds(self.source)
+        self.holds.add("run", self._begin_run)
         self.live = Live(self)
         self.orders = ThreadPoolExecutor(1, "studio orders")
         self._stops = ThreadPoolExecutor(2, "studio stops")
@@ -188,6 +193,19 @@ class Studio:
         """The joints of what is open, for JSON."""
         arm = self.source.arm
         return arm.model() if arm is not None else {"robot": "", "joints": [], "space": False}
+
+    # -- motions to a goal ----------------------------------------------------------------------------------
+
+    def _begin_run(self, tab: Tab, entry: Entry, args: Mapping[str, object], arrived: Token) -> None:
+        """Begin a motion to a goal for a tab, and tell all tabs how far it is."""
+        arm = self.source.need_arm()
+        arm.begin_run(tab, entry, args, arrived, lambda: self._tell_run(arm))
+        self._tell_run(arm)
+
+    def _tell_run(self, arm: ArmSource) -> None:
+        progress = arm.desk.progress
+        if progress is not None:
+            self.live.tell({"kind": "run", **asdict(progress)})
 
     # -- life -----------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ Up, JSON: ``{"do": "alive"}``, ``{"do": "hold", "id": 1, "kind": "joint", "args"
 ``{"do": "beat", "id": 1}`` (with ``args`` to change what is held), ``{"do": "release", "id": 1}``,
 ``{"do": "stop"}``.
 Down: frames (`hexwire.studio.frames`), and JSON with a ``kind``: ``hello``, ``facts``, ``held``, ``ended``,
-``stopping``, ``news``.
+``stopping``, ``news``, ``run`` (how far a motion to a goal is).
 """
 
 from __future__ import annotations

@@ -18,6 +18,8 @@ from hexwire.control.attended import SILENCE, Attended, Entry
 from hexwire.control.holding import hold_moving
 from hexwire.control.jog import JogController, read_request
 from hexwire.control.lease import Lease
+from hexwire.control.motion_desk import MotionDesk
+from hexwire.control.pose_file import PoseFile
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
@@ -28,6 +30,7 @@ from .frames import FrameBit, serialize_frame
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
+    from hexwire.control.motion_run import MotionRun
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
     from hexwire.model.state import JointState, SentTarget
@@ -58,6 +61,7 @@ class ArmSource:
         attended: What somebody holds.
         jog: Moves joints while somebody holds a button.
         goals: Last set-point of each joint, radians.
+        desk: Motions to a goal, poses, teach mode.
     """
 
     def __init__(self, settings: Any, driver: RobotDriver, silence: float = SILENCE) -> None:
@@ -68,6 +72,7 @@ class ArmSource:
         owner = self.arm.owner
         self.attended = Attended(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
+        self.desk = MotionDesk(self.shared, PoseFile(settings.model))
         self._stops = 0
         # Ends what was held, so that no thread that hears of an end waits for the line.
         self._ender = ThreadPoolExecutor(1, "end of a hold")
@@ -120,6 +125,7 @@ class ArmSource:
         request = read_request(kind, args, self.settings.model)
         order = self.order(tab, arrived)
         self.shared.admit(order)
+        self._settle()
         owner = self.arm.owner
         with owner.locked():
             self.shared.path_check.stop_latch(owner.group.reason)
@@ -131,6 +137,39 @@ class ArmSource:
         owner.group.deliver()
         owner.hurry()
         self.attended.begun(entry, lambda why: self._ender.submit(self._end_jog, why))
+
+    def begin_run(
+        self,
+        tab: Tab,
+        entry: Entry,
+        args: Mapping[str, object],
+        arrived: Token,
+        on_end: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Begin a motion to a goal that was announced to `attended`; see `MotionDesk.begin`.
+
+        Args:
+            tab: Whose motion it is.
+            entry: Of the motion.
+            args: As for the desk.
+            arrived: When it was asked for.
+            on_end: Called when it has ended; must not wait.
+
+        Raises:
+            HexwireError: It is refused; nothing moves.
+        """
+        self._settle()
+
+        def ended(run: MotionRun) -> None:
+            self.attended.end(entry.who, run.progress().text or "arrived", entry.number)
+            on_end()
+
+        run = self.desk.begin(lambda: self.order(tab, arrived), args, wanted=lambda: not entry.ended, on_end=ended)
+        self.attended.begun(entry, lambda why: self._ender.submit(run.end, why))
+
+    def _settle(self) -> None:
+        """Wait until what was held before has ended, so that its end does not end what is begun now."""
+        self._ender.submit(lambda: None).result()
 
     def _end_jog(self, why: str) -> None:
         owner = self.arm.owner

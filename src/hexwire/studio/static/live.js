@@ -7,7 +7,7 @@ const SURE = 300; // ms in which a stop is confirmed; after them it is sent agai
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
 const key = document.querySelector('meta[name="hexwire-tab"]').content;
-const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), link: new Set() };
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set() };
 let socket = null;
 let retry = 200;
 let held = null;
@@ -38,6 +38,7 @@ const hexwire = {
     return end;
   },
   onNews: (call, element) => listen("news", call, element),
+  onRun: (call, element) => listen("run", call, element),
   onLink: (call, element) => listen("link", call, element),
   hold,
   update,
@@ -119,8 +120,8 @@ function receive(message) {
     if (held && held.number === message.id) ended(message.why);
   } else if (message.kind === "stopping") {
     stopConfirmed = performance.now();
-  } else if (message.kind === "news") {
-    tell("news", message);
+  } else if (message.kind === "news" || message.kind === "run") {
+    tell(message.kind, message);
   }
 }
 
