@@ -7,40 +7,31 @@ process of its own. The monotonic clock is the same in all of them, also for the
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 import statistics
 import sys
 import tempfile
 import time
 from bisect import bisect_left
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from tests.bench.board import board, cpu, memory
 from tests.ros1.ros_world import ROS_PYTHON, Program, World, made
-
-from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
 
 _CLIENT = Path(__file__).with_name("ros1_client.py")
 _LISTEN = 6.0
 _GOALS = 20
 _ONE_WAYS = 60
-_WRITES = (0x03, 0x83)
-"""Instructions of a servo packet that move a servo: write and sync write."""
-_TICKS = os.sysconf("SC_CLK_TCK")
 
 
 def run() -> list[str]:
     """Figures of the node, each beside that of a bare publisher in the same run."""
     if not Path("/usr/bin/rosmaster").exists():
         return ["left out: ROS 1 is not installed (`make test` installs it)"]
-    with tempfile.TemporaryDirectory() as folder, made(Path(folder)) as world, _board() as (path, moves):
+    with tempfile.TemporaryDirectory() as folder, made(Path(folder)) as world, board() as (path, moves):
         node = world.node(f"_port:={path}")
         ours, our_cpu, our_memory = _watch(world, "joint_states", node)
         sent, moved = _goals(world, moves)
@@ -88,11 +79,11 @@ def _ask(world: World, *args: str) -> list:
 def _watch(world: World, topic: str, program: Program) -> tuple[list[list[float]], float, float]:
     """Messages of a topic, and what the process that publishes them takes meanwhile: share of a core, MB."""
     pid = program.process.pid
-    before, begin = _cpu(pid), time.monotonic()
+    before, begin = cpu(pid), time.monotonic()
     rows = _ask(world, "listen", topic, str(_LISTEN))
-    share = (_cpu(pid) - before) / (time.monotonic() - begin)
+    share = (cpu(pid) - before) / (time.monotonic() - begin)
     # The connection takes its time.
-    return rows[20:], share, _memory(pid)
+    return rows[20:], share, memory(pid)
 
 
 def _goals(world: World, moves: Connection) -> tuple[list[float], list[float]]:
@@ -111,55 +102,3 @@ def _one_way(world: World) -> list[float]:
     far.end()
     rows = [json.loads(line) for line in far.out.splitlines()[1:]]
     return [came - went for went, came in rows]
-
-
-@contextmanager
-def _board() -> Iterator[tuple[str, Connection]]:
-    """An emulated board on an unpaced line, in a process of its own so that nothing here holds it up.
-
-    Yields its terminal, and whom to ask when bytes went out that move a servo.
-    """
-    context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs,), daemon=True)
-    process.start()
-    try:
-        yield ours.recv(), ours
-    finally:
-        process.terminate()
-        process.join()
-
-
-def _serve(parent: Connection) -> None:
-    board = make_hex7bot_board(baud=0, start=time.monotonic())
-    plain = board.wire.transact
-    moved: list[float] = []
-
-    def transact(packet: bytes, now: float) -> tuple[bytes, float]:
-        if len(packet) > 4 and packet[4] in _WRITES:
-            moved.append(time.monotonic())
-        return plain(packet, now)
-
-    board.wire.transact = transact  # type: ignore[method-assign]
-    with PtyServer(board, baud=0) as server:
-        parent.send(server.path)
-        while True:
-            server.run_once()
-            # Not as they come: a pipe that is full would hold the board up.
-            if parent.poll():
-                parent.recv()
-                parent.send(moved)
-
-
-def _cpu(pid: int) -> float:
-    """Seconds of processor time that a process has had."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
-
-
-def _memory(pid: int) -> float:
-    """Resident memory, MB."""
-    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-        if line.startswith("VmRSS"):
-            return int(line.split()[1]) / 1000
-    return 0.0
