@@ -6,14 +6,14 @@ gets a fresh emulated arm in it. The browser is started once per worker too; eac
 
 from __future__ import annotations
 
+import asyncio
 import re
-import tempfile
 import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import sync_playwright
+from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio
 
 from hexwire.studio.access import Access
@@ -21,12 +21,6 @@ from hexwire.studio.app import Studio
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
-
-CHROMIUM = "/usr/bin/chromium"
-_ARGUMENTS = (
-    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-)
 
 _SERVERS_OWN = re.compile(r"AnyIO worker thread|asyncio_\d+|studio( orders| stops)?_\d+")
 """Threads of the server of this worker, which begin when they are first needed."""
@@ -76,16 +70,27 @@ def studio(served: RunningStudio) -> Iterator[RunningStudio]:
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    """One Chromium per worker."""
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        made = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=_ARGUMENTS.split(), downloads_path=folder
-        )
+def _chromium() -> Iterator[tuple[Browser, asyncio.AbstractEventLoop]]:
+    """One Chromium per worker, and the event loop of Playwright, which the worker's other tests must not see."""
+    with chromium() as made:
+        loop = asyncio.get_running_loop()
+        asyncio._set_running_loop(None)
         try:
-            yield made
+            yield made, loop
         finally:
-            made.close()
+            asyncio._set_running_loop(loop)
+
+
+@pytest.fixture
+def browser(_chromium: tuple[Browser, asyncio.AbstractEventLoop]) -> Iterator[Browser]:
+    """The Chromium of this worker."""
+    made, loop = _chromium
+    # Playwright runs a loop in this thread, beside the test: `asyncio.run` would refuse to work next to it.
+    asyncio._set_running_loop(loop)
+    try:
+        yield made
+    finally:
+        asyncio._set_running_loop(None)
 
 
 @pytest.fixture

@@ -11,15 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import BrowserContext, Page
 
 import hexwire
 
 STATIC = Path(hexwire.__file__).parent / "studio" / "static"
-ARGS = (
-    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-)
 
 
 class _Files(SimpleHTTPRequestHandler):
@@ -39,30 +35,25 @@ class _Files(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def files() -> Iterator[str]:
+    """Address of a server of the static files."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Files, directory=str(STATIC)))
     thread = threading.Thread(target=server.serve_forever, args=(0.05,))
     thread.start()
     try:
-        with sync_playwright() as playwright:
-            context = playwright.chromium.launch_persistent_context(
-                str(tmp_path_factory.mktemp("chromium")),
-                executable_path="/usr/bin/chromium",
-                args=ARGS.split(),
-                viewport={"width": 900, "height": 700},
-            )
-            page = context.pages[0]
-            faults: list[str] = []
-            page.on("pageerror", lambda error: faults.append(str(error)))
-            page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
-            page.goto(f"http://127.0.0.1:{server.server_port}/")
-            yield page
-            context.close()
-            assert not faults
+        yield f"http://127.0.0.1:{server.server_port}/"
     finally:
         server.shutdown()
         thread.join()
         server.server_close()
+
+
+@pytest.fixture
+def page(files: str, context: BrowserContext) -> Page:
+    page = context.new_page()
+    page.set_viewport_size({"width": 900, "height": 700})
+    page.goto(files)
+    return page
 
 
 @pytest.fixture

@@ -1,0 +1,34 @@
+"""Debian's Chromium, driven by Playwright: how it is started, for tests, benchmarks and pictures."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from playwright.sync_api import sync_playwright
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+__all__ = ["chromium"]
+
+_PROGRAM = "/usr/bin/chromium"
+_ARGUMENTS = (
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser without a window, history or downloads of anybody's."""
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        made = playwright.chromium.launch(
+            executable_path=_PROGRAM, headless=True, args=_ARGUMENTS.split(), downloads_path=folder
+        )
+        try:
+            yield made
+        finally:
+            made.close()
