@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 
 
 @pytest.fixture

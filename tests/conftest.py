@@ -7,13 +7,17 @@ import gc
 import os
 import shutil
 import signal
+import stat
 import tempfile
 import threading
 from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 from pytest_markdown_docs.plugin import MarkdownDocstringCodeModule
+from tests.strangers import BelongsTo
 
 # Programs that tests start with the system's Python, for its rospy: nothing that pytest could import here.
 collect_ignore = ["bench/ros1_client.py", "ros1/ros_client.py"]
@@ -61,6 +65,36 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
     """Leave out the docstrings of tests, which `--markdown-docs` searches: that takes a third of the collection."""
     found = yield
     return [collector for collector in found if not isinstance(collector, MarkdownDocstringCodeModule)]
+
+
+@pytest.fixture
+def belongs_to(monkeypatch: pytest.MonkeyPatch) -> BelongsTo:
+    """Makes what is at a path look as if it were another user's: a test cannot become one."""
+    owners: dict[tuple[int, int], int] = {}
+
+    def with_owner(result: os.stat_result) -> os.stat_result:
+        uid = owners.get((result.st_dev, result.st_ino))
+        fields = list(result)
+        if uid is not None:
+            fields[stat.ST_UID] = uid
+        return os.stat_result(fields)
+
+    real_stat, real_fstat = os.stat, os.fstat
+
+    def look(*args: Any, **options: Any) -> os.stat_result:
+        return with_owner(real_stat(*args, **options))
+
+    def look_at_open(fd: int) -> os.stat_result:
+        return with_owner(real_fstat(fd))
+
+    monkeypatch.setattr(os, "stat", look)
+    monkeypatch.setattr(os, "fstat", look_at_open)
+
+    def say(path: Path, uid: int) -> None:
+        found = real_stat(path, follow_symlinks=False)
+        owners[found.st_dev, found.st_ino] = uid
+
+    return say
 
 
 @pytest.fixture(autouse=True)

@@ -2,47 +2,13 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.strangers import STRANGER, BelongsTo
 
 from hexwire.errors import UsageError
-from hexwire.new_file import OutputFile, make_folder, make_private_folder, open_folder, runtime_folder
-
-STRANGER = 54321
-BelongsTo = Callable[[Path, int], None]
-
-
-@pytest.fixture
-def belongs_to(monkeypatch: pytest.MonkeyPatch) -> BelongsTo:
-    """Makes what is at a path look as if it were another user's: a test cannot become one."""
-    owners: dict[tuple[int, int], int] = {}
-
-    def with_owner(result: os.stat_result) -> os.stat_result:
-        uid = owners.get((result.st_dev, result.st_ino))
-        fields = list(result)
-        if uid is not None:
-            fields[stat.ST_UID] = uid
-        return os.stat_result(fields)
-
-    real_stat, real_fstat = os.stat, os.fstat
-
-    def look(*args: Any, **options: Any) -> os.stat_result:
-        return with_owner(real_stat(*args, **options))
-
-    def look_at_open(fd: int) -> os.stat_result:
-        return with_owner(real_fstat(fd))
-
-    monkeypatch.setattr(os, "stat", look)
-    monkeypatch.setattr(os, "fstat", look_at_open)
-
-    def say(path: Path, uid: int) -> None:
-        found = real_stat(path, follow_symlinks=False)
-        owners[found.st_dev, found.st_ino] = uid
-
-    return say
+from hexwire.new_file import OutputFile
 
 
 def write(path: Path | str, data: bytes = b"new", *, force: bool = False) -> None:
@@ -259,67 +225,3 @@ def test_relative_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     write("sub/../b")
     write("./sub/c")
     assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*")) == ["a", "b", "sub", "sub/c"]
-
-
-def test_folders_are_made_where_they_are_missing(tmp_path: Path, belongs_to: BelongsTo) -> None:
-    make_folder(tmp_path / "a" / "b")
-    make_folder(tmp_path / "a" / "b")
-    assert stat.S_IMODE((tmp_path / "a" / "b").stat().st_mode) & 0o022 == 0
-    (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(UsageError, match="Not a directory"):
-        make_folder(tmp_path / "file" / "x")
-    (tmp_path / "a").chmod(0o1777)
-    (tmp_path / "a" / "planted").symlink_to(tmp_path)
-    belongs_to(tmp_path / "a" / "planted", STRANGER)
-    with pytest.raises(UsageError, match="symbolic link that belongs to"):
-        make_folder(tmp_path / "a" / "planted" / "x")
-    assert not (tmp_path / "x").exists()
-
-
-def test_a_folder_is_opened(tmp_path: Path) -> None:
-    fd = open_folder(tmp_path)
-    try:
-        assert os.path.samestat(os.fstat(fd), tmp_path.stat())
-    finally:
-        os.close(fd)
-
-
-def test_a_private_folder_is_closed_to_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path / "a" / "b"
-    for _ in range(2):
-        make_private_folder(folder, "try another")
-        assert folder.stat().st_mode & 0o777 == 0o700
-        folder.chmod(0o755)
-    (tmp_path / "file").touch()
-    with pytest.raises(UsageError, match="try another"):
-        make_private_folder(tmp_path / "file" / "x", "try another")
-    monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    with pytest.raises(UsageError, match=r"belongs to .*; try another"):
-        make_private_folder(folder, "try another")
-
-
-def test_a_private_folder_is_in_one_that_nobody_else_can_change(tmp_path: Path, belongs_to: BelongsTo) -> None:
-    above = tmp_path / "hexwire"
-    above.mkdir()
-    above.chmod(0o777)
-    make_private_folder(above / "arms", "try another")
-    assert above.stat().st_mode & 0o777 == 0o755
-    belongs_to(above, STRANGER)
-    with pytest.raises(UsageError, match=r"hexwire belongs to .*; try another"):
-        make_private_folder(above / "arms", "try another")
-
-
-@pytest.mark.parametrize(
-    ("runtime", "state", "place"),
-    [
-        ("/run/user/7", "/s", "/run/user/7/hexwire"),
-        ("relative", "/s", "/s/hexwire"),
-        ("", "relative", "/h/.local/state/hexwire"),
-    ],
-)
-def test_programs_of_a_user_share_a_folder(
-    runtime: str, state: str, place: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, value in (("XDG_RUNTIME_DIR", runtime), ("XDG_STATE_HOME", state), ("HOME", "/h")):
-        monkeypatch.setenv(name, value)
-    assert str(runtime_folder()) == place

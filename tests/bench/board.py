@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 
 __all__ = ["board", "cpu", "memory"]
 

@@ -24,7 +24,7 @@ from hexwire.control.shared import Order, SharedArm  # noqa: E402
 from hexwire.drivers.base import RobotDriver  # noqa: E402
 from hexwire.drivers.values import ProbeReport, StopMode  # noqa: E402
 from hexwire.emulator.board import make_hex7bot_board  # noqa: E402
-from hexwire.emulator.serve import PtyServer  # noqa: E402
+from hexwire.emulator.serve_pty import PtyServer  # noqa: E402
 from hexwire.emulator.servo_wire import ServoWire  # noqa: E402
 from hexwire.fleet.address import Address  # noqa: E402
 from hexwire.fleet.names import Keys  # noqa: E402

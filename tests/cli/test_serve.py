@@ -23,7 +23,7 @@ from hexwire.cli.exits import DEVICE, INTERRUPTED, USAGE
 from hexwire.cli.main import cli
 from hexwire.control.motions import run_motion
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import DeviceError, HexwireError
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from hexwire.cli.main import cli
 from hexwire.emulator import board as emulator_board
-from hexwire.emulator import serve
+from hexwire.emulator import serve_pty
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         options["announce"]("/dev/pts/77")
 
     monkeypatch.setattr(emulator_board, "make_hex7bot_board", make)
-    monkeypatch.setattr(serve, "serve_board", serve_board)
+    monkeypatch.setattr(serve_pty, "serve_board", serve_board)
     return asked
 
 
@@ -64,7 +64,7 @@ def test_it_ends_with_its_input_if_asked(made: dict[str, Any], monkeypatch: pyte
             pass
         ended.append(True)
 
-    monkeypatch.setattr(serve, "serve_board", serve_board)
+    monkeypatch.setattr(serve_pty, "serve_board", serve_board)
     monkeypatch.setattr(os, "read", lambda fd, size: b"")
     assert CliRunner().invoke(cli, ["sim", "board", "--until-eof"]).exit_code == 0
     assert ended == [True]

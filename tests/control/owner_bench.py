@@ -18,7 +18,8 @@ from hexwire.control.owner import RobotOwner
 from hexwire.control.settings import ControllerSettings
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import FakeClock, PtyServer
+from hexwire.emulator.serve import FakeClock
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import (
     HexwireError,
 )

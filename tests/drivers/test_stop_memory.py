@@ -14,7 +14,7 @@ import pytest
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.drivers.stop_memory import StopMemory
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import StoppedError
 from hexwire.model.state import JointTarget
 

@@ -15,8 +15,8 @@ from tests.drivers.puma_server import served_puma
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.bus_device import make_servos
-from hexwire.emulator.serve import PtyServer
 from hexwire.emulator.serve_bus import serve_bus
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.wire.registers import Series
 

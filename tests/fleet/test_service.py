@@ -17,7 +17,7 @@ from tests.fleet.conftest import Serve
 
 import hexwire
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import DeviceError, LinkError, LinkNotFoundError, StoppedError, UsageError
 from hexwire.fleet.network import Network, local_socket
 from hexwire.fleet.service import Service

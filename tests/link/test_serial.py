@@ -24,10 +24,9 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
-from hexwire.link import port_identity
+from hexwire.link import port_identity, serial_port
 from hexwire.link import serial as serial_module
 from hexwire.link.base import Link
-from hexwire.link.open import make_link
 from hexwire.link.serial import SerialLink, terminal_rate
 
 
@@ -187,7 +186,7 @@ def test_a_port_that_another_program_took_for_itself(
         raise OSError(errno.EBUSY, "Device or resource busy")
 
     monkeypatch.setattr(serial_module.os, "open", refuse)
-    monkeypatch.setattr(serial_module.owner, "device_owner", lambda device: "")
+    monkeypatch.setattr(serial_port.owner, "device_owner", lambda device: "")
     with pytest.raises(LinkBusyError, match="in use by another program: close that first"):
         SerialLink(device).open()
 
@@ -196,7 +195,7 @@ def test_a_port_that_another_program_took_for_itself(
 
 
 def test_no_such_port_lists_those_there_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serial_module.ports, "ports_in_words", lambda: "ports here: /dev/ttyACM0 (Mega)")
+    monkeypatch.setattr(serial_port.ports, "ports_in_words", lambda: "ports here: /dev/ttyACM0 (Mega)")
     with pytest.raises(LinkNotFoundError) as caught:
         SerialLink(str(tmp_path / "ttyUSB7")).open()
     assert str(caught.value) == f"{tmp_path}/ttyUSB7 does not exist; ports here: /dev/ttyACM0 (Mega)"
@@ -246,7 +245,7 @@ def test_no_permission_names_the_group_and_the_remedy(monkeypatch: pytest.Monkey
     import grp
 
     monkeypatch.setattr(serial_module.os, "open", _deny)
-    monkeypatch.setattr(serial_module.Path, "stat", lambda self: _Status())
+    monkeypatch.setattr(serial_port.Path, "stat", lambda self: _Status())
     monkeypatch.setattr(grp, "getgrgid", lambda gid: grp.struct_group(("dialout", "x", gid, [])))
     with pytest.raises(LinkPermissionError) as caught:
         SerialLink("/dev/ttyUSB0").open()
@@ -260,7 +259,7 @@ def test_no_permission_where_no_group_helps(monkeypatch: pytest.MonkeyPatch) -> 
     import grp
 
     monkeypatch.setattr(serial_module.os, "open", _deny)
-    monkeypatch.setattr(serial_module.Path, "stat", lambda self: _Status())
+    monkeypatch.setattr(serial_port.Path, "stat", lambda self: _Status())
     monkeypatch.setattr(grp, "getgrgid", lambda gid: grp.struct_group(("root", "x", gid, [])))
     with pytest.raises(LinkPermissionError, match="belongs to root alone; add a udev rule"):
         SerialLink("/dev/ttyUSB0").open()
@@ -273,7 +272,7 @@ def test_no_permission_without_a_known_cause(monkeypatch: pytest.MonkeyPatch) ->
     import grp
 
     monkeypatch.setattr(serial_module.os, "open", _deny)
-    monkeypatch.setattr(serial_module.Path, "stat", lambda self: _Status())
+    monkeypatch.setattr(serial_port.Path, "stat", lambda self: _Status())
     monkeypatch.setattr(grp, "getgrgid", unknown)
     with pytest.raises(LinkPermissionError, match="ask the owner of this machine"):
         SerialLink("/dev/ttyUSB0").open()
@@ -355,7 +354,7 @@ def test_reset_pulses_dtr_and_drops_what_came_before(
         return real(fd, request, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(serial_module.fcntl, "ioctl", record)
-    monkeypatch.setattr(serial_module, "_DTR_PULSE", 0.0)
+    monkeypatch.setattr(serial_module, "DTR_PULSE", 0.0)
     with SerialLink(device) as port:
         assert calls == [], "opening leaves the line as the kernel sets it"
         line.write(b"boot noise", soon())
@@ -395,43 +394,6 @@ def test_low_latency_is_asked_for_once_and_optional(
         assert flags == [0x2010]
     with SerialLink(device, low_latency=False):
         assert flags == [0x2010]
-
-
-# --- addresses --------------------------------------------------------------------------------------------
-
-
-def test_addresses() -> None:
-    port = make_link("serial:///dev/ttyUSB0?baud=1000000&low_latency=0&reset=1")
-    assert isinstance(port, SerialLink)
-    assert (port.device, port.baud) == ("/dev/ttyUSB0", 1_000_000)
-    assert port.url == "serial:///dev/ttyUSB0?baud=1000000"
-    plain = make_link("/dev/ttyACM0")
-    assert isinstance(plain, SerialLink)
-    assert (plain.device, plain.baud) == ("/dev/ttyACM0", 115200)
-    by_id = make_link("serial:///dev/serial/by-id/usb-1a86_USB%20Serial-if00?baud=9600")
-    assert isinstance(by_id, SerialLink)
-    assert by_id.device == "/dev/serial/by-id/usb-1a86_USB Serial-if00"
-
-
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("serial://dev/ttyUSB0", "three slashes"),
-        ("serial://", "the device is missing"),
-        (
-            "serial:///dev/ttyUSB0?bauds=9600",
-            "unknown option 'bauds'; options of serial://: baud, low_latency, reset",
-        ),
-        ("serial:///dev/ttyUSB0?baud=fast", "baud must be an integer from 50 to 12000000, not 'fast'"),
-        ("/dev/ttyUSB0?baud=1", "baud must be an integer"),
-        ("serial:///dev/tty%00", "contains a zero character"),
-        ("/dev/ttyUSB0?reset=maybe", "reset must be 1 or 0, not 'maybe'"),
-    ],
-)
-def test_wrong_addresses(url: str, words: str) -> None:
-    with pytest.raises(UsageError) as caught:
-        make_link(url)
-    assert words in str(caught.value)
 
 
 # --- whether it is the port that was meant ------------------------------------------------------------

@@ -23,7 +23,7 @@ from tests.link.far_ends import free_port
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.model.hex7bot import HEX7BOT
 
 T = TypeVar("T")

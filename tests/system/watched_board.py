@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve import PtyServer
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.emulator.servo import EmulatedServo
 
 ROW = struct.Struct("<dBBdd")

@@ -42,6 +42,8 @@ def board_process(*, baud: int = 115200, dialect: int = 2, faults: Sequence[str]
     # -P: a file in the present folder must not stand in for a module.
     command = [sys.executable, "-P", "-m", "hexwire.cli", "sim", "board", "--until-eof"]
     command += ["--baud", str(baud), "--dialect", str(dialect), *(f"--fault={fault}" for fault in faults)]
+    if sys.platform != "linux":
+        command.append("--tcp=127.0.0.1:0")
     with tempfile.TemporaryFile() as errors:
         # A separate session: Ctrl-C must reach only this program, which needs the board to make the arm safe.
         process = subprocess.Popen(
@@ -59,8 +61,9 @@ def _read_path(process: subprocess.Popen[bytes], errors: IO[bytes]) -> str:
     deadline = time.monotonic() + _START_TIMEOUT
     line = b""
     while not line.endswith(b"\n"):
-        ready, _, _ = select.select([process.stdout], [], [], max(deadline - time.monotonic(), 0))
-        if not ready:
+        # Windows waits for sockets only; there the read waits until the board starts or ends.
+        pipes = [] if sys.platform == "win32" else [process.stdout]
+        if pipes and not select.select(pipes, [], [], max(deadline - time.monotonic(), 0))[0]:
             raise DeviceError(f"the emulated board did not start within {_START_TIMEOUT:g} s")
         byte = process.stdout.read1(256)  # type: ignore[attr-defined]  # a BufferedReader, says the documentation
         if not byte:

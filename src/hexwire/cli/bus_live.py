@@ -264,6 +264,11 @@ def _any_key() -> Iterator[Callable[[], bool]]:
     if not sys.stdin.isatty():
         yield lambda: False
         return
+    if sys.platform == "win32":
+        import msvcrt
+
+        yield msvcrt.kbhit
+        return
     import select
     import termios
     import tty

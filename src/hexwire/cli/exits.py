@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hexwire.errors import HexwireError, UsageError
+from hexwire.system import END_SIGNALS
 
 from .output import shown, write
 
@@ -46,8 +47,6 @@ OK = 0
 DEVICE = 1
 USAGE = 2
 INTERRUPTED = 130
-
-_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def run(call: Callable[[], object]) -> int:
@@ -157,7 +156,7 @@ def fill_standard_streams() -> None:
 
 def ends_like_ctrl_c() -> None:
     """Make SIGTERM and SIGHUP end the program like Ctrl-C: open things are closed, an arm is left safe."""
-    for number in _SIGNALS:
+    for number in END_SIGNALS:
         # A program started by `nohup` keeps ignoring SIGHUP.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
@@ -166,7 +165,7 @@ def ends_like_ctrl_c() -> None:
 @contextmanager
 def shielded() -> Iterator[None]:
     """Protect a step that must be completed, such as switching torque off, from signals."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *_SIGNALS)}
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *END_SIGNALS)}
     try:
         yield
     finally:
@@ -179,7 +178,7 @@ def ends_when_asked() -> Iterator[Callable[[], bool]]:
     """For work that must not be interrupted between two steps: gives whether a signal has asked to end it."""
     asked: list[int] = []
     # Scripts start background programs with SIGINT ignored, and launchers send it to end them.
-    numbers = [signal.SIGINT, *(n for n in _SIGNALS if signal.getsignal(n) is not signal.SIG_IGN)]
+    numbers = [signal.SIGINT, *(n for n in END_SIGNALS if signal.getsignal(n) is not signal.SIG_IGN)]
     before = {number: signal.signal(number, lambda number, frame: asked.append(number)) for number in numbers}
     try:
         yield lambda: bool(asked)

@@ -28,6 +28,7 @@ from hexwire.new_file import OutputFile
 from .common import arm_option, force_option, json_option, name_of, observing_states
 from .exits import note, tell_missed
 from .output import answer, print_json, say, say_document, say_table
+from .sim_serve import serve_device, tcp_option
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
@@ -208,14 +209,14 @@ def plot(file: str, picture: str, arm: str | None, force: bool, as_json: bool) -
     metavar="N|0",
     help="Simulate this line rate; 0 means no delay.",
 )
-def replay(file: BinaryIO, link: str | None, baud: int) -> None:
+@tcp_option
+def replay(file: BinaryIO, link: str | None, baud: int, tcp: str | None) -> None:
     """Emulate the board in FILE with its recorded answers: prints the port to open, and runs until stopped.
 
     Use it for a fault that was recorded elsewhere: programs get exactly the recorded answers, without the arm. To
     move an arm along the joint states of FILE, use `hexwire play FILE`.
     """
     from hexwire.emulator.replay import RecordedTransfer, ReplayedBoard
-    from hexwire.emulator.serve import serve_board
     from hexwire.link.tap import Direction
     from hexwire.trace.capture import traffic_of
 
@@ -232,7 +233,7 @@ def replay(file: BinaryIO, link: str | None, baud: int) -> None:
 
     device = ReplayedBoard(transfers(), start=time.monotonic())
     note(f"{device.known} different requests will be answered")
-    serve_board(device, link=link, baud=baud, stop=lambda: False, announce=say_document)
+    serve_device(device, tcp=tcp, link=link, baud=baud, stop=lambda: False, announce=say_document)
 
 
 def _messages(file: BinaryIO) -> Iterator[Message | str]:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
+from hexwire.system import END_SIGNALS
 
 from .exits import ends_like_ctrl_c, run
 from .output import say, say_document
@@ -71,7 +72,7 @@ def main() -> None:
     ends_like_ctrl_c()
     status = run(lambda: _main(sys.argv[1:]))
     # The arm is safe. A second Ctrl-C ends ROS's own shutdown without a traceback.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, *END_SIGNALS):
         signal.signal(number, signal.SIG_DFL)
     sys.exit(status)
 

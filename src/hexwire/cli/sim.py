@@ -20,6 +20,7 @@ from .output import say_document
 from .sim_bus import bus
 from .sim_hand import hand
 from .sim_puma import puma260
+from .sim_serve import serve_device, tcp_option
 
 __all__ = ["sim"]
 
@@ -61,6 +62,7 @@ sim.add_command(puma260)
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random generator.")
 @click.option("--physics", is_flag=True, help="Simulate weight, sag and a table with MuJoCo.")
 @number_option("--payload", "GRAMS", "With --physics, the payload of the tool.", minimum=0)
+@tcp_option
 @click.option("--reset-on-open", is_flag=True, help="Reset the board when the port is opened, like a real Mega.")
 @click.option(
     "--until-eof",
@@ -75,13 +77,13 @@ def board(
     seed: int,
     physics: bool,
     payload: float | None,
+    tcp: str | None,
     reset_on_open: bool,
     until_eof: bool,
 ) -> None:
     """Emulate a Hex7Bot: prints the port to open, and runs until stopped."""
     from hexwire.emulator.board import make_hex7bot_board
     from hexwire.emulator.hand import Hands
-    from hexwire.emulator.serve import serve_board
     from hexwire.model.hex7bot import HEX7BOT
 
     device = make_hex7bot_board(
@@ -101,8 +103,9 @@ def board(
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    serve_board(
+    serve_device(
         device,
+        tcp=tcp,
         link=link,
         baud=baud,
         reset_on_open=reset_on_open,

@@ -19,6 +19,7 @@ from hexwire.errors import UsageError
 from .common import is_typed
 from .exits import note
 from .output import say_document
+from .sim_serve import no_terminals, serve_on_tcp, tcp_option
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -92,6 +93,7 @@ def _parse_rates(text: str) -> list[int]:
 )
 @click.option("--echo", is_flag=True, help="The adapter echoes what it sends.")
 @click.option("--seed", type=int, default=1, metavar="N", help="Seed of the random generator.")
+@tcp_option
 @click.option("--link", metavar="PATH", help="Create a symbolic link to the terminal, as a fixed name.")
 @click.option(
     "--until-eof", is_flag=True, help="End at the end of standard input, so that the bus does not outlive its user."
@@ -106,6 +108,7 @@ def bus(
     faults: tuple[str, ...],
     echo: bool,
     seed: int,
+    tcp: str | None,
     link: str | None,
     until_eof: bool,
 ) -> None:
@@ -114,9 +117,8 @@ def bus(
     'hexwire sim hand' moves them by hand.
     """
     from hexwire.bus.servos import as_series
-    from hexwire.emulator.bus_device import make_servos
+    from hexwire.emulator.bus_device import BusDevice, make_servos
     from hexwire.emulator.faults import FaultPlan
-    from hexwire.emulator.serve_bus import serve_bus
     from hexwire.emulator.so_arms import make_so_arm
 
     rates = _parse_rates(baud)
@@ -141,6 +143,14 @@ def bus(
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
+    if tcp is not None:
+        device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
+        serve_on_tcp(device, tcp, link=link, baud=0, stop=ended.is_set, announce=_announce)
+        return
+    try:
+        from hexwire.emulator.serve_bus import serve_bus
+    except ImportError:
+        no_terminals()
     serve_bus(
         servos,
         baud=rates[0],

@@ -30,7 +30,7 @@ __all__ = ["trace", "tracing"]
 _INDENT = "    "
 _PATIENCE = 100
 """Milliseconds to wait for a slow reader of the trace."""
-_LONGEST = select.PIPE_BUF // 4
+_LONGEST = getattr(select, "PIPE_BUF", 512) // 4
 """Maximum number of characters in a line, at up to four bytes each."""
 
 
@@ -88,6 +88,9 @@ class _Listener:
         try:
             number = sys.stderr.fileno()
         except (OSError, ValueError):  # not a file: a test's or another program's own stream
+            return True
+        if sys.platform == "win32" or not hasattr(select, "poll"):
+            # There is no way to ask.
             return True
         look = select.poll()
         look.register(number, select.POLLOUT)

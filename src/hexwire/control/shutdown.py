@@ -12,6 +12,8 @@ import threading
 from contextlib import suppress
 from types import FrameType
 
+from hexwire.system import END_SIGNALS, end_by_alarm
+
 __all__ = ["Shutdown"]
 
 _LAST = 2
@@ -42,10 +44,10 @@ class Shutdown:
 
     def listen(self) -> None:
         """Handle the signals that end programs; the main thread only."""
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGINT, *END_SIGNALS):
             # A program started by `nohup` must continue. An ignored SIGINT is handled nevertheless: scripts start
             # background programs with it ignored, and launchers send it to end them.
-            if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            if number.name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._on_signal)
 
     def request(self) -> None:
@@ -53,7 +55,7 @@ class Shutdown:
         if self.requested:
             return
         # If standard error is closed or blocked, the traceback cannot be printed: then SIGALRM ends the program.
-        signal.alarm(math.ceil(self._patience) + _LAST)
+        end_by_alarm(math.ceil(self._patience) + _LAST)
         with suppress(RuntimeError, ValueError, OSError):
             faulthandler.dump_traceback_later(self._patience, exit=True)
         # Last, so that another signal before this line repeats all of it.

@@ -16,10 +16,11 @@ from itertools import count
 from pathlib import Path
 
 from hexwire.errors import HexwireError, UsageError
+from hexwire.folders import make_folder
 from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointFlag, JointState
 from hexwire.motion.teach import Taught
-from hexwire.new_file import OutputFile, make_folder
+from hexwire.new_file import OutputFile
 
 from .goals import Point
 from .known_state import SampleClock

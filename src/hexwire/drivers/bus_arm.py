@@ -29,7 +29,7 @@ from hexwire.errors import (
 )
 from hexwire.ipc.board_search import find_board
 from hexwire.ipc.mistaken import is_board
-from hexwire.link.serial import DEFAULT_BAUD
+from hexwire.link.serial_port import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.calibration import Calibration
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget

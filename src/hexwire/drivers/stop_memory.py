@@ -13,12 +13,12 @@ import hashlib
 import logging
 import os
 import stat
-from collections.abc import Iterator
 from pathlib import Path
 
 from hexwire.errors import HexwireError, UsageError
+from hexwire.folders import make_folder, open_folder, runtime_folder
 from hexwire.link.url import parse_url
-from hexwire.new_file import make_folder, open_folder, runtime_folder
+from hexwire.system import device_number, device_parts, user_id
 
 __all__ = ["StopMemory"]
 
@@ -27,7 +27,6 @@ _log = logging.getLogger(__name__)
 _PSEUDO_TERMINALS = range(136, 144)
 """Major device numbers; the system reuses the names of pseudo-terminals."""
 _NETWORK = frozenset(("tcp", "udp", "tls"))
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 class StopMemory:
@@ -54,11 +53,11 @@ class StopMemory:
         if not self._name:
             return False
         try:
-            with _opened(runtime_folder()) as folder:
-                found = os.stat(self._name, dir_fd=folder, follow_symlinks=False)
+            with open_folder(runtime_folder()) as folder:
+                found = folder.status_of(self._name)
         except (OSError, UsageError):
             return False
-        return stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid()
+        return stat.S_ISREG(found.st_mode) and found.st_uid == user_id()
 
     def remember(self) -> None:
         """Record the stop; logs a warning if it cannot be kept for other programs."""
@@ -67,8 +66,8 @@ class StopMemory:
             return
         try:
             make_folder(runtime_folder())
-            with _opened(runtime_folder()) as folder:
-                os.close(os.open(self._name, _NEW, 0o600, dir_fd=folder))
+            with open_folder(runtime_folder()) as folder:
+                os.close(folder.make(self._name, 0o600))
         except (OSError, UsageError) as error:
             self._failed = True
             _log.warning("the stop of %s cannot be kept for other programs: %s", self._url, error)
@@ -80,17 +79,8 @@ class StopMemory:
             OSError: The file cannot be removed.
         """
         if self.stopped:
-            with contextlib.suppress(FileNotFoundError), _opened(runtime_folder()) as folder:
-                os.unlink(self._name, dir_fd=folder)
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[int]:
-    folder = open_folder(path)
-    try:
-        yield folder
-    finally:
-        os.close(folder)
+            with contextlib.suppress(FileNotFoundError), open_folder(runtime_folder()) as folder:
+                folder.remove(self._name)
 
 
 def _identity(url: str) -> str:
@@ -110,7 +100,7 @@ def _identity(url: str) -> str:
         return ""
     if not stat.S_ISCHR(found.st_mode):
         return ""
-    if os.major(found.st_rdev) in _PSEUDO_TERMINALS:
+    if device_parts(device_number(found))[0] in _PSEUDO_TERMINALS:
         return f"{path} {found.st_ctime_ns}"
     from hexwire.link.ports import find_port
 

@@ -6,6 +6,11 @@ on the terminal: servos set to another rate do not understand it. Must not know 
 
 from __future__ import annotations
 
+import sys
+
+if sys.platform != "linux":
+    raise ImportError("pseudo-terminals for emulated servos are for Linux; give the emulator --tcp HOST:PORT")
+
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,7 +21,7 @@ from hexwire.model.arm import ArmModel
 from .bus_device import BusDevice
 from .faults import FaultPlan
 from .hand import Hands
-from .serve import PtyServer
+from .serve_pty import PtyServer
 from .servo import EmulatedServo
 
 __all__ = ["serve_bus"]

@@ -13,13 +13,15 @@ import os
 import re
 import socket
 import struct
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from hexwire.errors import DeviceError, LinkNotFoundError, UsageError
+from hexwire.folders import make_private_folder, open_folder, runtime_folder
 from hexwire.link.url import parse_url
-from hexwire.new_file import make_private_folder, open_folder, runtime_folder
+from hexwire.system import user_id
 
 from .hand import HandOrder, HandResult, Hands
 from .hand_channel import HandConversation, parse_result, serialize_order
@@ -60,11 +62,8 @@ def _folder() -> Path:
 @contextlib.contextmanager
 def _short(path: Path) -> Iterator[str]:
     """An address for a socket's path, which may be longer than the system allows."""
-    folder = open_folder(path.parent)
-    try:
-        yield f"/proc/self/fd/{folder}/{path.name}"
-    finally:
-        os.close(folder)
+    with open_folder(path.parent) as folder:
+        yield f"/proc/self/fd/{folder.descriptor}/{path.name}"
 
 
 class HandServer:
@@ -82,6 +81,9 @@ class HandServer:
 
     def open(self) -> None:
         """Create the socket. If that fails, log a warning: the arm then works, but cannot be moved by hand."""
+        if sys.platform != "linux" or not hasattr(socket, "AF_UNIX"):
+            # `move_by_hand` says so.
+            return
         door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             make_private_folder(_folder(), "set XDG_RUNTIME_DIR to a folder of yours")
@@ -218,13 +220,15 @@ def _is_alive(path: Path) -> bool:
 
 
 def _connect(path: Path) -> socket.socket:
+    if sys.platform != "linux" or not hasattr(socket, "AF_UNIX"):
+        raise UsageError("emulated arms are moved by hand on Linux only")
     talk = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         talk.settimeout(_PATIENCE)
         with _short(path) as address:
             talk.connect(address)
         _, uid, _ = struct.unpack("3i", talk.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-        if uid != os.geteuid():
+        if uid != user_id():
             raise PermissionError(f"{path} belongs to another user")
     except BaseException:
         talk.close()

@@ -6,6 +6,11 @@ leads to anything but a pseudo-terminal. Must not know what is behind the termin
 
 from __future__ import annotations
 
+import sys
+
+if sys.platform != "linux":
+    raise ImportError("names of pseudo-terminals are for Linux")
+
 import contextlib
 import errno
 import hashlib
@@ -16,7 +21,8 @@ import stat
 from pathlib import Path
 
 from hexwire.errors import UsageError
-from hexwire.new_file import open_folder, owner_name
+from hexwire.folders import open_folder
+from hexwire.system import user_id, user_name
 
 __all__ = ["TerminalName"]
 
@@ -41,7 +47,7 @@ class TerminalName:
         self._link = link
         self._terminal = terminal
         try:
-            self._folder = open_folder(link.parent)
+            self._folder = open_folder(link.parent).descriptor
         except UsageError as error:
             raise UsageError(f"cannot make the link {link} (--link): {error}") from None
         self._claim: socket.socket | None = None
@@ -62,7 +68,7 @@ class TerminalName:
             return
         with contextlib.suppress(OSError):
             found = os.stat(self._link.name, dir_fd=self._folder, follow_symlinks=False)
-            ours = stat.S_ISLNK(found.st_mode) and found.st_uid == os.geteuid()
+            ours = stat.S_ISLNK(found.st_mode) and found.st_uid == user_id()
             if ours and os.readlink(self._link.name, dir_fd=self._folder) == self._terminal:
                 os.unlink(self._link.name, dir_fd=self._folder)
         self._release()
@@ -97,8 +103,8 @@ class TerminalName:
             return
         if not stat.S_ISLNK(found.st_mode):
             raise UsageError(f"{self._link} exists and is not a symbolic link; choose another --link")
-        if found.st_uid != os.geteuid():
-            owner = owner_name(found.st_uid)
+        if found.st_uid != user_id():
+            owner = user_name(found.st_uid)
             raise UsageError(f"{self._link} is a link that belongs to {owner}; choose another --link")
         target = os.readlink(self._link.name, dir_fd=self._folder)
         if not _TERMINAL.fullmatch(target):
@@ -108,7 +114,7 @@ class TerminalName:
         with contextlib.suppress(FileNotFoundError):
             terminal = Path(target).stat()
             # A terminal younger than the link only reuses the number.
-            if terminal.st_uid == os.geteuid() and terminal.st_ctime_ns <= found.st_mtime_ns:
+            if terminal.st_uid == user_id() and terminal.st_ctime_ns <= found.st_mtime_ns:
                 raise UsageError(
                     f"{self._link} leads to {target}, which another program of yours has open; stop that program, "
                     "or choose another --link"

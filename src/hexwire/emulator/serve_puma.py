@@ -6,7 +6,6 @@ belongs to `puma`.
 
 from __future__ import annotations
 
-import select
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from hexwire.link.listener import Listener
 from hexwire.link.seats import Seats
 from hexwire.link.tcp import PeerLink
 from hexwire.link.udp_server import Peer, UdpServer
+from hexwire.system import READABLE, make_poll
 
 from .puma import EmulatedPuma, PumaPeer
 
@@ -84,9 +84,9 @@ def serve_puma(
 def _turn(robot: EmulatedPuma, listener: Listener, udp: UdpServer | None, hosts: _Hosts) -> None:
     due = hosts.next_event_time()
     wait = _IDLE if due is None else max(0.0, min(_IDLE, due - time.monotonic()))
-    poll = select.poll()
+    poll = make_poll()
     for fd in (listener.fileno(), *([] if udp is None else [udp.fileno()]), *hosts.callers):
-        poll.register(fd, select.POLLIN)
+        poll.register(fd, READABLE)
     ready = {fd for fd, _ in poll.poll(wait * 1000)}
     robot.step(time.monotonic())
     # Connected hosts go before new ones.

@@ -16,11 +16,13 @@ import ipaddress
 import os
 import re
 import socket
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from hexwire.errors import UsageError
-from hexwire.new_file import make_private_folder, runtime_folder
+from hexwire.folders import make_private_folder, runtime_folder
+from hexwire.system import user_id
 
 __all__ = [
     "UNIX",
@@ -100,7 +102,7 @@ def _is_private(folder: Path) -> bool:
         status = folder.stat()
     except OSError:
         return False
-    return status.st_uid == os.geteuid() and not status.st_mode & 0o077
+    return status.st_uid == user_id() and not status.st_mode & 0o077
 
 
 def _is_own(folder: Path) -> bool:
@@ -109,7 +111,7 @@ def _is_own(folder: Path) -> bool:
         status = folder.stat()
     except OSError:
         return False
-    return status.st_uid == os.geteuid() and not status.st_mode & 0o022
+    return status.st_uid == user_id() and not status.st_mode & 0o022
 
 
 def _loopback(host: str) -> str | None:
@@ -170,6 +172,8 @@ def is_served(path: Path) -> bool:
     """Whether a program of this user listens on that socket."""
     # With a wrong XDG_RUNTIME_DIR another user may have made the folder, and would confirm stops of no arm.
     if not _is_own(path.parent):
+        return False
+    if sys.platform == "win32" or not hasattr(socket, "AF_UNIX"):
         return False
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) as probe:
         probe.settimeout(_CONNECT)

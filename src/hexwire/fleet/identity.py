@@ -11,6 +11,8 @@ import socket
 import sys
 from pathlib import Path
 
+from hexwire.system import user_id
+
 __all__ = ["whoami"]
 
 
@@ -19,7 +21,7 @@ def whoami() -> str:
     try:
         user = getpass.getuser()
     except (KeyError, OSError):
-        user = f"user {os.getuid()}"
+        user = f"user {user_id()}"
     program = Path(sys.argv[0] or "python").name
     text = f"{user}@{socket.gethostname()} ({program}, process {os.getpid()})"
     # A name out of a file system may have bytes that are no text.

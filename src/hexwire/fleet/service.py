@@ -7,10 +7,10 @@ that names arms.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import logging
 import math
 import os
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -23,6 +23,7 @@ from hexwire.control.arm import Arm
 from hexwire.control.lease import Lease
 from hexwire.control.shared import SharedArm
 from hexwire.errors import DeviceError, HexwireError, LinkBusyError, UsageError
+from hexwire.system import CLOSE_ON_EXEC, NO_FOLLOW, lock_file
 
 from .address import rights_of
 from .guard import NameGuard
@@ -142,6 +143,7 @@ class Service:
     def __init__(
         self, arms: Sequence[ServedArm], network: Network | None = None, *, wait: bool = False, server: str = ""
     ) -> None:
+        _check_system(sys.platform)
         self._network = network or Network()
         if self._network.listen and len(arms) > 1:
             raise UsageError(
@@ -261,6 +263,11 @@ class Service:
                     )
 
 
+def _check_system(system: str) -> None:
+    if system == "win32":
+        raise UsageError("sharing an arm needs Linux or macOS; Windows can use a shared arm through its router")
+
+
 def _check_certificate(cert: str, names: Sequence[str]) -> None:
     """Check that a certificate allows serving these arms; Zenoh drops forbidden messages silently."""
     rights = rights_of(cert)
@@ -280,16 +287,12 @@ def _only_server(name: str, path: Path) -> Iterator[None]:
     """
     file = path.with_suffix(".name")
     try:
-        lock = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        lock = os.open(file, os.O_RDWR | os.O_CREAT | NO_FOLLOW | CLOSE_ON_EXEC, 0o600)
     except OSError as error:
         raise UsageError(f"{file} cannot be opened: {error.strerror}; remove it") from None
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise LinkBusyError(
-                f"the name {name} is already served on this machine; choose another --name"
-            ) from None
+        if not lock_file(lock):
+            raise LinkBusyError(f"the name {name} is already served on this machine; choose another --name")
         yield
     finally:
         os.close(lock)

@@ -32,7 +32,7 @@ def find_board(link: Link, *, baud: int = 0, patience: float = BOARD_PATIENCE) -
         patience: Seconds to go on asking.
     """
     # Here, since it needs termios: not every link is a serial one.
-    from hexwire.link.serial import DEFAULT_BAUD
+    from hexwire.link.serial_port import DEFAULT_BAUD
 
     set_baud = getattr(link, "set_baud", None)
     before = getattr(link, "baud", 0)

@@ -7,10 +7,9 @@ their values to axes of -1..1. Must not know channels or arms.
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
-import select
 import struct
+import sys
 from abc import abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
@@ -25,6 +24,7 @@ from hexwire.errors import (
     UsageError,
 )
 from hexwire.link.openable import Openable
+from hexwire.system import READABLE, make_poll
 from hexwire.wire.robot_bodies import JoystickState
 
 __all__ = ["EvdevJoystick", "JoystickDevice", "JsJoystick", "find_joysticks", "open_joystick"]
@@ -85,8 +85,8 @@ class JoystickDevice(Openable):
         Raises:
             LinkLostError: It was unplugged.
         """
-        poll = select.poll()
-        poll.register(self.fileno(), select.POLLIN)
+        poll = make_poll()
+        poll.register(self.fileno(), READABLE)
         try:
             if poll.poll(max(timeout, 0.0) * 1000):
                 self._read()
@@ -117,6 +117,8 @@ class JsJoystick(JoystickDevice):
         self._rest = b""
 
     def open(self) -> None:
+        if sys.platform != "linux":
+            raise UsageError("joysticks are read on Linux only; there, 'hexwire joystick send' sends one")
         try:
             self._fd = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
@@ -149,6 +151,10 @@ class JsJoystick(JoystickDevice):
 
     def _count(self, request: int) -> int:
         answer = bytearray(1)
+        if sys.platform != "linux":
+            return 0
+        import fcntl
+
         try:
             fcntl.ioctl(self._fd, request, answer)
         except OSError:

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from hexwire.errors import ConfigError, UsageError
+from hexwire.folders import make_folder
 from hexwire.inputs import read_bytes
-from hexwire.new_file import OutputFile, make_folder
+from hexwire.new_file import OutputFile
 
 if TYPE_CHECKING:
     from cryptography import x509

@@ -6,7 +6,6 @@ function that writes, and only on request. Must not know frames or servos.
 
 from __future__ import annotations
 
-import grp
 import os
 import stat
 from collections.abc import Iterable
@@ -15,7 +14,9 @@ from enum import Enum
 from pathlib import Path
 
 from hexwire.errors import LinkPermissionError, UsageError
-from hexwire.new_file import OutputFile, make_folder, owner_name
+from hexwire.folders import make_folder
+from hexwire.new_file import OutputFile
+from hexwire.system import group_name, user_id, user_name
 
 from .adapter import inspect_adapter
 from .ports import PortInfo
@@ -162,25 +163,18 @@ def _permission(device: str) -> Finding:
         status = Path(device).stat()
     except OSError as error:
         return Finding(Level.BAD, device, f"cannot be checked: {error.strerror}", "is it still plugged in?")
-    group = _group(status.st_gid)
+    group = group_name(status.st_gid) or str(status.st_gid)
     mode = stat.filemode(status.st_mode)
     if os.access(device, os.R_OK | os.W_OK):
         level = Level.HINT if status.st_mode & stat.S_IWOTH else Level.OK
         advice = "all users may write to it; a udev rule is better than chmod 777" if level is Level.HINT else ""
         return Finding(level, device, f"this user may open it ({mode}, group {group})", advice)
-    user = owner_name(os.geteuid())
+    user = user_name(user_id())
     if status.st_gid == 0 or not status.st_mode & stat.S_IWGRP:
         advice = "no group may use it: a udev rule for group dialout helps (--fix writes one for USB)"
     else:
         advice = f"sudo usermod -aG {group} {user}, then log out and in"
     return Finding(Level.BAD, device, f"this user may not open it ({mode}, group {group})", advice)
-
-
-def _group(gid: int) -> str:
-    try:
-        return grp.getgrgid(gid).gr_name
-    except KeyError:
-        return str(gid)
 
 
 def _mentioned_in_rules(usb_id: str, root: Path, *, also: str = "", named: str = "") -> str:

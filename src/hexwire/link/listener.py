@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import select
 import socket
 import threading
 from collections import Counter
 from dataclasses import dataclass, replace
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
 from hexwire.errors import (
@@ -23,8 +22,10 @@ from hexwire.errors import (
     LinkNotFoundError,
     LinkPermissionError,
 )
+from hexwire.system import READABLE
 
 from .deadline import lock_timeout, poll_timeout
+from .doors import Doors, make_doors
 from .openable import Openable
 from .tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
 from .url import LinkUrl
@@ -41,6 +42,8 @@ __all__ = ["LOOPBACK", "Listener", "explain_bind", "listen_address"]
 LOOPBACK = "127.0.0.1"
 # Clients that may connect while another is being accepted; the kernel makes others retry a second later.
 _BACKLOG = 128
+# Seconds of rest when there is no free descriptor.
+_PAUSE = 0.01
 
 
 @dataclass
@@ -91,9 +94,8 @@ class Listener(Openable):
         self._handshakes: dict[int, _Handshake] = {}
         self._socket: socket.socket | None = None
         # The socket and the running handshakes, as one descriptor that others can watch as well.
-        self._doors: select.epoll | None = None
+        self._doors: Doors | None = None
         self._waker = Waker()
-        self._wait = select.poll()
         self._closing = False
         self._close_pending = False
         self._context: ssl.SSLContext | None = None
@@ -118,25 +120,22 @@ class Listener(Openable):
             raise LinkBusyError(f"{self.url} is already listening", url=self.url)
         context = self._tls.server_context() if self._tls else None
         family, address = find_addresses(self.host, self._wanted_port, self.url, passive=True)[0]
-        try:
-            doors = select.epoll()
-            listening = socket.socket(family)
-        except OSError as error:
-            raise explain_bind(error, self.url) from error
-        try:
-            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listening.setblocking(False)
-            listening.bind(address)
-            listening.listen(_BACKLOG)
-            self._waker.open()
-        except OSError as error:
-            listening.close()
-            doors.close()
-            raise explain_bind(error, self.url) from error
-        doors.register(listening, select.EPOLLIN)
-        self._wait = select.poll()
-        self._wait.register(doors, select.POLLIN)
-        self._wait.register(self._waker.fileno(), select.POLLIN)
+        with contextlib.ExitStack() as undo:
+            try:
+                undo.callback(self._waker.close)
+                self._waker.open()
+                doors = make_doors(self._waker.fileno())
+                undo.callback(doors.close)
+                listening = socket.socket(family)
+                undo.callback(listening.close)
+                listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listening.setblocking(False)
+                listening.bind(address)
+                listening.listen(_BACKLOG)
+                doors.register(listening.fileno(), READABLE)
+            except OSError as error:
+                raise explain_bind(error, self.url) from error
+            undo.pop_all()
         self._context = context
         self._doors = doors
         self.port = listening.getsockname()[1]
@@ -230,7 +229,7 @@ class Listener(Openable):
     def _step(
         self,
         listening: socket.socket,
-        doors: select.epoll,
+        doors: Doors,
         deadline: float | None,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> tuple[PeerLink | None, bool]:
@@ -238,13 +237,13 @@ class Listener(Openable):
         until = [handshake.deadline for handshake in self._handshakes.values()]
         if deadline is not None:
             until.append(deadline)
-        ready = [fd for fd, _ in self._wait.poll(poll_timeout(min(until, default=None)))]
+        ready = doors.wait(poll_timeout(min(until, default=None)))
         woken = self._waker.fileno() in ready
         if self._closing:
             return None, woken
         peer = None
         called = False
-        for fd, _ in doors.poll(0.0) if doors.fileno() in ready else ():
+        for fd in ready:
             if fd == listening.fileno():
                 called = True
             elif peer is None and fd in self._handshakes:
@@ -258,7 +257,7 @@ class Listener(Openable):
     def _greet(
         self,
         listening: socket.socket,
-        doors: select.epoll,
+        doors: Doors,
         watched: Callable[[], dict[int, Callable[[], None]]],
     ) -> PeerLink | None:
         """Accept a new client: as a link, or under TLS into the handshake."""
@@ -285,11 +284,11 @@ class Listener(Openable):
             self._drop(self._most_pressing(), "too many TLS handshakes at once")
         stream = TlsStream(caller, self._context)
         self._handshakes[caller.fileno()] = _Handshake(stream, peer, monotonic() + self._handshake_timeout)
-        doors.register(caller, stream.wants)
+        doors.register(caller.fileno(), stream.wants)
         return self._shake(caller.fileno(), doors, watched)
 
     def _shake(
-        self, fd: int, doors: select.epoll, watched: Callable[[], dict[int, Callable[[], None]]]
+        self, fd: int, doors: Doors, watched: Callable[[], dict[int, Callable[[], None]]]
     ) -> PeerLink | None:
         """Advance a handshake by one step."""
         handshake = self._handshakes[fd]
@@ -320,6 +319,10 @@ class Listener(Openable):
 
     def _drop(self, fd: int, why: str) -> None:
         handshake = self._handshakes.pop(fd)
+        # A client that has gone may be out of it already.
+        with contextlib.suppress(OSError):
+            if self._doors is not None:
+                self._doors.unregister(fd)
         handshake.stream.close()
         self._refuse(f"{handshake.peer}: {why}")
 
@@ -334,7 +337,7 @@ class Listener(Openable):
         if self._handshakes:
             self._drop(self._most_pressing(), "no room")
         else:
-            select.poll().poll(10)
+            sleep(_PAUSE)
 
     def _refuse(self, why: str) -> None:
         self.refused += 1

@@ -9,9 +9,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import socket
+import sys
 import threading
 
-from hexwire.errors import LinkLostError
+from hexwire.errors import LinkLostError, UsageError
 
 from .base import LinkKind
 from .poll_link import PollLink
@@ -19,6 +20,14 @@ from .poll_link import PollLink
 __all__ = ["MemoryLink", "memory_pair"]
 
 _numbers = itertools.count(1)
+
+
+def _socket_pair(kind: int) -> tuple[socket.socket, socket.socket]:
+    if sys.platform != "win32" and hasattr(socket, "AF_UNIX"):
+        return socket.socketpair(socket.AF_UNIX, kind)
+    if kind != socket.SOCK_STREAM:
+        raise UsageError("a datagram line in memory needs the sockets of Linux or macOS; use a stream")
+    return socket.socketpair()
 
 
 class _Wire:
@@ -34,7 +43,7 @@ class _Wire:
         with self._lock:
             mine = self._waiting.pop(end, None)
             if mine is None:
-                mine, other = socket.socketpair(socket.AF_UNIX, self._socket_type)
+                mine, other = _socket_pair(self._socket_type)
                 for half in (mine, other):
                     half.setblocking(False)
                     half.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._capacity)

@@ -11,6 +11,11 @@ must belong to this user, or to a user trusted by name, and be closed to all oth
 
 from __future__ import annotations
 
+import sys
+
+if sys.platform != "linux":
+    raise ImportError("POSIX message queues are for Linux; use tcp:// or udp://")
+
 import contextlib
 import errno
 import fcntl
@@ -27,7 +32,7 @@ from hexwire.errors import (
     LinkPermissionError,
     UsageError,
 )
-from hexwire.new_file import owner_name
+from hexwire.system import user_id, user_name
 
 from .base import LinkKind
 from .owner import lock_owner
@@ -165,8 +170,8 @@ class QueueLink(PollLink):
     def _check_owner(self, name: str, status: os.stat_result) -> None:
         """Refuse a queue that another user has created or may use."""
         trusted = {self._user_id(user) for user in self._trust}
-        if status.st_uid not in (os.geteuid(), *trusted):
-            owner = owner_name(status.st_uid)
+        if status.st_uid not in (user_id(), *trusted):
+            owner = user_name(status.st_uid)
             raise LinkPermissionError(
                 f"{self.url}: queue {name} belongs to {owner}, who could read and write its messages; choose "
                 f"another name, or add trust={owner} to the address",

@@ -7,6 +7,7 @@ name = scheme, value = a callable from `LinkUrl` to `Link`). Imports a class onl
 from __future__ import annotations
 
 import importlib
+from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 from hexwire.errors import UsageError
@@ -23,16 +24,16 @@ __all__ = ["ENTRY_POINT_GROUP", "known_schemes", "make_link", "open_link"]
 
 ENTRY_POINT_GROUP = "hexwire.links"
 
-# scheme -> module, class with a `from_url`
+# scheme -> module, callable from `LinkUrl` to `Link`
 _BUILT_IN: dict[str, tuple[str, str]] = {
-    "mq": ("hexwire.link.mqueue", "QueueLink"),
-    "serial": ("hexwire.link.serial", "SerialLink"),
-    "tcp": ("hexwire.link.tcp", "TcpLink"),
-    "tcp-listen": ("hexwire.link.listen", "TcpListenLink"),
-    "tcps": ("hexwire.link.tcp", "TcpsLink"),
-    "tcps-listen": ("hexwire.link.listen", "TcpsListenLink"),
-    "udp": ("hexwire.link.udp", "UdpLink"),
-    "udp-listen": ("hexwire.link.udp", "UdpListenLink"),
+    "mq": ("hexwire.link.mqueue", "QueueLink.from_url"),
+    "serial": ("hexwire.link.serial_address", "make_serial_link"),
+    "tcp": ("hexwire.link.tcp", "TcpLink.from_url"),
+    "tcp-listen": ("hexwire.link.listen", "TcpListenLink.from_url"),
+    "tcps": ("hexwire.link.tcp", "TcpsLink.from_url"),
+    "tcps-listen": ("hexwire.link.listen", "TcpsListenLink.from_url"),
+    "udp": ("hexwire.link.udp", "UdpLink.from_url"),
+    "udp-listen": ("hexwire.link.udp", "UdpListenLink.from_url"),
 }
 
 
@@ -58,7 +59,12 @@ def _build(url: str) -> Link:
     parts = parse_url(url)
     if parts.scheme in _BUILT_IN:
         module, name = _BUILT_IN[parts.scheme]
-        return cast(Link, getattr(importlib.import_module(module), name).from_url(parts))
+        try:
+            make = attrgetter(name)(importlib.import_module(module))
+        except ImportError as error:
+            # A module for another system says what to use here.
+            raise UsageError(f"{url}: this system has no such link: {error}") from error
+        return cast(Link, make(parts))
     for point in _other_packages():
         if point.name == parts.scheme:
             build = cast("Callable[[LinkUrl], Link]", point.load())

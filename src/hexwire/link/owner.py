@@ -8,6 +8,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from hexwire.system import device_number, device_parts
+
 __all__ = ["device_owner", "lock_owner"]
 
 
@@ -17,7 +19,8 @@ def lock_owner(status: os.stat_result) -> str:
         locks = Path("/proc/locks").read_text(encoding="ascii", errors="replace")
     except OSError:
         return ""
-    wanted = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    major, minor = device_parts(status.st_dev)
+    wanted = f"{major:02x}:{minor:02x}:{status.st_ino}"
     for line in locks.splitlines():
         fields = line.split()
         if "FLOCK" in fields and wanted in fields:
@@ -35,11 +38,11 @@ def device_owner(device: str) -> str:
     except OSError:
         return ""
     owner = lock_owner(status)
-    if owner or not status.st_rdev:
+    if owner or not device_number(status):
         return owner
     for process in Path("/proc").glob("[0-9]*"):
         try:
-            if any(fd.stat().st_rdev == status.st_rdev for fd in (process / "fd").iterdir()):
+            if any(device_number(fd.stat()) == device_number(status) for fd in (process / "fd").iterdir()):
                 return _program(process.name)
         except OSError:
             continue  # it has ended, or belongs to another user

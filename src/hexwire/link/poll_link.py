@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import enum
 import logging
-import select
 import threading
 from abc import abstractmethod
 from time import monotonic
@@ -22,6 +21,7 @@ from hexwire.errors import (
     LinkTimeoutError,
     UsageError,
 )
+from hexwire.system import READABLE, WRITABLE, make_poll
 
 from .base import WRITE_TIME, Link
 from .call_turn import CallTurn
@@ -84,10 +84,10 @@ class PollLink(Link):
         # `_read_ready` is called, which knows what that means.
         self._read_now: Callable[[], bytes] | None = None
         self._write_now: Callable[[bytes], int] | None = None
-        self._ready = [(-1, select.POLLIN)]
+        self._ready = [(-1, READABLE)]
         self._watched: dict[int, Callable[[], None]] = {}
-        self._wait_to_read = select.poll().poll
-        self._write_poll = select.poll()
+        self._wait_to_read = make_poll().poll
+        self._write_poll = make_poll()
 
     # --- supplied by a backend --------------------------------------------------------------------
 
@@ -146,17 +146,17 @@ class PollLink(Link):
                     self._read_now = self._read_now or self._read_ready
                     self._write_now = self._write_now or self._write_ready
                 self._fd = self._fileno()
-                self._ready = [(self._fd, select.POLLIN)]
-                read_poll = select.poll()
-                read_poll.register(self._fd, select.POLLIN)
-                read_poll.register(self._read_waker.fileno(), select.POLLIN)
+                self._ready = [(self._fd, READABLE)]
+                read_poll = make_poll()
+                read_poll.register(self._fd, READABLE)
+                read_poll.register(self._read_waker.fileno(), READABLE)
                 for fd in self._watched:
-                    read_poll.register(fd, select.POLLIN)
+                    read_poll.register(fd, READABLE)
                 self._wait_to_read = read_poll.poll
-                self._write_poll = select.poll()
+                self._write_poll = make_poll()
                 self._write_fd = self._write_fileno()
-                self._write_poll.register(self._write_fd, select.POLLOUT)
-                self._write_poll.register(self._write_waker.fileno(), select.POLLIN)
+                self._write_poll.register(self._write_fd, WRITABLE)
+                self._write_poll.register(self._write_waker.fileno(), READABLE)
                 if self._closing:
                     raise self._closed()
             except BaseException as error:
@@ -412,9 +412,9 @@ class PollLink(Link):
 
     def _wait_for(self, fd: int, events: int, deadline: float) -> bool:
         """Wait during `_open` for a descriptor of the backend's own; False at the deadline."""
-        poll = select.poll()
+        poll = make_poll()
         poll.register(fd, events)
-        poll.register(self._read_waker.fileno(), select.POLLIN)
+        poll.register(self._read_waker.fileno(), READABLE)
         while True:
             ready = poll.poll(poll_timeout(deadline))
             if self._closing:

@@ -12,7 +12,8 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hexwire.new_file import is_planted, owner_name
+from hexwire.folders import is_planted
+from hexwire.system import device_number, device_parts, user_id, user_name
 
 __all__ = ["PortIdentity", "UsbDevice", "identify_port", "why_not", "why_not_again"]
 
@@ -20,7 +21,7 @@ _SYSFS = Path("/sys/dev/char")
 _PROC = Path("/proc")
 # Linux, Documentation/admin-guide/devices.txt: Unix98 pseudo-terminals, and the opening process's own terminal.
 _PTS_MAJORS = range(136, 144)
-_OWN_TERMINAL = os.makedev(5, 0)
+_OWN_TERMINAL = (5, 0)
 _MOST_LINKS = 40
 _SECOND = 1_000_000_000
 
@@ -83,10 +84,11 @@ def identify_port(name: str, status: os.stat_result) -> PortIdentity:
     Raises:
         OSError: The name no longer leads to this device.
     """
-    terminal = os.major(status.st_rdev) in _PTS_MAJORS
+    device = device_number(status)
+    terminal = device_parts(device)[0] in _PTS_MAJORS
     # Input and output do not affect the change time; creation, and changes of owner or mode, set it.
     made = status.st_ctime_ns if terminal else 0
-    usb = None if terminal else _usb_device(status.st_rdev)
+    usb = None if terminal else _usb_device(device)
     link, path = None, Path(name)
     planted, planter = "", 0
     for _ in range(_MOST_LINKS):
@@ -95,9 +97,9 @@ def identify_port(name: str, status: os.stat_result) -> PortIdentity:
         if not planted and is_planted(path.lstat(), path.parent.stat()):
             planted, planter = str(path), path.lstat().st_uid
         link, path = path, path.parent / path.readlink()
-    if path.stat().st_rdev != status.st_rdev:
+    if device_number(path.stat()) != device:
         raise OSError(errno.ENXIO, "it leads elsewhere now")
-    found = PortIdentity(status.st_rdev, usb, terminal, made, status.st_uid, planted=planted, planter=planter)
+    found = PortIdentity(device, usb, terminal, made, status.st_uid, planted=planted, planter=planter)
     if link is None:
         return found
     itself = link.lstat()
@@ -109,11 +111,11 @@ def why_not(port: PortIdentity) -> str:
 
     The text continues a sentence that starts with the port's name.
     """
-    if port.device == _OWN_TERMINAL:
+    if device_parts(port.device) == _OWN_TERMINAL:
         return "is the terminal that this program runs in"
     if port.planted:
         return (
-            f"is reached by the link {port.planted}, which {owner_name(port.planter)} has placed in a folder that "
+            f"is reached by the link {port.planted}, which {user_name(port.planter)} has placed in a folder that "
             "everybody may write to; use the port's own name"
         )
     program = _at_work(port.device, itself=port.terminal)
@@ -122,8 +124,8 @@ def why_not(port: PortIdentity) -> str:
     if not port.terminal:
         return ""
     if not port.link:
-        if os.geteuid() not in (0, port.owner):
-            return f"is a terminal of {owner_name(port.owner)}"
+        if user_id() not in (0, port.owner):
+            return f"is a terminal of {user_name(port.owner)}"
         return ""
     # Allow two seconds on a file system that stores whole seconds.
     slack = 0 if port.link_made % _SECOND else 2 * _SECOND
@@ -134,7 +136,7 @@ def why_not(port: PortIdentity) -> str:
         )
     if port.owner != port.link_owner:
         return (
-            f"leads to a terminal of {owner_name(port.owner)}, but {owner_name(port.link_owner)} created the link "
+            f"leads to a terminal of {user_name(port.owner)}, but {user_name(port.link_owner)} created the link "
             f"{port.link}; recreate the link"
         )
     return ""
@@ -147,7 +149,7 @@ def why_not_again(before: PortIdentity, now: PortIdentity) -> str:
     if before.terminal and now.terminal:
         # A link that the emulator creates again is checked by its age; a terminal without a link is gone for good.
         if before.link and now.link:
-            return "" if before.owner == now.owner else f"belongs to {owner_name(now.owner)} now"
+            return "" if before.owner == now.owner else f"belongs to {user_name(now.owner)} now"
         same = (before.device, before.made) == (now.device, now.made)
         return "" if same else "is another terminal now: the one that was open is gone; use the emulator's new name"
     same = (before.usb, before.device) == (now.usb, now.device)
@@ -156,7 +158,7 @@ def why_not_again(before: PortIdentity, now: PortIdentity) -> str:
 
 def _usb_device(number: int) -> UsbDevice | None:
     try:
-        folder = (_SYSFS / f"{os.major(number)}:{os.minor(number)}" / "device").resolve(strict=True)
+        folder = (_SYSFS / "{}:{}".format(*device_parts(number)) / "device").resolve(strict=True)
     except OSError:
         return None
     for parent in (folder, *folder.parents):
@@ -174,8 +176,8 @@ def _word(path: Path) -> str:
 
 def _at_work(number: int, *, itself: bool) -> str:
     """A program whose controlling terminal is the device, this one only if `itself`; empty if there is none."""
-    minor = os.minor(number)
-    wanted = (minor & 0xFF) | os.major(number) << 8 | (minor & ~0xFF) << 12  # linux, new_encode_dev
+    major, minor = device_parts(number)
+    wanted = (minor & 0xFF) | major << 8 | (minor & ~0xFF) << 12  # linux, new_encode_dev
     for process in _PROC.glob("[0-9]*"):
         try:
             head, _, tail = (process / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")

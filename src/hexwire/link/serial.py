@@ -1,6 +1,6 @@
-"""Serial ports by termios: raw, exclusive, any baud rate, no thread.
+"""Serial ports by termios: raw, exclusive, any baud rate, no thread. For Linux; see `hexwire.link.serial_port`.
 
-Owns the port's settings and the errors of opening a port. Must not know the device on it.
+Owns the port's settings. Must not know the device on it.
 
 The bytes must not be changed: with the terminal's usual line discipline (ICRNL) each 0D arrives as 0A, which
 damaged the chapter's own log (PROTOCOL.md section 5). HUPCL is off, so that closing the port does not reset the
@@ -8,6 +8,11 @@ board at its next opening.
 """
 
 from __future__ import annotations
+
+import sys
+
+if sys.platform != "linux":
+    raise ImportError("hexwire.link.serial is for Linux; hexwire.link.open chooses a link for any system")
 
 import array
 import contextlib
@@ -19,27 +24,26 @@ import struct
 import termios
 import time
 from functools import partial
-from pathlib import Path
 
-from hexwire.errors import (
-    LinkBusyError,
-    LinkError,
-    LinkLostError,
-    LinkNotFoundError,
-    LinkPermissionError,
-    UsageError,
-)
-from hexwire.new_file import owner_name
+from hexwire.errors import LinkError, LinkLostError, LinkNotFoundError, UsageError
 
-from . import owner, port_identity, ports
+from . import port_identity
 from .base import LinkKind
 from .poll_link import PollLink
-from .url import LinkUrl
+from .serial_port import (
+    DEFAULT_BAUD,
+    DTR_PULSE,
+    LOST_ADVICE,
+    bad_baud,
+    busy_port,
+    check_baud,
+    forbidden_port,
+    missing_port,
+    serial_url,
+)
 
-__all__ = ["DEFAULT_BAUD", "SerialLink", "terminal_rate"]
+__all__ = ["SerialLink", "terminal_rate"]
 
-DEFAULT_BAUD = 115200
-_BAUD_LOW, _BAUD_HIGH = 50, 12_000_000
 # Permitted deviation of the driver's rate from the requested rate: a receiver resynchronises at every start bit and
 # tolerates about 2 % from each side (ATmega2560 data sheet, table of receiver tolerances).
 _BAUD_TOLERANCE = 0.025
@@ -55,9 +59,6 @@ _SERIAL_STRUCT_INTS = 32  # more than the kernel's serial_struct; flags is its f
 
 # Most bytes that the terminal layer holds.
 _MOST_HELD = 4096
-
-# A Mega's reset line is pulsed through a capacitor; 50 ms is what common flashing tools use.
-_DTR_PULSE = 0.05
 
 
 def terminal_rate(fd: int) -> int | None:
@@ -88,7 +89,7 @@ class SerialLink(PollLink):
     """
 
     kind = LinkKind.STREAM
-    _lost_advice = "; was it unplugged?"
+    _lost_advice = LOST_ADVICE
 
     def __init__(
         self,
@@ -98,35 +99,16 @@ class SerialLink(PollLink):
         low_latency: bool = True,
         reset_board: bool = False,
     ) -> None:
-        if not _BAUD_LOW <= baud <= _BAUD_HIGH:
-            raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
+        check_baud(baud)
         if "\0" in device:
             raise UsageError(f"{device!r} is not a path: it contains a zero character")
-        super().__init__(f"serial://{device}?baud={baud}")
+        super().__init__(serial_url(device, baud))
         self.device = device
         self.baud = baud
         self._low_latency = low_latency
         self._reset_board = reset_board
         self._port = -1
         self._identity: port_identity.PortIdentity | None = None
-
-    @classmethod
-    def from_url(cls, url: LinkUrl) -> SerialLink:
-        """Build from ``serial:///dev/ttyUSB0?baud=115200&low_latency=1&reset=0``."""
-        url.check_keys(("baud", "low_latency", "reset"))
-        if url.netloc:
-            raise UsageError(
-                f"{url.text}: a serial address has three slashes, as in serial:///dev/ttyUSB0 "
-                f"({url.netloc!r} is in the place of a host)"
-            )
-        if not url.path.strip("/"):
-            raise UsageError(f"{url.text}: the device is missing, as in serial:///dev/ttyUSB0")
-        return cls(
-            url.path,
-            url.integer("baud", DEFAULT_BAUD, _BAUD_LOW, _BAUD_HIGH),
-            low_latency=url.yes_no("low_latency", True),
-            reset_board=url.yes_no("reset", False),
-        )
 
     def reset(self) -> None:
         """Pulse DTR, which resets an Arduino, and discard what arrived before. Takes 50 ms.
@@ -137,7 +119,7 @@ class SerialLink(PollLink):
         dtr = struct.pack("I", termios.TIOCM_DTR)
         with contextlib.suppress(OSError):
             fcntl.ioctl(fd, termios.TIOCMBIC, dtr)
-            time.sleep(_DTR_PULSE)
+            time.sleep(DTR_PULSE)
             fcntl.ioctl(fd, termios.TIOCMBIS, dtr)
         self.flush_input()
 
@@ -148,10 +130,9 @@ class SerialLink(PollLink):
             UsageError: The port's driver does not support that rate.
             LinkLostError: The port was lost.
         """
-        if not _BAUD_LOW <= baud <= _BAUD_HIGH:
-            raise UsageError(f"baud must be from {_BAUD_LOW} to {_BAUD_HIGH}, not {baud}")
+        check_baud(baud)
         self.baud = baud
-        self.url = f"serial://{self.device}?baud={baud}"
+        self.url = serial_url(self.device, baud)
         if self.is_open:
             self._apply_settings()
 
@@ -224,7 +205,7 @@ class SerialLink(PollLink):
         try:
             fcntl.flock(self._port, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise self._busy() from error
+            raise busy_port(self.device, self.url) from error
         with contextlib.suppress(OSError):
             fcntl.ioctl(self._port, termios.TIOCEXCL)
 
@@ -284,11 +265,9 @@ class SerialLink(PollLink):
 
     def _explain(self, error: OSError) -> LinkError:
         if error.errno in (errno.EACCES, errno.EPERM):
-            return LinkPermissionError(
-                f"no permission for {self.device}: {self._permission_advice()}", url=self.url
-            )
+            return forbidden_port(self.device, self.url)
         if error.errno == errno.EBUSY:
-            return self._busy()
+            return busy_port(self.device, self.url)
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.ELOOP):
             return self._no_port("does not exist" if error.errno == errno.ENOENT else "has no device behind it")
         if error.errno in (errno.EISDIR, errno.EROFS, errno.ETXTBSY):
@@ -296,24 +275,7 @@ class SerialLink(PollLink):
         return LinkError(f"{self.device} cannot be opened: {error.strerror}", url=self.url)
 
     def _no_port(self, what: str) -> LinkNotFoundError:
-        return LinkNotFoundError(f"{self.device} {what}; {ports.ports_in_words()}", url=self.url)
-
-    def _busy(self) -> LinkBusyError:
-        who = owner.device_owner(self.device) or "another program"
-        return LinkBusyError(f"{self.device} is in use by {who}: close that first", url=self.url)
+        return missing_port(self.device, what, self.url)
 
     def _bad_baud(self, why: str) -> UsageError:
-        return UsageError(f"{self.device} cannot do {self.baud} baud ({why}): use 115200 or another usual rate")
-
-    def _permission_advice(self) -> str:
-        try:
-            import grp
-
-            status = Path(self.device).stat()
-            group = grp.getgrgid(status.st_gid).gr_name
-        except (OSError, KeyError):
-            return "ask the owner of this machine for access to it"
-        if group == "root" or not status.st_mode & stat.S_IRGRP:
-            user = owner_name(status.st_uid)
-            return f"it belongs to {user} alone; add a udev rule that gives it to group dialout"
-        return f"it belongs to group {group}; run 'sudo usermod -aG {group} $USER', then log out and in again"
+        return bad_baud(self.device, self.baud, why)

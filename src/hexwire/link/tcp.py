@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import select
 import socket
 from time import monotonic
 from typing import TYPE_CHECKING, Protocol
@@ -21,6 +20,7 @@ from hexwire.errors import (
     LinkPermissionError,
     LinkTimeoutError,
 )
+from hexwire.system import WRITABLE
 
 from .base import LinkKind
 from .poll_link import PollLink
@@ -161,7 +161,7 @@ class TcpLink(_StreamLink):
         prepare(connected)
         result = connected.connect_ex(address)
         if result == errno.EINPROGRESS:
-            if not self._wait_for(connected.fileno(), select.POLLOUT, deadline):
+            if not self._wait_for(connected.fileno(), WRITABLE, deadline):
                 raise LinkTimeoutError(
                     f"{self.url} does not answer within {self._timeout:g} s; check the address, and that it is on",
                     url=self.url,

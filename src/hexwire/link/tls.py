@@ -7,7 +7,6 @@ know what the bytes mean. `hexwire.link.certs` makes the certificates.
 from __future__ import annotations
 
 import contextlib
-import select
 import socket
 import ssl
 import threading
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 
 from hexwire.errors import ConfigError, LinkLostError, UsageError
 from hexwire.inputs import read_bytes
+from hexwire.system import READABLE, WRITABLE
 
 from .url import LinkUrl
 
@@ -139,7 +139,7 @@ class TlsStream:
     @property
     def wants(self) -> int:
         """Events that poll should wait for during the handshake."""
-        return select.POLLIN | select.POLLOUT if self._unsent else select.POLLIN
+        return READABLE | WRITABLE if self._unsent else READABLE
 
     def handshake(self) -> bool:
         """Continue the handshake with the available bytes; True when it is complete.

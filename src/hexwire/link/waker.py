@@ -1,12 +1,13 @@
 """A descriptor that one thread makes readable to end another thread's poll.
 
-Owns one eventfd (or a pipe if the system has none). Must not know links.
+Owns one eventfd, or a pair of sockets if the system has none: Windows waits for nothing else. Must not know links.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import socket
 import sys
 import threading
 
@@ -28,26 +29,31 @@ class Waker:
         self._close_pending = False
         self._receive_fd = -1
         self._send_fd = -1
+        self._pair: tuple[socket.socket, ...] = ()
 
     def open(self) -> None:
         with self._lock:
             if self._receive_fd >= 0:
                 return
-            if sys.platform == "linux":
+            if sys.platform == "linux" and hasattr(os, "eventfd"):
                 self._receive_fd = self._send_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
             else:
-                self._receive_fd, self._send_fd = os.pipe()
-                os.set_blocking(self._receive_fd, False)
-                os.set_blocking(self._send_fd, False)
+                self._pair = socket.socketpair()
+                for end in self._pair:
+                    end.setblocking(False)
+                self._receive_fd, self._send_fd = (end.fileno() for end in self._pair)
 
     def close(self) -> None:
         with self._lock:
             # If a signal handler closes it while its own thread uses it, that thread closes it afterwards.
             self._close_pending = self._uses > 0
             if not self._close_pending:
-                fds = {self._receive_fd, self._send_fd} - {-1}
+                fd, pair = self._receive_fd, self._pair
                 self._receive_fd = self._send_fd = -1
-                for fd in fds:
+                self._pair = ()
+                for end in pair:
+                    end.close()
+                if fd >= 0 and not pair:
                     os.close(fd)
 
     def fileno(self) -> int:
@@ -58,9 +64,9 @@ class Waker:
             self._uses += 1
             try:
                 if self._send_fd >= 0:
-                    # A full pipe is set already.
+                    # What is full is set already.
                     with contextlib.suppress(BlockingIOError):
-                        os.write(self._send_fd, _ONE)
+                        self._write(_ONE)
             finally:
                 # Not in a function: Ctrl-C at its start would leave the count.
                 self._uses -= 1
@@ -73,8 +79,14 @@ class Waker:
             try:
                 if self._receive_fd >= 0:
                     with contextlib.suppress(BlockingIOError):
-                        os.read(self._receive_fd, 4096)
+                        self._read(4096)
             finally:
                 self._uses -= 1
                 if self._close_pending:
                     self.close()
+
+    def _write(self, data: bytes) -> int:
+        return self._pair[1].send(data) if self._pair else os.write(self._send_fd, data)
+
+    def _read(self, size: int) -> bytes:
+        return self._pair[0].recv(size) if self._pair else os.read(self._receive_fd, size)

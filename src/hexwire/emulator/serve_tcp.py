@@ -1,0 +1,138 @@
+"""An emulated device behind a TCP port, for systems without pseudo-terminals, and for other machines in a test.
+
+Owns the port: one host at a time, a new one replaces nobody. Must not know what the device is.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from hexwire.errors import LinkError
+from hexwire.link.listener import Listener
+from hexwire.system import READABLE, make_poll
+
+from .serve import PacedLine, ServedDevice
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hexwire.link.tcp import PeerLink
+
+__all__ = ["TcpServer", "serve_tcp"]
+
+_IDLE = 0.25
+_SLICE = 0.001
+"""Seconds between two looks at a paced line in use."""
+
+
+class TcpServer:
+    """A TCP port with a device behind it.
+
+    Args:
+        device: The board, or the servos of a bus.
+        host: Address to bind.
+        port: Port; 0 selects a free one.
+        baud: Rate of the emulated line between host and device; 0 is unpaced.
+        reset_on_open: Reset the device when a host connects, as DTR does on an Arduino.
+    """
+
+    def __init__(
+        self, device: ServedDevice, host: str, port: int, *, baud: int = 0, reset_on_open: bool = False
+    ) -> None:
+        self.device = device
+        self._listener = Listener(host, port)
+        self._reset_on_open = reset_on_open
+        self._to_board, self._to_host = PacedLine(baud), PacedLine(baud)
+        self._paced = bool(baud)
+        self._guest: PeerLink | None = None
+
+    def open(self) -> str:
+        """Listen; returns the address to give to a host, such as ``tcp://127.0.0.1:40001``.
+
+        Raises:
+            LinkError: As `Listener.open`.
+        """
+        self._listener.open()
+        return self._listener.url.replace("tcp-listen:", "tcp:", 1)
+
+    def close(self) -> None:
+        """Hang up and stop listening."""
+        self._hang_up()
+        self._listener.close()
+
+    def run_once(self, timeout: float = _IDLE) -> None:
+        """Wait for bytes, a host or the next event, at most `timeout` seconds, and act on them."""
+        now = time.monotonic()
+        moments = (self.device.next_event_time(), self._to_host.next_time(), self._to_board.next_time())
+        wait = min([timeout, *(max(moment - now, 0.0) for moment in moments if moment is not None)])
+        if self._paced and any(moment is not None for moment in moments[1:]):
+            wait = min(wait, _SLICE)
+        poll, guest = make_poll(), self._guest
+        poll.register(self._listener.fileno(), READABLE)
+        if guest is not None:
+            poll.register(guest.fileno(), READABLE)
+        ready = {fd for fd, _ in poll.poll(wait * 1000.0)}
+        try:
+            if guest is not None and guest.fileno() in ready:
+                self._to_board.put(guest.read(0.0), time.monotonic())
+            if self._listener.fileno() in ready:
+                self._let_in()
+            self._step(time.monotonic())
+        except LinkError:
+            self._hang_up()
+
+    def _let_in(self) -> None:
+        if self._guest is not None:
+            # A line has one host. Whoever comes later learns it at once.
+            self._listener.turn_away()
+            return
+        self._guest = self._listener.accept(0.0)
+        if self._guest is not None and self._reset_on_open:
+            self.device.reset(time.monotonic())
+
+    def _step(self, now: float) -> None:
+        if data := self._to_board.take(now):
+            self.device.receive(data, now)
+        self.device.step(now)
+        # While the line is behind, the device keeps its bytes.
+        if self._to_host.next_time() is None and (out := self.device.data_to_send()):
+            self._to_host.put(out, now)
+        out = self._to_host.take(now)
+        if out and self._guest is not None:
+            self._guest.write(out, now + _IDLE)
+
+    def _hang_up(self) -> None:
+        if self._guest is not None:
+            self._guest.close()
+            self._guest = None
+
+
+def serve_tcp(
+    device: ServedDevice,
+    host: str,
+    port: int,
+    *,
+    baud: int = 0,
+    reset_on_open: bool = False,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+) -> None:
+    """Serve a device on a TCP port until told to stop.
+
+    Args:
+        device: As in `TcpServer`.
+        host: Likewise.
+        port: Likewise.
+        baud: Likewise.
+        reset_on_open: Likewise.
+        stop: Called at least every quarter of a second; True ends it.
+        announce: Called with the address once the port is open.
+    """
+    server = TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open)
+    try:
+        announce(server.open())
+        while not stop():
+            server.run_once()
+    finally:
+        server.close()

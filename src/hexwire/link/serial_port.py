@@ -1,0 +1,84 @@
+"""What all links to serial ports share: rates, addresses, errors. Must not know how a port is opened."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from hexwire.errors import LinkBusyError, LinkNotFoundError, LinkPermissionError, UsageError
+from hexwire.system import group_name, user_name
+
+from . import owner, ports
+
+__all__ = [
+    "BAUD_HIGH",
+    "BAUD_LOW",
+    "DEFAULT_BAUD",
+    "DTR_PULSE",
+    "LOST_ADVICE",
+    "bad_baud",
+    "busy_port",
+    "check_baud",
+    "forbidden_port",
+    "missing_port",
+    "serial_url",
+]
+
+DEFAULT_BAUD = 115200
+"""Bits per second if an address names no rate."""
+DTR_PULSE = 0.05
+"""Seconds: a Mega's reset line is pulsed through a capacitor; 50 ms is what common flashing tools use."""
+LOST_ADVICE = "; was it unplugged?"
+"""End of the error of a lost port."""
+
+BAUD_LOW, BAUD_HIGH = 50, 12_000_000
+"""The rates that an address may name."""
+
+
+def serial_url(device: str, baud: int) -> str:
+    """Address of a port."""
+    return f"serial://{device if device.startswith('/') else f'/{device}'}?baud={baud}"
+
+
+def check_baud(baud: int) -> None:
+    """Refuse a rate that no port has; raises UsageError."""
+    if not BAUD_LOW <= baud <= BAUD_HIGH:
+        raise UsageError(f"baud must be from {BAUD_LOW} to {BAUD_HIGH}, not {baud}")
+
+
+# --- errors ------------------------------------------------------------------------------------------------------
+
+
+def missing_port(device: str, what: str, url: str) -> LinkNotFoundError:
+    """There is no such port; `what` says why, after the port's name."""
+    return LinkNotFoundError(f"{device} {what}; {ports.ports_in_words()}", url=url)
+
+
+def busy_port(device: str, url: str) -> LinkBusyError:
+    """Another program has the port."""
+    who = owner.device_owner(device) or "another program"
+    return LinkBusyError(f"{device} is in use by {who}: close that first", url=url)
+
+
+def forbidden_port(device: str, url: str) -> LinkPermissionError:
+    """This user may not open the port."""
+    return LinkPermissionError(f"no permission for {device}: {_permission_advice(device)}", url=url)
+
+
+def bad_baud(device: str, baud: int, why: str) -> UsageError:
+    """The port cannot have that rate."""
+    return UsageError(f"{device} cannot do {baud} baud ({why}): use 115200 or another usual rate")
+
+
+def _permission_advice(device: str) -> str:
+    try:
+        status = Path(device).stat()
+    except OSError:
+        return "ask the owner of this machine for access to it"
+    group = group_name(status.st_gid)
+    if not group:
+        return "ask the owner of this machine for access to it"
+    if group == "root" or not status.st_mode & stat.S_IRGRP:
+        user = user_name(status.st_uid)
+        return f"it belongs to {user} alone; add a udev rule that gives it to group dialout"
+    return f"it belongs to group {group}; run 'sudo usermod -aG {group} $USER', then log out and in again"

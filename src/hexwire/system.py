@@ -1,0 +1,177 @@
+"""What differs between operating systems: users, devices, flags of files, signals, waiting for descriptors.
+
+Owns these differences, so that no other module asks which system it runs on, except those that exist for one system
+only. Linux is the system hexwire is made for; where another one has no such thing, the value here says so. Must not
+know what it is used for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = [
+    "CLOSE_ON_EXEC",
+    "END_SIGNALS",
+    "HANG_UP",
+    "HAS_FOLDER_DESCRIPTORS",
+    "NO_FOLLOW",
+    "READABLE",
+    "WRITABLE",
+    "Poll",
+    "device_number",
+    "device_parts",
+    "end_by_alarm",
+    "group_name",
+    "lock_file",
+    "make_poll",
+    "user_id",
+    "user_name",
+]
+
+# The same numbers on every system that has them.
+READABLE, WRITABLE, _FAULT, HANG_UP = 0x001, 0x004, 0x008, 0x010
+"""Events of `Poll`."""
+
+NO_FOLLOW: int = getattr(os, "O_NOFOLLOW", 0)
+"""Flag of `os.open`: fail on a symbolic link. 0 if the system has no such flag."""
+CLOSE_ON_EXEC: int = getattr(os, "O_CLOEXEC", 0)
+"""Flag of `os.open`: programs started later do not inherit the file. 0 where that is so anyway."""
+HAS_FOLDER_DESCRIPTORS = sys.platform == "linux" and hasattr(os, "O_PATH")
+"""A folder can be opened without reading it, and files be named relative to it, so that nobody can exchange it."""
+
+END_SIGNALS: tuple[signal.Signals, ...] = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Signals that end a program, besides Ctrl-C: SIGTERM, and SIGHUP if there is one."""
+
+
+# --- users -------------------------------------------------------------------------------------------------------
+
+
+def user_id() -> int:
+    """Number of this user; 0 on a system that does not number its users, where every file has owner 0 too."""
+    if sys.platform != "win32" and hasattr(os, "geteuid"):
+        return os.geteuid()
+    return 0
+
+
+def user_name(number: int) -> str:
+    """Name of a user, for messages."""
+    if sys.platform != "win32":
+        with contextlib.suppress(ImportError, KeyError):
+            import pwd
+
+            return pwd.getpwuid(number).pw_name
+    return f"user {number}"
+
+
+def group_name(number: int) -> str:
+    """Name of a group, for messages; empty if it has none."""
+    if sys.platform != "win32":
+        with contextlib.suppress(ImportError, KeyError):
+            import grp
+
+            return grp.getgrgid(number).gr_name
+    return ""
+
+
+# --- devices -----------------------------------------------------------------------------------------------------
+
+
+def device_number(status: os.stat_result) -> int:
+    """Number of the device that a file stands for; 0 if it is none, or the system does not number devices."""
+    return int(getattr(status, "st_rdev", 0))
+
+
+def device_parts(number: int) -> tuple[int, int]:
+    """Major and minor part of a device's number; zeros on a system without them."""
+    if sys.platform != "win32" and hasattr(os, "major"):
+        return os.major(number), os.minor(number)
+    return 0, 0
+
+
+# --- files -------------------------------------------------------------------------------------------------------
+
+
+def lock_file(descriptor: int) -> bool:
+    """Lock an open file for this program, until it is closed or the program ends; False if another one has it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+# --- signals -----------------------------------------------------------------------------------------------------
+
+
+def end_by_alarm(seconds: int) -> None:
+    """Have the system end this program in so many seconds. Without effect on a system that cannot."""
+    if sys.platform != "win32" and hasattr(signal, "alarm"):
+        signal.alarm(seconds)
+
+
+# --- waiting -----------------------------------------------------------------------------------------------------
+
+
+class Poll(Protocol):
+    """What is used of `select.poll`."""
+
+    def register(self, fd: int, eventmask: int, /) -> None:
+        """Watch a descriptor."""
+
+    def poll(self, timeout: float | None = ..., /) -> list[tuple[int, int]]:
+        """Wait at most `timeout` milliseconds, forever if None; returns descriptors with their events."""
+
+
+class _SelectPoll:
+    """`Poll` by `select`, for sockets only and a few hundred of them: all that Windows has."""
+
+    def __init__(self) -> None:
+        self._events: dict[int, int] = {}
+
+    def register(self, fd: int, eventmask: int) -> None:
+        self._events[fd] = eventmask
+
+    def poll(self, timeout: float | None = None) -> list[tuple[int, int]]:
+        # A negative time-out waits forever, as in the system's own poll.
+        wait = None if timeout is None or timeout < 0 else timeout / 1000.0
+        reads = [fd for fd, events in self._events.items() if events & READABLE]
+        writes = [fd for fd, events in self._events.items() if events & WRITABLE]
+        if not reads and not writes:
+            # Windows refuses to wait for nothing.
+            time.sleep(1e9 if wait is None else wait)
+            return []
+        readable, writable, failed = select.select(reads, writes, self._of_interest(reads, writes), wait)
+        found = dict.fromkeys(readable, READABLE)
+        # Windows reports a refused connection only here.
+        for fd in (*writable, *failed):
+            found[fd] = found.get(fd, 0) | WRITABLE
+        return list(found.items())
+
+    @staticmethod
+    def _of_interest(reads: Sequence[int], writes: Sequence[int]) -> Sequence[int]:
+        return [fd for fd in writes if fd not in reads]
+
+
+def make_poll() -> Poll:
+    """The system's poll, or one by `select`."""
+    if sys.platform != "win32" and hasattr(select, "poll"):
+        return select.poll()
+    return _SelectPoll()

@@ -1,0 +1,296 @@
+from __future__ import annotations
+
+import os
+import resource
+import select
+import termios
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator.board import make_hex7bot_board
+from hexwire.emulator.serve_pty import PtyServer, serve_board
+from hexwire.errors import (
+    LinkLostError,
+    ReplyTimeoutError,
+    UsageError,
+)
+from hexwire.link.open import make_link
+from hexwire.link.serial import SerialLink
+from hexwire.session.policy import ReconnectPolicy
+from hexwire.wire.command_frame import Command, Frame, serialize_frame
+
+
+class Loopback:
+    """A device that says what it hears, and how often it was reset."""
+
+    def __init__(self) -> None:
+        self.heard = b""
+        self.out = b""
+        self.resets = 0
+
+    def receive(self, data: bytes, now: float) -> None:
+        self.heard += data
+        self.out += data
+
+    def step(self, now: float) -> None:
+        pass
+
+    def data_to_send(self) -> bytes:
+        out, self.out = self.out, b""
+        return out
+
+    def next_event_time(self) -> float | None:
+        return None
+
+    def reset(self, now: float) -> None:
+        self.resets += 1
+
+
+# --- PacedLine -------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def serving(server: PtyServer) -> Iterator[str]:
+    path = server.open()
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.is_set():
+            server.run_once(0.02)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield path
+    finally:
+        ended.set()
+        thread.join(10)
+        server.close()
+
+
+def read_some(fd: int, count: int, timeout: float = 5.0) -> bytes:
+    data, end = b"", time.monotonic() + timeout
+    while len(data) < count and select.select([fd], [], [], max(0.0, end - time.monotonic()))[0]:
+        data += os.read(fd, 4096)
+    return data
+
+
+def wait_until(true: object, timeout: float = 10.0) -> None:
+    end = time.monotonic() + timeout
+    while not true():  # type: ignore[operator]  # a function
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+pytestmark = pytest.mark.system
+
+
+def test_a_driver_over_a_served_board(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    for dialect, baud in ((2, 0), (2, 115200), (1, 115200)):
+        board = make_hex7bot_board(dialect=dialect, baud=baud, start=time.monotonic())
+        with serving(PtyServer(board, link=link, baud=baud)) as path:
+            assert path == str(link)
+            with Hex7BotDriver.from_url(path) as driver:
+                assert driver.dialect == dialect
+                state = driver.read()
+                assert state["J1"].position == pytest.approx(-0.078061)
+        assert not link.is_symlink()
+
+
+def test_the_link_of_a_served_terminal_is_not_taken_and_an_old_one_is(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    link.symlink_to("/dev/pts/1048576")
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    server = PtyServer(Loopback(), link=link)
+    server.open()
+    assert str(link.readlink()) == server.path
+    other = PtyServer(Loopback(), link=link)
+    with pytest.raises(UsageError, match="is in use by another emulator"):
+        other.open()
+    other.close()
+    assert str(link.readlink()) == server.path
+    server.close()
+    assert list(tmp_path.iterdir()) == []
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_no_descriptor_is_left() -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for reset in (False, True):
+        with PtyServer(Loopback(), reset_on_open=reset) as server:
+            server.run_once(0.0)
+        server.close()
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+@pytest.mark.parametrize("reset", [False, True])
+def test_every_byte_goes_through_raw(reset: bool) -> None:
+    device = Loopback()
+    with serving(PtyServer(device, reset_on_open=reset)) as path:
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            everything = bytes(range(256)) * 4
+            os.write(fd, everything)
+            assert read_some(fd, len(everything)) == everything
+        finally:
+            os.close(fd)
+
+
+def test_opening_resets_the_board_each_time() -> None:
+    device = Loopback()
+    with serving(PtyServer(device, reset_on_open=True)) as path:
+        time.sleep(0.1)
+        assert device.resets == 0
+        for count in (1, 2, 3):
+            fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+            wait_until(lambda count=count: device.resets == count)
+            os.close(fd)
+            time.sleep(0.1)
+        assert device.resets == 3
+
+
+@pytest.mark.parametrize("reset", [False, True])
+def test_no_busy_loop_while_nobody_has_the_port_open(reset: bool) -> None:
+    server = PtyServer(Loopback(), reset_on_open=reset)
+    server.open()
+    try:
+        begun = resource.getrusage(resource.RUSAGE_SELF)
+        turns = 0
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            server.run_once()
+            turns += 1
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        assert turns < 120
+        assert used.ru_utime + used.ru_stime - begun.ru_utime - begun.ru_stime < 0.4
+    finally:
+        server.close()
+
+
+def test_another_rate_at_the_hosts_end_garbles_both_directions() -> None:
+    device = Loopback()
+    with serving(PtyServer(device, baud=115200)) as path:
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            tty.setraw(fd)
+            settings = termios.tcgetattr(fd)
+            settings[4] = settings[5] = termios.B9600
+            termios.tcsetattr(fd, termios.TCSANOW, settings)
+            os.write(fd, bytes(range(120)))
+            wait_until(lambda: device.heard)
+            assert bytes(range(8)) not in device.heard
+            settings[4] = settings[5] = termios.B115200
+            termios.tcsetattr(fd, termios.TCSANOW, settings)
+            time.sleep(0.2)
+            read_some(fd, 1000, 0.2)
+            os.write(fd, b"plain text")
+            assert read_some(fd, 10) == b"plain text"
+        finally:
+            os.close(fd)
+
+
+@pytest.mark.parametrize("rate", [250_000, 128_000, 100_000, 76_800])
+def test_a_rate_without_a_name_is_another_rate_too(rate: int) -> None:
+    device = Loopback()
+    with serving(PtyServer(device, baud=115200)) as path, SerialLink(path, rate) as link:
+        link.write(bytes(range(120)))
+        wait_until(lambda: device.heard)
+        assert bytes(range(8)) not in device.heard
+        time.sleep(0.2)
+        link.set_baud(115200)
+        link.flush_input()
+        link.write(b"plain text")
+        heard = b""
+        while len(heard) < 10:
+            more = link.read(time.monotonic() + 10)
+            assert more
+            heard += more
+        assert heard[-10:] == b"plain text"
+
+
+@pytest.mark.parametrize("baud", [9600, 115200])
+def test_a_program_that_sets_no_rate_is_understood(baud: int) -> None:
+    device = Loopback()
+    with serving(PtyServer(device, baud=baud)) as path:
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(fd, b"plain text")
+            assert read_some(fd, 10) == b"plain text"
+        finally:
+            os.close(fd)
+
+
+def test_a_wrong_baud_rate_is_named_as_the_cause() -> None:
+    board = make_hex7bot_board(baud=115200, start=time.monotonic(), faults=["host.junk:1"])
+    with serving(PtyServer(board, baud=115200)) as path:
+        driver = Hex7BotDriver.from_url(f"serial://{path}?baud=9600", boot_window=1.5)
+        with pytest.raises(ReplyTimeoutError, match="IDENTIFY"):
+            driver.attach()
+
+
+def test_unplugging_is_a_lost_link_and_a_replug_continues(tmp_path: Path) -> None:
+    path = tmp_path / "port"
+    board = make_hex7bot_board(start=time.monotonic())
+    driver = Hex7BotDriver.from_url(str(path))
+    driver.session.reconnect = ReconnectPolicy(give_up_after=20, interval=0.05)
+    with serving(PtyServer(board, link=path)):
+        driver.attach()
+        driver.read()
+    with serving(PtyServer(board, link=path)):
+        driver.read()
+        assert driver.session.generation == 1
+    driver.session.reconnect = ReconnectPolicy(enabled=False)
+    with pytest.raises(LinkLostError):
+        driver.read()
+    driver.detach()
+
+
+def test_unread_bytes_do_not_accumulate() -> None:
+    board = make_hex7bot_board(start=time.monotonic())
+    server = PtyServer(board)
+    path = server.open()
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        body = (5).to_bytes(2, "little") + b"\x3f"
+        frame = {"proto": 2, "seq": 1, "sn": 1, "src": 7, "dst": 8, "type": 3, "time_sec": 0, "time_nsec": 0}
+        os.write(fd, serialize_frame(Frame(cmd=Command.REPORT, body=body, **frame)))
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:
+            server.run_once(0.005)
+        assert len(server._unsent) < 1000
+    finally:
+        os.close(fd)
+        server.close()
+
+
+def test_serve_board_announces_and_stops_and_cleans_up(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    said: list[str] = []
+    turns = iter(range(5))
+    serve_board(Loopback(), link=link, stop=lambda: next(turns, None) is None, announce=said.append)
+    assert said == [str(link)]
+    assert not link.is_symlink()
+    with pytest.raises(ValueError, match="boom"):
+        serve_board(Loopback(), link=link, stop=lambda: _boom(), announce=said.append)
+    assert not link.is_symlink()
+
+
+def _boom() -> bool:
+    raise ValueError("boom")
+
+
+def test_a_link_made_by_url_opens_it() -> None:
+    with serving(PtyServer(Loopback())) as path, make_link(path) as link:
+        link.write(b"ping")
+        data = b""
+        while len(data) < 4:
+            data += link.read(time.monotonic() + 5)
+        assert data == b"ping"

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+from hexwire import system
+from hexwire.system import READABLE, WRITABLE, make_poll
+
+
+def test_users_and_groups_have_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert system.user_id() == os.geteuid()
+    assert system.user_name(0) == "root"
+    assert system.user_name(54321) == "user 54321"
+    assert system.group_name(0) == "root"
+    assert system.group_name(54321) == ""
+    monkeypatch.delattr(os, "geteuid")
+    assert system.user_id() == 0
+
+
+def test_devices_have_numbers_where_the_system_numbers_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    number = system.device_number(Path("/dev/null").stat())
+    assert system.device_parts(number) == (1, 3)
+    monkeypatch.delattr(os, "major")
+    assert system.device_parts(number) == (0, 0)
+
+
+def test_a_file_is_locked_for_one_program(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with path.open("w") as first, path.open("w") as second:
+        assert system.lock_file(first.fileno())
+        assert not system.lock_file(second.fileno())
+        first.close()
+        assert system.lock_file(second.fileno())
+
+
+def test_the_alarm_is_set_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    system.end_by_alarm(1000)
+    assert signal.alarm(0) > 0
+    monkeypatch.delattr(signal, "alarm")
+    system.end_by_alarm(1000)
+    assert signal.SIGTERM in system.END_SIGNALS
+
+
+@pytest.fixture(params=["poll", "select"])
+def poll(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> system.Poll:
+    if request.param == "select":
+        monkeypatch.delattr(system.select, "poll")
+    return make_poll()
+
+
+def test_waiting_reports_what_is_ready(poll: system.Poll) -> None:
+    near, far = socket.socketpair()
+    with near, far:
+        poll.register(near.fileno(), READABLE)
+        assert poll.poll(0) == []
+        far.send(b"x")
+        assert poll.poll(None) == [(near.fileno(), READABLE)]
+        poll.register(near.fileno(), READABLE | WRITABLE)
+        assert poll.poll(-1) == [(near.fileno(), READABLE | WRITABLE)]
+
+
+def test_waiting_for_nothing_takes_its_time(poll: system.Poll) -> None:
+    start = time.monotonic()
+    assert poll.poll(20.0) == []
+    assert time.monotonic() - start >= 0.02
