@@ -9,6 +9,7 @@ from tests.strangers import STRANGER, BelongsTo
 
 from hexwire.errors import UsageError
 from hexwire.folders import make_folder, make_private_folder, open_folder, runtime_folder
+from hexwire.system import lock_file
 
 
 def test_folders_are_made_where_they_are_missing(tmp_path: Path, belongs_to: BelongsTo) -> None:
@@ -46,6 +47,12 @@ def test_a_folder_is_opened(tmp_path: Path, way: str) -> None:
         assert [path.name for path in tmp_path.iterdir()] == ["b"]
         folder.remove("b")
         assert not list(tmp_path.iterdir())
+        first, second = folder.open_lock(), folder.open_lock()
+        assert lock_file(first)
+        assert not lock_file(second)
+        os.close(first)
+        assert lock_file(second, wait=True)
+        os.close(second)
 
 
 def test_a_folder_that_is_missing_or_a_file(tmp_path: Path, way: str) -> None:

@@ -60,6 +60,9 @@ class Folder(Protocol):
     def rename(self, name: str, to: str) -> None:
         """Rename a file; replaces the one that had the new name."""
 
+    def open_lock(self) -> int:
+        """Open what programs lock that change files of the folder; returns its descriptor, for `lock_file`."""
+
     def close(self) -> None:
         """Close the folder."""
 
@@ -105,6 +108,9 @@ class _NamedFolder(_Closing):
 
     def rename(self, name: str, to: str) -> None:
         (self._path / name).replace(self._path / to)
+
+    def open_lock(self) -> int:
+        return os.open(self._path / ".lock", os.O_RDWR | os.O_CREAT, 0o600)
 
 
 def open_folder(path: Path) -> Folder:
@@ -204,6 +210,9 @@ if sys.platform == "linux" and HAS_FOLDER_DESCRIPTORS:
 
         def rename(self, name: str, to: str) -> None:
             os.rename(name, to, src_dir_fd=self.descriptor, dst_dir_fd=self.descriptor)
+
+        def open_lock(self) -> int:
+            return os.open(".", os.O_RDONLY | os.O_DIRECTORY | CLOSE_ON_EXEC, dir_fd=self.descriptor)
 
         def close(self) -> None:
             os.close(self.descriptor)

@@ -102,17 +102,22 @@ def device_parts(number: int) -> tuple[int, int]:
 # --- files -------------------------------------------------------------------------------------------------------
 
 
-def lock_file(descriptor: int) -> bool:
-    """Lock an open file for this program, until it is closed or the program ends; False if another one has it."""
+def lock_file(descriptor: int, *, wait: bool = False) -> bool:
+    """Lock an open file for this program, until it is closed or the program ends; False if another one has it.
+
+    Args:
+        descriptor: Of the file; on Windows, open for writing.
+        wait: Wait for the other one; on Windows at most 10 s.
+    """
     try:
         if sys.platform == "win32":
             import msvcrt
 
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
         else:
             import fcntl
 
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
         return False
     return True

@@ -6,7 +6,6 @@ person can read and change it. Must not know robots, nor how an arm gets to a po
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
 import os
@@ -17,8 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
+from hexwire.folders import make_folder, open_folder
 from hexwire.inputs import parse_toml, read_text
-from hexwire.new_file import OutputFile, make_folder, open_folder
+from hexwire.new_file import OutputFile
+from hexwire.system import lock_file
 from hexwire.units import decimal
 
 if TYPE_CHECKING:
@@ -175,13 +176,10 @@ class PoseFile:
     def _changing(self) -> Iterator[dict[str, dict[str, float]]]:
         """The poses, to be changed; the file is written at the end, and no other program changes it meanwhile."""
         make_folder(self.path.parent)
-        folder = open_folder(self.path.parent)
+        with open_folder(self.path.parent) as folder:
+            lock = folder.open_lock()
         try:
-            lock = os.open(".", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC, dir_fd=folder)
-        finally:
-            os.close(folder)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            lock_file(lock, wait=True)
             poses = self.load()
             yield poses
             text = _serialize(poses)
