@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import IO, BinaryIO
 
 from hexwire.errors import ConfigError, HexwireError, UsageError
+from hexwire.folders import make_folder
 from hexwire.inputs import parse_message
-from hexwire.new_file import OutputFile, make_folder
+from hexwire.new_file import OutputFile
 
 from .capture import BYTES, recover
 from .mcap_file import Readable, read_records
