@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.bus.bus_bench import make_bus
 
-from hexwire.cli import bus_live, bus_setup
+from hexwire.cli import bus_live
 from hexwire.cli.main import cli
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.faults import FaultPlan
@@ -37,7 +37,6 @@ class BusCli:
         clock = self.link.clock
         fake = SimpleNamespace(monotonic=clock, perf_counter=clock, sleep=clock.advance)
         monkeypatch.setattr(bus_live, "time", fake)
-        monkeypatch.setattr(bus_setup, "time", fake, raising=False)
 
     def _make_link(self, url: str) -> Any:
         self.urls.append(url)

@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 from tests.cli.bus_cli import BusCli
 
-from hexwire.cli import bus_setup
 from hexwire.drivers.stop_memory import StopMemory
-from hexwire.model.calibration import Calibration
 
 
 def test_set_id_asks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,41 +79,3 @@ def test_backup_diff_restore(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert bus.run("restore", file, "--ids", "9", "--yes").exit_code == 2
     (tmp_path / "c.json").write_text("{")
     assert bus.run("diff", str(tmp_path / "c.json")).exit_code == 2
-
-
-def test_calibration_wizard(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    bus = BusCli(monkeypatch, (1, 2, 3, 4, 5, 6))
-    path = iter([2500, 2700, 1500, 1400, 2048, None])
-
-    def moved(seconds: float) -> bool:
-        position = next(path)
-        for servo in bus.device.wire.servos:
-            if position is not None:
-                servo.motion.position = float(position)
-        bus.link.clock.advance(0.01)
-        return position is None
-
-    monkeypatch.setattr(bus_setup, "_entered", moved)
-    file = tmp_path / "cal.toml"
-    output = bus.ok("calibrate", "so101", str(file), answer="\n\n")
-    assert "torque will be switched off: hold the arm" in output
-    found = Calibration.parse(file.read_text())
-    assert found.arm == "so101"
-    assert found.taken
-    assert found.joints[0].name == "shoulder_pan"
-    for row in found.joints:
-        assert abs(row.low - 1400) <= 2
-        assert abs(row.high - 2700) <= 2
-        assert (row.model, row.firmware, row.servo_offset) == ("sts3215", "3.10", 0)
-    assert bus.run("calibrate", "so101", str(file)).exit_code == 2
-    assert bus.run("calibrate", "hex7bot", str(tmp_path / "x.toml")).exit_code == 2
-
-
-def test_a_lerobot_file_is_taken_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    bus = BusCli(monkeypatch)
-    theirs = tmp_path / "follower.json"
-    row = {"id": 1, "drive_mode": 0, "homing_offset": -1470, "range_min": 758, "range_max": 3292}
-    theirs.write_text(json.dumps({"shoulder_pan": row}))
-    mine = tmp_path / "cal.toml"
-    assert "1 joints saved" in bus.ok("calibrate", "so101", str(mine), "--lerobot", str(theirs))
-    assert Calibration.parse(mine.read_text()).joints[0].middle == 2025

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import math
 
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.calibration import Calibration, JointCalibration, RangeSweep
+from hexwire.model.calibration import Calibration, JointCalibration
 
 SCALE = 2 * math.pi / 4096
 MODEL = ArmModel(
@@ -46,14 +47,49 @@ def test_apply() -> None:
         Calibration("two", "", (JointCalibration("c", 7, 2, 1, 3),)).apply(MODEL)
 
 
-def test_lerobot_files_are_taken_over() -> None:
+# LeRobot 0.4.4, `MotorsBus._normalize` with MotorNormMode.DEGREES, of the file above:
+# (raw - (range_min + range_max) / 2) * 360 / 4095; drive_mode has no effect on degrees.
+LEROBOT_DEGREES = {
+    "a": {758: -111.38461538461539, 2025: 0.0, 2048: 2.021978021978022, 3292: 111.38461538461539},
+    "b": {801: -107.20879120879121, 2020: -0.04395604395604396, 2500: 42.15384615384615},
+}
+
+
+def test_a_lerobot_file_gives_the_degrees_of_lerobot() -> None:
     calibration = Calibration.from_lerobot(json.dumps(LEROBOT), arm="two", taken="2026-01-01")
     first, second = calibration.joints
     assert (first.middle, first.low, first.high, first.sign, first.servo_offset) == (2025, 758, 3292, 1, -1470)
-    assert second.sign == -1
-    # LeRobot's degrees: (raw - middle) * 360 / 4095 with drive_mode turning the sign.
-    angle = calibration.apply(MODEL).joints[1].counts_to_angle(2500)
-    assert math.degrees(angle) == pytest.approx(-(2500 - 2020.5) * 360 / 4095, abs=0.2)
+    assert (second.middle, second.sign, second.drive_mode) == (2020.5, 1, 1)
+    applied = calibration.apply(MODEL)
+    for name, vectors in LEROBOT_DEGREES.items():
+        for raw, degrees in vectors.items():
+            joint = applied.joint(name)
+            assert math.degrees(joint.counts_to_angle(raw)) == pytest.approx(degrees, abs=1e-9)
+            assert joint.angle_to_counts(math.radians(degrees)) == raw
+    assert Calibration.parse(calibration.serialize()) == calibration
+
+
+def test_a_lerobot_file_there_and_back() -> None:
+    calibration = Calibration.from_lerobot(json.dumps(LEROBOT), arm="two")
+    assert json.loads(calibration.to_lerobot()) == LEROBOT
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"servo_offset": None}, "the offset stored in its servo is unknown"),
+        ({"servo_offset": 2114}, "its offset 2114 is more than 2047"),
+        ({"low": -5}, "passes the end of the turn"),
+        ({"high": 4096}, "passes the end of the turn"),
+        ({"middle": 2100}, "its middle 2100 is not the middle of its range"),
+        ({"sign": -1}, "it is reversed"),
+    ],
+)
+def test_what_lerobot_cannot_express_is_refused(changed: dict[str, int | None], why: str) -> None:
+    row = JointCalibration("a", 1, 2047.5, 1000, 3095, servo_offset=5)
+    assert json.loads(Calibration("x", "", (row,)).to_lerobot())["a"]["range_max"] == 3095
+    with pytest.raises(UsageError, match=f"a cannot be written as a LeRobot calibration: .*{why}"):
+        Calibration("x", "", (dataclasses.replace(row, **changed),)).to_lerobot()
 
 
 LEROBOT_ROW = '"drive_mode": 0, "homing_offset": 0, "range_min": 1, "range_max": 9'
@@ -107,33 +143,3 @@ def test_any_text_is_a_calibration_or_a_named_error(text: str) -> None:
     for parse in (Calibration.parse, lambda t: Calibration.from_lerobot(t, arm="x")):
         with contextlib.suppress(ConfigError):
             parse(text)
-
-
-@given(st.integers(1, 4095), st.lists(st.integers(-300, 300), max_size=60))
-def test_a_sweep_follows_the_joint_over_the_end_of_a_turn(middle: int, steps: list[int]) -> None:
-    sweep, true, low, high = RangeSweep({"a": middle}), middle, middle, middle
-    for step in steps:
-        true += step
-        low, high = min(low, true), max(high, true)
-        sweep.receive({"a": true % 4096})
-        sweep.receive({"a": None, "z": 3})
-    assert sweep.ranges == {"a": (low, high)}
-    assert bool(sweep.wrapped) is (low < 0 or high > 4095)
-
-
-def test_a_sweep_names_what_is_left_to_do() -> None:
-    sweep = RangeSweep({"a": 2000, "b": 100})
-    for step in range(0, 200, 20):
-        sweep.receive({"a": 2000 + step})
-    assert sweep.unmoved == ("b",)
-    with pytest.raises(UsageError, match="b was not moved"):
-        sweep.finish(MODEL, "")
-    for step in range(0, 200, 20):
-        sweep.receive({"b": (100 - step) % 4096})
-    with pytest.raises(UsageError, match="b passed the end"):
-        sweep.finish(MODEL, "")
-    good = RangeSweep({"a": 2000})
-    good.receive({"a": 1900})
-    good.receive({"a": 2100})
-    calibration = good.finish(MODEL, "now", {"a": (5, "sts3215", "3.10")})
-    assert calibration.joints == (JointCalibration("a", 1, 2000, 1900, 2100, 1, 5, "sts3215", "3.10"),)

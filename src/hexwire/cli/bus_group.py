@@ -23,7 +23,16 @@ from .output import plain
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
 
-__all__ = ["BusOptions", "bus", "bus_options", "known_servo", "open_bus", "refuse_if_stopped", "with_unit"]
+__all__ = [
+    "BusOptions",
+    "bus",
+    "bus_options",
+    "bus_url",
+    "known_servo",
+    "open_bus",
+    "refuse_if_stopped",
+    "with_unit",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +80,7 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
     from hexwire.wire.registers import Series
 
     series = as_series(options.series) if options.series else Series.STS_SMS
-    url = resolve_url(options.port or _only_adapter(), options.baud)
-    with ServoBus.from_url(url, series=series) as opened:
+    with ServoBus.from_url(bus_url(options), series=series) as opened:
         try:
             yield opened
         except ServoError:
@@ -80,6 +88,16 @@ def open_bus(options: BusOptions) -> Iterator[ServoBus]:
                 _look_for_board(opened)
             raise
         _warn_of_latency(opened)
+
+
+def bus_url(options: BusOptions) -> str:
+    """The URL of the bus that the options name, or of the only likely adapter.
+
+    Raises:
+        UsageError: The port is invalid, or there are several adapters.
+        LinkNotFoundError: No port is named, and there is no adapter.
+    """
+    return resolve_url(options.port or _only_adapter(), options.baud)
 
 
 def refuse_if_stopped(opened: ServoBus, what: str) -> None:

@@ -1,4 +1,4 @@
-"""The `bus` commands that set servos up: ids, rates, the middle, stored settings, recovery, calibration.
+"""The `bus` commands that set servos up: ids, rates, the middle, stored settings, recovery.
 
 Owns the questions asked before something is changed. Must not know how a step is made safe: `bus.setup` does.
 """
@@ -6,8 +6,6 @@ Owns the questions asked before something is changed. Must not know how a step i
 from __future__ import annotations
 
 import datetime
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -15,16 +13,11 @@ from hexwire.errors import ServoError, UsageError
 from hexwire.new_file import OutputFile
 
 from .bus_group import BusOptions, bus, bus_options, known_servo, open_bus, refuse_if_stopped
-from .common import confirm, force_option, json_option, resolve_url
-from .exits import note
-from .output import answer, format_table, print_json, say, say_table
+from .common import confirm, force_option, json_option
+from .output import answer, print_json, say, say_table
 from .sim_bus import parse_ids
 
-if TYPE_CHECKING:
-    from hexwire.drivers.bus_arm import BusArm
-    from hexwire.model.calibration import Calibration
-
-__all__ = ["calibrate"]
+__all__ = ["set_baud", "set_id"]
 
 _ID = click.IntRange(0, 253)
 _YES = click.option("--yes", is_flag=True, help="Do not ask.")
@@ -192,101 +185,3 @@ def diff(file: str, options: BusOptions, as_json: bool) -> None:
 
 def _cell(value: int | None) -> str:
     return "-" if value is None else str(value)
-
-
-@bus.command()
-@click.argument("robot")
-@click.argument("file", type=click.Path(dir_okay=False))
-@click.option(
-    "--lerobot", type=click.Path(exists=True, dir_okay=False), help="Import this LeRobot file instead of measuring."
-)
-@click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="End the sweep after N seconds.")
-@force_option
-@bus_options
-@json_option
-def calibrate(
-    robot: str,
-    file: str,
-    lerobot: str | None,
-    seconds: int | None,
-    force: bool,
-    options: BusOptions,
-    as_json: bool,
-) -> None:
-    """Measure middle and range of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
-
-    Torque is switched off: hold the arm. Move every joint to the middle of its range, press Enter, then move every
-    joint through its range and press Enter again.
-    """
-    from hexwire.drivers.registry import load_bus_arm
-
-    driver = load_bus_arm(robot)
-    with OutputFile(file, force=force) as out:
-        found = _calibration(driver, robot, lerobot, seconds, options)
-        out.file.write(found.serialize().encode())
-    joints = [joint.name for joint in found.joints]
-    answer(as_json, {"file": file, "joints": joints}, f"{len(joints)} joints saved to {file}")
-
-
-def _calibration(
-    driver: type[BusArm], robot: str, lerobot: str | None, seconds: int | None, options: BusOptions
-) -> Calibration:
-    """Import a calibration, or measure it."""
-    from hexwire.inputs import read_text
-    from hexwire.model.calibration import Calibration
-
-    if lerobot is not None:
-        text = read_text(lerobot)
-        taken = datetime.datetime.fromtimestamp(Path(lerobot).stat().st_mtime).astimezone()
-        return Calibration.from_lerobot(text, arm=robot, taken=taken.isoformat(timespec="seconds"), file=lerobot)
-    with driver.from_url(resolve_url(options.port, options.baud)) as arm:
-        return _wizard(arm, seconds)
-
-
-def _wizard(arm: BusArm, seconds: int | None) -> Calibration:
-    import time
-
-    from hexwire.bus.setup import identify
-    from hexwire.model.calibration import RangeSweep
-
-    note("torque will be switched off: hold the arm")
-    click.pause("press Enter when you hold it ", err=True)
-    missing = set(arm.model.names) - set(arm.torque(False))
-    if missing:
-        raise ServoError(f"{', '.join(sorted(missing))} did not confirm torque off; nothing was saved")
-    click.pause("move every joint to the middle of its range, then press Enter ", err=True)
-    ids = tuple(joint.servo_id for joint in arm.model.joints)
-    readings = arm.bus.sync_read("present_position", ids).check()
-    middles = {joint.name: reading.raw or 0 for joint, reading in zip(arm.model.joints, readings, strict=True)}
-    sweep = RangeSweep(middles)
-    note(
-        "now move every joint to both ends of its range, then press Enter"
-        if seconds is None
-        else "now move every joint to both ends of its range"
-    )
-    end = None if seconds is None else time.monotonic() + seconds
-    while not _entered(0.02) if end is None else time.monotonic() < end:
-        now = arm.bus.sync_read("present_position", ids)
-        sweep.receive(dict(zip(arm.model.names, now.raw, strict=True)))
-        if end is not None:
-            time.sleep(0.02)
-    servos = {}
-    for joint in arm.model.joints:
-        info = identify(arm.bus, joint.servo_id)
-        has_offset = "position_offset" in arm.bus.series_of(joint.servo_id).registers
-        offset = arm.bus.read(joint.servo_id, "position_offset").raw if has_offset else None
-        servos[joint.name] = (offset, info.model_name if info else "", info.firmware if info else "")
-    rows = [(name, str(low), str(middles[name]), str(high)) for name, (low, high) in sweep.ranges.items()]
-    for line in format_table(("joint", "low", "middle", "high"), rows).splitlines():
-        note(line)
-    return sweep.finish(arm.model, _now(), servos)
-
-
-def _entered(seconds: float) -> bool:
-    import select
-    import sys
-
-    ready, _, _ = select.select([sys.stdin], [], [], seconds)
-    if ready:
-        sys.stdin.readline()
-    return bool(ready)

@@ -77,12 +77,15 @@ def load_arm_file(path: str | Path) -> BusArmFile:
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """Load a calibration from a file.
+    """Load a calibration from a file of hexwire, or of LeRobot if its name ends with ``.json``.
 
     Raises:
         ConfigError: The file is invalid.
     """
-    return Calibration.parse(read_text(path), file=str(path))
+    text = read_text(path)
+    if Path(path).suffix.lower() == ".json":
+        return Calibration.from_lerobot(text, arm=Path(path).stem, file=str(path))
+    return Calibration.parse(text, file=str(path))
 
 
 def _parse(text: str, file: str) -> BusArmFile:

@@ -83,8 +83,7 @@ class BusArm(RobotDriver):
         bus: ServoBus | None = None,
     ) -> None:
         super().__init__()
-        if arm is None:
-            arm = load_profile(self.profile) if self._file is None else load_arm_file(self._file)
+        arm = arm or self.described()
         calibration = calibration or arm.calibration
         self.model: ArmModel = arm.model if calibration is None else calibration.apply(arm.model)
         self.calibration = calibration
@@ -106,6 +105,15 @@ class BusArm(RobotDriver):
         self._goals = BusGoals(self.bus)
         self._positions: dict[str, float] = {}
         self._sampled: dict[str, float] = {}
+
+    @classmethod
+    def described(cls) -> BusArmFile:
+        """The arm as its file or profile describes it.
+
+        Raises:
+            ConfigError: The file is invalid.
+        """
+        return load_profile(cls.profile) if cls._file is None else load_arm_file(cls._file)
 
     @classmethod
     def from_url(cls, url: str, **options: Any) -> Self:

@@ -1,13 +1,14 @@
 """Calibration of each joint: its middle and its ends in counts, the date, and the servo.
 
-Owns the value, its TOML text, the import of LeRobot's files, and the data of the two calibration steps: move the
-arm to the middle, then move every joint through its range. Reads and writes text, not files; must not know servos.
+Owns the value, its TOML text, and the text of LeRobot's files in both directions. Reads and writes text, not files;
+must not know servos, nor how a calibration is measured.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,11 +17,13 @@ from hexwire.inputs import Item, parse_json, parse_toml
 
 from .arm import ArmModel
 
-__all__ = ["Calibration", "JointCalibration", "RangeSweep"]
+__all__ = ["LEROBOT_TURN", "Calibration", "JointCalibration"]
 
 _TURN = 4096
-_LEAST_RANGE = 20
-"""Counts that a joint must move in a sweep; a joint that moved less was forgotten."""
+LEROBOT_TURN = 4095
+"""Counts that LeRobot takes for a turn of 360 degrees (`MotorsBus._normalize`, LeRobot 0.4.4)."""
+_LARGEST_OFFSET = 2047
+"""Largest offset that a servo can store: 11 bits and a sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,28 +33,32 @@ class JointCalibration:
     Attributes:
         name: Joint name.
         servo_id: Id of its servo.
-        middle: Count of the middle position.
+        middle: Count at which the joint's angle is 0; may lie between two counts.
         low: Lowest count it may go to.
         high: Highest count it may go to.
         sign: 1, or -1 if the direction is reversed.
         servo_offset: Position offset stored in the servo at that time; None if it has none.
         model: Servo model, such as ``sts3215``.
         firmware: Firmware version, such as ``3.10``.
+        turn: Counts that are 360 degrees: 4096, or 4095 in files of LeRobot.
+        drive_mode: LeRobot's; 1 reverses its values from -100 to 100, but not its degrees: no effect here.
     """
 
     name: str
     servo_id: int
-    middle: int
+    middle: float
     low: int
     high: int
     sign: int = 1
     servo_offset: int | None = None
     model: str = ""
     firmware: str = ""
+    turn: int = _TURN
+    drive_mode: int = 0
 
     def __post_init__(self) -> None:
         if not self.low <= self.middle <= self.high:
-            raise UsageError(f"{self.name}: middle {self.middle} is not between {self.low} and {self.high}")
+            raise UsageError(f"{self.name}: middle {self.middle:g} is not between {self.low} and {self.high}")
         if self.sign not in (1, -1):
             raise UsageError(f"{self.name}: sign {self.sign} is neither 1 nor -1")
 
@@ -90,7 +97,11 @@ class Calibration:
                     f"{joint.name} was calibrated on servo {row.servo_id}, but {model.name} has servo "
                     f"{joint.servo_id} there: calibrate again, or correct the servo's id"
                 )
-            joint = replace(joint, neutral=row.middle, sign=joint.sign * row.sign)
+            # The middle of a range may lie between two counts; a joint's neutral position does not.
+            neutral, sign = math.floor(row.middle), joint.sign * row.sign
+            scale = joint.scale * _TURN / row.turn
+            offset = joint.offset - sign * (row.middle - neutral) * scale
+            joint = replace(joint, neutral=neutral, sign=sign, scale=scale, offset=offset)
             ends = sorted((joint.counts_to_angle(row.low), joint.counts_to_angle(row.high)))
             joints.append(replace(joint, minimum=ends[0], maximum=ends[1]))
         return replace(model, joints=tuple(joints))
@@ -102,8 +113,8 @@ class Calibration:
             lines += ["", "[[joints]]"]
             for key in row.__slots__:
                 value = getattr(row, key)
-                if value is not None:
-                    lines.append(f"{key} = {json.dumps(value)}")
+                if value is not None and value != _USUAL.get(key):
+                    lines.append(f"{key} = {json.dumps(_plain(value))}")
         return "\n".join(lines) + "\n"
 
     @classmethod
@@ -122,8 +133,8 @@ class Calibration:
     def from_lerobot(cls, text: str, *, arm: str, taken: str = "", file: str = "") -> Calibration:
         """Import a LeRobot calibration file.
 
-        LeRobot's middle is the middle of its range, its `homing_offset` is stored in the servo, and `drive_mode` 1
-        reverses a joint.
+        The angles of the joints are then LeRobot's degrees: 0 is the middle of the range, 4095 counts are a turn,
+        and `drive_mode` has no effect. `homing_offset` must be stored in the servo.
 
         Raises:
             ConfigError: It is not such a file.
@@ -137,10 +148,58 @@ class Calibration:
             offset = row["homing_offset"].integer(-_MOST_COUNTS, _MOST_COUNTS)
             servo_id = row["id"].integer(0, _MOST_JOINTS)
             Item(name, file, "a joint's name").text(100, least=1)
-            rows.append(_checked(item, name, servo_id, (low + high) // 2, low, high, -1 if turned else 1, offset))
+            rows.append(
+                _checked(
+                    item,
+                    name,
+                    servo_id,
+                    (low + high) / 2,
+                    low,
+                    high,
+                    servo_offset=offset,
+                    turn=LEROBOT_TURN,
+                    drive_mode=turned,
+                )
+            )
         if not rows:
             raise root.fault("is not a LeRobot calibration: it has no joint")
         return cls(arm, taken, tuple(rows))
+
+    def to_lerobot(self) -> str:
+        """As the text of a LeRobot calibration file.
+
+        Raises:
+            UsageError: LeRobot cannot express a joint; the text says why.
+        """
+        rows = {}
+        for row in self.joints:
+            why = _why_not_lerobot(row)
+            if why:
+                raise UsageError(f"{row.name} cannot be written as a LeRobot calibration: {why}")
+            rows[row.name] = {
+                "id": row.servo_id,
+                "drive_mode": row.drive_mode,
+                "homing_offset": row.servo_offset,
+                "range_min": row.low,
+                "range_max": row.high,
+            }
+        return json.dumps(rows, indent=4) + "\n"
+
+
+def _why_not_lerobot(row: JointCalibration) -> str:
+    if row.servo_offset is None:
+        return "the offset stored in its servo is unknown; calibrate again"
+    if abs(row.servo_offset) > _LARGEST_OFFSET:
+        return f"its offset {row.servo_offset} is more than {_LARGEST_OFFSET}; calibrate again"
+    if not 0 <= row.low < row.high < _TURN:
+        return f"its range {row.low} to {row.high} passes the end of the turn; calibrate again"
+    if abs(row.middle - (row.low + row.high) / 2) > 0.5:
+        return f"its middle {row.middle:g} is not the middle of its range, as LeRobot assumes; calibrate again"
+    return "it is reversed, and LeRobot's degrees cannot be" if row.sign != 1 else ""
+
+
+def _plain(value: object) -> object:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 _MOST_JOINTS = 253
@@ -149,6 +208,8 @@ _MOST_COUNTS = 1_000_000
 _LEROBOT = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
 _TEXTS = ("name", "model", "firmware")
 _NEEDED = ("name", "servo_id", "middle", "low", "high")
+_USUAL = {"turn": _TURN, "drive_mode": 0}
+"""Values that are not written."""
 
 
 def _row(item: Item) -> JointCalibration:
@@ -158,11 +219,12 @@ def _row(item: Item) -> JointCalibration:
         if key in _TEXTS:
             values[key] = value.text(100, least=key == "name")
         else:
-            values[key] = value.integer(0, _MOST_JOINTS) if key == "servo_id" else value.integer(*_COUNTS)
+            values[key] = value.number(*_COUNTS) if key == "middle" else value.integer(*_BOUNDS.get(key, _COUNTS))
     return _checked(item, **values)
 
 
 _COUNTS = (-_MOST_COUNTS, _MOST_COUNTS)
+_BOUNDS = {"servo_id": (0, _MOST_JOINTS), "turn": (1, _MOST_COUNTS), "drive_mode": (0, 1)}
 
 
 def _checked(item: Item, *values: Any, **named: Any) -> JointCalibration:
@@ -176,77 +238,3 @@ def _check_names(rows: Sequence[JointCalibration], item: Item) -> None:
     names = [row.name for row in rows]
     if len(set(names)) != len(names):
         raise item.fault("name a joint twice")
-
-
-class RangeSweep:
-    """Collects positions while the user moves the joints, and finds the ends of each.
-
-    Args:
-        middles: Count of each joint's middle, by name.
-    """
-
-    def __init__(self, middles: Mapping[str, int]) -> None:
-        self.middles = dict(middles)
-        self._last = dict(middles)
-        self._low = dict(middles)
-        self._high = dict(middles)
-
-    def receive(self, positions: Mapping[str, int | None]) -> None:
-        """Process positions; a joint whose servo did not answer is None or left out."""
-        for name, raw in positions.items():
-            if raw is None or name not in self._last:
-                continue
-            last = self._last[name]
-            # A single-turn sensor jumps from 4095 to 0: the joint took the shorter direction.
-            counts = last + (raw - last + _TURN // 2) % _TURN - _TURN // 2
-            self._last[name] = counts
-            self._low[name] = min(self._low[name], counts)
-            self._high[name] = max(self._high[name], counts)
-
-    @property
-    def ranges(self) -> dict[str, tuple[int, int]]:
-        """Lowest and highest count of each joint so far."""
-        return {name: (self._low[name], self._high[name]) for name in self.middles}
-
-    @property
-    def unmoved(self) -> tuple[str, ...]:
-        """Joints that have not been moved yet."""
-        return tuple(name for name, (low, high) in self.ranges.items() if high - low < _LEAST_RANGE)
-
-    @property
-    def wrapped(self) -> tuple[str, ...]:
-        """Joints that passed the end of the sensor's turn: their middle must be set in the servo first."""
-        return tuple(name for name, (low, high) in self.ranges.items() if low < 0 or high >= _TURN)
-
-    def finish(
-        self, model: ArmModel, taken: str, servos: Mapping[str, tuple[int | None, str, str]] | None = None
-    ) -> Calibration:
-        """The calibration.
-
-        Args:
-            model: The arm.
-            taken: Date and time, ISO 8601.
-            servos: Offset, model and firmware of each joint's servo.
-
-        Raises:
-            UsageError: A joint was not moved, or passed the end of a turn; the text names it.
-        """
-        _none_of(self.unmoved, "was not moved", "move every joint to both ends")
-        _none_of(
-            self.wrapped, "passed the end of the sensor's turn", "centre its servo first (`hexwire bus center`)"
-        )
-        rows: list[JointCalibration] = []
-        for joint in model.joints:
-            if joint.name not in self.middles:
-                continue
-            low, high = self.ranges[joint.name]
-            offset, kind, firmware = (servos or {}).get(joint.name, (None, "", ""))
-            middle = self.middles[joint.name]
-            rows.append(JointCalibration(joint.name, joint.servo_id, middle, low, high, 1, offset, kind, firmware))
-        return Calibration(model.name, taken, tuple(rows))
-
-
-def _none_of(names: Iterable[str], what: str, advice: str) -> None:
-    listed = ", ".join(names)
-    if listed:
-        raise UsageError(f"{listed} {what}: {advice}")

@@ -1,0 +1,271 @@
+"""`bus calibrate`: middle and ends of every joint, by hand, automatically, or from a file.
+
+Owns the questions, the live tables and the files. Must not know how a joint is measured: `hexwire.control` does.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hexwire.errors import StoppedError, UsageError
+from hexwire.new_file import OutputFile
+
+from .bus_group import BusOptions, bus, bus_options, bus_url
+from .common import confirm, force_option, json_option, on_terminal
+from .exits import note, shielded
+from .output import answer, format_table, line_width, plain
+
+if TYPE_CHECKING:
+    from hexwire.control.auto_calibration import AutoCalibration
+    from hexwire.control.calibrating import CalibrationBench
+    from hexwire.control.hand_calibration import HandCalibration
+    from hexwire.drivers.bus_arm import BusArm
+    from hexwire.model.calibration import Calibration
+
+__all__ = ["calibrate"]
+
+_PERIOD = 0.02
+_REDRAW = 0.1
+_HEAD = ("joint", "min deg", "now", "max deg", "missing")
+_FREE = (
+    "The arm moves every joint to its stops, for about two minutes. It is put down folded, the gripper in the "
+    "middle of its roll, nothing is within its reach, and you can switch its supply off. Go on?"
+)
+
+
+def _now() -> str:
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+
+
+@bus.command()
+@click.argument("robot")
+@click.argument("file", type=click.Path(dir_okay=False))
+@click.option("--auto", is_flag=True, help="Let the arm find its stops itself. It moves!")
+@click.option(
+    "--from",
+    "--lerobot",
+    "source",
+    type=click.Path(exists=True, dir_okay=False),
+    help="Take over this calibration, of hexwire or LeRobot (.json), instead of measuring.",
+)
+@click.option("--store", "stores", is_flag=True, help="With --from: store its offsets and limits in the servos.")
+@click.option("--seconds", type=click.IntRange(min=1), metavar="N", help="By hand: end after N seconds.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@force_option
+@bus_options
+@json_option
+def calibrate(
+    robot: str,
+    file: str,
+    auto: bool,
+    source: str | None,
+    stores: bool,
+    seconds: int | None,
+    yes: bool,
+    force: bool,
+    options: BusOptions,
+    as_json: bool,
+) -> None:
+    """Measure middle and ends of every joint of ROBOT (so101, or a TOML file) and save them to FILE.
+
+    A FILE that ends with .json has LeRobot's format. The offsets and limits are stored in the servos, as LeRobot
+    does.
+
+    By hand: torque is switched off, so hold the arm. Put wrist_roll in its middle, press Enter, move every joint to
+    both ends, and press Enter when nothing is missing. It does not matter where the joints are at the beginning.
+
+    With --auto the arm does this itself with low torque, in an order that keeps it off the table. It stops at
+    anything odd, and Ctrl-C leaves it without torque.
+    """
+    from hexwire.drivers.registry import load_bus_arm
+
+    if source is not None and (auto or seconds is not None):
+        raise UsageError("--from takes a calibration from a file, so --auto and --seconds do not apply")
+    if auto and seconds is not None:
+        raise UsageError("--auto ends by itself; leave out --seconds")
+    if stores and source is None:
+        raise UsageError("a new calibration is always stored in the servos; --store is for --from")
+    driver = load_bus_arm(robot)
+    with OutputFile(file, force=force) as out:
+        if source is not None:
+            found = _loaded(source, robot, driver)
+            text = _text(found, file)
+            if stores:
+                with _bench(driver, options) as bench:
+                    _store(bench, found)
+        else:
+            with _bench(driver, options) as bench:
+                found = _automatic(bench, yes) if auto else _by_hand(bench, seconds, yes)
+                text = _text(found, file)
+                _store(bench, found)
+        out.file.write(text.encode())
+    joints = [joint.name for joint in found.joints]
+    answer(as_json, {"file": file, "joints": joints}, f"{len(joints)} joints saved to {file}")
+
+
+def _text(found: Calibration, file: str) -> str:
+    return found.to_lerobot() if _is_lerobot(file) else found.serialize()
+
+
+def _is_lerobot(file: str) -> bool:
+    return Path(file).suffix.lower() == ".json"
+
+
+def _loaded(source: str, robot: str, driver: type[BusArm]) -> Calibration:
+    from dataclasses import replace
+
+    from hexwire.drivers.arm_file import load_calibration
+
+    found = load_calibration(source)
+    if _is_lerobot(source):
+        taken = datetime.datetime.fromtimestamp(Path(source).stat().st_mtime).astimezone()
+        found = replace(found, arm=robot, taken=taken.isoformat(timespec="seconds"))
+    found.apply(driver.described().model)
+    return found
+
+
+@contextmanager
+def _bench(driver: type[BusArm], options: BusOptions) -> Iterator[CalibrationBench]:
+    from hexwire.control.calibrating import CalibrationBench, counting_arm
+    from hexwire.wire.command_frame import Status
+
+    described = driver.described()
+    with driver.from_url(bus_url(options), arm=counting_arm(described)) as arm:
+        if arm.epochs.stopped:
+            why = "the arm is stopped; `hexwire resume` ends that"
+            raise StoppedError.unsent("a calibration", int(Status.STOPPED), why)
+        bench = CalibrationBench(arm, described, shield=shielded)
+        bench.examine()
+        yield bench
+
+
+def _store(bench: CalibrationBench, found: Calibration) -> None:
+    from hexwire.control.calibrating import store
+
+    with shielded():
+        changed = store(bench.arm.bus, found)
+    note(f"stored in the servos of {', '.join(changed)}" if changed else "the servos have these values already")
+
+
+# --- by hand ---------------------------------------------------------------------------------------------------
+
+
+def _by_hand(bench: CalibrationBench, seconds: int | None, yes: bool) -> Calibration:
+    note("torque will be switched off: hold the arm")
+    if not yes:
+        click.pause("press Enter when you hold it ", err=True)
+    bench.release()
+    hand = bench.by_hand()
+    if hand.endless:
+        note(f"put {' and '.join(hand.endless)} in its middle: it has no stops, so this is where its angle is 0")
+        click.pause("then press Enter ", err=True)
+    _sample(bench, hand)
+    hand.mark_middle()
+    note("now move every joint to both ends" + (", then press Enter" if seconds is None else ""))
+    _sweep(bench, hand, seconds)
+    return hand.finish(_now())
+
+
+def _sample(bench: CalibrationBench, hand: HandCalibration) -> None:
+    hand.receive(bench.positions(), time.monotonic())
+
+
+def _sweep(bench: CalibrationBench, hand: HandCalibration, seconds: int | None) -> None:
+    """Sample until nothing is missing and Enter is pressed; Enter twice accepts what is there."""
+    end = None if seconds is None else time.monotonic() + seconds
+    warned, redraw = "", 0.0
+    with _screen() as show:
+        while end is None or time.monotonic() < end:
+            _sample(bench, hand)
+            if time.monotonic() >= redraw:
+                redraw = time.monotonic() + _REDRAW
+                show(_rows(hand))
+            if end is not None:
+                time.sleep(_PERIOD)
+            elif _entered(_PERIOD):
+                missing = "; ".join(f"{row.name} {row.missing}" for row in hand.missing)
+                if not hand.unmoved and missing in ("", warned):
+                    break
+                warned = missing
+                note(f"still missing: {missing}" + ("" if hand.unmoved else " (Enter accepts it as it is)"))
+    if not on_terminal():
+        for line in format_table(_HEAD, _rows(hand)).splitlines():
+            note(line)
+
+
+def _rows(hand: HandCalibration) -> list[tuple[str, ...]]:
+    return [
+        (
+            row.name,
+            *(plain(math.degrees(angle), 1) for angle in (row.low, row.position, row.high)),
+            row.missing or "nothing",
+        )
+        for row in hand.progress
+    ]
+
+
+def _entered(seconds: float) -> bool:
+    import select
+
+    ready, _, _ = select.select([sys.stdin], [], [], seconds)
+    if ready and not sys.stdin.readline():
+        raise UsageError("the input has ended; give --seconds if nobody presses Enter")
+    return bool(ready)
+
+
+# --- automatically ---------------------------------------------------------------------------------------------
+
+
+def _automatic(bench: CalibrationBench, yes: bool) -> Calibration:
+    confirm(_FREE, yes)
+    bench.release()
+    said, redraw = "", 0.0
+    with _screen(_AUTO_HEAD) as show:
+
+        def watch(auto: AutoCalibration) -> None:
+            nonlocal said, redraw
+            if auto.doing != said and not on_terminal():
+                note(auto.doing or "done")
+            if auto.doing != said or time.monotonic() >= redraw:
+                redraw = time.monotonic() + _REDRAW
+                show(_auto_rows(auto))
+            said = auto.doing
+
+        return bench.automatic(_now(), watch=watch, clock=time.monotonic, sleep=time.sleep)
+
+
+_AUTO_HEAD = ("joint", "count", "ends", "")
+
+
+def _auto_rows(auto: AutoCalibration) -> list[tuple[str, ...]]:
+    ranges = auto.ranges
+    rows: list[tuple[str, ...]] = []
+    for name, counts in auto.positions.items():
+        ends = "{} to {}".format(*ranges[name]) if name in ranges else ""
+        doing = auto.doing.partition(": ")[2] if auto.doing.startswith(f"{name}:") else ""
+        rows.append((name, plain(counts, 0), ends, doing))
+    rows.append((f"{auto.step} of {auto.steps}", "", "", "" if ": " in auto.doing else auto.doing))
+    return rows
+
+
+@contextmanager
+def _screen(head: tuple[str, ...] = _HEAD) -> Iterator[Callable[[list[tuple[str, ...]]], None]]:
+    """A table that is redrawn in place on a terminal; nothing elsewhere."""
+    if not on_terminal():
+        yield lambda rows: None
+        return
+    from rich.text import Text
+
+    from .draw import live
+
+    with live() as screen:
+        yield lambda rows: screen.update(Text(format_table(head, rows, width=line_width())), refresh=True)
