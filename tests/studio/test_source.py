@@ -96,3 +96,12 @@ def test_a_motion_that_is_refused_does_not_begin(source: Source) -> None:
     with pytest.raises(GoalError, match="no torque"):
         arm.begin_run(tab, entry, {"what": "joints", "goals": {"J1": 0.1}}, arm.driver.epochs.mark())
     assert arm.desk.progress is None
+
+
+def test_the_last_minutes_are_kept_and_watchers_hear_every_state(source: Source) -> None:
+    arm = source.open("sim://hex7bot?name=kept")
+    heard: list[float] = []
+    arm.watchers = (lambda state, goals: heard.append(state.stamp),)
+    until(lambda: len(heard) > 5, "states")
+    assert set(heard[:3]) <= set(arm.history.rows().times)
+    assert arm.history.names == arm.settings.model.names

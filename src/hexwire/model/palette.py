@@ -34,8 +34,7 @@ def joint_colour(index: int, *, dark: bool = False) -> str:
 def palette_css() -> str:
     """The colours as CSS custom properties ``--joint-1`` to ``--joint-8``.
 
-    Dark ones apply where the system asks for them, unless the page has ``data-theme="light"``; and always where it
-    has ``data-theme="dark"``.
+    Dark ones apply in a page whose body has the class ``body--dark``, or whose root has ``data-theme="dark"``.
     """
     light, dark = (
         "".join(f"  --joint-{i}: {colour};\n" for i, colour in enumerate(row, 1)) for row in (LIGHT, DARK)
@@ -43,8 +42,5 @@ def palette_css() -> str:
     return (
         "/* Written from hexwire/model/palette.py; a test compares them. */\n"
         f":root {{\n{light}}}\n"
-        f':root[data-theme="dark"] {{\n{dark}}}\n'
-        "@media (prefers-color-scheme: dark) {\n"
-        f':root:not([data-theme="light"]) {{\n{dark}}}\n'
-        "}\n"
+        f'.body--dark,\n:root[data-theme="dark"] {{\n{dark}}}\n'
     )

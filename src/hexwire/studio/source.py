@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.control.arm import Arm
 from hexwire.control.attended import SILENCE, Attended, Entry
+from hexwire.control.history import History
 from hexwire.control.holding import hold_moving
 from hexwire.control.jog import JogController, read_request
 from hexwire.control.lease import Lease
@@ -62,14 +63,19 @@ class ArmSource:
         jog: Moves joints while somebody holds a button.
         goals: Last set-point of each joint, radians.
         desk: Motions to a goal, poses, teach mode.
+        history: The last ten minutes.
+        watchers: Called with each state and the goals, in the owner's thread; they must not wait.
     """
 
     def __init__(self, settings: Any, driver: RobotDriver, silence: float = SILENCE) -> None:
         self.driver, self.settings = driver, settings
         self.goals: dict[str, float] = {}
+        self.history = History(settings.model.names)
+        self.watchers: tuple[Callable[[JointState, Mapping[str, float]], object], ...] = ()
         self.arm = Arm(driver, settings, monitored=False, on_sent=self._sent)
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
+        owner.observers = [*owner.observers, self._keep]
         self.attended = Attended(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
         self.desk = MotionDesk(self.shared, PoseFile(settings.model))
@@ -80,6 +86,12 @@ class ArmSource:
 
     def _sent(self, sent: SentTarget) -> None:
         self.goals.update(sent.positions)
+
+    def _keep(self, state: JointState) -> None:
+        owner, trips = self.arm.owner, self.driver.round_trips
+        self.history.append(state, self.goals, rate=owner.rate, round_trip=trips[-1] if trips else math.nan)
+        for watcher in self.watchers:
+            watcher(state, self.goals)
 
     def _on_stop(self) -> None:
         # May run in a signal handler: nothing here locks.
