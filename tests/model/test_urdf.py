@@ -11,15 +11,17 @@ from tests.model.poses import pose_error, random_angles
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel
+from hexwire.model.geometry import make_shapes
 from hexwire.model.hex7bot import HEX7BOT
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
 from hexwire.model.hex7bot_links import LINK_SETS
+from hexwire.model.hex7bot_shapes import LEVEL_JOINT
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
 from hexwire.model.puma260 import PUMA260, Puma260Model
 from hexwire.model.so_arm import SoArmModel
 from hexwire.model.so_arm_links import SO_ARMS
-from hexwire.model.urdf import LEVEL_JOINT, ROOT_LINK, TIP_LINK, make_urdf
+from hexwire.model.urdf import ROOT_LINK, TIP_LINK, make_urdf
 
 # An arm whose signs are not all alike: a wrong sign must not hide behind a one.
 MIXED = ArmModel(
@@ -100,12 +102,14 @@ def test_masses_of_the_so_arms_are_the_published_ones() -> None:
 @pytest.mark.parametrize("model", [*SEVEN[:1], Puma260Model(), *SO_MODELS], ids=lambda m: m.name)
 def test_joints_limits_and_inertias_are_plausible(model: KinematicModel) -> None:
     root = ElementTree.fromstring(make_urdf(model))
-    names = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
+    revolute = [joint for joint in root.findall("joint") if joint.get("type") == "revolute"]
+    # Those that mimic others are no joints of the driver.
+    names = [joint.get("name") for joint in revolute if joint.find("mimic") is None]
     arms = {"hex7bot": HEX7BOT, "puma260": PUMA260}
     arm = arms.get(model.name) or load_profile(model.name).model
     # The profile has the limits in rounded degrees.
     rounded = 1e-9 if model.name in arms else 1e-3
-    assert [n for n in names if n != LEVEL_JOINT] == list(arm.names)
+    assert names == list(arm.names)
     for joint in arm.joints:
         limit = root.find(f"joint[@name='{joint.name}']/limit")
         assert limit is not None
@@ -133,7 +137,7 @@ def test_no_urdf_of_an_unknown_model() -> None:
         pass
 
     assert "puma260" in make_urdf(Other())
-    with pytest.raises(UsageError, match="there is no URDF for None"):
+    with pytest.raises(UsageError, match="no shapes are known for None"):
         make_urdf(type("Nothing", (), {"name": None})())
 
 
@@ -148,5 +152,55 @@ def test_the_root_is_rep_105s_and_without_matter(model: KinematicModel) -> None:
     children = {child.attrib["link"] for child in root.iter("child")}
     assert set(links) - children == {ROOT_LINK}
     assert not list(links[ROOT_LINK])
-    colours = [material.attrib["name"] for material in root.iter("material")]
-    assert set(colours) == {"dark", "light"}
+
+
+@pytest.mark.parametrize("model", [SEVEN[0], Puma260Model(), *SO_MODELS], ids=lambda model: model.name)
+def test_every_part_has_a_colour_that_is_defined(model: KinematicModel) -> None:
+    root = ElementTree.fromstring(make_urdf(model))
+    colours = {}
+    for material in root.findall("material"):
+        colour = material.find("color")
+        assert colour is not None
+        colours[material.attrib["name"]] = [float(part) for part in colour.attrib["rgba"].split()]
+    assert all(len(rgba) == 4 and rgba[3] == 1.0 and max(rgba) <= 1.0 for rgba in colours.values())
+    used = {material.attrib["name"] for link in root.findall("link") for material in link.iter("material")}
+    assert used == set(colours)
+    # Joints, and at least three sorts of parts.
+    joints = {joint.attrib["name"] for joint in root.findall("joint")}
+    assert len(used & joints) >= 6
+    assert len(used - joints) >= 3
+
+
+@pytest.mark.parametrize("model", [*SEVEN, Puma260Model(), *SO_MODELS], ids=lambda model: model.name)
+def test_parts_are_where_the_shapes_are(model: KinematicModel) -> None:
+    shapes = make_shapes(model)
+    root = ElementTree.fromstring(make_urdf(model))
+    for link in shapes.links:
+        row = root.find(f"link[@name='{link.name}']")
+        assert row is not None
+        for kind, expected in (("visual", link.shapes), ("collision", [s for s in link.shapes if s.solid])):
+            parts = row.findall(kind)
+            assert len(parts) == len(expected)
+            for part, shape in zip(parts, expected, strict=True):
+                origin, form = part.find("origin"), part.find("geometry/*")
+                assert origin is not None
+                assert form is not None
+                numbers = [float(n) for key in ("xyz", "rpy") for n in origin.attrib[key].split()]
+                assert numbers == [*shape.place, *shape.rpy]
+                assert form.tag == shape.kind
+                assert [float(n) for text in form.attrib.values() for n in text.split()] == list(shape.size)
+
+
+def test_both_jaws_and_the_rod_mimic_joints_of_the_driver() -> None:
+    root = ElementTree.fromstring(make_urdf(SEVEN[0]))
+    leads = {}
+    for joint in root.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            leads[joint.attrib["name"]] = (
+                mimic.attrib["joint"],
+                math.copysign(1.0, float(mimic.attrib["multiplier"])),
+            )
+    assert leads["J7_left"] == leads["J7_right"] == ("J7", -1.0)
+    assert {lead for lead, _ in leads.values()} == {"J2", "J3", "J7"}
+    assert not {joint.name for joint in HEX7BOT.joints} & set(leads)

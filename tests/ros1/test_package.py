@@ -377,7 +377,7 @@ def test_arm_with_a_geometry_may_be_told_to_rest_near_the_table_but_not_on_it(ro
 # -- rviz -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("robot", ["hex7bot", "puma260"])
+@pytest.mark.parametrize("robot", ["hex7bot", "puma260", "so100", "so101"])
 def test_rviz_shows_frames_that_the_urdf_has(robot: str) -> None:
     view = _yaml((PACKAGE / "rviz" / "hexwire.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
     root = ET.fromstring(make_urdf(make_kinematics(robot)))

@@ -95,6 +95,21 @@ class Inertia:
     end: Vector
     radius: float
 
+    @property
+    def length(self) -> float:
+        """Of the rod, metres; never 0."""
+        return max(math.dist(self.start, self.end), 1e-3)
+
+    @property
+    def moments(self) -> tuple[float, float]:
+        """Moments of inertia across and along the rod about its middle, kg m^2."""
+        return self.mass * (3 * self.radius**2 + self.length**2) / 12, self.mass * self.radius**2 / 2
+
+    @property
+    def frame(self) -> tuple[Vector, Vector]:
+        """Middle of the rod in metres, and the roll, pitch and yaw in radians that turn z along it."""
+        return _along(self.start, self.end)
+
 
 @dataclass(frozen=True, slots=True)
 class ShapeLink:
@@ -242,11 +257,15 @@ def cylinder(
 
 def rod(name: str, colour: str, start: Vector, end: Vector, radius: float, *, solid: bool = True) -> Shape:
     """A cylinder from one point to another, metres."""
-    length = math.dist(start, end)
-    x, y, z = ((b - a) / length for a, b in zip(start, end, strict=True))
-    middle = tuple((a + b) / 2 for a, b in zip(start, end, strict=True))
-    rpy = (0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x) if x or y else 0.0)
-    return Shape(name, "cylinder", (radius, length), colour, (middle[0], middle[1], middle[2]), rpy, solid=solid)
+    middle, rpy = _along(start, end)
+    return Shape(name, "cylinder", (radius, math.dist(start, end)), colour, middle, rpy, solid=solid)
+
+
+def _along(start: Vector, end: Vector) -> tuple[Vector, Vector]:
+    """Middle of two points, and the roll, pitch and yaw that turn the z axis from one to the other."""
+    x, y, z = (b - a for a, b in zip(start, end, strict=True))
+    middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2, (start[2] + end[2]) / 2)
+    return middle, (0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x) if x or y else 0.0)
 
 
 def bar(
