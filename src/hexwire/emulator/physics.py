@@ -1,9 +1,9 @@
 """The physics twin: emulated servos that move one body in MuJoCo.
 
-The body of the Hex7Bot is built from the URDF that hexwire makes, that of an SO arm by `so_body`. Owns the
-coupling: servos give torques, MuJoCo moves links under gravity and contact, servos read their positions. So load,
-sag, stops and collisions show up in the registers. Masses and the motors' torques are estimates. Must not know a
-board or a line. Needs the package ``mujoco-core``, imported on first use.
+`physics_body` builds the body. Owns the coupling: servos give torques, MuJoCo moves links under gravity and
+contact, servos read their positions. So load, sag, stops and collisions show up in the registers. Masses and the
+motors' torques are estimates. Must not know a board or a line, nor how the body is shown. Needs the package
+``mujoco-core``, imported on first use.
 
 Unlike the usual shafts, which follow exact profiles, these are held by a proportional controller as in real servos:
 they sag a little under load.
@@ -18,14 +18,15 @@ from typing import Any
 
 from hexwire.errors import UsageError
 from hexwire.model.arm import ArmModel, JointModel
+from hexwire.model.geometry import kinematics_for, make_shapes
 from hexwire.model.hex7bot_kinematics import Hex7BotModel
-from hexwire.model.urdf import LEVEL_JOINT, make_urdf
+from hexwire.model.hex7bot_shapes import LEVEL_JOINT
 from hexwire.wire.registers import Series
 
+from .physics_body import make_body, puppet_poses
 from .servo import EmulatedServo
 from .servo_control import MECHANICS
 from .servo_motion import TICK, Drive, Mechanics, Motion
-from .so_body import TIP, make_so_body
 
 __all__ = ["PhysicsTwin"]
 
@@ -41,8 +42,6 @@ _WALL = 1.0
 """Share of full drive per count beyond a servo's `obstacle`."""
 _AT = 0.5
 """Counts from a mechanical stop within which a shaft is at it."""
-_REACH = 0.098
-"""Metres from the wrist of an SO arm to the tips of its gripper."""
 
 
 class PhysicsTwin:
@@ -70,9 +69,13 @@ class PhysicsTwin:
             raise UsageError(f"the payload is {payload:g} kg, but must be 0 or more and less than 100")
         self._mujoco = _load_mujoco()
         arm = model if isinstance(model, ArmModel) else model.arm
-        self._levels = not isinstance(model, ArmModel)
+        kinematics = kinematics_for(model) if isinstance(model, ArmModel) else model
+        if kinematics is None:
+            raise UsageError(f"there is no physics for {arm.name}: its lengths are unknown")
+        self.shapes = make_shapes(kinematics)
+        self._levels = any(joint.name == LEVEL_JOINT for joint in self.shapes.joints)
         pairs = [(servo, joint) for servo in servos if (joint := arm.by_servo(servo.servo_id)) is not None]
-        self._model = self._compile(model, pairs, payload, table)
+        self._model = self._compile(pairs, payload, table)
         self._data = self._mujoco.MjData(self._model)
         self.ticks = 0
         self.shafts: list[_Shaft] = []
@@ -84,33 +87,25 @@ class PhysicsTwin:
 
     def _compile(
         self,
-        model: Hex7BotModel | ArmModel,
         pairs: Sequence[tuple[EmulatedServo, JointModel]],
         payload: float,
         table: bool,
     ) -> Any:
         mujoco = self._mujoco
-        spec = mujoco.MjSpec.from_string(make_so_body() if isinstance(model, ArmModel) else make_urdf(model))
+        spec = make_body(mujoco, self.shapes, table=table)
         spec.option.timestep = TICK
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        for geom in spec.geoms:
-            # Links touch the table, not one another: the planner checks the joint coupling limit.
-            geom.contype, geom.conaffinity = 1, 0
-        if table:
-            spec.worldbody.add_geom(
-                name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], contype=0, conaffinity=1
-            )
         if payload:
-            tip, reach = (TIP, [_REACH, 0.0, 0.0]) if isinstance(model, ArmModel) else ("flange", _tool(model))
-            # A body of its own: the URDF's links state their masses, so MuJoCo ignores the masses of their shapes.
+            # A body of its own: links state their masses, so MuJoCo ignores the masses of their shapes.
             inertia = 0.4 * payload * _PAYLOAD_RADIUS**2
-            ball = spec.body(tip).add_body(
-                name="payload", pos=reach, mass=payload, inertia=[inertia] * 3, explicitinertial=True
+            ball = spec.body(self.shapes.tip).add_body(
+                name="payload", mass=payload, inertia=[inertia] * 3, explicitinertial=True
             )
             ball.add_geom(
                 name="payload",
                 type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 size=[_PAYLOAD_RADIUS, 0.0, 0.0],
+                material="pad",
                 contype=1,
                 conaffinity=0,
             )
@@ -160,6 +155,28 @@ class PhysicsTwin:
         for shaft in self.shafts:
             shaft.take(float(data.qpos[shaft.place]), float(data.qvel[shaft.rate]))
         self.ticks += 1
+
+    @property
+    def model(self) -> Any:
+        """The compiled ``MjModel``."""
+        return self._model
+
+    def positions(self) -> dict[str, float]:
+        """Joint positions of the body, radians, for the driver's joints."""
+        return {name: float(self._data.qpos[self._address(name)[0]]) for name in self.shapes.driven}
+
+    def show(self, data: Any) -> None:
+        """Put an ``MjData`` of the same model into the body's present pose, with the parts that only follow.
+
+        Args:
+            data: Of somebody who draws; the body's own is never lent.
+        """
+        data.qpos[:] = self._data.qpos
+        data.time = self._data.time
+        for name, (place, turn) in puppet_poses(self.shapes, self.positions()).items():
+            mocap = self._model.body(name).mocapid[0]
+            data.mocap_pos[mocap], data.mocap_quat[mocap] = place, turn
+        self._mujoco.mj_forward(self._model, data)
 
     @property
     def contacts(self) -> int:
@@ -249,11 +266,6 @@ class _Shaft(Motion):
         self.position = joint.sign * (angle - joint.offset) / joint.scale + joint.neutral
         self.velocity = joint.sign * speed / joint.scale
         self._taken = self.position
-
-
-def _tool(model: Hex7BotModel) -> list[float]:
-    """Place of the tool in the frame of the flange."""
-    return [0.0, 0.0, model.links.f]
 
 
 def _gears(mechanics: Mechanics, joint: JointModel) -> float:

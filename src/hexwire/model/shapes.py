@@ -194,6 +194,22 @@ class ArmShapes:
         """Names of the driver's joints, in order."""
         return tuple(joint.name for joint in self.joints if joint.drive is not None and not joint.follows)
 
+    @property
+    def reach(self) -> float:
+        """No pose has the tip farther from the origin than this, metres."""
+        joints = {joint.child: joint for joint in self.joints}
+        name, reach = self.tip, 0.0
+        while name in joints:
+            reach += math.hypot(*joints[name].place)
+            name = joints[name].parent
+        return reach
+
+    @property
+    def heading(self) -> float:
+        """Where the arm points with all joints at 0, to the nearest quarter turn about z, radians."""
+        x, y, _ = self.poses({})[self.tip].position
+        return round(math.atan2(y, x) / (math.pi / 2)) * (math.pi / 2)
+
     def poses(self, positions: Mapping[str, float]) -> dict[str, Pose]:
         """Pose of every link in the frame of the first.
 

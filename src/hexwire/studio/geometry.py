@@ -5,13 +5,12 @@ Owns the format, which `static/arm3d.js` reads. Must not know pages, nor how any
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from hexwire.model.geometry import kinematics_for, make_shapes
 from hexwire.model.palette import DARK, LIGHT
-from hexwire.model.pose import distance, quaternion, rotation_from_rpy
+from hexwire.model.pose import quaternion, rotation_from_rpy
 from hexwire.model.shapes import COLOURS
 
 if TYPE_CHECKING:
@@ -63,8 +62,8 @@ def make_geometry(arm: ArmModel, links: str = "A") -> dict[str, Any] | None:
             for name in rows
         ],
         "tip": place[shapes.tip],
-        "heading": _heading(shapes),
-        "reach": _round(_reach(shapes)),
+        "heading": _round(shapes.heading),
+        "reach": _round(shapes.reach),
         "colours": {theme: {name: pair[i] for name, pair in COLOURS.items()} for i, theme in enumerate(_THEMES)},
         "palette": dict(zip(_THEMES, (LIGHT, DARK), strict=True)),
     }
@@ -108,22 +107,6 @@ def _depth(shapes: ArmShapes, name: str) -> int:
     while name in parents:
         name, depth = parents[name], depth + 1
     return depth
-
-
-def _heading(shapes: ArmShapes) -> float:
-    """Which way the arm points with all joints at 0, to the nearest quarter turn."""
-    x, y, _ = shapes.poses({})[shapes.tip].position
-    return _round(round(math.atan2(y, x) / (math.pi / 2)) * math.pi / 2)
-
-
-def _reach(shapes: ArmShapes) -> float:
-    """Upper bound of the distance from the foot to the tip, metres."""
-    joints = {joint.child: joint for joint in shapes.joints}
-    name, reach = shapes.tip, 0.0
-    while name in joints:
-        reach += distance(joints[name].place, (0.0, 0.0, 0.0))
-        name = joints[name].parent
-    return reach
 
 
 def _rounded(values: Iterable[float]) -> list[float]:
