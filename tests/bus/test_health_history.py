@@ -3,8 +3,6 @@ from __future__ import annotations
 import math
 import tracemalloc
 
-import pytest
-
 from hexwire.bus.health_history import HealthHistory, HealthRow
 from hexwire.bus.live_values import LiveValues
 

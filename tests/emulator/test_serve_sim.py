@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from hexwire.bus.servo_bus import ServoBus
 from hexwire.drivers.registry import connect
 from hexwire.emulator.hand import HandOrder, HandResult, Hands
 from hexwire.emulator.serve_hand import move_by_hand
-from hexwire.emulator.serve_sim import SimLink
+from hexwire.emulator.serve_sim import SimBusLink, SimLink
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_motion import Motion
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkNotFoundError, UsageError
@@ -195,3 +196,15 @@ def test_it_may_have_a_body(robot: str) -> None:
     assert isinstance(link, SimLink)
     servos = link.device.wire.servos  # type: ignore[attr-defined]
     assert all(type(servo.motion) is not Motion for servo in servos)
+
+
+def test_a_servo_bus_has_a_line_rate_and_a_board_has_none() -> None:
+    link = make_link("sim://so101?name=rates")
+    assert isinstance(link, SimBusLink)
+    with ServoBus(link) as bus:
+        assert not bus.ping(1).error
+        bus.set_baud(115_200)
+        assert bus.ping(1).error, "it is at another rate"
+        bus.set_baud(1_000_000)
+        assert not bus.ping(1).error
+    assert not hasattr(make_link("sim://hex7bot?name=norates"), "set_baud")

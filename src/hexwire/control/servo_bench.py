@@ -24,7 +24,7 @@ from hexwire.errors import DeviceError, LeaseError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.wire.command_frame import Status
 
-from .attended import Attended
+from .attended import SILENCE, Attended
 from .lease import Grant, Lease
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ class ServoBench:
     Args:
         bus: An open bus. Whoever opened it closes it.
         clock: Monotonic seconds.
+        silence: Seconds without a sign of life after which what somebody holds ends.
 
     Attributes:
         bus: As given.
@@ -84,9 +85,11 @@ class ServoBench:
         why_stopped: Why it is stopped, in words; empty if it is not.
     """
 
-    def __init__(self, bus: ServoBus, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, bus: ServoBus, *, clock: Callable[[], float] = time.monotonic, silence: float = SILENCE
+    ) -> None:
         self.bus = bus
-        self.attended = Attended(clock=clock)
+        self.attended = Attended(clock=clock, silence=silence)
         self.servo_ids: tuple[int, ...] = ()
         self.why_stopped = ""
         self._clock = clock

@@ -21,6 +21,7 @@ from .values import JointProbe, ProbeReport, Signal, StopCause, StopLatch, StopM
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState, JointTarget, SentTarget
@@ -96,6 +97,11 @@ class RobotDriver(ABC):
         nowhere.
         """
         return "board"
+
+    @property
+    def servo_link(self) -> Link | None:
+        """The link to the bare servos, for a program that sets them up; None if a board or a server is between."""
+        return None
 
     def now(self) -> float:
         """Present time of the clock that stamps states, seconds; monotonic."""

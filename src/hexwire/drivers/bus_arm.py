@@ -130,6 +130,10 @@ class BusArm(RobotDriver):
         return self.bus.link.url
 
     @property
+    def servo_link(self) -> Link | None:
+        return self.bus.link
+
+    @property
     def is_attached(self) -> bool:
         # A borrowed bus is open before the arm is attached.
         return self.bus.link.is_open and (self._attached or not self._borrowed)

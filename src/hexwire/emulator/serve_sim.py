@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from .serve import ServedDevice
 
-__all__ = ["SimLink", "make_sim_link"]
+__all__ = ["SimBusLink", "SimLink", "make_sim_link"]
 
 _SERVO_BAUD = 115200
 """Rate of the servo bus of the emulated board, as set by the chapter's sketch."""
@@ -62,7 +62,7 @@ def make_sim_link(url: LinkUrl) -> SimLink:
         raise UsageError(f"{url.text}: name must have 1 to 40 letters, digits, points and underscores")
     seed, start = url.integer("seed", 0, 0, 2**31), time.monotonic()
     device: ServedDevice
-    baud = 0 if board else _BUS_BAUD
+    rates = [0 if board else _BUS_BAUD]
     if board:
         dialect = url.integer("dialect", 2, 1, 2)
         made = make_hex7bot_board(dialect=dialect, baud=_SERVO_BAUD, seed=seed, start=start)
@@ -71,10 +71,13 @@ def make_sim_link(url: LinkUrl) -> SimLink:
         leader, any_horns = url.yes_no("leader", False), url.yes_no("any_horns", False)
         arm = make_so_arm(robot, leader=leader, any_horns=any_horns, seed=seed, start=start)
         servos, model = arm.servos, arm.model
-        device = BusDevice(servos, paced=True, host_baud=lambda: baud)
+        device = BusDevice(servos, paced=True, host_baud=lambda: rates[0])
     if url.yes_no("physics", False):
         PhysicsTwin(servos, Hex7BotModel() if board else model)
-    return SimLink(url.text, device, hands=Hands(servos, model), robot=robot, name=name, baud=baud)
+    hands = Hands(servos, model)
+    if board:
+        return SimLink(url.text, device, hands=hands, robot=robot, name=name)
+    return SimBusLink(url.text, device, rates, hands=hands, robot=robot, name=name)
 
 
 class SimLink(Link):
@@ -86,10 +89,7 @@ class SimLink(Link):
         hands: The joints that other programs of this user may move by hand while the link is open.
         robot: Kind of the arm, for those programs.
         name: Its name among arms of its kind.
-        baud: Rate of a servo bus, for those who compute its timing; a board has none.
     """
-
-    baud: int
 
     kind = LinkKind.STREAM
     max_message = None
@@ -102,13 +102,10 @@ class SimLink(Link):
         hands: Hands | None = None,
         robot: str = "",
         name: str = "",
-        baud: int = 0,
     ) -> None:
         self.url, self.device = url, device
         self._door = None if hands is None else HandServer(inside_name(robot, name), hands)
         self._next_look = 0.0
-        if baud:
-            self.baud = baud
         self._open = self._woken = False
         self._unread = b""
         # Guards the device and all of the above.
@@ -185,3 +182,40 @@ class SimLink(Link):
     def _check(self) -> None:
         if not self._open:
             raise LinkClosedError(f"{self.url} is closed", url=self.url)
+
+
+class SimBusLink(SimLink):
+    """A link to servos without a board: it has a line rate, and servos at another rate do not understand it.
+
+    Args:
+        url: As in `SimLink`.
+        device: The servos.
+        rates: Its rate, as the only item; the device reads it there.
+        hands: As in `SimLink`.
+        robot: Likewise.
+        name: Likewise.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        device: ServedDevice,
+        rates: list[int],
+        *,
+        hands: Hands | None = None,
+        robot: str = "",
+        name: str = "",
+    ) -> None:
+        super().__init__(url, device, hands=hands, robot=robot, name=name)
+        self._rates = rates
+
+    @property
+    def baud(self) -> int:
+        """Bits per second."""
+        return self._rates[0]
+
+    def set_baud(self, baud: int) -> None:
+        """Change the rate; bytes on their way keep theirs."""
+        with self._changed:
+            self._run()
+            self._rates[0] = baud

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from hexwire.errors import HexwireError, LeaseError
 
 from .access import Access, Right
+from .bus_source import live_row
 from .holds import Holds
 from .live import Live
 from .source import Source
@@ -144,15 +145,15 @@ class Studio:
                 loop.call_soon_threadsafe(call)
 
     def stop(self, who: str) -> None:
-        """Stop the arm, ahead of everything; returns at once. Any thread may call this; nobody needs control."""
-        arm = self.source.arm
-        if arm is None:
+        """Stop what is open, ahead of everything; returns at once. Any thread may call it; nobody needs control."""
+        present = self.source.present
+        if present is None:
             return
-        arm.attended.end_all(f"{who} stopped the arm")
+        present.attended.end_all(f"{who} stopped it")
 
         def stop() -> None:
             try:
-                arm.shared.stop(f"{who} stopped it")
+                present.stop(f"{who} stopped it")
             except HexwireError as error:
                 _log.error("the stop was not confirmed: %s", error)
                 self.live.tell({"kind": "news", "level": "error", "text": f"the stop was not confirmed: {error}"})
@@ -162,17 +163,17 @@ class Studio:
     def gone(self, tab: Tab) -> None:
         """The socket of a tab is closed: end what it holds, and give its control back."""
         self.holds.forget(tab)
-        arm = self.source.arm
-        if arm is not None:
-            arm.attended.end(tab.key, "its page was closed")
+        present = self.source.present
+        if present is not None:
+            present.attended.end(tab.key, "its page was closed")
         if tab.grant:
             self.orders.submit(self.source.leave, tab)
 
     def refused(self, entry: Entry, why: str) -> None:
         """A motion that was announced did not begin."""
-        arm = self.source.arm
-        if arm is not None:
-            arm.attended.end(entry.who, why, entry.number)
+        present = self.source.present
+        if present is not None:
+            present.attended.end(entry.who, why, entry.number)
 
     def ended(self, entry: Entry) -> None:
         """A motion has ended: tell its tab."""
@@ -182,12 +183,12 @@ class Studio:
         """What is always in sight, for JSON."""
         source = self.source
         common: dict[str, object] = {"mode": source.mode, "opening": source.opening, "open_error": source.error}
-        arm = source.arm
-        if arm is None:
+        present = source.present
+        if present is None:
             return common
-        holder = arm.shared.holder
+        holder = present.holder
         tab = self.tabs.holder(holder.key) if holder is not None else None
-        return {**common, **arm.facts(), "holder_tab": tab.name if tab is not None else ""}
+        return {**common, **present.facts(), "holder_tab": tab.name if tab is not None else ""}
 
     def model(self) -> dict[str, object]:
         """The joints of what is open, for JSON."""
@@ -210,9 +211,15 @@ class Studio:
     # -- life -----------------------------------------------------------------------------------------------
 
     def _changed(self) -> None:
-        arm = self.source.arm
-        if arm is not None:
-            arm.attended.on_end = self.ended
+        present = self.source.present
+        if present is not None:
+            present.attended.on_end = self.ended
+        bus = self.source.bus
+        if bus is not None:
+            bus.on_change = lambda: self.soon(self.live.tell_facts)
+            bus.on_live = lambda values: self.live.tell(
+                {"kind": "servos", "rows": [live_row(row) for row in values]}
+            )
         self.soon(lambda: self.live._tell({"kind": "hello", **self.model()}, None))
         self.soon(self.live.tell_facts)
 
@@ -225,10 +232,10 @@ class Studio:
     def _look(self) -> None:
         """End what is held without signs of life, also when the loop of the server hangs."""
         while not self._ending.wait(0.02):
-            arm = self.source.arm
-            if arm is not None:
+            present = self.source.present
+            if present is not None:
                 try:
-                    arm.attended.check()
+                    present.attended.check()
                 except Exception:  # noqa: BLE001  # logged; a hold ends in the owner's cycle, too
                     _log.exception("the watch of holds failed")
 

@@ -82,12 +82,16 @@ def _build_control(studio: Studio) -> None:
         await studio.run(lambda: studio.source.leave(tab))
 
     async def resume() -> None:
-        arm = studio.source.arm
+        arm, bus = studio.source.arm, studio.source.bus
+        if bus is not None:
+            await studio.run(bus.resume, control=True)
         if arm is not None:
             await studio.run(lambda: arm.shared.resume(arm.order(tab)), control=True)
 
     async def torque(on: bool) -> None:
-        arm = studio.source.arm
+        arm, bus = studio.source.arm, studio.source.bus
+        if bus is not None:
+            await studio.run(lambda: bus.switch_torque(on), control=True)
         if arm is not None:
             await studio.run(lambda: arm.shared.torque(arm.order(tab), on, None), control=True)
 

@@ -170,13 +170,13 @@ class Live:
 
     def _renew(self) -> None:
         """Renew the lease of the tab that has control, while its socket is open."""
-        arm = self._studio.source.arm
-        if arm is None:
+        present = self._studio.source.present
+        if present is None:
             return
         for socket in self._sockets:
             if socket.tab.grant:
                 try:
-                    arm.shared.beat(socket.tab.grant, 0.0)
+                    present.beat(socket.tab.grant)
                 except HexwireError:
                     socket.tab.grant = 0
 
@@ -239,21 +239,21 @@ class Live:
             socket.put({"kind": "stopping"})
             studio.stop(tab.name)
             return
-        arm = studio.source.arm
+        present = studio.source.present
         number = order.get("id")
-        if arm is None or not isinstance(number, int):
+        if present is None or not isinstance(number, int):
             return
         if what == "beat":
-            if arm.attended.beat(tab.key, number) and "args" in order:
+            if present.attended.beat(tab.key, number) and "args" in order:
                 studio.holds.update(tab, order.get("args"))
         elif what == "release":
-            arm.attended.end(tab.key, "released", number)
+            present.attended.end(tab.key, "released", number)
         elif what == "hold":
-            if order.get("stops") != arm.stops & 0xFFFFFFFF:
+            if order.get("stops") != present.stops & 0xFFFFFFFF:
                 socket.put({"kind": "ended", "id": number, "why": "the arm was stopped meanwhile"})
                 return
-            arrived = arm.driver.epochs.mark()
-            entry = arm.attended.begin(tab.key, number)
+            arrived = present.mark()
+            entry = present.attended.begin(tab.key, number)
             if entry is not None:
                 self._begin(socket, entry, order, arrived)
 

@@ -24,18 +24,20 @@ from hexwire.control.pose_file import PoseFile
 from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
-from hexwire.errors import HexwireError, LeaseError, LinkLostError, StoppedError
+from hexwire.errors import HexwireError, LeaseError, LinkLostError, StoppedError, UsageError
 from hexwire.model.state import JointFlag
 
 from .frames import FrameBit, serialize_frame
 
 if TYPE_CHECKING:
-    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.control.lease import Grant
     from hexwire.control.motion_run import MotionRun
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token
+    from hexwire.link.base import Link
     from hexwire.model.state import JointState, SentTarget
 
+    from .bus_source import BusSource
     from .tabs import Tab
 
 __all__ = ["ArmSource", "Source"]
@@ -121,6 +123,23 @@ class ArmSource:
         finally:
             self._ender.shutdown()
             self.arm.shutdown()
+
+    def mark(self) -> Token:
+        """The time of an order, relative to stops."""
+        return self.driver.epochs.mark()
+
+    @property
+    def holder(self) -> Grant | None:
+        """Who has control, or None."""
+        return self.shared.holder
+
+    def beat(self, key: int) -> None:
+        """Renew the control of a tab; raises `LeaseError` if it is lost."""
+        self.shared.beat(key, 0.0)
+
+    def stop(self, why: str) -> None:
+        """Stop the arm; raises `HexwireError` if it does not confirm it."""
+        self.shared.stop(why)
 
     def order(self, tab: Tab, arrived: Token | None = None) -> Order:
         """An order of a tab, for the calls of `SharedArm`."""
@@ -280,7 +299,7 @@ class Source:
 
     def __init__(self, on_change: Callable[[], object] = lambda: None) -> None:
         self.arm: ArmSource | None = None
-        self.bus: ServoBus | None = None
+        self.bus: BusSource | None = None
         self.opening, self.error = "", ""
         self.silence = SILENCE
         self._on_change = on_change
@@ -330,29 +349,44 @@ class Source:
                 self._on_change()
             return arm
 
-    def open_bus(self, url: str) -> ServoBus:
+    def open_bus(self, url: str = "") -> BusSource:
         """Close what is open, and open a bare servo bus; its servos keep their torque as it is.
+
+        Args:
+            url: Port or address; if empty, the bus of the arm that is open.
 
         Raises:
             HexwireError: It cannot be opened.
         """
         from hexwire.bus.servo_bus import ServoBus
 
+        from .bus_source import BusSource
+
         with self._lock:
+            link: Link | None = None
+            if not url:
+                # The same link: an emulated arm goes on as it is.
+                link = self.need_arm().driver.servo_link
+                if link is None:
+                    raise UsageError("this arm has a board: its servos are on the board's bus, not on this port")
+                url = link.url
             self._close()
             self.opening, self.error = url, ""
             self._on_change()
             try:
-                bus = ServoBus.from_url(url)
+                if link is None:
+                    # A rate in the address, or that of the factory.
+                    link = ServoBus.from_url(url).link
+                bus = ServoBus(link)
                 bus.open()
-                self.bus = bus
+                self.bus = BusSource(bus, self.silence)
             except HexwireError as error:
                 self.error = str(error)
                 raise
             finally:
                 self.opening = ""
                 self._on_change()
-            return bus
+            return self.bus
 
     def close(self) -> None:
         """Close what is open."""
@@ -366,7 +400,22 @@ class Source:
         if arm is not None:
             arm.shutdown()
         if bus is not None:
-            bus.close()
+            bus.shutdown()
+
+    @property
+    def present(self) -> ArmSource | BusSource | None:
+        """What is open: the arm, the servo bus, or None."""
+        return self.arm or self.bus
+
+    def need_bus(self) -> BusSource:
+        """The open servo bus.
+
+        Raises:
+            LinkLostError: None is open.
+        """
+        if self.bus is None:
+            raise LinkLostError("no servo bus is open; open one on the page Servos")
+        return self.bus
 
     def need_arm(self) -> ArmSource:
         """The open arm.
@@ -382,18 +431,25 @@ class Source:
 
     def take(self, tab: Tab, *, force: bool = False) -> None:
         """Give a tab control; raises `LeaseError` if another one has it."""
+        if self.bus is not None:
+            self.bus.take(tab, force=force)
+            return
         arm = self.need_arm()
         tab.grant = arm.shared.take(tab.name, _RANK, key=tab.grant, force=force).key
 
     def leave(self, tab: Tab) -> None:
         """Take control back from a tab; what moves holds."""
         grant, tab.grant = tab.grant, 0
+        if self.bus is not None and grant:
+            self.bus.leave(tab, grant)
         if self.arm is not None and grant:
             self.arm.attended.end(tab.key, "control was given back")
             self.arm.shared.leave(grant, finish=False)
 
     def has_control(self, tab: Tab) -> bool:
         """Whether a tab has control."""
+        if self.bus is not None:
+            return self.bus.has_control(tab)
         arm = self.arm
         holder = arm.shared.holder if arm is not None else None
         return holder is not None and bool(tab.grant) and holder.key == tab.grant

@@ -7,7 +7,7 @@ const SURE = 300; // ms in which a stop is confirmed; after them it is sent agai
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
 const key = document.querySelector('meta[name="hexwire-tab"]').content;
-const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set() };
+const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set() };
 let socket = null;
 let retry = 200;
 let held = null;
@@ -40,6 +40,8 @@ const hexwire = {
   onNews: (call, element) => listen("news", call, element),
   onRun: (call, element) => listen("run", call, element),
   onLink: (call, element) => listen("link", call, element),
+  onServos: (call, element) => listen("servos", call, element),
+  onWave: (call, element) => listen("wave", call, element),
   hold,
   update,
   release,
@@ -111,6 +113,7 @@ function send(message) {
 function receive(message) {
   if (message.kind === "hello") {
     hexwire.model = message;
+    hexwire.frame = null; // that of another arm counts other stops
     hexwire.tab = message.tab || hexwire.tab;
     tell("hello", message);
   } else if (message.kind === "facts") {
@@ -120,7 +123,7 @@ function receive(message) {
     if (held && held.number === message.id) ended(message.why);
   } else if (message.kind === "stopping") {
     stopConfirmed = performance.now();
-  } else if (message.kind === "news" || message.kind === "run") {
+  } else if (message.kind in listeners) {
     tell(message.kind, message);
   }
 }
@@ -279,13 +282,14 @@ function show(name, so) {
 }
 
 function header(facts) {
-  const arm = facts.mode === "arm";
+  const bus = facts.mode === "bus";
+  const arm = facts.mode === "arm" || bus;
   const link = hexwire.connected;
-  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}` : facts.mode === "bus" ? "servo bus" : "nothing open";
+  const where = facts.opening ? `opening ${facts.opening}` : arm ? `${facts.robot} ${facts.url}` : "nothing open";
   if (!link) put("connection", "no connection to the studio", "error");
   else if (arm && !facts.connected) put("connection", `lost: ${facts.error}`, "error");
   else put("connection", where, arm ? "ok" : "");
-  put("dialect", arm && facts.dialect ? String(facts.dialect) : "–");
+  put("dialect", bus ? `${facts.baud} baud` : arm && facts.dialect ? String(facts.dialect) : "–");
   put("rate", arm ? `${facts.rate.toFixed(0)} Hz` : "–");
   put("trip", arm && facts.round_trip_ms !== null ? `${facts.round_trip_ms.toFixed(1)} ms` : "–");
   put("faults", arm ? facts.faults.join("; ") || "none" : "–", arm && facts.faults.length ? "error" : "");
@@ -299,7 +303,7 @@ function header(facts) {
   show("torque-off", link && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   if (!link) say("No connection to the studio. STOP is tried by another way; use the emergency switch of the arm.");
-  else if (arm && !facts.connected) say(`The arm is not connected: ${facts.error}`);
+  else if (arm && !facts.connected) say(`${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`);
   else if (arm && facts.stopped) say(`Stopped: ${facts.stopped}`);
   else say(facts.note || "");
 }

@@ -1,0 +1,322 @@
+"""A bare servo bus that the studio has open: the servos found on it, what they measure, and what is done with them.
+
+Owns the last search, the thread that reads live values, and what several pages of one bus share: history, edits,
+backups. What may be done, and a stop, belong to `ServoBench`. Must not know pages or sockets.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from hexwire.bus.health_history import HealthHistory
+from hexwire.bus.live_values import LiveValues, read_live
+from hexwire.bus.register_edits import RegisterEdits
+from hexwire.bus.setup import scan
+from hexwire.bus.survey import Surveyed, survey
+from hexwire.control.servo_bench import Job, ServoBench
+from hexwire.errors import HexwireError, LeaseError, ServoError
+
+if TYPE_CHECKING:
+    from hexwire.bus.backup import ServoBackup
+    from hexwire.bus.servo_bus import ServoBus
+    from hexwire.control.attended import Attended
+    from hexwire.control.lease import Grant
+    from hexwire.epochs import Token
+
+    from .tabs import Tab
+
+__all__ = ["BusSource", "live_row"]
+
+_log = logging.getLogger(__name__)
+
+_PERIOD = 0.2
+"""Seconds between two reads of live values."""
+
+
+class BusSource:
+    """An open servo bus. Any thread may call its methods; those that use the bus wait.
+
+    Args:
+        bus: Open; this object closes it.
+        silence: Seconds without a sign of life after which what somebody holds ends.
+
+    Attributes:
+        bus: As given.
+        bench: Who has control, the present job, and the stop.
+        servos: What the last search found, in the order of rates and ids.
+        live: The newest values by servo id, of the servos at the bus's rate.
+        torque: Whether each servo has torque, by id, as last read.
+        history: The last ten minutes of them.
+        edits: Edits of registers that can be undone.
+        backups: Backups taken or loaded here, newest last.
+        error: Why the bus cannot be read; empty if it can.
+        on_live: Called with the newest values, in the thread that reads them.
+        on_change: Called when servos, job or stop have changed, in any thread.
+    """
+
+    def __init__(self, bus: ServoBus, silence: float) -> None:
+        self.bus = bus
+        self.bench = ServoBench(bus, silence=silence)
+        self.servos: list[Surveyed] = []
+        self.live: dict[int, LiveValues] = {}
+        self.torque: dict[int, bool] = {}
+        self.history = HealthHistory()
+        self.edits = RegisterEdits()
+        self.backups: list[ServoBackup] = []
+        self.error = ""
+        self.on_live: Callable[[list[LiveValues]], object] = lambda values: None
+        self.on_change: Callable[[], object] = lambda: None
+        self._ending = threading.Event()
+        self._reader = threading.Thread(target=self._read, name="studio servos", daemon=True)
+        self._reader.start()
+
+    @property
+    def attended(self) -> Attended:
+        """What somebody holds."""
+        return self.bench.attended
+
+    @property
+    def holder(self) -> Grant | None:
+        """Who has control, or None."""
+        return self.bench.holder
+
+    def beat(self, key: int) -> None:
+        """Renew the control of a tab; raises `LeaseError` if it is lost."""
+        self.bench.beat(key)
+
+    @property
+    def stops(self) -> int:
+        """Number of stops so far."""
+        return self.bench.stops
+
+    def mark(self) -> Token:
+        """The time of an order, relative to stops."""
+        return self.bus.epochs.mark()
+
+    # -- control ------------------------------------------------------------------------------------------
+
+    def take(self, tab: Tab, *, force: bool = False) -> None:
+        """Give a tab control; raises `LeaseError` if another one has it."""
+        tab.grant = self.bench.take(tab.name, key=tab.grant, force=force).key
+        self.on_change()
+
+    def leave(self, tab: Tab, grant: int) -> None:
+        """Take control back from a tab; what moves holds."""
+        self.bench.attended.end(tab.key, "control was given back")
+        self.bench.leave(grant)
+        self.on_change()
+
+    def has_control(self, tab: Tab) -> bool:
+        """Whether a tab has control."""
+        try:
+            self.bench.need_control(tab.grant)
+        except LeaseError:
+            return False
+        return True
+
+    def stop(self, why: str) -> None:
+        """Stop the servos; raises `HexwireError` if they do not confirm it."""
+        try:
+            unsure = self.bench.stop(why)
+        finally:
+            self.on_change()
+        if unsure:
+            raise ServoError(f"servo {', '.join(map(str, unsure))} did not confirm it: use the arm's switch")
+
+    def resume(self) -> None:
+        """End a stop; nothing moves."""
+        self.bench.resume()
+        self.on_change()
+
+    def switch_torque(self, on: bool, servo_ids: Sequence[int] | None = None) -> None:
+        """Switch torque of servos, or of all; one that gets it holds where it is.
+
+        Raises:
+            ServoError: A servo does not confirm it.
+        """
+        ids = self.bench.servo_ids if servo_ids is None else tuple(servo_ids)
+        if not ids:
+            return
+        done = self.bench.torque(on, ids)
+        self.torque = {**self.torque, **dict.fromkeys(done, on)}
+        self.on_change()
+        if unsure := set(ids) - set(done):
+            raise ServoError(f"servo {', '.join(map(str, sorted(unsure)))} did not confirm it")
+
+    # -- servos -------------------------------------------------------------------------------------------
+
+    def search(self, rates: Sequence[int], ids: Sequence[int]) -> list[Surveyed]:
+        """Search servos, and read what they are; those at the bus's rate can then be used.
+
+        Args:
+            rates: Rates to try; only the present one if empty.
+            ids: Ids to try.
+
+        Raises:
+            DeviceError: It was cancelled; the servos known before are kept.
+            HexwireError: The bus cannot be read.
+        """
+        bauds = list(rates) or [self.bus.timing.baud]
+        total, done = len(bauds) * len(ids), 0
+        with self.bench.working("a search", changes_rate=True) as job:
+
+            def progress(baud: int, servo_id: int, found: int) -> None:
+                nonlocal done
+                job.tell(f"{baud} baud, id {servo_id}, {found} found", done / total)
+                done += 1
+
+            found = scan(self.bus, bauds=bauds, ids=ids, progress=progress)
+            here = self.bus.timing.baud
+            if found and not any(row.baud == here for row in found):
+                # All are at another rate: work there.
+                self.bus.set_baud(found[0].baud)
+            self._keep(survey(self.bus, found))
+        self.on_change()
+        return self.servos
+
+    def use_rate(self, baud: int) -> None:
+        """Work at another rate, with the servos that were found there.
+
+        Raises:
+            HexwireError: The link has no such rate, or a job is under way.
+        """
+        with self.bench.working("a change of the rate", changes_rate=True):
+            self.bus.set_baud(baud)
+            self._keep(survey(self.bus, [row.found for row in self.servos]))
+        self.on_change()
+
+    def look_again(self, servo_id: int, former: int | None = None) -> Surveyed:
+        """Read again what a servo is, such as one with another id; it is in the list afterwards.
+
+        Args:
+            servo_id: Its id.
+            former: The id that it had.
+
+        Raises:
+            ServoError: It does not answer.
+        """
+        here = self.bus.timing.baud
+        found = [row for row in scan(self.bus, ids=(servo_id,)) if row.servo_id == servo_id]
+        if not found:
+            raise ServoError(f"servo {servo_id} does not answer: check its cable and power", servo_id=servo_id)
+        gone = {(servo_id, here), (former, here)}
+        rest = [row.found for row in self.servos if (row.found.servo_id, row.found.baud) not in gone]
+        if former is not None:
+            rest = [row for row in rest if row.servo_id != former or row.baud != here]
+            self.history.forget(former)
+        self._keep(survey(self.bus, sorted([*rest, *found], key=lambda row: (row.baud != here, row.servo_id))))
+        self.on_change()
+        return next(row for row in self.servos if row.found.servo_id == servo_id and row.found.baud == here)
+
+    def find(self, servo_id: int) -> Surveyed | None:
+        """What is known of a servo at the bus's rate; None without it."""
+        here = self.bus.timing.baud
+        return next((row for row in self.servos if row.found.servo_id == servo_id and row.found.baud == here), None)
+
+    def _keep(self, servos: list[Surveyed]) -> None:
+        here = self.bus.timing.baud
+        self.servos = servos
+        self.bench.servo_ids = tuple(
+            row.found.servo_id
+            for row in servos
+            if row.found.baud == here and row.found.info is not None and not row.found.shared
+        )
+        self.live = {i: values for i, values in self.live.items() if i in self.bench.servo_ids}
+
+    # -- live values --------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        """Read live values while nothing else needs the bus for itself."""
+        turn = 0
+        while not self._ending.wait(_PERIOD):
+            ids = self.bench.servo_ids
+            if not ids or not self.bench.readable:
+                continue
+            try:
+                values = read_live(self.bus, ids)
+                if turn % 5 == 0:
+                    now = self.bus.sync_read("torque_enable", ids)
+                    self.torque = {i: bool(raw) for i, raw in zip(ids, now.raw, strict=True) if raw is not None}
+                turn += 1
+            except HexwireError as error:
+                if not self._ending.is_set() and str(error) != self.error:
+                    self.error = str(error)
+                    self.on_change()
+                continue
+            except Exception:  # noqa: BLE001  # logged; the next reading may succeed
+                _log.exception("reading servos failed")
+                continue
+            self.error = ""
+            self.live = {row.servo_id: row for row in values}
+            self.history.add(time.monotonic(), values)
+            self.on_live(values)
+
+    # -- facts --------------------------------------------------------------------------------------------
+
+    @property
+    def job(self) -> Job | None:
+        """The present job."""
+        return self.bench.job
+
+    def facts(self) -> dict[str, object]:
+        """What is always in sight, for JSON."""
+        bench, job = self.bench, self.bench.job
+        holder = bench.holder
+        states = {self.torque.get(i) for i in bench.servo_ids}
+        faults = [f"servo {i}: {', '.join(row.faults)}" for i, row in sorted(self.live.items()) if row.faults]
+        silent = [str(i) for i, row in sorted(self.live.items()) if row.error]
+        if silent:
+            faults.append(f"servo {', '.join(silent)}: silent")
+        overhead = self.bus.timing.overhead
+        return {
+            "robot": "servo bus",
+            "url": self.bus.link.url,
+            "connected": not self.error,
+            "error": self.error,
+            "dialect": 0,
+            "rate": 1 / _PERIOD if bench.servo_ids else 0.0,
+            "baud": self.bus.timing.baud,
+            "round_trip_ms": round(1000.0 * overhead, 2) if math.isfinite(overhead) else None,
+            "faults": faults,
+            "holder": holder.client if holder is not None else "",
+            "stopped": bench.why_stopped or "latched" if bench.stopped else "",
+            "stops": self.stops,
+            "torque": "–"
+            if not states
+            else "on"
+            if states == {True}
+            else "off"
+            if states == {False}
+            else "partly on",
+            "note": "" if job is None else f"{job.what}: {job.told}" if job.told else job.what,
+        }
+
+    def shutdown(self) -> None:
+        """End what is done, and close the bus; the servos keep their torque."""
+        self._ending.set()
+        self.bench.shutdown()
+        self._reader.join()
+        self.bus.close()
+
+
+def live_row(row: LiveValues) -> dict[str, object]:
+    """Live values for JSON, which knows no NaN: degrees, degrees per second, percent, volts, amperes."""
+    values = {
+        "counts": row.counts,
+        "deg": math.degrees(row.position),
+        "speed": math.degrees(row.speed),
+        "load": 100 * row.load,
+        "volts": row.voltage,
+        "celsius": row.temperature,
+        "amps": row.current,
+    }
+    known = {
+        name: None if value is None or not math.isfinite(value) else round(value, 3)
+        for name, value in values.items()
+    }
+    return {"id": row.servo_id, **known, "faults": list(row.faults), "error": row.error}
