@@ -67,6 +67,7 @@ def studio(served: RunningStudio) -> Iterator[RunningStudio]:
         yield served
     finally:
         served.studio.source.close()
+        served.studio.access.end_all()
 
 
 @pytest.fixture(scope="session")
@@ -113,7 +114,7 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 
 def ready(page: Page) -> Page:
     """Wait until a page has its socket and its first frame."""
-    page.wait_for_function("window.hexwire && window.hexwire.frame")
+    page.wait_for_function("window.did_handshake && window.hexwire && window.hexwire.frame")
     return page
 
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import http.client
 import itertools
+import re
+import socket
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
+
+from websockets.sync.client import connect
 
 if TYPE_CHECKING:
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
 
-__all__ = ["PATIENCE", "RunningStudio", "until"]
+__all__ = ["PATIENCE", "RunningStudio", "Visitor", "until"]
 
 PATIENCE = 20.0
 """Seconds in which what a test waits for must happen, also on a busy machine."""
@@ -82,8 +87,70 @@ class RunningStudio:
 
 
 def _link_of(robot: Any) -> Any:
-    for name in ("_session", "_bus", "session", "bus"):
-        found = getattr(robot, name, None)
-        if found is not None:
-            return found.link
-    raise AssertionError(f"no link in {robot!r}")
+    session = getattr(robot, "_session", None)
+    return session.ipc.link if session is not None else robot._bus.link
+
+
+class Visitor:
+    """Somebody who talks to a studio without a browser.
+
+    Args:
+        running: The studio.
+        token: With which a session is begun; none if empty.
+        host: The Host header.
+        origin: The Origin header; that of the studio if None, left out if empty.
+    """
+
+    def __init__(
+        self, running: RunningStudio, token: str = "", *, host: str | None = None, origin: str | None = None
+    ) -> None:
+        self.port = int(running.url.rpartition(":")[2])
+        self.host = f"127.0.0.1:{self.port}" if host is None else host
+        self.origin = running.url if origin is None else origin
+        self.cookie = ""
+        if token:
+            status, headers, _ = self.ask(f"/?token={token}", Origin="")
+            assert status == 200
+            self.cookie = headers["set-cookie"].partition(";")[0]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def ask(self, path: str, method: str = "GET", body: bytes | None = None, **headers: str) -> Any:
+        """Status, headers by lower-case name, and body of a request; empty headers are left out."""
+        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE)
+        try:
+            rows = {"Host": self.host, "Origin": self.origin, "Cookie": self.cookie} | headers
+            line.putrequest(method, path, skip_host=True)
+            for name, value in rows.items():
+                if value:
+                    line.putheader(name, value)
+            if body is not None and "Content-Length" not in headers:
+                line.putheader("Content-Length", str(len(body)))
+            line.endheaders(body)
+            answer = line.getresponse()
+            return answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read()
+        finally:
+            line.close()
+
+    def page(self, path: str = "/") -> str:
+        """Load a page; the key of its tab."""
+        status, _, body = self.ask(path, Origin="")
+        assert status == 200
+        found = re.search(rb'name="hexwire-tab" content="([^"]+)"', body)
+        assert found is not None
+        return found[1].decode()
+
+    def socket(self, path: str, **options: Any) -> Any:
+        """Open a socket; a context manager."""
+        rows = {"Host": self.host, "Origin": self.origin, "Cookie": self.cookie}
+        line = socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE)
+        headers = {name: value for name, value in rows.items() if value and name != "Host"}
+        try:
+            return connect(f"ws://{self.host}{path}", sock=line, additional_headers=headers, **options)
+        except BaseException:
+            line.close()
+            raise

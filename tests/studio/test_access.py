@@ -44,6 +44,9 @@ def test_a_session_that_was_left_does_not_come_back() -> None:
 def test_too_many_sessions_end_the_oldest() -> None:
     access = _access(sessions=2)
     first, second, third = (access.admit(Right.WATCH, float(t)) for t in range(3))
+    assert first is not None
+    assert second is not None
+    assert third is not None
     assert access.session(first.key, 3.0) is None
     assert access.session(second.key, 3.0) is second
     assert access.session(third.key, 3.0) is third
@@ -62,3 +65,32 @@ def test_another_origin_is_refused(origin: str) -> None:
     assert access.allows_origin("http://127.0.0.1:80", "127.0.0.1:80", needed=True)
     assert not access.allows_origin(None, "127.0.0.1:80", needed=True)
     assert access.allows_origin(None, "127.0.0.1:80", needed=False)
+
+
+def test_a_watcher_does_not_push_out_an_operator() -> None:
+    access = _access(sessions=2)
+    operators = [access.admit(Right.OPERATE, 0.0), access.admit(Right.OPERATE, 1.0)]
+    assert access.admit(Right.WATCH, 2.0) is None
+    assert access.enter(access.watch_token, 2.0) is None
+    assert all(session is not None and access.session(session.key, 3.0) is session for session in operators)
+    assert access.admit(Right.OPERATE, 4.0) is not None
+
+
+def test_a_password_cannot_be_tried_often() -> None:
+    access = Access(frozenset({"127.0.0.1:80"}), password="correct horse battery")
+    for _ in range(5):
+        assert access.log_in("guess", 10.0) is None
+    assert access.log_in("correct horse battery", 10.0) is None
+    assert access.log_in("correct horse battery", 12.0) is not None
+
+
+def test_without_a_password_nobody_logs_in() -> None:
+    assert _access().log_in("", 10.0) is None
+
+
+def test_what_is_secret_is_not_shown() -> None:
+    access = Access(frozenset({"127.0.0.1:80"}), password="correct horse battery")
+    access.admit(Right.OPERATE, 0.0)
+    shown = repr(access)
+    assert access.operate_token not in shown
+    assert "horse" not in shown

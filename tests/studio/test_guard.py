@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from hexwire.studio.access import Access, Right
-from hexwire.studio.guard import SESSION, Guard
+from hexwire.studio.access import Access, Limits, Right
+from hexwire.studio.guard import PEER, SESSION, Guard
 
 _HOST = "127.0.0.1:80"
 
@@ -26,11 +26,22 @@ class _Behind:
             await send({"type": "http.response.body", "body": b"secret"})
 
 
-def _ask(kind: str = "http", path: str = "/", query: str = "", method: str = "GET", **headers: str) -> Any:
-    access = Access(frozenset({_HOST}))
+def _ask(
+    kind: str = "http",
+    path: str = "/",
+    query: str = "",
+    method: str = "GET",
+    access: Access | None = None,
+    peer: Right | None = None,
+    body: bytes = b"",
+    behind: _Behind | None = None,
+    **headers: str,
+) -> Any:
+    access = access or Access(frozenset({_HOST}))
     session = access.admit(Right.OPERATE, 0.0)
+    assert session is not None
     rows = {"host": _HOST, "cookie": f"hexwire_session_80={session.key}"} | headers
-    behind, sent = _Behind(), list[Any]()
+    behind, sent = behind or _Behind(), list[Any]()
     guard = Guard(behind, access, lambda: 1.0)
     scope = {
         "type": kind,
@@ -38,10 +49,13 @@ def _ask(kind: str = "http", path: str = "/", query: str = "", method: str = "GE
         "path": path,
         "query_string": query.replace("TOKEN", access.operate_token).encode(),
         "headers": [(name.encode(), value.encode()) for name, value in rows.items() if value],
+        PEER: peer,
     }
 
     async def receive() -> Any:
-        return {"type": "websocket.connect"}
+        if kind == "websocket":
+            return {"type": "websocket.connect"}
+        return {"type": "http.request", "body": body, "more_body": False}
 
     async def send(message: Any) -> None:
         sent.append(message)
@@ -77,13 +91,88 @@ def test_what_is_wrong_is_refused_before_anything_sees_it(status: int, row: dict
     assert sent[0]["status"] == status
 
 
-def test_a_token_is_exchanged_for_a_cookie_and_leaves_the_address() -> None:
-    seen, sent = _ask(query="token=TOKEN", path="/arm", cookie="")
+@pytest.mark.parametrize(
+    ("path", "url"),
+    [
+        ("/arm", "/arm"),
+        ("//evil.example/x", "/evil.example/x"),
+        ("/\\evil.example", "/evil.example"),
+        ('/a"b', "/a%22b"),
+    ],
+)
+def test_a_token_is_exchanged_for_a_cookie_and_leaves_the_address(path: str, url: str) -> None:
+    seen, sent = _ask(query="token=TOKEN", path=path, cookie="")
     assert seen == []
     headers = dict(sent[0]["headers"])
-    assert sent[0]["status"] == 303
-    assert headers[b"location"] == b"/arm"
+    assert sent[0]["status"] == 200
+    assert f'content="0;url={url}"' in sent[1]["body"].decode()
     assert b"HttpOnly; SameSite=Strict" in headers[b"set-cookie"]
+    assert headers[b"cache-control"] == b"no-store"
+
+
+def test_a_client_certificate_is_exchanged_for_a_cookie() -> None:
+    access = Access(frozenset({_HOST}), secure=True)
+    _, sent = _ask(cookie="", access=access, peer=Right.WATCH, origin=f"https://{_HOST}")
+    cookie = dict(sent[0]["headers"])[b"set-cookie"].decode()
+    assert "; Secure" in cookie
+    session = access.session(cookie.partition("=")[2].partition(";")[0], 1.0)
+    assert session is not None
+    assert session.right is Right.WATCH
+
+
+@pytest.mark.parametrize(("word", "status"), [("correct horse battery", 200), ("wrong", 403), ("", 403)])
+def test_the_password_begins_a_session(word: str, status: int) -> None:
+    access = Access(frozenset({_HOST}), password="correct horse battery")
+    form = f"password={word.replace(' ', '+')}".encode()
+    rows: dict[str, Any] = {"method": "POST", "path": "/login", "cookie": "", "origin": f"http://{_HOST}"}
+    seen, sent = _ask(access=access, body=form, **rows)
+    assert seen == []
+    assert sent[0]["status"] == status
+    assert (b"set-cookie" in dict(sent[0]["headers"])) is (status == 200)
+    assert _ask(access=access, cookie="")[1][0]["status"] == 401
+
+
+def test_a_body_without_a_length_is_bounded() -> None:
+    class Reader(_Behind):
+        async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+            self.seen.append((await receive())["type"])
+
+    access = Access(frozenset({_HOST}), limits=Limits(body=10))
+    rows: dict[str, Any] = {"method": "POST", "origin": f"http://{_HOST}", "access": access}
+    assert _ask(body=b"x" * 10, behind=Reader(), **rows)[0] == ["http.request"]
+    assert _ask(body=b"x" * 11, behind=Reader(), **rows)[0] == ["http.disconnect"]
+
+
+def test_a_socket_ends_with_its_session() -> None:
+    class Reader(_Behind):
+        async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+            access.leave(scope[SESSION].key)
+            self.seen.append((await receive())["type"])
+
+    access = Access(frozenset({_HOST}))
+    session = access.admit(Right.OPERATE, 0.0)
+    assert session is not None
+    behind = Reader()
+
+    async def receive() -> Any:
+        return {"type": "websocket.receive", "text": "{}"}
+
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    rows = {"host": _HOST, "origin": f"http://{_HOST}", "cookie": f"hexwire_session_80={session.key}"}
+    scope = {"type": "websocket", "headers": [(k.encode(), v.encode()) for k, v in rows.items()]}
+    asyncio.run(Guard(behind, access, lambda: 1.0)(scope, receive, send))
+    assert behind.seen == ["websocket.disconnect"]
+    assert sent[0]["type"] == "websocket.close"
+
+
+def test_long_polling_is_no_way_around_the_sockets() -> None:
+    seen, sent = _ask(path="/_nicegui_ws/socket.io/")
+    assert seen == []
+    assert sent[0]["status"] == 400
 
 
 @pytest.mark.parametrize("row", [{"cookie": ""}, {"origin": ""}, {"origin": "http://evil.example"}, {"host": "x"}])

@@ -11,10 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-__all__ = ["COOKIE", "Access", "Limits", "Right", "Session"]
+__all__ = ["COOKIE", "SHORTEST_PASSWORD", "Access", "Limits", "Right", "Session"]
 
 COOKIE = "hexwire_session"
-"""Name of the cookie; the port is added, since browsers share cookies between ports."""
+"""Begin of the name of the cookie; the port is added, since browsers share cookies between ports."""
+SHORTEST_PASSWORD = 12
+"""Characters."""
+_ATTEMPTS, _ATTEMPT_PERIOD = 5, 2.0
+"""Passwords that may be tried at once, and seconds until another one may be."""
 
 
 class Right(IntEnum):
@@ -31,17 +35,21 @@ class Limits:
     Attributes:
         message: Bytes of one message on a socket.
         body: Bytes of the body of a request; pages that take uploads bound them themselves, below this.
-        sockets: Sockets at a time.
+        sockets: Sockets at a time; each open page has two.
+        connections: Connections at a time that have not become a socket.
         sessions: Sessions at a time.
-        session_age: Seconds without a request after which a session ends.
+        session_age: Seconds without a request or message after which a session ends.
+        request: Seconds that a connection may take to send the head of its first request.
         patience: Seconds that a socket may take to accept a message.
     """
 
     message: int = 64 * 1024
     body: int = 64 * 1024 * 1024
     sockets: int = 64
+    connections: int = 128
     sessions: int = 32
     session_age: float = 12 * 3600.0
+    request: float = 10.0
     patience: float = 5.0
 
 
@@ -71,6 +79,7 @@ class Access:
     Args:
         hosts: Values of the Host header that name this studio, such as ``127.0.0.1:8080``.
         secure: It is reached over TLS.
+        password: Whoever knows it may take control; empty for none.
         limits: The bounds.
         new_secret: Makes what nobody can guess.
 
@@ -81,11 +90,14 @@ class Access:
 
     hosts: frozenset[str]
     secure: bool = False
+    password: str = field(default="", repr=False)
     limits: Limits = field(default_factory=Limits)
     new_secret: Callable[[], str] = _new_secret
-    operate_token: str = ""
-    watch_token: str = ""
-    _sessions: dict[str, Session] = field(default_factory=dict)
+    operate_token: str = field(default="", repr=False)
+    watch_token: str = field(default="", repr=False)
+    _sessions: dict[str, Session] = field(default_factory=dict, repr=False)
+    _tries: float = _ATTEMPTS
+    _tried: float = 0.0
 
     def __post_init__(self) -> None:
         self.operate_token = self.operate_token or self.new_secret()
@@ -112,20 +124,43 @@ class Access:
             return not needed
         return origin.lower() == f"{self.scheme}://{host.lower()}"
 
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: two studios on one host must not overwrite each other's."""
+        port = min(self.hosts, default="").rpartition(":")[2]
+        return f"{COOKIE}_{port}"
+
     def enter(self, token: str, now: float) -> Session | None:
-        """Begin a session for a token; None if it is not valid. The oldest session ends if there are too many."""
+        """Begin a session for a token; None if it is not valid, or if there are too many sessions."""
         right = None
         for value, granted in ((self.operate_token, Right.OPERATE), (self.watch_token, Right.WATCH)):
             if hmac.compare_digest(token.encode(), value.encode()):
                 right = granted
         return None if right is None else self.admit(right, now)
 
-    def admit(self, right: Right, now: float) -> Session:
-        """Begin a session; the caller has checked who asks for it."""
+    def log_in(self, password: str, now: float) -> Session | None:
+        """Begin a session for the password; None if it is wrong, or if too many were tried in a short time."""
+        self._tries = min(float(_ATTEMPTS), self._tries + (now - self._tried) / _ATTEMPT_PERIOD)
+        self._tried = now
+        if not self.password or self._tries < 1.0:
+            return None
+        self._tries -= 1.0
+        if not hmac.compare_digest(password.encode(), self.password.encode()):
+            return None
+        return self.admit(Right.OPERATE, now)
+
+    def admit(self, right: Right, now: float) -> Session | None:
+        """Begin a session; the caller has checked who asks for it.
+
+        If there are too many, the one that was idle longest ends, but none with more rights than the new one: a
+        watcher must not push out an operator. None if no session can end.
+        """
         self._expire(now)
-        while len(self._sessions) >= self.limits.sessions:
-            oldest = min(self._sessions.values(), key=lambda session: session.seen)
-            del self._sessions[oldest.key]
+        if len(self._sessions) >= self.limits.sessions:
+            others = [session for session in self._sessions.values() if session.right <= right]
+            if not others:
+                return None
+            del self._sessions[min(others, key=lambda session: (session.right, session.seen)).key]
         session = Session(self.new_secret(), right, now)
         self._sessions[session.key] = session
         return session
@@ -141,6 +176,10 @@ class Access:
     def leave(self, key: str) -> None:
         """End a session."""
         self._sessions.pop(key, None)
+
+    def end_all(self) -> None:
+        """End all sessions."""
+        self._sessions.clear()
 
     def _expire(self, now: float) -> None:
         old = [s.key for s in self._sessions.values() if now - s.seen > self.limits.session_age]

@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from html import escape
 from http.cookies import CookieError, SimpleCookie
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, quote
 
-from .access import COOKIE, Access, Session
+from .access import Access, Session
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["SESSION", "Guard"]
+__all__ = ["PEER", "SESSION", "Guard"]
 
 SESSION = "hexwire.session"
 """Key of the scope of a request, with its `Session`."""
+PEER = "hexwire.peer"
+"""Key of the scope of a request, with the `Right` of the client certificate that was verified, or None."""
 
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _POLICY = (
@@ -38,6 +41,19 @@ _HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 _NO_SESSION = "Open the address that hexwire studio has printed: it contains the key to this page."
+_FORWARD = (
+    '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>hexwire studio</title>'
+    '<meta http-equiv="refresh" content="0;url={}"></head><body><p><a href="{}">Continue</a></p></body></html>'
+)
+"""Not a redirection: on one that began at another page, browsers would not send the cookie, which is strict."""
+_LOG_IN = (
+    '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>hexwire studio</title>'
+    '<meta name="viewport" content="width=device-width"></head><body><main><h1>hexwire studio</h1>'
+    '<form method="post" action="/login"><label>Password <input type="password" name="password" required autofocus '
+    'autocomplete="current-password"></label> <button>Log in</button></form><p>{}</p></main></body></html>'
+)
+_LOG_IN_BODY = 4096
+_POLLING = "/_nicegui_ws"
 
 
 class Guard:
@@ -74,20 +90,23 @@ class Guard:
         if _length(scope) > access.limits.body:
             await _answer(send, 413, "This is too large.")
             return
-        now = self._clock()
-        token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if token and scope["method"] == "GET":
-            session = access.enter(token, now)
-            if session is None:
-                await _answer(send, 403, "This key is not valid. " + _NO_SESSION)
-                return
-            await _answer(send, 303, "", (b"location", scope["path"].encode()), self._cookie(session))
+        session = access.session(cookies.get(access.cookie), self._clock())
+        if session is None or b"token=" in scope["query_string"]:
+            await self._enter(scope, receive, send)
             return
-        session = access.session(cookies.get(self._cookie_name), now)
-        if session is None:
-            await _answer(send, 401, _NO_SESSION)
+        if scope["path"].startswith(_POLLING):
+            # Its sockets are bounded and watched; long polling would be a second way.
+            await _answer(send, 400, "This is for sockets only.")
             return
         scope[SESSION] = session
+        left = access.limits.body
+
+        async def bounded() -> Message:
+            nonlocal left
+            message = await receive()
+            left -= len(message.get("body", b""))
+            # What has no length in its head is as bounded as what has.
+            return {"type": "http.disconnect"} if left < 0 else message
 
         async def secured(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -95,33 +114,62 @@ class Guard:
                 message["headers"] = [*kept, *_HEADERS]
             await send(message)
 
-        await self.app(scope, receive, secured)
+        await self.app(scope, bounded, secured)
+
+    async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer somebody who has no session yet, or shows a token."""
+        access, now = self.access, self._clock()
+        token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        if token and scope["method"] == "GET":
+            session, refusal = access.enter(token, now), "This key is not valid. " + _NO_SESSION
+        elif scope.get(PEER) is not None:
+            session, refusal = access.admit(scope[PEER], now), "There are too many sessions."
+        elif access.password and scope["path"] == "/login" and scope["method"] == "POST":
+            password = parse_qs((await _body(receive, _LOG_IN_BODY)).decode("latin-1")).get("password", [""])[0]
+            session = access.log_in(password, now)
+            refusal = "That is not the password, or it was tried too often; wait a moment."
+            if session is None:
+                await _answer(send, 403, _LOG_IN.format(refusal), kind=b"text/html")
+                return
+        elif access.password:
+            await _answer(send, 401, _LOG_IN.format(""), kind=b"text/html")
+            return
+        else:
+            await _answer(send, 401, _NO_SESSION)
+            return
+        if session is None:
+            await _answer(send, 403, refusal)
+            return
+        path = "/" if scope["path"] == "/login" else escape(quote("/" + scope["path"].lstrip("/\\")))
+        await _answer(send, 200, _FORWARD.format(path, path), self._cookie(session), kind=b"text/html")
 
     async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         host, origin, cookies = _headers(scope)
         access = self.access
-        session = access.session(cookies.get(self._cookie_name), self._clock())
+        session = access.session(cookies.get(access.cookie), self._clock())
         right = access.allows_host(host) and access.allows_origin(origin, host, needed=True)
         if not right or session is None or self.sockets >= access.limits.sockets:
             await receive()
             await send({"type": "websocket.close", "code": 1008, "reason": "not allowed"})
             return
         scope[SESSION] = session
+
+        async def of_session() -> Message:
+            message = await receive()
+            if message["type"] == "websocket.receive" and access.session(session.key, self._clock()) is None:
+                await send({"type": "websocket.close", "code": 1008, "reason": "the session has ended"})
+                return {"type": "websocket.disconnect", "code": 1008}
+            return message
+
         self.sockets += 1
         try:
-            await self.app(scope, receive, send)
+            await self.app(scope, of_session, send)
         finally:
             self.sockets -= 1
 
-    @property
-    def _cookie_name(self) -> str:
-        # Browsers share cookies between the ports of a host: two studios must not overwrite each other's.
-        port = next(iter(self.access.hosts)).rpartition(":")[2]
-        return f"{COOKIE}_{port}"
-
     def _cookie(self, session: Session) -> tuple[bytes, bytes]:
         secure = "; Secure" if self.access.secure else ""
-        value = f"{self._cookie_name}={session.key}; Path=/; HttpOnly; SameSite=Strict{secure}"
+        value = f"{self.access.cookie}={session.key}; Path=/; HttpOnly; SameSite=Strict{secure}"
         return b"set-cookie", value.encode()
 
 
@@ -149,8 +197,21 @@ def _length(scope: Scope) -> float:
     return 0
 
 
-async def _answer(send: Send, status: int, text: str, *headers: tuple[bytes, bytes]) -> None:
-    plain = (b"content-type", b"text/plain; charset=utf-8")
-    rows: list[Any] = [plain, (b"cache-control", b"no-store"), *_HEADERS, *headers]
+async def _body(receive: Receive, most: int) -> bytes:
+    """The body of a request; empty if it is longer than it may be."""
+    data = b""
+    while len(data) <= most:
+        message = await receive()
+        data += message.get("body", b"")
+        if not message.get("more_body"):
+            return data if len(data) <= most else b""
+    return b""
+
+
+async def _answer(
+    send: Send, status: int, text: str, *headers: tuple[bytes, bytes], kind: bytes = b"text/plain"
+) -> None:
+    said = (b"content-type", kind + b"; charset=utf-8")
+    rows: list[Any] = [said, (b"cache-control", b"no-store"), *_HEADERS, *headers]
     await send({"type": "http.response.start", "status": status, "headers": rows})
     await send({"type": "http.response.body", "body": text.encode()})

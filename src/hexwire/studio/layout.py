@@ -36,11 +36,13 @@ async def build_page(studio: Studio, session: Session) -> None:
     """Build the frame and, in it, the page of the address."""
     from nicegui import context, ui
 
+    from .page_sockets import OWNER
     from .pages import PAGES
 
     tab = studio.tabs.open(session.key, session.right)
     client = context.client
     client.storage["tab"] = tab
+    client.storage[OWNER] = session.key
     client.on_delete(lambda: studio.tabs.close(tab))
     ui.add_head_html(
         '<link rel="stylesheet" href="/static/studio.css">'

@@ -3,7 +3,7 @@
 Owns the messages, their bounds, and that a slow reader gets fewer frames and is then dropped. Runs in the loop of
 the server and never waits for the arm: what may wait runs in threads. Must not know pages.
 
-Up, JSON: ``{"do": "alive"}``, ``{"do": "hold", "id": 1, "kind": "joint", "args": {}, "stops": 0}``,
+Up, JSON: ``{"do": "seen", "frames": 10}``, ``{"do": "hold", "id": 1, "kind": "joint", "args": {}, "stops": 0}``,
 ``{"do": "beat", "id": 1}`` (with ``args`` to change what is held), ``{"do": "release", "id": 1}``,
 ``{"do": "stop"}``.
 Down: frames (`hexwire.studio.frames`), and JSON with a ``kind``: ``hello``, ``facts``, ``held``, ``ended``,
@@ -46,6 +46,8 @@ _FACTS = 0.25
 """Seconds between two messages with facts that changed."""
 _MOST_TEXTS = 64
 """Messages that may wait for a slow reader."""
+_AHEAD = 40
+"""Frames that a page may not have seen yet; further ones are dropped, not kept in the buffers of the system."""
 _BEAT = 0.2
 """Seconds between two renewals of the lease for a tab that has its socket."""
 
@@ -87,11 +89,14 @@ class _Socket:
         self._frame: bytes | None = None
         self._texts: deque[str] = deque()
         self._wake = asyncio.Event()
+        self._sent = 0
+        self.seen = 0
         self.too_slow = False
 
     def put_frame(self, frame: bytes) -> None:
-        self._frame = frame
-        self._wake.set()
+        if self._sent - self.seen < _AHEAD:
+            self._frame = frame
+            self._wake.set()
 
     def put(self, message: dict[str, Any] | str) -> None:
         if len(self._texts) >= _MOST_TEXTS:
@@ -110,6 +115,7 @@ class _Socket:
                     await self.socket.send_text(self._texts.popleft())
                 frame, self._frame = self._frame, None
                 if frame is not None:
+                    self._sent += 1
                     await self.socket.send_bytes(frame)
 
 
@@ -238,6 +244,10 @@ class Live:
         if what == "stop":
             socket.put({"kind": "stopping"})
             studio.stop(tab.name)
+            return
+        if what == "seen":
+            frames = order.get("frames")
+            socket.seen = max(socket.seen, frames) if isinstance(frames, int) else socket.seen
             return
         present = studio.source.present
         number = order.get("id")

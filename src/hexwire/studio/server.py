@@ -10,8 +10,9 @@ import asyncio
 import contextlib
 import os
 import socket as sockets
+import ssl
 import tempfile
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +32,12 @@ from starlette.websockets import WebSocket
 
 from hexwire.errors import LinkBusyError
 
+from .access import Right
 from .app import Studio
+from .connections import make_protocol
 from .guard import SESSION, Guard
 from .layout import build_page
+from .page_sockets import guard_page_sockets
 
 __all__ = ["STATIC", "Server", "make_app", "url_of"]
 
@@ -50,12 +54,16 @@ class Server:
         host: Address to listen at.
         port: Its port; 0 for a free one.
         certificate: Files of a certificate and its key; none without TLS.
+        ca: File of the authority whose client certificates are required; none for no such requirement.
+        right_of: As in `make_protocol`.
     """
 
     studio: Studio
     host: str = "127.0.0.1"
     port: int = 0
     certificate: tuple[str, str] | None = None
+    ca: str | None = None
+    right_of: Callable[[Mapping[str, Any]], Right | None] = lambda peer: None
     _server: Any = None
     _socket: Any = None
 
@@ -70,6 +78,8 @@ class Server:
         made.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
         try:
             made.bind((self.host, self.port))
+            # From here on whoever has the address waits for the start, and is not refused.
+            made.listen(128)
         except OSError as error:
             made.close()
             raise LinkBusyError(f"{self.host}:{self.port} cannot be used: {error.strerror}") from None
@@ -83,6 +93,7 @@ class Server:
             app,
             log_level="warning",
             access_log=False,
+            http=make_protocol(self.studio.access.limits, self.right_of),
             ws="websockets-sansio",
             ws_max_size=1 << 20,
             ws_ping_interval=5.0,
@@ -93,6 +104,8 @@ class Server:
             proxy_headers=False,
             ssl_certfile=self.certificate[0] if self.certificate else None,
             ssl_keyfile=self.certificate[1] if self.certificate else None,
+            ssl_ca_certs=self.ca,
+            ssl_cert_reqs=ssl.CERT_REQUIRED if self.ca else ssl.CERT_NONE,
         )
         self._server = server = uvicorn.Server(config)
         # The command owns the signals.
@@ -157,6 +170,7 @@ def _make_pages() -> Any:
         session = request.scope[SESSION]
         await build_page(_present(), session)
 
+    guard_page_sockets()
     ui.page("/")(page)
     ui.page("/{_:path}")(page)
     ui.run_with(

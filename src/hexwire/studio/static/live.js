@@ -1,8 +1,8 @@
 // The tab's own socket: frames of state in; signs of life, holds and stops out. Needs nothing of NiceGUI, so that STOP
 // works while all else hangs. The bytes of a frame are described in studio/frames.py.
 
-const BEAT = 100; // ms between two signs of life while something is held
-const ALIVE = 2000; // ms between two signs of life otherwise
+const BEAT = 60; // ms between two signs of life while something is held
+const SEEN = 10; // frames after which the server hears that they were seen; it sends only so many ahead
 const SURE = 300; // ms in which a stop is confirmed; after them it is sent again, by HTTP
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal", "age"];
 
@@ -13,7 +13,7 @@ let retry = 200;
 let held = null;
 let number = 0;
 let stopConfirmed = 0;
-let lost = false;
+let seen = 0;
 
 const hexwire = {
   model: { robot: "", joints: [], space: false },
@@ -82,7 +82,7 @@ function open() {
   socket = mine;
   mine.onopen = () => {
     retry = 200;
-    lost = false;
+    seen = 0;
     tell("link", true);
   };
   mine.onmessage = (event) => {
@@ -93,7 +93,6 @@ function open() {
     if (socket !== mine) return;
     socket = null;
     ended("the connection to the studio was lost");
-    lost = true;
     tell("link", false);
     if (event.code === 4404) {
       location.reload(); // the server has forgotten this page
@@ -129,6 +128,8 @@ function receive(message) {
 }
 
 function draw(bytes) {
+  seen += 1;
+  if (seen % SEEN === 0) send({ do: "seen", frames: seen });
   const view = new DataView(bytes);
   if (view.getUint8(0) !== 1) return;
   const n = view.getUint8(1);
@@ -310,7 +311,6 @@ function header(facts) {
 
 hexwire.onFacts(header);
 hexwire.onLink(() => header(hexwire.facts || { mode: "none" }));
-setInterval(() => send({ do: "alive" }), ALIVE);
 
 function mark() {
   for (const link of document.querySelectorAll(".hw-nav-link")) {

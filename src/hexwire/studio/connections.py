@@ -1,0 +1,87 @@
+"""Connections to the server: bounded in number and in time.
+
+Owns which connection is closed when there are too many, and the client certificate that each has shown. Must not
+know what is served.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+from .guard import PEER
+
+if TYPE_CHECKING:
+    from .access import Limits, Right
+
+__all__ = ["make_protocol"]
+
+
+def make_protocol(
+    limits: Limits, right_of: Callable[[Mapping[str, Any]], Right | None] = lambda peer: None
+) -> type[asyncio.Protocol]:
+    """The class of the connections of one server.
+
+    Args:
+        limits: The bounds.
+        right_of: What the holder of a verified client certificate may do, by what stands in it.
+    """
+    # In the order of their beginning; those that have become sockets are not among them.
+    present: dict[Any, None] = {}
+
+    class Connection(AutoHTTPProtocol):  # type: ignore[misc,valid-type]  # chosen by uvicorn when it is imported
+        """One connection, until it becomes a socket."""
+
+        _timer: asyncio.TimerHandle | None = None
+        _asked = False
+
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            present[self] = None
+            self._timer = asyncio.get_running_loop().call_later(limits.request, self._too_late)
+            if len(present) > limits.connections:
+                # One that has asked for nothing yet; else the oldest.
+                victim = next((each for each in present if not each._asked), next(iter(present)))
+                victim._abort()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            self._forget()
+            super().connection_lost(exc)
+
+        def on_headers_complete(self) -> None:
+            self._asked = True
+            self._end_timer()
+            self.scope[PEER] = self._peer()
+            super().on_headers_complete()
+
+        def handle_websocket_upgrade(self) -> None:
+            self._forget()
+            super().handle_websocket_upgrade()
+
+        def _peer(self) -> Right | None:
+            tls = self.transport.get_extra_info("ssl_object")
+            if tls is None or tls.context.verify_mode is not ssl.CERT_REQUIRED:
+                return None
+            return right_of(tls.getpeercert() or {})
+
+        def _too_late(self) -> None:
+            self._abort()
+
+        def _abort(self) -> None:
+            self._forget()
+            self.transport.abort()
+
+        def _forget(self) -> None:
+            present.pop(self, None)
+            self._end_timer()
+
+        def _end_timer(self) -> None:
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
+
+    return Connection

@@ -1,0 +1,210 @@
+"""What an attacker tries without a browser: nothing of it moves the arm, stops the service, or keeps STOP away."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.studio.running import Visitor, until
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from hexwire.studio.access import Right
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tests.studio.running import RunningStudio
+
+_SOCKETS = ["/live?tab={tab}", "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"]
+_THOUSAND = 1000
+
+
+@pytest.fixture
+def owner(studio: RunningStudio) -> Visitor:
+    """The rightful visitor."""
+    return Visitor(studio, studio.studio.access.operate_token)
+
+
+def _is_refused(visitor: Visitor, path: str) -> bool:
+    try:
+        with visitor.socket(path):
+            return False
+    except InvalidStatus as refused:
+        return refused.response.status_code == 403
+
+
+def _read_on(line: Any) -> None:
+    while True:
+        line.recv(timeout=10)
+
+
+@pytest.mark.parametrize("path", _SOCKETS)
+@pytest.mark.parametrize("fault", ["no session", "guessed session", "foreign origin", "no origin", "null", "host"])
+def test_a_socket_needs_session_origin_and_host(
+    studio: RunningStudio, owner: Visitor, path: str, fault: str
+) -> None:
+    path = path.format(tab=owner.page())
+    foreign = {"foreign origin": "http://evil.example", "no origin": "", "null": "null"}
+    visitor = Visitor(studio, origin=foreign.get(fault), host="evil.example" if fault == "host" else None)
+    if fault == "guessed session":
+        visitor.cookie = owner.cookie[:-4] + "AAAA"
+    elif fault != "no session":
+        visitor.cookie = owner.cookie
+    assert _is_refused(visitor, path)
+    assert not _is_refused(owner, path)
+
+
+def test_a_request_needs_session_origin_and_host(studio: RunningStudio, owner: Visitor) -> None:
+    assert owner.ask("/stop", "POST", b"", Origin="http://evil.example")[0] == 403
+    assert owner.ask("/stop", "POST", b"", Origin="")[0] == 403
+    assert owner.ask("/", Host="evil.example")[0] == 421
+    assert Visitor(studio).ask("/stop", "POST", b"")[0] == 401
+    assert studio.arm.owner.group.reason is None
+    assert owner.ask("/stop", "POST", b"")[0] == 200
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+
+
+def test_a_session_that_has_ended_cannot_be_replayed(studio: RunningStudio, owner: Visitor) -> None:
+    key = owner.cookie.partition("=")[2]
+    studio.studio.access.leave(key)
+    assert owner.ask("/", Origin="")[0] == 401
+    assert _is_refused(owner, _SOCKETS[1])
+
+
+def test_an_open_socket_ends_with_its_session(studio: RunningStudio, owner: Visitor) -> None:
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        line.recv(timeout=10)
+        studio.studio.access.leave(owner.cookie.partition("=")[2])
+        line.send(json.dumps({"do": "seen", "frames": 1}))
+        with pytest.raises(ConnectionClosed):
+            _read_on(line)
+
+
+def test_a_tab_belongs_to_its_session(studio: RunningStudio, owner: Visitor) -> None:
+    other = Visitor(studio, studio.studio.access.watch_token)
+    with other.socket(f"/live?tab={owner.page()}") as line, pytest.raises(ConnectionClosed):
+        line.recv(timeout=10)
+
+
+@pytest.mark.parametrize(
+    "message",
+    ["no json", "[1, 2]", "{" * 10_000, "[" * 60_000, b"\x00\x01", "x" * 70_000, "x" * 3_000_000],
+    ids=["text", "list", "braces", "deep", "bytes", "long", "huge"],
+)
+def test_a_malformed_or_oversized_message_ends_its_socket_only(owner: Visitor, message: str | bytes) -> None:
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        line.recv(timeout=10)
+        with contextlib.suppress(ConnectionClosed):
+            line.send(message)
+        with pytest.raises(ConnectionClosed):
+            _read_on(line)
+    with owner.socket(f"/live?tab={owner.page()}") as line:
+        assert json.loads(line.recv(timeout=10))["kind"] == "hello"
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        {"do": "hold", "id": "one", "kind": "joint"},
+        {"do": "hold", "id": 1, "kind": "joint", "args": {"directions": {"J1": 1}}, "stops": "0"},
+        {"do": "hold", "id": 1, "kind": ["joint"], "args": [], "stops": 0},
+        {"do": "hold", "id": 1, "kind": "joint", "args": {"directions": {"J1": 1}}, "stops": 0},
+        {"do": "hold", "id": True, "kind": "joint", "args": {"directions": {"J1": 1e400}}, "stops": 0},
+        {"do": "beat", "id": 1, "args": {"directions": {"J1": 1}}},
+        {"do": "seen", "frames": 10**30},
+        {"do": ["stop"]},
+        {"do": {"a": 1}},
+    ],
+)
+def test_an_order_without_control_or_sense_moves_nothing(studio: RunningStudio, order: dict[str, object]) -> None:
+    watcher = Visitor(studio, studio.studio.access.watch_token)
+    goals = {number: servo.registers.get("goal_position") for number, servo in studio.servos.items()}
+    with watcher.socket(f"/live?tab={watcher.page()}") as line:
+        line.send(json.dumps(order))
+        line.send(json.dumps({"do": "stop"}))
+        until(lambda: '"stopping"' in str(line.recv(timeout=10)), "the answer to the stop")
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+    assert {n: servo.registers.get("goal_position") for n, servo in studio.servos.items()} == goals
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../access.py",
+        "/static/%2e%2e/access.py",
+        "/static/..%2faccess.py",
+        "/static/%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2f%2e%2e%2fetc/passwd",
+        "/static//etc/passwd",
+        "/_nicegui/3.18.0/static/../../../../etc/passwd",
+        "/static/live.js/../../app.py",
+    ],
+)
+def test_no_file_outside_is_served(owner: Visitor, path: str) -> None:
+    _, _, body = owner.ask(path, Origin="")
+    assert b"root:" not in body
+    assert b"hmac" not in body
+    assert b"asyncio" not in body
+
+
+def test_a_body_is_bounded(owner: Visitor) -> None:
+    assert owner.ask("/stop", "POST", None, **{"Content-Length": str(10**12)})[0] == 413
+
+
+@pytest.fixture
+def crowd() -> Iterator[list[socket.socket]]:
+    """A place for connections, all closed at the end."""
+    made: list[socket.socket] = []
+    yield made
+    for each in made:
+        each.close()
+
+
+def test_a_thousand_sockets_of_nobody_do_not_keep_a_stop_away(
+    studio: RunningStudio, owner: Visitor, crowd: list[socket.socket]
+) -> None:
+    most = studio.studio.access.limits.connections
+    for number in range(_THOUSAND):
+        crowd.append(socket.create_connection(("127.0.0.1", owner.port), timeout=20))
+        if number >= 2 * most:
+            # The server has closed it: this test has not as many descriptors as an attacker.
+            crowd.pop(0).close()
+    assert owner.ask("/stop", "POST", b"")[0] == 200
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+
+
+def test_a_session_has_a_bounded_number_of_sockets(studio: RunningStudio, owner: Visitor) -> None:
+    path, most = _SOCKETS[1], studio.studio.access.limits.sockets
+    with contextlib.ExitStack() as stack:
+        opened = 0
+        for _ in range(most + 5):
+            with contextlib.suppress(InvalidStatus):
+                stack.enter_context(owner.socket(path))
+                opened += 1
+        assert opened == most
+    studio.until(lambda: not _is_refused(owner, path), "room for sockets again")
+
+
+def test_a_slow_reader_gets_no_more_frames_and_others_do(owner: Visitor) -> None:
+    with owner.socket(f"/live?tab={owner.page()}") as slow, owner.socket(f"/live?tab={owner.page()}") as quick:
+        seen = 0
+        while seen < 100:
+            if isinstance(quick.recv(timeout=10), bytes):
+                seen += 1
+                quick.send(json.dumps({"do": "seen", "frames": seen}))
+        frames = 0
+        with contextlib.suppress(TimeoutError):
+            while True:
+                frames += isinstance(slow.recv(timeout=0.15), bytes)
+        assert frames == 40
+
+
+def test_a_watcher_has_no_control_to_press(studio: RunningStudio) -> None:
+    watcher = Visitor(studio, studio.studio.access.watch_token)
+    _, _, body = watcher.ask("/", Origin="")
+    assert b"hw-stop" in body
+    assert b"hw-take" not in body
+    tab: Any = studio.studio.tabs.find(watcher.page(), watcher.cookie.partition("=")[2])
+    assert tab.right is Right.WATCH

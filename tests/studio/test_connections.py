@@ -1,0 +1,53 @@
+"""Connections: bounded in number and time, and what has asked for something is kept longest."""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+from tests.studio.running import until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tests.studio.running import RunningStudio
+
+
+@pytest.fixture
+def idle(served: RunningStudio) -> Iterator[list[socket.socket]]:
+    """Connections that ask for nothing: twice as many as are allowed."""
+    port = int(served.url.rpartition(":")[2])
+    made: list[socket.socket] = []
+    try:
+        most = served.studio.access.limits.connections
+        made.extend(socket.create_connection(("127.0.0.1", port), timeout=10) for _ in range(2 * most))
+        yield made
+    finally:
+        for each in made:
+            each.close()
+
+
+def _is_closed(each: socket.socket) -> bool:
+    each.setblocking(False)
+    try:
+        return each.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
+def test_too_many_idle_connections_end_the_oldest(served: RunningStudio, idle: list[socket.socket]) -> None:
+    most = served.studio.access.limits.connections
+    until(lambda: sum(map(_is_closed, idle[:most])) == most, "the end of the oldest")
+    assert not any(map(_is_closed, idle[-most:]))
+
+
+def test_a_request_comes_through_a_crowd(served: RunningStudio, idle: list[socket.socket]) -> None:
+    port = int(served.url.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as asking:
+        time.sleep(0.05)
+        asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+        assert asking.recv(100).startswith(b"HTTP/1.1 401")
