@@ -87,7 +87,7 @@ class RunningStudio:
 
 
 def _link_of(robot: Any) -> Any:
-    session = getattr(robot, "_session", None)
+    session = getattr(robot, "session", None)
     return session.ipc.link if session is not None else robot._bus.link
 
 
