@@ -81,6 +81,18 @@ class RunningStudio:
         servos = device.wire.servos if hasattr(device, "wire") else device.servos
         return {servo.servo_id: servo for servo in servos}
 
+    def goals(self) -> dict[int, int]:
+        """Goal position of each emulated servo by id, in its counts."""
+        found = {}
+        for number, servo in self.servos.items():
+            name = "goal_position" if "goal_position" in servo.registers.rows else "target_position"
+            found[number] = servo.registers.get(name)
+        return found
+
+    def torque(self) -> None:
+        """Switch torque on, without anybody's control."""
+        self.arm.owner.torque(True, self.arm.settings.model.names)
+
     def until(self, true: Callable[[], object], what: str, seconds: float = PATIENCE) -> None:
         """Wait until something is true, at most so long."""
         until(true, what, seconds)
