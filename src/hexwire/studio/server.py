@@ -25,7 +25,7 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
@@ -159,10 +159,14 @@ def _make_pages() -> Any:
         _present().stop("a page")
         return JSONResponse({"stopping": True})
 
+    async def icon(request: Request) -> Response:
+        return FileResponse(STATIC / "icon.svg", media_type="image/svg+xml")
+
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
     app.router.routes += [
         WebSocketRoute("/live", live),
         Route("/stop", stop, methods=["POST"]),
+        Route("/favicon.ico", icon),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
 
