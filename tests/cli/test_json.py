@@ -62,7 +62,16 @@ OFFLINE = {
 ELSEWHERE = {
     # A line a sample or frame, tested below; what differs or needs hardware is tested with its command.
     *("fleet list", "fleet watch", "fleet stop", "fleet record", "fleet play", "cert issue"),
-    *("bus monitor", "trace decode", "bus restore", "bus diff", "bus calibrate", "loopback", "firmware build"),
+    *(
+        "bus monitor",
+        "trace decode",
+        "bus restore",
+        "bus diff",
+        "bus calibrate",
+        "bus setup",
+        "loopback",
+        "firmware build",
+    ),
     "sim hand",
 }
 WITHOUT = {

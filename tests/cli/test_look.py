@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from hexwire.cli.main import cli
 from hexwire.link import ports as ipc_ports
 from hexwire.link.ports import PortInfo
 
@@ -105,3 +108,38 @@ def test_no_port_is_no_error(bench: Any, monkeypatch: pytest.MonkeyPatch) -> Non
     assert (result.exit_code, result.stdout) == (0, "")
     assert "no serial port" in result.stderr
     assert bench.run("ports", "--json", port=None).stdout == "[]\n"
+
+
+def _plugging(monkeypatch: pytest.MonkeyPatch, *lists: list[PortInfo]) -> None:
+    """The list of ports at each look, the last of them from then on; a look a quarter of a second."""
+    left, now = list(lists), [0.0]
+
+    def listed() -> list[PortInfo]:
+        return left.pop(0) if len(left) > 1 else left[0]
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    monkeypatch.setattr("hexwire.link.ports.list_ports", listed)
+    monkeypatch.setattr("hexwire.cli.look.time", SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+
+
+def test_a_port_is_named_by_unplugging(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, two = PortInfo("/dev/ttyACM0"), PortInfo("/dev/ttyACM1", guess="an adapter")
+    _plugging(monkeypatch, [one, two], [one, two], [one], [one], [one, two])
+    result = CliRunner().invoke(cli, ["ports", "--find"])
+    assert result.exit_code == 0, result.output
+    assert result.stderr.splitlines() == [
+        "unplug the USB cable of the arm; or plug it in, if it is not yet",
+        "/dev/ttyACM1 is gone: plug it in again",
+    ]
+    assert "/dev/ttyACM1" in result.stdout
+    assert "/dev/ttyACM0" not in result.stdout
+
+
+def test_a_port_that_does_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    _plugging(monkeypatch, [])
+    result = CliRunner().invoke(cli, ["ports", "--find", "--timeout", "5"])
+    assert result.exit_code == 1
+    assert "no port came within 5 s: is the cable one for data?" in result.stderr
+    assert CliRunner().invoke(cli, ["ports", "--timeout", "5"]).exit_code == 2

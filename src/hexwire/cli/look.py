@@ -5,15 +5,20 @@ Owns the presentation of the answers. Must not know how they are obtained.
 
 from __future__ import annotations
 
+import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import click
 
+from hexwire.errors import UsageError
+
 from .common import (
     RobotOptions,
     fault_names,
+    is_typed,
     json_option,
+    number_option,
     open_robot,
     raise_if_silent,
     robot_options,
@@ -23,8 +28,12 @@ from .output import print_json, say, say_table
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import ProbeReport
+    from hexwire.link.ports import PortInfo
 
 __all__ = ["ping", "ports", "probe"]
+
+_LOOK = 0.25
+"""Seconds between two looks at the ports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +109,16 @@ def _say_report(report: ProbeReport) -> None:
 
 
 @click.command()
+@click.option("--find", is_flag=True, help="Name a port by unplugging its cable and plugging it in again.")
+@number_option("--timeout", "SECONDS", "With --find: how long to wait.", above=0, default=60.0)
 @json_option
-def ports(as_json: bool) -> None:
+def ports(find: bool, timeout: float, as_json: bool) -> None:
     """List serial ports and the devices they probably belong to."""
     from hexwire.link.ports import list_ports
 
-    found = list_ports()
+    if is_typed("timeout") and not find:
+        raise UsageError("--timeout is for --find")
+    found = _unplugged(timeout) if find else list_ports()
     if as_json:
         print_json([asdict(port) | {"usb_id": port.usb_id or None} for port in found])
     elif not found:
@@ -113,3 +126,25 @@ def ports(as_json: bool) -> None:
     else:
         rows = [(p.device, p.usb_id or "-", p.guess, "yes" if p.likely_board else "") for p in found]
         say_table(("device", "usb id", "probably", "board?"), rows)
+
+
+def _unplugged(timeout: float) -> list[PortInfo]:
+    """The ports of the device whose cable somebody unplugs and plugs in again.
+
+    Raises:
+        LinkNotFoundError: Nothing came in time.
+    """
+    from hexwire.errors import LinkNotFoundError
+    from hexwire.link.find_port import PortFinder
+    from hexwire.link.ports import list_ports
+
+    finder, said = PortFinder(list_ports()), ""
+    end = time.monotonic() + timeout
+    while not finder.over:
+        if finder.asks != said:
+            note(said := finder.asks)
+        if time.monotonic() >= end:
+            raise LinkNotFoundError(f"no port came within {timeout:g} s: is the cable one for data?")
+        time.sleep(_LOOK)
+        finder.receive(list_ports(), time.monotonic())
+    return list(finder.found)
