@@ -20,7 +20,7 @@ from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
 from hexwire.fleet.overview import look, stop_all
 from hexwire.fleet.roster import HUNG, Roster
-from hexwire.model.state import JointTarget
+from hexwire.model.state import JointFlag, JointTarget
 
 from .conftest import Serve
 from .eventually import eventually
@@ -162,3 +162,27 @@ def test_a_connection_that_ends_in_between_is_an_error_of_that_arm(
         assert (row.confirmed, row.error) == (False, "gone")
         assert [row.silent for row in look(roster, 1.0)] == [True]
     node.close()
+
+
+def test_faults_of_servos_are_named_by_joint() -> None:
+    def state(*flags: JointFlag, error: str = "") -> m.State:
+        names = tuple(f"J{i + 1}" for i in range(len(flags)))
+        row = (0.0,) * len(flags)
+        values = (*(row,) * 6, tuple(int(each) for each in flags), row)
+        return m.State(1, 1, 0.0, 0.0, 0.0, names, *values, 0.0, False, False, False, error=error)
+
+    hot = JointFlag.TEMPERATURE | JointFlag.OVERLOAD | JointFlag.TORQUE_ON
+    assert overview._faults(state(JointFlag.TORQUE_ON, hot)) == "J2: temperature, overload"
+    assert overview._faults(state(JointFlag.TORQUE_ON)) == ""
+    assert overview._faults(state(hot, error="the port is lost")) == ""
+
+
+def test_only_the_arms_that_are_named_are_stopped(serve: Serve) -> None:
+    serve("lab/arm1", robot="sim")
+    serve("lab/arm2", robot="sim")
+    with Roster() as roster:
+        assert roster.settle(5.0)
+        (done,) = stop_all(roster, "Bob", only=["lab/arm2"])
+        assert (done.name, done.confirmed) == ("lab/arm2", True)
+        eventually(lambda: [row.stopped for row in look(roster, 2.0)] == [False, True])
+        assert list(stop_all(roster, "Bob", only=["lab/arm3"])) == []

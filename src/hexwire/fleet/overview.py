@@ -6,7 +6,7 @@ Owns asking many arms at the same time, so that one that hangs delays no other. 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,6 +55,7 @@ class Overview:
         age: Age of its newest state, seconds; None if there is none.
         silent: It does not answer.
         local: It is served by this user on this machine.
+        faults: What its servos report, as in ``J3: overload``; empty if nothing.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Overview:
     age: float | None = None
     silent: bool = False
     local: bool = False
+    faults: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,15 @@ def _overview(seen: Seen, answers: list[m.Answer], why: str) -> Overview:
         max(0.0, now - row.stamp) if row.names else None,
         False,
         seen.local,
+        _faults(row),
     )
+
+
+def _faults(state: m.State) -> str:
+    if len(state.flags) != len(state.names) or state.error:
+        return ""
+    found = ((name, JointFlag(flags).faults) for name, flags in zip(state.names, state.flags, strict=True))
+    return "; ".join(f"{name}: {faults}" for name, faults in found if faults)
 
 
 def _as(answer: m.Answer, kind: Any) -> Any:
@@ -158,7 +168,12 @@ def _torque(state: m.State) -> str:
 
 
 def stop_all(
-    roster: Roster, client: str, mode: StopMode = StopMode.HOLD, *, timeout: float = 3.0
+    roster: Roster,
+    client: str,
+    mode: StopMode = StopMode.HOLD,
+    *,
+    timeout: float = 3.0,
+    only: Collection[str] | None = None,
 ) -> Iterator[Stopped]:
     """Stop every arm as soon as it is found; yields each result as soon as it is known.
 
@@ -168,6 +183,7 @@ def stop_all(
         mode: How they stop. Torque off is for operators and maintainers; an arm where it is denied is stopped all
             the same, and holds.
         timeout: Seconds for the confirmation of an arm.
+        only: Names of the arms, of those in the roster; None for all.
     """
     stops: dict[str, _Stop | None] = {}
     request = m.StopRequest(client, int(mode))
@@ -177,7 +193,7 @@ def stop_all(
     while True:
         settled = roster.settled or time.monotonic() - began > _OPEN
         for name, seen in roster.seen().items():
-            if name not in stops:
+            if name not in stops and (only is None or name in only):
                 try:
                     stops[name] = _Stop(seen, request, roles, timeout)
                 except HexwireError as error:
@@ -187,11 +203,12 @@ def stop_all(
             if stop is not None and (done := stop.poll()) is not None:
                 stops[name] = None
                 yield done
-        if settled and not any(stops.values()):
+        known = settled or (only is not None and stops.keys() >= set(only))
+        if known and not any(stops.values()):
             break
         time.sleep(_WAIT)
     for name, why in roster.silent().items():
-        if name not in stops:
+        if name not in stops and (only is None or name in only):
             yield Stopped(name, False, error=why)
 
 

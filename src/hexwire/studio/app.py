@@ -19,10 +19,12 @@ from hexwire.errors import HexwireError, LeaseError
 
 from .access import Access, Right
 from .bus_source import live_row
+from .fleet_watch import FleetWatch
 from .holds import Holds
 from .live import Live
 from .source import Source
 from .tabs import Tab, Tabs
+from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
     from hexwire.control.attended import Entry
@@ -58,6 +60,8 @@ class Studio:
         access: As given.
         source: What is open.
         tabs: The open tabs.
+        wire: The traffic of what is open, and of files.
+        fleet: The shared arms that this program may see.
         holds: The kinds of motion that a page may hold.
         live: The tabs' own sockets.
         orders: Runs what tabs order, one after the other.
@@ -66,7 +70,9 @@ class Studio:
     def __init__(self, access: Access) -> None:
         self.access = access
         self.tabs = Tabs()
-        self.source = Source(self._changed)
+        self.wire = WireFeed()
+        self.fleet = FleetWatch()
+        self.source = Source(self._changed, self.wire)
         self.holds = Holds(self.source)
         self.holds.add("run", self._begin_run)
         self.live = Live(self)
@@ -245,5 +251,6 @@ class Studio:
         if self._watch is not None:
             self._watch.join()
         self.source.close()
+        self.fleet.close()
         for pool in (self.orders, self._stops, self._workers):
             pool.shutdown()

@@ -35,9 +35,11 @@ from hexwire.errors import LinkBusyError
 from .access import Right
 from .app import Studio
 from .connections import make_protocol
+from .fleet_api import fleet_routes
 from .guard import SESSION, Guard
 from .layout import build_page
 from .page_sockets import guard_page_sockets
+from .wire_api import wire_routes
 
 __all__ = ["STATIC", "Server", "make_app", "url_of"]
 
@@ -168,6 +170,8 @@ def _make_pages() -> Any:
         Route("/stop", stop, methods=["POST"]),
         Route("/favicon.ico", icon),
         Mount("/static", StaticFiles(directory=STATIC)),
+        *wire_routes(_present),
+        *fleet_routes(_present),
     ]
 
     async def page(request: Request) -> None:

@@ -25,9 +25,11 @@ from hexwire.control.setting import Faults
 from hexwire.control.settings_reader import read_settings
 from hexwire.control.shared import Order, SharedArm
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, StoppedError, UsageError
+from hexwire.link.tap import wrap_new_links
 from hexwire.model.state import JointFlag
 
 from .frames import FrameBit, serialize_frame
+from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
     from hexwire.control.lease import Grant
@@ -288,6 +290,7 @@ class Source:
 
     Args:
         on_change: Called after each change, in the thread that made it.
+        wire: Keeps the traffic of what is open; one of its own if None.
 
     Attributes:
         arm: The open arm, or None.
@@ -297,7 +300,8 @@ class Source:
         silence: Seconds without a sign of life after which what somebody holds ends.
     """
 
-    def __init__(self, on_change: Callable[[], object] = lambda: None) -> None:
+    def __init__(self, on_change: Callable[[], object] = lambda: None, wire: WireFeed | None = None) -> None:
+        self._wire = wire or WireFeed()
         self.arm: ArmSource | None = None
         self.bus: BusSource | None = None
         self.opening, self.error = "", ""
@@ -333,7 +337,9 @@ class Source:
                 given: dict[str, object] = {"port": url} | settings
                 if robot:
                     given["robot"] = robot
-                read, driver = read_settings(given, Faults())
+                with wrap_new_links(self._wire.begin(url)):
+                    read, driver = read_settings(given, Faults())
+                self._wire.expect(joint.series for joint in read.model.joints)
                 arm = ArmSource(read, driver, self.silence)
                 try:
                     arm.start()
@@ -374,9 +380,9 @@ class Source:
             self.opening, self.error = url, ""
             self._on_change()
             try:
-                if link is None:
-                    # A rate in the address, or that of the factory.
-                    link = ServoBus.from_url(url).link
+                tap = self._wire.begin(url)
+                # A rate in the address, or that of the factory.
+                link = tap(link if link is not None else ServoBus.from_url(url).link)
                 bus = ServoBus(link)
                 bus.open()
                 self.bus = BusSource(bus, self.silence)
@@ -392,6 +398,7 @@ class Source:
         """Close what is open."""
         with self._lock:
             self._close()
+            self._wire.begin("")
         self._on_change()
 
     def _close(self) -> None:

@@ -1,13 +1,70 @@
-"""The page Fleet, as a person uses it."""
+"""The page Fleet, as a person uses it, and what it asks for."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import pytest
+from tests.fleet.conftest import Serve, runtime, serve
+
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from pathlib import Path
+
+    from playwright.sync_api import BrowserContext, Page
+    from tests.studio.running import RunningStudio
+
+__all__ = ["runtime", "serve"]
 
 
-def test_page_has_its_heading(page: Page) -> None:
+@pytest.fixture
+def fleet_page(runtime: Path, studio: RunningStudio, page: Page) -> Iterator[Page]:
     page.get_by_role("link", name="Fleet", exact=True).click()
     page.get_by_role("heading", name="Fleet", level=1).wait_for()
+    yield page
+    page.close()
+    studio.studio.fleet.rest()
+
+
+def test_without_arms_the_page_says_what_to_do(fleet_page: Page) -> None:
+    fleet_page.get_by_text("start 'hexwire serve --name lab/arm1'").wait_for()
+    fleet_page.get_by_role("button", name="Stop all arms").click()
+    fleet_page.get_by_text("all arms: NOT CONFIRMED").wait_for()
+
+
+def test_a_viewer_sees_the_arms_and_stops_one(
+    serve: Serve, studio: RunningStudio, context: BrowserContext, fleet_page: Page
+) -> None:
+    service = serve("lab/arm1", robot="sim")
+    serve("lab/arm2", robot="sim")
+    viewer = context.new_page()
+    viewer.goto(studio.watch_url)
+    viewer.get_by_role("link", name="Fleet", exact=True).click()
+    row = viewer.get_by_role("row").filter(has_text="lab/arm1")
+    row.get_by_text("hex7bot").wait_for()
+    viewer.get_by_role("button", name="Stop lab/arm1").click()
+    viewer.get_by_text("lab/arm1: stopped, holding: J1").wait_for()
+    row.get_by_text("stopped: the studio of").wait_for()
+    assert service is not None
+    other = viewer.get_by_role("row").filter(has_text="lab/arm2")
+    assert "stopped" not in other.inner_text()
+    # A viewer cannot open it, neither by a button nor without one.
+    assert viewer.get_by_role("button", name="Open lab/arm1").count() == 0
+    tab = viewer.locator('meta[name="hexwire-tab"]').get_attribute("content")
+    refused = viewer.evaluate(
+        "async (tab) => (await (await fetch(`/fleet/open?name=lab/arm1&tab=${tab}`, {method: 'POST'})).json())", tab
+    )
+    assert refused == {"refused": "not done: this address is for watching only"}
+    viewer.get_by_role("button", name="Stop all arms").click()
+    viewer.get_by_text("lab/arm2: stopped, holding: J1").wait_for()
+    viewer.close()
+
+
+def test_an_arm_of_the_fleet_is_opened_in_the_studio(serve: Serve, studio: RunningStudio, fleet_page: Page) -> None:
+    serve("lab/arm1", robot="sim")
+    fleet_page.get_by_role("button", name="Open lab/arm1").click()
+    fleet_page.get_by_role("heading", name="Arm", level=1).wait_for()
+    assert studio.arm.owner.robot.url.startswith("zenoh:lab/arm1")
+    fleet_page.get_by_role("link", name="Wire", exact=True).click()
+    fleet_page.get_by_text("shared by another program").wait_for()
+    studio.studio.source.close()

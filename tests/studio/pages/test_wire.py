@@ -2,12 +2,104 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import pytest
+
+from hexwire.link.tap import Direction, Passed
+from hexwire.trace.sources import read_traffic
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
+    from tests.studio.running import RunningStudio
+
+CAPTURES = Path(__file__).parents[3] / "vectors" / "captures"
 
 
-def test_page_has_its_heading(page: Page) -> None:
+@pytest.fixture
+def wire(page: Page) -> Page:
     page.get_by_role("link", name="Wire", exact=True).click()
     page.get_by_role("heading", name="Wire", level=1).wait_for()
+    page.get_by_role("option", name="JOINT_STATE").first.wait_for()
+    return page
+
+
+def open_file(page: Page, name: str) -> None:
+    page.get_by_label("Open a recording, capture or log").set_input_files(CAPTURES / name)
+    page.get_by_text(name).wait_for()
+
+
+def test_live_frames_are_filtered_and_paused(wire: Page) -> None:
+    wire.get_by_label("Filter", exact=True).fill("joint_state answer")
+    frames = wire.get_by_role("listbox", name="Frames")
+    wire.wait_for_function(
+        """() => {
+          const texts = [...document.querySelectorAll(".hw-wire-row:not([hidden]) .hw-wire-text")];
+          return texts.length > 3 && texts.every((each) => each.textContent.includes("JOINT_STATE reply ok"));
+        }"""
+    )
+    wire.get_by_role("button", name="Pause").click()
+    wire.get_by_role("button", name="Go on").wait_for()
+    shown = frames.locator(".hw-wire-row:not([hidden])").last.inner_text()
+    wire.wait_for_timeout(300)
+    assert frames.locator(".hw-wire-row:not([hidden])").last.inner_text() == shown
+    wire.get_by_label("Filter", exact=True).fill("servo")
+    wire.get_by_role("button", name="Go on").click()
+    wire.get_by_text("servo needs a number").wait_for()
+
+
+def test_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> None:
+    open_file(wire, "cut-frame.pcapng")
+    detail = wire.get_by_role("region", name="The selected frame")
+    detail.get_by_text("Answered by 2").wait_for()
+    # A byte by mouse: the field in the tree is chosen.
+    detail.locator("#hw-wire-byte-45").click()
+    chosen = detail.locator('[role="treeitem"][aria-selected="true"]')
+    assert chosen.locator(".hw-wire-name").inner_text() == "address"
+    assert "0x38 present_position" in detail.locator(".hw-wire-info").inner_text()
+    # A field by keyboard: its bytes are marked.
+    wire.get_by_role("tree").press("ArrowUp")
+    assert chosen.locator(".hw-wire-name").inner_text() == "instruction"
+    assert detail.locator(".hw-wire-byte.hw-wire-on").all_inner_texts() == ["02"]
+    wire.get_by_role("listbox", name="Bytes of the frame").press("Home")
+    assert chosen.locator(".hw-wire-name").inner_text() == "sync"
+    assert detail.locator(".hw-wire-byte.hw-wire-on").all_inner_texts() == ["5A", "FA", "FA", "5A"]
+    # The pair, and the list by keyboard.
+    detail.get_by_role("button", name="Answered by 2").click()
+    detail.get_by_text("Answers 1").wait_for()
+    wire.get_by_role("listbox", name="Frames").press("ArrowDown")
+    detail.get_by_text("Frame 3, sent").wait_for()
+    assert "a board of the chapter cuts the frame there" in detail.inner_text()
+
+
+def test_a_file_is_refused_with_the_reason_and_the_line_comes_back(wire: Page) -> None:
+    wire.get_by_label("Open a recording, capture or log").set_input_files(
+        {"name": "x.txt", "mimeType": "text/plain", "buffer": b"hello"}
+    )
+    wire.get_by_text("x.txt has no traffic").wait_for()
+    open_file(wire, "wrong-id.txt")
+    wire.get_by_role("option", name="status 1 legacy").wait_for()
+    wire.get_by_role("button", name="Back to the line").click()
+    wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
+
+
+def test_the_traffic_is_saved(wire: Page, tmp_path: Path) -> None:
+    with wire.expect_download() as download:
+        wire.get_by_role("button", name="Save pcapng").click()
+    path = tmp_path / "x.pcapng"
+    download.value.save_as(path)
+    found = [each for each in read_traffic(path.read_bytes()) if isinstance(each, Passed)]
+    assert len(found) > 10
+    assert {each.direction for each in found} == set(Direction)
+
+
+def test_a_thousand_frames_a_second_are_few_elements(wire: Page, studio: RunningStudio) -> None:
+    ring = studio.studio.wire._ring
+    (_, sample) = ring.since(0)[-1]
+    for _ in range(400):
+        ring.feed(sample._replace(data=sample.data * 10))
+    wire.wait_for_function(
+        "Number(document.querySelector('.hw-wire-status').textContent.match(/of (\\d+)/)[1]) > 4000"
+    )
+    assert wire.locator(".hw-wire-row").count() < 100

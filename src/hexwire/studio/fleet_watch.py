@@ -1,0 +1,184 @@
+"""The arms of the fleet, for the fleet page: looked at while somebody looks, and stopped.
+
+Owns when the fleet is watched, and what the page says where there is nothing to watch. Any thread may call it; a
+call may wait for arms. Must not know pages or requests, nor how arms are found, asked and stopped; which of them
+this program may see and stop, its certificate decides.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from hexwire.errors import HexwireError, LinkNotFoundError, UsageError
+
+if TYPE_CHECKING:
+    from hexwire.fleet.network import Network
+    from hexwire.fleet.overview import Overview
+    from hexwire.fleet.roster import Roster
+
+__all__ = ["FleetWatch"]
+
+_PERIOD = 0.5
+_ANSWERS = 0.4
+"""Time-out for the condition of an arm, seconds."""
+_UNWATCHED = 10.0
+"""Seconds after the last look at which the fleet is left alone."""
+_SETTLE = 4.0
+"""Seconds until all routes have been tried; a server that hangs takes 3 s."""
+_GONE = 60.0
+"""Seconds for which an arm that vanished is shown."""
+_HERE = (
+    "These are the arms that this user shares on this machine. To see those behind a router, name it in a file, "
+    "set HEXWIRE_FLEET to its path, and start the studio again."
+)
+_NOBODY = "No arm is shared on this machine by this user: start 'hexwire serve --name lab/arm1' in a terminal."
+
+
+class FleetWatch:
+    """Watches the fleet while somebody looks at it.
+
+    Args:
+        clock: Seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        self._resting = threading.Lock()
+        self._changed = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._asked = 0.0
+        self._roster: Roster | None = None
+        self._rows: list[Overview] | None = None
+        self._gone: dict[str, float] = {}
+        self._error = ""
+        self._router = ""
+
+    def look(self) -> dict[str, Any]:
+        """The arms as they were half a second ago at most, for JSON; the first looks find nothing yet.
+
+        Returns:
+            ``arms``, a table each; ``gone``, names of those that vanished; ``looking``, whether arms are still
+            being searched for; ``router``; ``note``, what to do; ``error``.
+        """
+        with self._lock:
+            self._asked = self._clock()
+            if self._thread is None and not self._ending.is_set():
+                self._thread = threading.Thread(target=self._watch, name="fleet watch", daemon=True)
+                self._thread.start()
+            rows = self._rows
+            note = _NOBODY if rows == [] and not self._router else "" if self._router else _HERE
+            return {
+                "arms": [{**asdict(row), "url": self.address(row.name)} for row in rows or ()],
+                "gone": sorted(self._gone),
+                "looking": rows is None and not self._error,
+                "router": self._router,
+                "note": "" if self._error else note,
+                "error": self._error,
+            }
+
+    def stop(self, name: str | None, who: str) -> list[dict[str, Any]]:
+        """Stop an arm, or all; it needs no lease.
+
+        Args:
+            name: Its name; None for all.
+            who: Who stops them, for display.
+
+        Returns:
+            A table for each arm: ``name``, ``confirmed``, ``joints``, ``error``, ``seconds``.
+
+        Raises:
+            HexwireError: The fleet cannot be reached, or there is no such arm.
+        """
+        from hexwire.fleet.identity import whoami
+        from hexwire.fleet.overview import stop_all
+
+        only = None if name is None else (name,)
+        client = f"{who} of {whoami()}"
+        with self._lock:
+            self._asked = self._clock()
+        with contextlib.ExitStack() as stack:
+            roster = self._roster or stack.enter_context(self._open())
+            done = [asdict(row) for row in stop_all(roster, client, only=only)]
+        if not done:
+            raise LinkNotFoundError(f"nothing was stopped: there is no arm {name}" if name else _NOBODY)
+        return done
+
+    def address(self, name: str) -> str:
+        """The address of an arm, for `Source.open`; certificates come from the file of the fleet."""
+        return f"zenoh:{name}"
+
+    def known(self, name: str) -> str:
+        """The address of an arm that was seen.
+
+        Raises:
+            UsageError: None of that name was.
+        """
+        with self._lock:
+            if name not in {row.name for row in self._rows or ()}:
+                raise UsageError(f"there is no arm {name[:80]!r}")
+        return self.address(name)
+
+    def rest(self) -> None:
+        """End watching until somebody looks again."""
+        with self._resting:
+            self.close()
+            self._ending.clear()
+
+    def close(self) -> None:
+        """End watching."""
+        self._ending.set()
+        self._changed.set()
+        thread = self._thread
+        if thread is not None:
+            thread.join()
+
+    def _open(self) -> Roster:
+        from hexwire.fleet.address import router_network
+        from hexwire.fleet.node import load_zenoh
+        from hexwire.fleet.roster import Roster
+
+        load_zenoh()
+        network: Network | None = router_network()
+        self._router = ", ".join(network.connect) if network is not None else ""
+        return Roster("**", network, on_change=lambda name, there: self._changed.set())
+
+    def _watch(self) -> None:
+        try:
+            with self._open() as roster:
+                self._error = ""
+                roster.settle(_SETTLE)
+                self._roster = roster
+                while not self._is_over():
+                    self._look(roster)
+                    self._changed.wait(_PERIOD)
+                    self._changed.clear()
+        except HexwireError as error:
+            self._error = str(error)
+            self._ending.wait(_PERIOD)
+        finally:
+            with self._lock:
+                self._roster, self._thread = None, None
+                self._rows = None
+
+    def _look(self, roster: Roster) -> None:
+        from hexwire.fleet.overview import look
+
+        rows, now = look(roster, _ANSWERS), self._clock()
+        there = {row.name for row in rows}
+        with self._lock:
+            for row in self._rows or ():
+                if row.name not in there:
+                    self._gone.setdefault(row.name, now)
+            self._gone = {n: when for n, when in self._gone.items() if n not in there and now - when < _GONE}
+            self._rows = rows
+
+    def _is_over(self) -> bool:
+        with self._lock:
+            return self._ending.is_set() or self._clock() - self._asked > _UNWATCHED

@@ -1,0 +1,155 @@
+// The fleet page: all shared arms that the studio may see, twice a second, and their stop.
+
+const PERIOD = 500;
+const HEAD = ["Arm", "State", "Faults", "Lease", "Torque", "Age", "Robot", "Computer", ""];
+
+function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (value !== false) element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+export function mount(root, args) {
+  if (!document.querySelector('link[href="/static/fleet.css"]')) {
+    document.head.append(make("link", { rel: "stylesheet", href: "/static/fleet.css" }));
+  }
+  new FleetPage(root, args.tab, args.operate);
+}
+
+function condition(arm) {
+  if (arm.silent) return [`no answer: ${arm.why}`, "error"];
+  if (arm.stopped) return [arm.why ? `stopped: ${arm.why}` : "stopped", "warn"];
+  return arm.why ? [arm.why, "warn"] : ["ok", "ok"];
+}
+
+class FleetPage {
+  constructor(root, tab, operate) {
+    this.root = root;
+    this.tab = tab;
+    this.operate = operate;
+    this.rows = new Map();
+    this.body = make("tbody");
+    this.stopAll = make("button", { type: "button", class: "hw-button hw-fleet-all", onclick: () => this.stop(null) }, "Stop all arms");
+    this.summary = make("span", { role: "status" }, "Looking for arms ...");
+    this.note = make("p", { class: "hw-fleet-note", hidden: true });
+    this.problem = make("p", { class: "hw-fleet-error", role: "alert", hidden: true });
+    this.results = make("ul", { class: "hw-fleet-results", "aria-live": "assertive", "aria-label": "Results of the last stop" });
+    this.table = make("table", { class: "hw-fleet-table", hidden: true },
+      make("thead", {}, make("tr", {}, ...HEAD.map((text) => make("th", { scope: "col" }, text || make("span", { class: "hw-fleet-hidden" }, "Actions"))))),
+      this.body);
+    root.replaceChildren(
+      make("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
+      this.results, this.problem, this.note,
+      make("div", { class: "hw-fleet-scroll" }, this.table));
+    document.addEventListener("visibilitychange", () => this.poll());
+    this.poll();
+  }
+
+  async ask(path, values = {}, options = {}) {
+    const answer = await fetch(`/fleet/${path}?${new URLSearchParams({ tab: this.tab, ...values })}`, options);
+    if (!answer.ok) throw new Error(`the studio refused this (${answer.status})`);
+    const found = await answer.json();
+    if (found.refused) throw new Error(found.refused);
+    return found;
+  }
+
+  async poll() {
+    clearTimeout(this.timer);
+    if (!this.root.isConnected || document.hidden || this.asking) return;
+    this.asking = true;
+    try {
+      this.show(await this.ask("arms"));
+    } catch (error) {
+      this.fail(error.message);
+    }
+    this.asking = false;
+    this.timer = setTimeout(() => this.poll(), PERIOD);
+  }
+
+  show(found) {
+    this.fail(found.error);
+    const gone = found.gone.length ? `; gone: ${found.gone.join(", ")}` : "";
+    const count = found.arms.length === 1 ? "1 arm" : `${found.arms.length} arms`;
+    const where = found.router ? `, also behind ${found.router}` : " on this machine";
+    put(this.summary, found.error ? "" : found.looking ? "Looking for arms ..." : `${count}${where}${gone}`);
+    put(this.note, found.note);
+    this.note.hidden = !found.note;
+    this.table.hidden = !found.arms.length;
+    const there = new Set(found.arms.map((arm) => arm.name));
+    for (const [name, row] of this.rows) {
+      if (!there.has(name)) {
+        row.remove();
+        this.rows.delete(name);
+      }
+    }
+    found.arms.forEach((arm, place) => {
+      const row = this.row(arm.name);
+      this.fill(row, arm);
+      if (this.body.children[place] !== row) this.body.insertBefore(row, this.body.children[place] || null);
+    });
+  }
+
+  row(name) {
+    if (!this.rows.has(name)) {
+      const buttons = make("td", { class: "hw-fleet-buttons" },
+        make("button", { type: "button", class: "hw-button hw-fleet-stop", "aria-label": `Stop ${name}`, onclick: () => this.stop(name) }, "Stop"));
+      if (this.operate) {
+        buttons.append(make("button", { type: "button", class: "hw-button", "aria-label": `Open ${name} in this studio`, onclick: (event) => this.open(name, event.currentTarget) }, "Open"));
+      }
+      const cells = HEAD.slice(1, -1).map((label) => make("td", { "data-label": label }));
+      this.rows.set(name, make("tr", {}, make("th", { scope: "row" }, name), ...cells, buttons));
+    }
+    return this.rows.get(name);
+  }
+
+  fill(row, arm) {
+    const [words, level] = condition(arm);
+    const age = arm.age === null ? "–" : `${(1000 * arm.age).toFixed(0)} ms`;
+    const texts = [words, arm.faults || (arm.silent ? "–" : "none"), arm.holder || "nobody", arm.torque || "–", age, arm.robot || "–", arm.host || "–"];
+    texts.forEach((text, i) => put(row.children[i + 1], text));
+    row.children[1].dataset.level = level;
+    row.children[2].dataset.level = arm.faults ? "error" : "";
+  }
+
+  fail(text) {
+    put(this.problem, text);
+    this.problem.hidden = !text;
+  }
+
+  async stop(name) {
+    const told = name || "all arms";
+    this.results.replaceChildren(make("li", {}, `Stopping ${told} ...`));
+    try {
+      const done = await this.ask("stop", name ? { name } : { all: "1" }, { method: "POST" });
+      this.results.replaceChildren(...done.map((row) => {
+        const joints = row.joints.length ? `: ${row.joints.join(" ")}` : "";
+        const good = `${row.name}: stopped, holding${joints} (${(1000 * row.seconds).toFixed(0)} ms)`;
+        const bad = `${row.name}: NOT CONFIRMED: ${row.error}. Switch its power off if it may move.`;
+        return make("li", { "data-level": row.confirmed ? "ok" : "error" }, row.confirmed ? good : bad);
+      }));
+    } catch (error) {
+      this.results.replaceChildren(make("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${error.message}`));
+    }
+    this.poll();
+  }
+
+  async open(name, button) {
+    button.disabled = true;
+    try {
+      await this.ask("open", { name }, { method: "POST" });
+      const link = document.querySelector('.hw-nav-link[data-path="/arm"]');
+      if (link) link.click();
+    } catch (error) {
+      this.fail(error.message);
+    }
+    button.disabled = false;
+  }
+}

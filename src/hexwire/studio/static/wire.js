@@ -1,0 +1,280 @@
+// The wire page: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
+
+import { Detail } from "/static/wire_detail.js";
+import { FrameList, NUMBER } from "/static/wire_list.js";
+
+const PERIOD = 100; // ms between two questions for rows
+const SLOW = 1000; // ms after an error
+const SERIES = [
+  ["board", "Hex7Bot, by id"],
+  ["seven_bot", "7Bot"],
+  ["scs", "SCS"],
+  ["sts_sms", "STS, SMS"],
+  ["hls", "HLS"],
+];
+const HELP = [
+  ["servo 3", "names servo 3; servo 3,4 one of both"],
+  ["joint_move", "that command or instruction; another word is searched for in the text"],
+  ['"two words"', "searched for in the text"],
+  ["bad", "no valid frame or packet; doubt also what has a remark"],
+  ["sent, received, request, answer, unanswered, frame, packet", "what they say"],
+  ["dialect 2", "frames of that dialect"],
+  ["slow 20", "answers after more than 20 ms, and their requests"],
+  ["bytes 0D0A", "has these bytes"],
+  ["not ...", "the next condition must not hold; all others must"],
+];
+
+function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (value !== false) element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+function loadStyle() {
+  if (document.querySelector('link[href="/static/wire.css"]')) return;
+  document.head.append(make("link", { rel: "stylesheet", href: "/static/wire.css" }));
+}
+
+export function mount(root, args) {
+  loadStyle();
+  new WirePage(root, args.tab);
+}
+
+class WirePage {
+  constructor(root, tab) {
+    this.root = root;
+    this.tab = tab;
+    this.source = 0;
+    this.since = 0;
+    this.offset = 0;
+    this.filter = "";
+    this.paused = false;
+    this.asking = 0;
+    this.rate = { number: 0, time: 0, value: 0 };
+    this.build();
+    this.list = new FrameList(this.listBox, {
+      onSelect: (number) => this.select(number),
+      onFollow: (follow) => (this.followBox.checked = follow),
+    });
+    this.detail = new Detail(this.detailBox, { onSelect: (number) => this.list.select(number) });
+    this.poll();
+  }
+
+  // -- elements ------------------------------------------------------------------------------------------
+
+  build() {
+    const button = (text, on, more = {}) => make("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
+    this.filterBox = make("input", {
+      id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "200",
+      placeholder: "servo 3 bad", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
+    });
+    this.pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
+    this.followBox = make("input", { type: "checkbox", checked: true, onchange: () => this.list.setFollow(this.followBox.checked) });
+    this.seriesBox = make("select", { class: "hw-wire-input", onchange: () => this.setSeries() });
+    for (const [value, text] of SERIES) this.seriesBox.append(make("option", { value }, text));
+    this.fileBox = make("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log", onchange: () => this.openFile(this.fileBox.files[0]) });
+    this.liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
+    this.problem = make("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
+    this.status = make("span", { class: "hw-wire-status" });
+    this.note = make("p", { class: "hw-wire-note", hidden: true });
+    this.listBox = make("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
+    this.detailBox = make("section", { class: "hw-wire-detail", "aria-label": "The selected frame" });
+    const help = make("dl", { class: "hw-wire-help" });
+    for (const [word, text] of HELP) help.append(make("dt", {}, word), make("dd", {}, text));
+    this.root.replaceChildren(
+      make("div", { class: "hw-wire-bar" },
+        make("label", { class: "hw-wire-label hw-wire-grow" }, "Filter ", this.filterBox),
+        make("details", { class: "hw-wire-words" }, make("summary", {}, "Words"), help),
+        this.pauseButton,
+        make("label", { class: "hw-wire-label" }, this.followBox, " Follow"),
+        button("Clear", () => this.clear()),
+        make("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
+        make("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
+        this.liveButton,
+        button("Save MCAP", () => this.save("mcap")),
+        button("Save pcapng", () => this.save("pcapng")),
+      ),
+      make("div", { class: "hw-wire-line" }, this.status, this.problem),
+      this.note,
+      make("div", { class: "hw-wire-panes" },
+        make("div", { class: "hw-wire-left" },
+          make("div", { class: "hw-wire-columns", "aria-hidden": "true" },
+            ...["No.", "Time", "", "Frame", "Answer"].map((text) => make("span", {}, text))),
+          this.listBox),
+        this.detailBox),
+    );
+    this.root.addEventListener("dragover", (event) => event.preventDefault());
+    this.root.addEventListener("drop", (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files.length) this.openFile(event.dataTransfer.files[0]);
+    });
+    document.addEventListener("visibilitychange", () => this.poll());
+    // The panes end at the bottom of the window, whatever the header needs.
+    const panes = this.root.querySelector(".hw-wire-panes");
+    const fit = () => {
+      const top = panes.getBoundingClientRect().top + window.scrollY;
+      panes.style.setProperty("--height", `${Math.max(360, window.innerHeight - top - 14)}px`);
+    };
+    const watched = new ResizeObserver(() => (this.root.isConnected ? fit() : watched.disconnect()));
+    watched.observe(document.body);
+    watched.observe(this.root);
+  }
+
+  // -- asking the studio -----------------------------------------------------------------------------------
+
+  async ask(path, values = {}, options = {}) {
+    const query = new URLSearchParams({ tab: this.tab, ...values });
+    const answer = await fetch(`/wire/${path}?${query}`, options);
+    if (!answer.ok) throw new Error(`the studio refused this (${answer.status})`);
+    if (!answer.headers.get("content-type").startsWith("application/json")) return answer.blob();
+    const found = await answer.json();
+    if (found.refused) throw new Error(found.refused);
+    return found;
+  }
+
+  // One question at a time, so that a slow browser asks less often, and nothing piles up.
+  async poll() {
+    if (this.timer) clearTimeout(this.timer);
+    this.timer = null;
+    if (!this.root.isConnected || this.paused || document.hidden || this.asking) return;
+    const turn = (this.asking = performance.now());
+    let wait = PERIOD;
+    try {
+      const asked = this.filter;
+      const page = await this.ask("rows", { since: this.since, filter: asked });
+      if (asked === this.filter && !this.paused) this.take(page);
+      this.fail("");
+      if (page.more) wait = 0;
+    } catch (error) {
+      this.fail(error.message);
+      wait = SLOW;
+    }
+    if (this.asking === turn) this.asking = 0;
+    if (wait) this.timer = setTimeout(() => this.poll(), wait);
+    else requestAnimationFrame(() => this.poll());
+  }
+
+  take(page) {
+    if (page.id !== this.source || page.next < this.since) {
+      const first = this.source === 0;
+      this.source = page.id;
+      this.since = 0;
+      this.rate = { number: page.newest, time: performance.now(), value: 0 };
+      this.list.clear();
+      this.detail.clear("Select a frame in the list.");
+      if (!first) return;
+    }
+    this.since = page.next;
+    this.offset = this.list.offset = page.offset;
+    this.list.push(page.rows);
+    if (page.view === "file" && !this.list.selected && this.list.rows.length) {
+      this.list.follow = this.followBox.checked = false;
+      this.list.select(this.list.rows[0][NUMBER]);
+    }
+    this.show(page);
+  }
+
+  show(page) {
+    const now = performance.now();
+    if (now - this.rate.time > 1000) {
+      this.rate.value = ((page.newest - this.rate.number) * 1000) / (now - this.rate.time);
+      this.rate.number = page.newest;
+      this.rate.time = now;
+    }
+    const shown = `${this.list.rows.length} of ${page.newest} frames`;
+    const where = page.view === "file" ? page.name : page.name ? `live: ${page.name}` : "";
+    const rate = page.view === "live" && page.name ? `${this.rate.value.toFixed(0)} frames/s` : "";
+    this.status.textContent = [where, shown, rate].filter(Boolean).join(", ");
+    this.note.textContent = page.note;
+    this.note.hidden = !page.note;
+    this.liveButton.hidden = page.view !== "file";
+    if (document.activeElement !== this.seriesBox) this.seriesBox.value = page.series;
+  }
+
+  fail(text) {
+    if (this.problem.textContent !== text) this.problem.textContent = text;
+    this.filterBox.setAttribute("aria-invalid", text ? "true" : "false");
+  }
+
+  async select(number) {
+    const turn = (this.selecting = {});
+    try {
+      const data = await this.ask("frame", { number });
+      if (this.selecting === turn) this.detail.show(data, this.offset);
+      if (this.list.selected !== number) this.list.select(number, { quiet: true });
+    } catch (error) {
+      if (this.selecting === turn) this.detail.clear(error.message);
+    }
+  }
+
+  // -- what one does ---------------------------------------------------------------------------------------
+
+  setFilter() {
+    clearTimeout(this.typing);
+    this.typing = setTimeout(() => {
+      this.filter = this.filterBox.value;
+      this.again();
+    }, 150);
+  }
+
+  again() {
+    this.since = 0;
+    this.asking = 0;
+    const selected = this.list.selected;
+    this.list.clear();
+    this.list.selected = selected;
+    this.poll();
+  }
+
+  clear() {
+    this.list.clear();
+    this.detail.clear("Select a frame in the list.");
+  }
+
+  setPaused(paused) {
+    this.paused = paused;
+    this.pauseButton.textContent = paused ? "Go on" : "Pause";
+    this.pauseButton.setAttribute("aria-pressed", paused ? "true" : "false");
+    this.poll();
+  }
+
+  async act(call) {
+    try {
+      await call();
+      this.fail("");
+    } catch (error) {
+      this.fail(error.message);
+      return;
+    }
+    this.asking = 0;
+    this.poll();
+  }
+
+  async openFile(file) {
+    if (!file) return;
+    const values = { name: file.name, series: this.seriesBox.value };
+    await this.act(() => this.ask("open", values, { method: "POST", body: file }));
+    this.fileBox.value = "";
+  }
+
+  backToLine() {
+    this.list.follow = this.followBox.checked = true;
+    return this.act(() => this.ask("live", {}, { method: "POST" }));
+  }
+
+  setSeries() {
+    return this.act(() => this.ask("series", { series: this.seriesBox.value }, { method: "POST" }));
+  }
+
+  save(form) {
+    return this.act(async () => {
+      const url = URL.createObjectURL(await this.ask("save", { form }));
+      make("a", { href: url, download: `traffic.${form}` }).click();
+      setTimeout(() => URL.revokeObjectURL(url), 10_000);
+    });
+  }
+}

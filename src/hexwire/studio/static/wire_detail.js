@@ -1,0 +1,265 @@
+// One frame: its bytes, and the tree of its layers and fields. Pick a byte and see its field, pick a field and see its
+// bytes, by mouse or by keyboard.
+
+import { BAD, PROBLEM, SENT, SIZE, TEXT, TIME, clock } from "/static/wire_list.js";
+
+const WIDTH = 16;
+const MOST_PARTS = 1500;
+const MOST_BYTES = 8192;
+const LAYERS = { "session header": "session", "command frame": "command", body: "body", "servo packet": "servo" };
+
+const closed = new Set(); // names of the parts that the user has folded, in every frame
+
+function make(tag, name, text = "") {
+  const element = document.createElement(tag);
+  if (name) element.className = name;
+  if (text) element.textContent = text;
+  return element;
+}
+
+export class Detail {
+  constructor(element, { onSelect }) {
+    this.onSelect = onSelect;
+    this.data = null;
+    this.chosen = null; // a part
+    this.byte = 0;
+    this.head = make("div", "hw-wire-head");
+    this.head.setAttribute("role", "status");
+    this.bytes = make("div", "hw-wire-bytes");
+    this.bytes.tabIndex = 0;
+    this.bytes.setAttribute("role", "listbox");
+    this.bytes.setAttribute("aria-label", "Bytes of the frame");
+    this.info = make("div", "hw-wire-info");
+    this.info.setAttribute("aria-live", "polite");
+    this.tree = make("div", "hw-wire-tree");
+    this.tree.tabIndex = 0;
+    this.tree.setAttribute("role", "tree");
+    this.tree.setAttribute("aria-label", "Layers and fields of the frame");
+    element.append(this.head, this.bytes, this.info, this.tree);
+    this.bytes.addEventListener("keydown", (event) => this.byteKey(event));
+    this.tree.addEventListener("keydown", (event) => this.treeKey(event));
+    for (const [name, box] of [["byte", this.bytes], ["part", this.tree]]) {
+      box.addEventListener("pointerover", (event) => this.hover(event, name));
+      box.addEventListener("pointerleave", () => this.mark(this.chosen));
+      box.addEventListener("click", (event) => this.click(event, name));
+    }
+    this.clear("Select a frame in the list.");
+  }
+
+  clear(text) {
+    this.data = null;
+    this.chosen = null;
+    this.head.replaceChildren(text);
+    for (const box of [this.bytes, this.tree]) {
+      box.replaceChildren();
+      box.hidden = true;
+      box.removeAttribute("aria-activedescendant");
+    }
+    this.info.hidden = true;
+  }
+
+  show(data, offset) {
+    const before = this.chosen && this.chosen.start;
+    this.data = data;
+    this.parts = [];
+    this.collect(data.tree, 1, null);
+    this.bytes.hidden = this.tree.hidden = this.info.hidden = false;
+    this.showHead(data, offset);
+    this.showBytes(data.hex);
+    this.showTree();
+    // The field at the same place, so that one can step through frames and compare it.
+    const kept = before !== null && before < data.row[SIZE] ? this.leaf(before) : null;
+    const first = this.parts.find((part) => part.name === "cmd" || part.name === "instruction" || part.name === "error");
+    const wrong = this.parts.find((part) => part.problem && !part.parts);
+    this.choose(wrong || kept || first || this.parts[0], { scroll: false });
+    if (wrong || first) this.chosen.item.scrollIntoView({ block: "nearest" });
+  }
+
+  collect(part, level, parent) {
+    if (this.parts.length >= MOST_PARTS) return;
+    part.level = level;
+    part.parent = parent;
+    part.index = this.parts.length;
+    part.layer = LAYERS[part.name] || (parent && parent.layer) || "";
+    this.parts.push(part);
+    for (const child of part.parts || []) this.collect(child, level + 1, part);
+  }
+
+  leaf(at) {
+    return this.parts.findLast((part) => part.start <= at && at < part.end) || this.parts[0];
+  }
+
+  showHead(data, offset) {
+    const row = data.row;
+    const when = row[TIME] ? ` ${clock(row[TIME], offset)}` : "";
+    const words = `Frame ${data.number}, ${row[SENT] ? "sent" : "received"}${when}, ${row[SIZE]} bytes. `;
+    this.head.replaceChildren(words);
+    const pair = (number, text) => {
+      const button = make("button", "hw-wire-link", text);
+      button.type = "button";
+      button.addEventListener("click", () => this.onSelect(number));
+      this.head.append(button, " ");
+    };
+    const after = data.took === null ? "" : ` after ${data.took.toFixed(2)} ms`;
+    if (row[8]) pair(row[8], `Answers ${row[8]}${after}`);
+    if (data.answered) pair(data.answered, `Answered by ${data.answered}${after}`);
+    this.head.append(make("div", "hw-wire-text-of", row[TEXT]));
+    if (row[PROBLEM]) this.head.append(make("div", row[BAD] ? "hw-wire-error" : "hw-wire-warning", row[PROBLEM]));
+  }
+
+  showBytes(hex) {
+    const size = Math.min(hex.length / 2, MOST_BYTES);
+    const boxes = document.createDocumentFragment();
+    this.cells = [];
+    for (let i = 0; i < size; i += 1) {
+      if (i % WIDTH === 0) {
+        const place = make("span", "hw-wire-place", i.toString(16).padStart(4, "0"));
+        place.setAttribute("aria-hidden", "true");
+        boxes.append(place);
+      }
+      const cell = make("span", "hw-wire-byte", hex.slice(2 * i, 2 * i + 2).toUpperCase());
+      const leaf = this.leaf(i);
+      cell.id = `hw-wire-byte-${i}`;
+      cell.dataset.at = i;
+      cell.dataset.layer = leaf.layer;
+      if (leaf.problem) cell.dataset.problem = "yes";
+      cell.setAttribute("role", "option");
+      cell.setAttribute("aria-label", `byte ${i}: ${cell.textContent}, ${leaf.name}`);
+      this.cells.push(cell);
+      boxes.append(cell);
+    }
+    this.bytes.replaceChildren(boxes);
+  }
+
+  showTree() {
+    const boxes = document.createDocumentFragment();
+    for (const part of this.parts) {
+      const item = make("div", "hw-wire-part");
+      item.id = `hw-wire-part-${part.index}`;
+      item.dataset.index = part.index;
+      item.dataset.layer = part.layer;
+      item.setAttribute("role", "treeitem");
+      item.setAttribute("aria-level", part.level);
+      item.style.setProperty("--level", part.level - 1);
+      if (part.problem) item.classList.add("hw-wire-wrong");
+      const place = part.end - part.start === 1 ? `${part.start}` : `${part.start}–${part.end - 1}`;
+      item.append(
+        make("span", "hw-wire-fold"),
+        make("span", "hw-wire-name", part.name),
+        make("span", "hw-wire-words", part.words || ""),
+        make("span", "hw-wire-range", place),
+      );
+      part.item = item;
+      boxes.append(item);
+    }
+    if (this.parts.length >= MOST_PARTS) boxes.append(make("div", "hw-wire-note", "More fields follow; see the bytes."));
+    this.tree.replaceChildren(boxes);
+    this.fold();
+  }
+
+  fold() {
+    for (const part of this.parts) {
+      part.shown = !part.parent || (part.parent.shown && !closed.has(part.parent.name));
+      part.item.hidden = !part.shown;
+      if (part.parts) {
+        part.item.setAttribute("aria-expanded", closed.has(part.name) ? "false" : "true");
+        part.item.firstChild.textContent = closed.has(part.name) ? "▸" : "▾";
+      }
+    }
+  }
+
+  // -- choosing ------------------------------------------------------------------------------------------
+
+  hover(event, kind) {
+    const part = this.partAt(event, kind);
+    if (part) this.mark(part);
+  }
+
+  click(event, kind) {
+    const part = this.partAt(event, kind);
+    if (!part) return;
+    if (kind === "part" && part.parts && event.target.closest(".hw-wire-fold")) this.toggle(part);
+    if (kind === "byte") this.byte = Number(event.target.closest(".hw-wire-byte").dataset.at);
+    else this.byte = part.start;
+    this.choose(part, { from: kind });
+  }
+
+  partAt(event, kind) {
+    const found = event.target.closest(kind === "byte" ? ".hw-wire-byte" : ".hw-wire-part");
+    if (!found) return null;
+    return kind === "byte" ? this.leaf(Number(found.dataset.at)) : this.parts[Number(found.dataset.index)];
+  }
+
+  toggle(part, so = !closed.has(part.name)) {
+    if (so) closed.add(part.name);
+    else closed.delete(part.name);
+    this.fold();
+  }
+
+  choose(part, { from = "", scroll = true } = {}) {
+    if (this.chosen && this.chosen.item) this.chosen.item.removeAttribute("aria-selected");
+    this.chosen = part;
+    if (this.byte < part.start || this.byte >= part.end) this.byte = part.start;
+    for (let above = part.parent; above; above = above.parent) closed.delete(above.name);
+    this.fold();
+    part.item.setAttribute("aria-selected", "true");
+    this.tree.setAttribute("aria-activedescendant", part.item.id);
+    this.bytes.setAttribute("aria-activedescendant", `hw-wire-byte-${this.byte}`);
+    if (scroll) {
+      if (from !== "part") part.item.scrollIntoView({ block: "nearest" });
+      if (from !== "byte" && this.cells[part.start]) this.cells[part.start].scrollIntoView({ block: "nearest" });
+    }
+    this.mark(part);
+  }
+
+  // Shows which bytes and which item belong together, for what is chosen or under the pointer.
+  mark(part) {
+    if (!part || !this.data) return;
+    const chosen = this.chosen;
+    for (let i = 0; i < this.cells.length; i += 1) {
+      const classes = this.cells[i].classList;
+      classes.toggle("hw-wire-on", part.start <= i && i < part.end);
+      classes.toggle("hw-wire-chosen", chosen.start <= i && i < chosen.end);
+      classes.toggle("hw-wire-cursor", i === this.byte);
+    }
+    for (const each of this.parts) each.item.classList.toggle("hw-wire-on", each === part);
+    chosen.item.classList.add("hw-wire-chosen");
+    for (const each of this.parts) if (each !== chosen) each.item.classList.remove("hw-wire-chosen");
+    const place = part.end - part.start === 1 ? `byte ${part.start}` : `bytes ${part.start} to ${part.end - 1}`;
+    const lines = [make("strong", "", `${part.name}, ${place}`)];
+    if (part.words) lines[0].append(make("span", "hw-wire-value", part.words));
+    this.bytes.classList.toggle("hw-wire-wide", Boolean(part.parts));
+    if (part.meaning) lines.push(make("div", "", part.meaning));
+    if (part.problem) lines.push(make("div", "hw-wire-error", part.problem));
+    this.info.replaceChildren(...lines);
+  }
+
+  byteKey(event) {
+    const steps = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: WIDTH, ArrowUp: -WIDTH, Home: -Infinity, End: Infinity };
+    if (!(event.key in steps) || !this.data || event.altKey || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    this.byte = Math.min(this.cells.length - 1, Math.max(0, this.byte + steps[event.key]));
+    this.choose(this.leaf(this.byte), { from: "byte", scroll: false });
+    this.chosen.item.scrollIntoView({ block: "nearest" });
+    this.cells[this.byte].scrollIntoView({ block: "nearest" });
+  }
+
+  treeKey(event) {
+    if (!this.data || event.altKey || event.ctrlKey || event.metaKey) return;
+    const shown = this.parts.filter((part) => part.shown);
+    const at = shown.indexOf(this.chosen);
+    const steps = { ArrowDown: 1, ArrowUp: -1, Home: -Infinity, End: Infinity };
+    if (event.key in steps) {
+      this.choose(shown[Math.min(shown.length - 1, Math.max(0, at + steps[event.key]))]);
+    } else if (event.key === "ArrowLeft") {
+      if (this.chosen.parts && !closed.has(this.chosen.name)) this.toggle(this.chosen, true);
+      else if (this.chosen.parent) this.choose(this.chosen.parent);
+    } else if (event.key === "ArrowRight" && this.chosen.parts) {
+      if (closed.has(this.chosen.name)) this.toggle(this.chosen, false);
+      else this.choose(this.chosen.parts[0]);
+    } else {
+      return;
+    }
+    event.preventDefault();
+  }
+}

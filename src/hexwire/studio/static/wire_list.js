@@ -1,0 +1,196 @@
+// The list of frames: any number of rows, of which only the visible ones are elements. A batch of rows is drawn once,
+// in the next frame of the browser.
+
+const ROW = 22; // px, as in wire.css
+const MOST = 20000;
+const SPARE = 8; // rows above and below what is visible
+
+// Places in a row, as traffic.py writes it.
+export const NUMBER = 0, TIME = 1, SENT = 2, KIND = 3, SIZE = 4, TEXT = 5, PROBLEM = 6, BAD = 7, REQUEST = 8, TOOK = 9;
+
+export function clock(seconds, offset) {
+  if (!seconds) return "–";
+  const at = seconds + offset;
+  if (at < 1e8) return `${at.toFixed(6)} s`;
+  const date = new Date(at * 1000);
+  const two = (value) => String(value).padStart(2, "0");
+  const milli = String(date.getMilliseconds()).padStart(3, "0");
+  return `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}.${milli}`;
+}
+
+export class FrameList {
+  constructor(element, { onSelect, onFollow }) {
+    this.element = element;
+    this.onSelect = onSelect;
+    this.onFollow = onFollow;
+    this.rows = [];
+    this.offset = 0;
+    this.selected = 0;
+    this.partners = new Set();
+    this.answers = new Map(); // request -> [answer, ms]
+    this.follow = true;
+    this.pool = [];
+    this.asked = false;
+    this.inner = document.createElement("div");
+    this.inner.className = "hw-wire-inner";
+    this.inner.setAttribute("role", "presentation");
+    element.append(this.inner);
+    element.addEventListener("scroll", () => this.scrolled());
+    element.addEventListener("click", (event) => {
+      const row = event.target.closest(".hw-wire-row");
+      if (row) this.select(Number(row.dataset.number));
+    });
+    element.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.draw()).observe(element);
+  }
+
+  clear() {
+    this.rows = [];
+    this.answers.clear();
+    this.selected = 0;
+    this.partners.clear();
+    this.element.scrollTop = 0;
+    this.draw();
+  }
+
+  push(rows) {
+    if (!rows.length) return;
+    for (const row of rows) {
+      this.rows.push(row);
+      if (row[REQUEST]) this.answers.set(row[REQUEST], [row[NUMBER], row[TOOK]]);
+    }
+    if (this.rows.length > MOST + 1000) {
+      const gone = this.rows.splice(0, this.rows.length - MOST);
+      for (const row of gone) this.answers.delete(row[NUMBER]);
+      if (!this.follow) this.element.scrollTop -= gone.length * ROW;
+    }
+    this.draw();
+  }
+
+  // The place of a number, or of the first one after it.
+  place(number) {
+    let low = 0;
+    let high = this.rows.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.rows[middle][NUMBER] < number) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  find(number) {
+    const row = this.rows[this.place(number)];
+    return row && row[NUMBER] === number ? row : null;
+  }
+
+  select(number, { quiet = false } = {}) {
+    const place = this.place(number);
+    const row = this.rows[place];
+    this.selected = number;
+    this.partners = new Set();
+    if (row && row[NUMBER] === number) {
+      if (row[REQUEST]) this.partners.add(row[REQUEST]);
+      const answer = this.answers.get(number);
+      if (answer) this.partners.add(answer[0]);
+      const top = place * ROW;
+      if (top < this.element.scrollTop) this.element.scrollTop = top;
+      const under = top + ROW - this.element.clientHeight;
+      if (under > this.element.scrollTop) this.element.scrollTop = under;
+      this.setFollow(place === this.rows.length - 1 && this.follow);
+    }
+    this.draw();
+    if (!quiet) this.onSelect(number);
+  }
+
+  key(event) {
+    const page = Math.max(1, Math.floor(this.element.clientHeight / ROW) - 1);
+    const steps = { ArrowDown: 1, ArrowUp: -1, PageDown: page, PageUp: -page, Home: -Infinity, End: Infinity };
+    if (!(event.key in steps) || !this.rows.length || event.altKey || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    const known = this.selected && this.find(this.selected);
+    const from = known ? this.place(this.selected) : this.rows.length - 1;
+    const to = known ? from + steps[event.key] : from;
+    this.select(this.rows[Math.min(this.rows.length - 1, Math.max(0, to))][NUMBER]);
+  }
+
+  scrolled() {
+    const end = this.element.scrollHeight - this.element.clientHeight;
+    this.setFollow(this.element.scrollTop >= end - ROW / 2);
+    this.draw();
+  }
+
+  setFollow(follow) {
+    if (follow === this.follow) return;
+    this.follow = follow;
+    this.onFollow(follow);
+    this.draw();
+  }
+
+  draw() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => {
+      this.asked = false;
+      this.paint();
+    });
+  }
+
+  paint() {
+    const { element, inner, rows } = this;
+    const height = `${rows.length * ROW}px`;
+    if (inner.style.height !== height) inner.style.height = height;
+    if (this.follow) element.scrollTop = rows.length * ROW;
+    const first = Math.max(0, Math.floor(element.scrollTop / ROW) - SPARE);
+    const last = Math.min(rows.length, Math.ceil((element.scrollTop + element.clientHeight) / ROW) + SPARE);
+    for (let i = first; i < last; i += 1) this.fill(this.rowElement(i - first), rows[i], i);
+    for (let i = Math.max(0, last - first); i < this.pool.length; i += 1) this.pool[i].hidden = true;
+    if (this.selected && document.getElementById(`hw-wire-${this.selected}`)) {
+      element.setAttribute("aria-activedescendant", `hw-wire-${this.selected}`);
+    } else {
+      element.removeAttribute("aria-activedescendant");
+    }
+  }
+
+  rowElement(i) {
+    if (!this.pool[i]) {
+      const row = document.createElement("div");
+      row.setAttribute("role", "option");
+      for (const name of ["number", "time", "way", "text", "took"]) {
+        const cell = document.createElement("span");
+        cell.className = `hw-wire-${name}`;
+        row.append(cell);
+      }
+      this.inner.append(row);
+      this.pool[i] = row;
+    }
+    return this.pool[i];
+  }
+
+  fill(element, row, place) {
+    const number = row[NUMBER];
+    const selected = number === this.selected;
+    const [numberCell, time, way, text, took] = element.children;
+    const answer = this.answers.get(number);
+    const level = row[BAD] ? " hw-wire-bad" : row[PROBLEM] ? " hw-wire-doubt" : "";
+    element.className = `hw-wire-row${level}${selected ? " hw-wire-selected" : ""}${this.partners.has(number) ? " hw-wire-partner" : ""}`;
+    element.hidden = false;
+    element.id = `hw-wire-${number}`;
+    element.dataset.number = number;
+    element.style.transform = `translateY(${place * ROW}px)`;
+    element.setAttribute("aria-selected", selected ? "true" : "false");
+    element.setAttribute("aria-posinset", place + 1);
+    element.setAttribute("aria-setsize", this.rows.length);
+    put(numberCell, String(number));
+    put(time, clock(row[TIME], this.offset));
+    put(way, row[SENT] ? "→" : "←");
+    way.title = row[SENT] ? "sent" : "received";
+    put(text, row[TEXT]);
+    text.title = row[PROBLEM] || row[TEXT];
+    put(took, row[TOOK] !== null ? `${row[TOOK].toFixed(2)} ms` : answer ? `▸${answer[0]}` : "");
+  }
+}
+
+function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}

@@ -1,0 +1,282 @@
+"""What the wire page shows: the traffic of the open line, or of a file, for each tab.
+
+Owns which of the two a tab looks at, reading the traffic only while somebody looks, and the bounds of a file. Its
+calls may take tens of milliseconds and may come from any thread. Must not know pages, requests or sockets.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from hexwire.errors import UsageError
+from hexwire.link.base import Link
+from hexwire.link.tap import Passed, TapLink
+from hexwire.trace.dissect import Dissector
+from hexwire.trace.filtering import parse_filter
+from hexwire.trace.ring import TrafficRing
+from hexwire.trace.saving import saved_traffic
+from hexwire.trace.sources import read_traffic
+from hexwire.trace.traffic import Entry, Traffic
+
+__all__ = ["LARGEST_FILE", "SERIES", "WireFeed"]
+
+LARGEST_FILE = 16 * 1024 * 1024
+"""Bytes of a file that a page may open."""
+SERIES = ("board", "seven_bot", "scs", "sts_sms", "hls")
+"""Series of the servos on a line; board: those of the Hex7Bot, by id."""
+
+_MOST_OF_FILE = 50_000
+_MOST_FILES = 8
+_PAGE = 1000
+_BACKLOG = 2000
+"""Transfers from before somebody looked that are read then."""
+_STEP = 400
+"""Transfers that are read at a time, so that nobody waits long for the rest of the program."""
+_MOST_REMARKS = 20
+_NOTHING = "Nothing is open. Choose a port on the page Connect, or open a recording or a log here."
+_SHARED = (
+    "This arm is shared by another program, which owns its line: only that program sees the bytes. Open a "
+    "recording made there with --record, or open the port itself."
+)
+
+
+_views = itertools.count(1)
+
+
+class _Tap(TapLink):
+    """A tap of a studio's own."""
+
+
+class _View:
+    """The traffic that a tab looks at."""
+
+    def __init__(self, kind: str, name: str, series: str) -> None:
+        self.id = next(_views)
+        self.kind, self.name = kind, name
+        self.traffic = Traffic(series)
+        self.dissector = Dissector(series)
+        self.read = 0
+        self.skipped = 0
+
+
+class _FileView(_View):
+    def __init__(self, name: str, transfers: list[Passed], remarks: list[str], series: str) -> None:
+        super().__init__("file", name, series)
+        self.transfers, self.remarks = transfers, remarks
+        self.traffic = Traffic(series, most=_MOST_OF_FILE, size=2 * LARGEST_FILE)
+        for passed in transfers:
+            self.traffic.feed(passed)
+        self.traffic.finish()
+
+
+class WireFeed:
+    """The traffic of one studio.
+
+    Args:
+        clock: Clock of the links, seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._ring = TrafficRing()
+        self._url = ""
+        self._tapped = False
+        self._live = _View("live", "", "board")
+        self._files: dict[str, _FileView] = {}
+
+    # -- the line -------------------------------------------------------------------------------------------
+
+    def begin(self, url: str) -> Callable[[Link], Link]:
+        """Something else is being opened; what is known of the last line is forgotten.
+
+        Args:
+            url: What is opened; empty for nothing.
+
+        Returns:
+            Wraps its link so that its traffic is kept; for `wrap_new_links`.
+        """
+        with self._lock:
+            self._ring = ring = TrafficRing()
+            self._url, self._tapped = url, False
+            self._live = _View("live", url, "board")
+
+        def tap(link: Link) -> Link:
+            self._tapped = True
+            # A link that goes on for something else is not observed twice.
+            return _Tap(link.link if isinstance(link, _Tap) else link, ring.feed)
+
+        return tap
+
+    def expect(self, series: Iterable[str]) -> None:
+        """Say which series the servos of the open line have, in any order; several are those of the Hex7Bot."""
+        found = set(series)
+        known = found.pop() if len(found) == 1 and found <= set(SERIES) else "board"
+        with self._lock:
+            self._live = _View("live", self._url, known)
+
+    # -- what a tab looks at ----------------------------------------------------------------------------------
+
+    def open_file(self, tab: str, data: bytes, name: str, series: str = "board") -> None:
+        """Show a file to a tab: a recording, a capture of Wireshark, a log, a hex dump, a raw capture.
+
+        Raises:
+            UsageError: It is too large, or cannot be read.
+        """
+        if len(data) > LARGEST_FILE:
+            raise UsageError(
+                f"{name} is larger than {LARGEST_FILE >> 20} MiB: decode it with 'hexwire trace decode'"
+            )
+        transfers, remarks = list[Passed](), list[str]()
+        for item in read_traffic(data, name):
+            if isinstance(item, str):
+                if len(remarks) < _MOST_REMARKS:
+                    remarks.append(item)
+            else:
+                transfers.append(item)
+        if not transfers:
+            raise UsageError("; ".join([f"{name} has no traffic", *remarks[:3]]))
+        view = _FileView(name, transfers, remarks, _known(series))
+        with self._lock:
+            self._files.pop(tab, None)
+            while len(self._files) >= _MOST_FILES:
+                del self._files[next(iter(self._files))]
+            self._files[tab] = view
+
+    def close_file(self, tab: str) -> None:
+        """Show the line to a tab again."""
+        with self._lock:
+            self._files.pop(tab, None)
+
+    def set_series(self, tab: str, series: str) -> None:
+        """Read what a tab looks at as the traffic of servos of this series; for the line, in all tabs.
+
+        Raises:
+            UsageError: There is no such series.
+        """
+        known = _known(series)
+        with self._lock:
+            file = self._files.get(tab)
+            if file is None:
+                self._live = _View("live", self._url, known)
+        if file is not None:
+            view = _FileView(file.name, file.transfers, file.remarks, known)
+            with self._lock:
+                if tab in self._files:
+                    self._files[tab] = view
+
+    # -- looking ----------------------------------------------------------------------------------------------
+
+    def rows(self, tab: str, since: int, wanted: str = "") -> dict[str, Any]:
+        """The rows after a number that pass a filter, oldest first, for JSON.
+
+        Args:
+            tab: Who looks.
+            since: The last number that it has looked at; 0 for all.
+            wanted: The filter.
+
+        Returns:
+            ``rows`` as `Entry.as_row`; ``next``, the number to continue from; ``more``, whether there is more
+            already; ``first``, the oldest number that is kept; ``offset``, seconds to add to times for seconds
+            since 1970; ``id``, another number for each source; its ``view``, ``name``, ``series`` and ``note``;
+            ``newest``, the number of its newest frame.
+
+        Raises:
+            UsageError: The filter is wrong.
+        """
+        passes = parse_filter(wanted)
+        with self._lock:
+            view = self._updated(tab)
+            found, reached, looked = list[Entry](), max(since, 0), 0
+            for entry in view.traffic.since(since):
+                looked += 1
+                if looked > 5 * _PAGE or len(found) == _PAGE:
+                    break
+                reached = entry.number
+                if passes(entry):
+                    found.append(entry)
+            return {
+                "rows": [entry.as_row() for entry in found],
+                "next": reached if found or looked else min(since, view.traffic.newest),
+                "more": reached < view.traffic.newest or (view.kind == "live" and view.read < self._ring.newest),
+                "first": view.traffic.newest - len(view.traffic) + 1,
+                "newest": view.traffic.newest,
+                "id": view.id,
+                "view": view.kind,
+                "name": view.name,
+                "series": view.traffic.series,
+                "note": self._note(view),
+                "offset": time.time() - self._clock() if view.kind == "live" else 0.0,
+            }
+
+    def frame(self, tab: str, number: int) -> dict[str, Any]:
+        """One frame with its bytes and its tree, for JSON.
+
+        Raises:
+            UsageError: It is no longer kept.
+        """
+        with self._lock:
+            view = self._view(tab)
+            entry = view.traffic.get(number)
+            if entry is None:
+                raise UsageError(f"frame {number} is no longer kept")
+            return {
+                "number": number,
+                "row": entry.as_row(),
+                "hex": entry.reading.data.hex(),
+                "tree": view.dissector.dissect(entry.reading).as_fields(),
+                "answered": entry.answered,
+                "took": None if entry.took is None else round(1000 * entry.took, 3),
+            }
+
+    def saved(self, tab: str, form: str) -> bytes:
+        """The traffic that a tab looks at as a file; of the line, what the studio still has.
+
+        Raises:
+            UsageError: See `saved_traffic`.
+        """
+        with self._lock:
+            file, ring = self._files.get(tab), self._ring
+        if file is not None:
+            return saved_traffic(file.transfers, form)
+        return saved_traffic((passed for _, passed in ring.since(0)), form, offset=time.time() - self._clock())
+
+    def _view(self, tab: str) -> _View:
+        return self._files.get(tab, self._live)
+
+    def _updated(self, tab: str) -> _View:
+        """The view of a tab, with what came over the line meanwhile."""
+        view = self._view(tab)
+        if view.kind == "file":
+            return view
+        if not view.read:
+            view.read = max(0, self._ring.newest - _BACKLOG)
+        fresh = self._ring.since(view.read)
+        if fresh:
+            view.skipped += fresh[0][0] - view.read - 1 if view.read else 0
+        for number, passed in fresh[:_STEP]:
+            view.traffic.feed(passed)
+            view.read = number
+        if len(fresh) < _STEP:
+            view.traffic.quiet(self._clock())
+        return view
+
+    def _note(self, view: _View) -> str:
+        if isinstance(view, _FileView):
+            kept = f"only the last {_MOST_OF_FILE} frames are shown" if view.traffic.lost else ""
+            return "; ".join([*([kept] if kept else []), *view.remarks])
+        if not self._url:
+            return _NOTHING
+        if not self._tapped:
+            return _SHARED if self._url.startswith("zenoh:") else "No bytes are seen of this line."
+        return f"{view.skipped} transfers were not read in time" if view.skipped else ""
+
+
+def _known(series: str) -> str:
+    if series not in SERIES:
+        raise UsageError(f"there is no servo series {series[:20]!r}; choose {', '.join(SERIES)}")
+    return series

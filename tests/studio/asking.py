@@ -1,0 +1,61 @@
+"""Requests to routes of the studio without a server: what they answer to whom."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import urlencode
+
+from starlette.routing import BaseRoute, Router
+
+from hexwire.studio.access import Session
+from hexwire.studio.guard import SESSION
+
+__all__ = ["Asker"]
+
+
+class Asker:
+    """Asks as a session.
+
+    Args:
+        routes: What answers.
+        session: Who asks.
+    """
+
+    def __init__(self, routes: Sequence[BaseRoute], session: Session) -> None:
+        self._router, self._session = Router(routes), session
+
+    def raw(self, path: str, method: str = "GET", body: Sequence[bytes] = (), **query: object) -> tuple[int, bytes]:
+        """Status and body of the answer to a request, whose own body comes in these pieces."""
+        return asyncio.run(self._ask(path, method, list(body), urlencode(query).encode()))
+
+    def __call__(self, path: str, method: str = "GET", body: Sequence[bytes] = (), **query: object) -> Any:
+        """The answer, from JSON."""
+        status, data = self.raw(path, method, body, **query)
+        assert status == 200, data
+        return json.loads(data)
+
+    async def _ask(self, path: str, method: str, body: list[bytes], query: bytes) -> tuple[int, bytes]:
+        status, answer = 0, b""
+
+        async def receive() -> dict[str, Any]:
+            piece = body.pop(0) if body else b""
+            return {"type": "http.request", "body": piece, "more_body": bool(body)}
+
+        async def send(message: Any) -> None:
+            nonlocal status, answer
+            status = message.get("status", status)
+            answer += message.get("body", b"")
+
+        scope = {
+            "type": "http",
+            "method": method,
+            "path": path,
+            "query_string": query,
+            "headers": [],
+            SESSION: self._session,
+        }
+        await self._router(scope, receive, send)
+        return status, answer

@@ -1,0 +1,109 @@
+"""The fleet is watched while somebody looks, and says what to do where there is nothing to watch."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.fleet.conftest import Serve, runtime, serve
+from tests.studio.running import until
+
+from hexwire.errors import LinkNotFoundError, UsageError
+from hexwire.studio.fleet_watch import FleetWatch
+
+__all__ = ["runtime", "serve"]
+
+
+class Clock:
+    """Seconds that pass when a test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def watch(runtime: Path, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Iterator[FleetWatch]:
+    monkeypatch.delenv("HEXWIRE_FLEET", raising=False)
+    made = FleetWatch(clock)
+    yield made
+    made.close()
+
+
+def looked(watch: FleetWatch, true: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+
+    def look() -> object:
+        found.clear()
+        found.update(watch.look())
+        return true(found)
+
+    until(look, "the arms")
+    return found
+
+
+def test_arms_appear_are_stopped_and_vanish(serve: Serve, watch: FleetWatch) -> None:
+    service = serve("lab/arm1", robot="sim")
+    serve("lab/arm2", robot="sim")
+    found = looked(watch, lambda found: len(found["arms"]) == 2 and found["arms"][0]["robot"])
+    assert [(row["name"], row["torque"], row["stopped"], row["faults"]) for row in found["arms"]] == [
+        ("lab/arm1", "off", False, ""),
+        ("lab/arm2", "off", False, ""),
+    ]
+    assert "HEXWIRE_FLEET" in found["note"]
+    (done,) = watch.stop("lab/arm2", "tab 1")
+    assert (done["name"], done["confirmed"]) == ("lab/arm2", True)
+    found = looked(watch, lambda found: found["arms"][1]["stopped"])
+    assert "tab 1 of" in found["arms"][1]["why"]
+    assert not found["arms"][0]["stopped"]
+    assert {row["name"] for row in watch.stop(None, "tab 1")} == {"lab/arm1", "lab/arm2"}
+    assert watch.known("lab/arm1") == "zenoh:lab/arm1"
+    with pytest.raises(UsageError, match="there is no arm"):
+        watch.known("serial:///dev/x")
+    with pytest.raises(LinkNotFoundError, match="there is no arm lab/arm9"):
+        watch.stop("lab/arm9", "tab 1")
+    service.close()
+    assert looked(watch, lambda found: found["gone"])["gone"] == ["lab/arm1"]
+
+
+def test_without_arms_it_says_how_to_share_one(watch: FleetWatch) -> None:
+    found = looked(watch, lambda found: not found["looking"])
+    assert "hexwire serve --name lab/arm1" in found["note"]
+    with pytest.raises(LinkNotFoundError, match="hexwire serve"):
+        watch.stop(None, "tab 1")
+
+
+def test_nobody_looks_nothing_is_watched(watch: FleetWatch, clock: Clock) -> None:
+    looked(watch, lambda found: not found["looking"])
+    thread = watch._thread
+    assert thread is not None
+    clock.now += 11.0
+    thread.join(10.0)
+    assert not thread.is_alive()
+    assert looked(watch, lambda found: not found["looking"])["arms"] == []
+    watch.rest()
+    assert watch._thread is None
+
+
+def test_without_zenoh_it_says_how_to_install_it(watch: FleetWatch, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zenoh", None)
+    found = looked(watch, lambda found: found["error"])
+    assert "pip install 'hexwire[fleet]'" in found["error"]
+    assert found["note"] == ""
+
+
+def test_a_file_of_the_fleet_that_is_wrong_is_said(
+    watch: FleetWatch, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HEXWIRE_FLEET", str(tmp_path / "none.toml"))
+    assert "none.toml" in looked(watch, lambda found: found["error"])["error"]

@@ -1,0 +1,89 @@
+"""What the wire page asks for: who may ask, how much may come in, and that a wrong question is an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from tests.studio.asking import Asker
+
+from hexwire.link.tap import Passed
+from hexwire.studio.access import Access, Right
+from hexwire.studio.app import Studio
+from hexwire.studio.wire_api import wire_routes
+from hexwire.studio.wire_feed import LARGEST_FILE
+from hexwire.trace.sources import read_traffic
+
+PING = b"FF FF 04 02 01 F8"
+
+
+class Desk:
+    """A studio with a tab, and who asks for it."""
+
+    def __init__(self) -> None:
+        self.studio = Studio(Access(frozenset()))
+        self.session = self.studio.access.admit(Right.WATCH, 0.0)
+        self.tab = self.studio.tabs.open(self.session.key, Right.WATCH).key
+        self.ask = Asker(wire_routes(lambda: self.studio), self.session)
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    made = Desk()
+    yield made
+    made.studio.close()
+
+
+def test_a_viewer_opens_a_file_and_sees_its_frames(desk: Desk) -> None:
+    opened = desk.ask("/wire/open", "POST", [PING[:7], PING[7:]], tab=desk.tab, name="a.txt")
+    assert opened == {"opened": "a.txt"}
+    page = desk.ask("/wire/rows", tab=desk.tab, since=0)
+    assert (page["view"], page["name"], [row[5] for row in page["rows"]]) == ("file", "a.txt", ["ping 4"])
+    assert desk.ask("/wire/frame", tab=desk.tab, number=1)["hex"] == "ffff040201f8"
+    assert desk.ask("/wire/rows", tab=desk.tab, since=0, filter="bad")["rows"] == []
+    status, saved = desk.ask.raw("/wire/save", tab=desk.tab, form="pcapng")
+    (passed,) = read_traffic(saved)
+    assert status == 200
+    assert isinstance(passed, Passed)
+    assert passed.data == bytes.fromhex(PING.decode())
+    assert desk.ask("/wire/series", "POST", tab=desk.tab, series="scs") == {"series": "scs"}
+    assert desk.ask("/wire/live", "POST", tab=desk.tab) == {"view": "live"}
+    assert desk.ask("/wire/rows", tab=desk.tab, since=0)["view"] == "live"
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "words"),
+    [
+        ("rows", {"since": "x"}, "since is not a number"),
+        ("rows", {"since": "9" * 17}, "since is not a number"),
+        ("rows", {"filter": "servo"}, "servo needs a number"),
+        ("rows", {"filter": "x" * 300}, "at most 200"),
+        ("frame", {"number": 5}, "no longer kept"),
+        ("save", {"form": "exe"}, "mcap or pcapng"),
+        ("save", {"form": "mcap"}, "no traffic to save yet"),
+    ],
+)
+def test_a_wrong_question_is_answered_in_one_line(
+    desk: Desk, path: str, query: dict[str, object], words: str
+) -> None:
+    assert words in desk.ask(f"/wire/{path}", tab=desk.tab, **query)["refused"]
+
+
+def test_only_the_tabs_of_a_session_are_answered(desk: Desk) -> None:
+    other = desk.studio.tabs.open("another session", Right.OPERATE).key
+    for path in ("rows", "frame", "save"):
+        for tab in ("", "x", other):
+            assert "no longer known" in desk.ask(f"/wire/{path}", tab=tab)["refused"]
+    for path in ("open", "live", "series"):
+        assert "no longer known" in desk.ask(f"/wire/{path}", "POST", [PING], tab=other)["refused"]
+
+
+def test_what_changes_something_is_no_link(desk: Desk) -> None:
+    for path in ("open", "live", "series"):
+        assert desk.ask.raw(f"/wire/{path}", tab=desk.tab)[0] == 405
+
+
+def test_a_file_that_never_ends_is_refused_on_the_way(desk: Desk) -> None:
+    pieces = [bytes(1 << 20)] * (LARGEST_FILE // (1 << 20) + 4)
+    assert "larger than 16 MiB" in desk.ask("/wire/open", "POST", pieces, tab=desk.tab)["refused"]
+    assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.frames import frame_bytes
+
+from hexwire.errors import UsageError
+from hexwire.link.memory import memory_pair
+from hexwire.link.tap import Direction, Passed
+from hexwire.studio.wire_feed import LARGEST_FILE, WireFeed
+from hexwire.trace.sources import read_traffic
+from hexwire.wire.command_frame import Command
+from hexwire.wire.servo_packet import make_ping, make_status
+
+CAPTURES = Path(__file__).parents[2] / "vectors" / "captures"
+
+
+def frame(seq: int = 1) -> bytes:
+    return frame_bytes(Command.STATS, b"", proto=2, seq=seq, src=7, dst=8)
+
+
+class Line:
+    """A feed whose link is one end of a pair in memory."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.feed = WireFeed(clock=lambda: self.now)
+        tap = self.feed.begin("serial:///dev/x")
+        near, self.far = memory_pair()
+        self.link = tap(near)
+        self.link.open()
+        self.far.open()
+
+    def all_rows(self, wanted: str = "", tab: str = "a") -> list[list[Any]]:
+        rows, since = list[list[Any]](), 0
+        while True:
+            page = self.feed.rows(tab, since, wanted)
+            json.dumps(page, allow_nan=False)
+            rows += page["rows"]
+            since = page["next"]
+            if not page["more"] and not page["rows"]:
+                return rows
+
+
+@pytest.fixture
+def line() -> Iterator[Line]:
+    made = Line()
+    yield made
+    made.link.close()
+    made.far.close()
+
+
+def test_the_traffic_of_the_open_line_is_shown(line: Line) -> None:
+    for seq in range(3):
+        line.link.write(frame(seq), None)
+    rows = line.all_rows()
+    assert [row[5] for row in rows] == [f"2 STATS request seq {seq}" for seq in range(3)]
+    assert line.all_rows('"seq 1"') == [rows[1]]
+    assert line.feed.rows("a", 3, "")["rows"] == []
+    line.link.write(frame(3), None)
+    assert [row[0] for row in line.feed.rows("a", 3, "")["rows"]] == [4]
+
+
+def test_a_frame_comes_with_its_bytes_and_its_tree(line: Line) -> None:
+    line.link.write(frame(), None)
+    line.all_rows()
+    found = line.feed.frame("a", 1)
+    assert bytes.fromhex(found["hex"]) == frame()
+    assert [part["name"] for part in found["tree"]["parts"]] == ["session header", "command frame"]
+    with pytest.raises(UsageError, match="no longer kept"):
+        line.feed.frame("a", 2)
+
+
+def test_an_incomplete_frame_is_given_up_after_a_pause(line: Line) -> None:
+    line.link.write(frame()[:30], None)
+    line.now = line.link.clock()
+    assert line.all_rows() == []
+    line.now += 1.0
+    ((*_, bad, _, _),) = line.all_rows()
+    assert bad == 1
+
+
+def test_many_frames_come_in_pages(line: Line) -> None:
+    line.feed._ring.feed(Passed(Direction.SENT, frame() * 2500, 1.0, ""))
+    first = line.feed.rows("a", 0)
+    assert (len(first["rows"]), first["more"], first["next"]) == (1000, True, 1000)
+    assert len(line.all_rows()) == 2500
+    assert line.all_rows("bad") == []
+
+
+def test_only_the_end_of_what_came_before_is_read(line: Line) -> None:
+    for i in range(5000):
+        line.feed._ring.feed(Passed(Direction.SENT, frame(i % 256), 1.0 + i / 1000, ""))
+    assert len(line.all_rows()) == 2000
+
+
+def test_another_line_starts_anew(line: Line) -> None:
+    line.link.write(frame(), None)
+    assert line.all_rows()
+    line.feed.begin("serial:///dev/y")
+    assert line.feed.rows("a", 0)["rows"] == []
+    # A tab that asks from a number of the last line gets the right one to continue from.
+    assert line.feed.rows("a", 99)["next"] == 0
+
+
+def test_a_link_that_goes_on_is_observed_once(line: Line) -> None:
+    old = line.feed._ring
+    again: Any = line.feed.begin("serial:///dev/x")(line.link)
+    again.write(frame(), None)
+    assert len(line.all_rows()) == 1
+    assert old.newest == 0
+    assert again.link is line.link.link  # type: ignore[attr-defined]  # a tap has one
+
+
+def test_the_page_says_why_nothing_is_seen() -> None:
+    feed = WireFeed()
+    assert "Nothing is open" in feed.rows("a", 0)["note"]
+    feed.begin("zenoh:lab/arm1")
+    assert "shared by another program" in feed.rows("a", 0)["note"]
+
+
+@pytest.mark.parametrize("name", ["cooked-port.log", "cut-frame.pcapng", "wrong-id.txt"])
+def test_a_file_is_shown_to_its_tab_only(line: Line, name: str) -> None:
+    line.link.write(frame(), None)
+    line.feed.open_file("b", (CAPTURES / name).read_bytes(), name)
+    shown = line.feed.rows("b", 0)
+    assert (shown["view"], shown["name"]) == ("file", name)
+    assert any(row[6] for row in shown["rows"]) or name == "wrong-id.txt"
+    assert line.feed.rows("a", 0)["view"] == "live"
+    line.feed.close_file("b")
+    assert line.feed.rows("b", 0)["view"] == "live"
+
+
+def test_a_file_that_is_too_large_or_no_traffic_is_refused() -> None:
+    feed = WireFeed()
+    with pytest.raises(UsageError, match="larger than 16 MiB"):
+        feed.open_file("a", bytes(LARGEST_FILE + 1), "x")
+    with pytest.raises(UsageError, match="x has no traffic"):
+        feed.open_file("a", b"hello\nworld\n", "x")
+    assert feed.rows("a", 0)["view"] == "live"
+
+
+def test_the_files_of_many_tabs_are_bounded() -> None:
+    feed = WireFeed()
+    for i in range(20):
+        feed.open_file(str(i), b"FF FF 01 02 01 FB", "x")
+    views = [feed.rows(str(i), 0)["view"] for i in range(20)]
+    assert views == ["live"] * 12 + ["file"] * 8
+
+
+def test_the_series_decides_the_names_of_registers() -> None:
+    feed = WireFeed()
+    feed.open_file("a", b"FF FF 01 04 02 2A 02 CC", "x", "sts_sms")
+    assert "goal_position" in feed.rows("a", 0)["rows"][0][5]
+    feed.set_series("a", "seven_bot")
+    assert "target_position" in feed.rows("a", 0)["rows"][0][5]
+    with pytest.raises(UsageError, match="no servo series"):
+        feed.set_series("a", "other")
+
+
+def test_the_series_of_the_line_is_that_of_the_arm() -> None:
+    feed = WireFeed()
+    feed.begin("serial:///dev/x")
+    for series, shown in ((["hls"] * 6, "hls"), (["seven_bot", "hls"], "board"), ([], "board"), (["x"], "board")):
+        feed.expect(series)
+        assert feed.rows("a", 0)["series"] == shown
+
+
+def test_what_is_shown_is_saved(line: Line) -> None:
+    with pytest.raises(UsageError, match="no traffic to save yet"):
+        line.feed.saved("a", "pcapng")
+    line.link.write(make_ping(4), None)
+    (saved,) = read_traffic(line.feed.saved("a", "pcapng"))
+    assert isinstance(saved, Passed)
+    assert saved.data == make_ping(4)
+    line.feed.open_file("a", b"< " + make_status(4).hex(" ").encode(), "x")
+    (saved,) = read_traffic(line.feed.saved("a", "mcap"))
+    assert isinstance(saved, Passed)
+    assert saved.data == make_status(4)
