@@ -21,6 +21,7 @@ from .sim_bus import bus
 from .sim_hand import hand
 from .sim_puma import puma260
 from .sim_serve import serve_device, tcp_option
+from .sim_view import shown, view_option
 
 __all__ = ["sim"]
 
@@ -62,6 +63,7 @@ sim.add_command(puma260)
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random generator.")
 @click.option("--physics", is_flag=True, help="Simulate weight, sag and a table with MuJoCo.")
 @number_option("--payload", "GRAMS", "With --physics, the payload of the tool.", minimum=0)
+@view_option
 @tcp_option
 @click.option("--reset-on-open", is_flag=True, help="Reset the board when the port is opened, like a real Mega.")
 @click.option(
@@ -77,6 +79,7 @@ def board(
     seed: int,
     physics: bool,
     payload: float | None,
+    view: bool,
     tcp: str | None,
     reset_on_open: bool,
     until_eof: bool,
@@ -93,26 +96,28 @@ def board(
         seed=seed,
         start=time.monotonic(),
     )
+    twin = None
     if physics:
         from hexwire.emulator.physics import PhysicsTwin
         from hexwire.model.hex7bot_kinematics import Hex7BotModel
 
-        PhysicsTwin(device.wire.servos, Hex7BotModel(), payload=(payload or 0.0) / 1000)
+        twin = PhysicsTwin(device.wire.servos, Hex7BotModel(), payload=(payload or 0.0) / 1000)
     elif payload is not None:
         raise UsageError("--payload needs --physics")
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    serve_device(
-        device,
-        tcp=tcp,
-        link=link,
-        baud=baud,
-        reset_on_open=reset_on_open,
-        hands=Hands(device.wire.servos, HEX7BOT),
-        stop=ended.is_set,
-        announce=_announce,
-    )
+    with shown(twin, device.wire.servos, ended.is_set, view=view) as (window, stop):
+        serve_device(
+            device if window is None else window.with_device(device),
+            tcp=tcp,
+            link=link,
+            baud=baud,
+            reset_on_open=reset_on_open,
+            hands=Hands(device.wire.servos, HEX7BOT),
+            stop=stop,
+            announce=_announce,
+        )
 
 
 def _announce(path: str) -> None:

@@ -20,6 +20,7 @@ from .common import is_typed
 from .exits import note
 from .output import say_document
 from .sim_serve import no_terminals, serve_on_tcp, tcp_option
+from .sim_view import shown, view_option
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
@@ -71,6 +72,7 @@ def _parse_rates(text: str) -> list[int]:
 )
 @click.option("--leader", is_flag=True, help="With --arm, a leader arm, whose gears a hand moves easily.")
 @click.option("--physics", is_flag=True, help="With --arm, simulate weight, friction and a table with MuJoCo.")
+@view_option
 @click.option(
     "--series",
     default="sts_sms",
@@ -102,6 +104,7 @@ def bus(
     arm: str | None,
     leader: bool,
     physics: bool,
+    view: bool,
     series: str,
     ids: str,
     baud: str,
@@ -123,6 +126,7 @@ def bus(
 
     rates = _parse_rates(baud)
     model: ArmModel | None = None
+    twin = None
     if arm is not None:
         if wrong := [f"--{name}" for name in ("series", "ids") if is_typed(name)]:
             raise UsageError(f"the servos of {arm} are known; leave out {' and '.join(wrong)}")
@@ -133,7 +137,7 @@ def bus(
         if physics:
             from hexwire.emulator.physics import PhysicsTwin
 
-            PhysicsTwin(servos, model)
+            twin = PhysicsTwin(servos, model)
     elif leader or physics:
         raise UsageError(f"{'--leader' if leader else '--physics'} needs --arm")
     else:
@@ -143,24 +147,25 @@ def bus(
     ended = threading.Event()
     if until_eof:
         threading.Thread(target=_wait_for_eof, args=(ended,), daemon=True).start()
-    if tcp is not None:
-        device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
-        serve_on_tcp(device, tcp, link=link, baud=0, stop=ended.is_set, announce=_announce)
-        return
-    try:
-        from hexwire.emulator.serve_bus import serve_bus
-    except ImportError:
-        no_terminals()
-    serve_bus(
-        servos,
-        baud=rates[0],
-        stop=ended.is_set,
-        announce=_announce,
-        link=link,
-        faults=plan,
-        echo=echo,
-        arm=model,
-    )
+    with shown(twin, servos, ended.is_set, view=view) as (_, stop):
+        if tcp is not None:
+            device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
+            serve_on_tcp(device, tcp, link=link, baud=0, stop=stop, announce=_announce)
+            return
+        try:
+            from hexwire.emulator.serve_bus import serve_bus
+        except ImportError:
+            no_terminals()
+        serve_bus(
+            servos,
+            baud=rates[0],
+            stop=stop,
+            announce=_announce,
+            link=link,
+            faults=plan,
+            echo=echo,
+            arm=model,
+        )
 
 
 def _announce(path: str) -> None:

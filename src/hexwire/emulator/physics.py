@@ -161,6 +161,10 @@ class PhysicsTwin:
         """The compiled ``MjModel``."""
         return self._model
 
+    def make_data(self) -> Any:
+        """A fresh ``MjData`` for `show`."""
+        return self._mujoco.MjData(self._model)
+
     def positions(self) -> dict[str, float]:
         """Joint positions of the body, radians, for the driver's joints."""
         return {name: float(self._data.qpos[self._address(name)[0]]) for name in self.shapes.driven}

@@ -201,6 +201,8 @@ def _light(mujoco: Any, spec: Any, shapes: ArmShapes) -> None:
     head = spec.visual.headlight
     head.ambient, head.diffuse, head.specular = [0.36] * 3, [0.4] * 3, [0.05] * 3
     spec.visual.map.znear = 0.01
+    # Wide enough for the whole arm: beyond its edge the shadow's texture flickers.
+    spec.visual.map.shadowclip = 3.0
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.quality.shadowsize = 2048
     spec.worldbody.add_light(
