@@ -10,7 +10,7 @@ from tests.model.poses import pose_error
 from tests.ros1.ros_world import HEXWIRE, JOINTS, Arm, World, near, still, until
 
 import hexwire.ros1
-from hexwire.model.geometry import make_kinematics
+from hexwire.model.geometry import make_kinematics, make_shapes
 from hexwire.model.pose import Pose, apply, multiply
 
 SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"
@@ -113,6 +113,10 @@ def test_robot_state_publisher_puts_the_tool_where_the_model_does(arm: Arm) -> N
         # The last of each link counts.
         links = {row["child_frame_id"]: row for message in fixed + moving for row in message["transforms"]}
         assert pose_error(_pose(links, "tool"), wanted) < 0.01
+        # Those that only follow are published too.
+        shown = make_shapes(model).poses(stood)
+        assert [name for name in ("jaw_left", "jaw_right", "rod") if name not in links] == []
+        assert all(pose_error(_pose(links, name), shown[name]) < 0.01 for name in ("jaw_left", "jaw_right", "rod"))
     finally:
         publisher.kill_all()
         arm.client.delete_param(name="robot_description")
