@@ -442,7 +442,10 @@ class Source:
             self.bus.take(tab, force=force)
             return
         arm = self.need_arm()
+        former = arm.shared.holder
         tab.grant = arm.shared.take(tab.name, _RANK, key=tab.grant, force=force).key
+        if former is not None and former.key != tab.grant:
+            arm.attended.end_all(f"{tab.name} took control")
 
     def leave(self, tab: Tab) -> None:
         """Take control back from a tab; what moves holds."""

@@ -1,0 +1,252 @@
+"""Every way in which a held motion ends, seen at the emulated servos: their goal position stops changing.
+
+How long that may take is tested with a clock of its own in `tests/control/test_attended.py` and `test_jog.py`, and
+measured by `make bench`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from tests.studio.running import Visitor
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+    from tests.studio.running import RunningStudio
+
+_JOG = {"directions": {"J1": 1}, "speed": 0.15}
+_STILL = 0.3
+"""Seconds without a new goal after which a servo counts as held."""
+_WATCHED = 0.3
+"""Seconds for which it must stay so."""
+
+
+def _moves(studio: RunningStudio) -> None:
+    """Wait until the first servo has got several new goals."""
+    first = studio.goals()[0]
+    studio.until(lambda: abs(studio.goals()[0] - first) > 5, "a motion")
+
+
+def _is_held(studio: RunningStudio, why: str) -> None:
+    """Wait until no goal changes any more; check that it stays so."""
+    goals, since = studio.goals(), time.monotonic()
+
+    def still() -> bool:
+        nonlocal goals, since
+        if (now := studio.goals()) != goals:
+            goals, since = now, time.monotonic()
+        return time.monotonic() - since > _STILL
+
+    studio.until(still, f"the end of the motion: {why}")
+    time.sleep(_WATCHED)
+    assert studio.goals() == goals, why
+    assert studio.studio.source.arm is not None
+    assert studio.studio.source.arm.attended.entry is None, why
+
+
+class _Holder:
+    """Somebody without a browser who holds a jog, and beats."""
+
+    def __init__(self, studio: RunningStudio) -> None:
+        self.studio, self.visitor = studio, Visitor(studio, studio.studio.access.operate_token)
+        key = self.visitor.page()
+        tab = studio.studio.tabs.find(key, self.visitor.cookie.partition("=")[2])
+        assert tab is not None
+        self.tab = tab
+        studio.studio.take(tab)
+        self._stack = contextlib.ExitStack()
+        # It reads nothing: what arrives must not keep the farewell away.
+        opened = self.visitor.socket(f"/live?tab={key}", max_queue=None)
+        self.line: Any = self._stack.enter_context(opened)
+        self._quiet = threading.Event()
+        self._thread = threading.Thread(target=self._beat, daemon=True)
+        self.number = 0
+
+    def hold(self) -> None:
+        source = self.studio.studio.source.arm
+        assert source is not None
+        self.number += 1
+        order = {"do": "hold", "id": self.number, "kind": "joint", "args": _JOG, "stops": source.stops}
+        self.line.send(json.dumps(order))
+        self._thread.start()
+
+    def _beat(self) -> None:
+        while not self._quiet.wait(0.05):
+            with contextlib.suppress(OSError, Exception):
+                self.line.send(json.dumps({"do": "beat", "id": self.number}))
+
+    def fall_silent(self) -> None:
+        self._quiet.set()
+
+    def abort(self) -> None:
+        """The network is gone: no farewell."""
+        self.line.socket.shutdown(socket.SHUT_RDWR)
+
+    def end(self) -> None:
+        self._quiet.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._stack.close()
+
+
+@pytest.fixture
+def moving(served: RunningStudio) -> Iterator[Callable[[], _Holder]]:
+    """Makes somebody who holds a jog that moves; all of them on one arm."""
+    # More silence than in earnest, so that a busy machine ends nothing by itself.
+    served.open(silence=1.0)
+    served.torque()
+    made: list[_Holder] = []
+
+    def make() -> _Holder:
+        while made:
+            made.pop().end()
+        if served.arm.owner.group.reason is not None:
+            served.arm.owner.reset()
+        made.append(_Holder(served))
+        made[-1].hold()
+        _moves(served)
+        return made[-1]
+
+    try:
+        yield make
+    finally:
+        while made:
+            made.pop().end()
+        served.studio.source.close()
+        served.studio.access.end_all()
+
+
+def _release(holder: _Holder) -> None:
+    holder.line.send(json.dumps({"do": "release", "id": holder.number}))
+
+
+def _close(holder: _Holder) -> None:
+    holder.line.close()
+
+
+def _stop(holder: _Holder) -> None:
+    holder.line.send(json.dumps({"do": "stop"}))
+
+
+def _stop_by_request(holder: _Holder) -> None:
+    other = Visitor(holder.studio, holder.studio.studio.access.watch_token)
+    assert other.ask("/stop", "POST", b"")[0] == 200
+
+
+def _take_away(holder: _Holder) -> None:
+    studio = holder.studio.studio
+    studio.take(studio.tabs.open("another", holder.tab.right), force=True)
+
+
+def _leave(holder: _Holder) -> None:
+    holder.studio.studio.source.leave(holder.tab)
+
+
+def _end_session(holder: _Holder) -> None:
+    holder.studio.studio.access.leave(holder.tab.session)
+
+
+def _hang_loop(holder: _Holder) -> None:
+    """The loop of the server hangs, so that it hears of nothing: the owner of the arm ends the motion."""
+    holder.studio.studio.soon(lambda: time.sleep(2.5))
+
+
+_WAYS: dict[str, Callable[[_Holder], object]] = {
+    "release": _release,
+    "silence": _Holder.fall_silent,
+    "lost": _Holder.abort,
+    "closed": _close,
+    "stop": _stop,
+    "stop by HTTP": _stop_by_request,
+    "taken": _take_away,
+    "left": _leave,
+    "session": _end_session,
+    "server hangs": _hang_loop,
+}
+
+
+def test_a_motion_ends_in_every_way(moving: Callable[[], _Holder]) -> None:
+    for name, way in _WAYS.items():
+        holder = moving()
+        way(holder)
+        _is_held(holder.studio, name)
+
+
+def test_nothing_from_before_a_stop_continues_after_resume(moving: Callable[[], _Holder]) -> None:
+    holder = moving()
+    studio, owner, source = holder.studio, holder.studio.arm.owner, holder.studio.studio.source.arm
+    assert source is not None
+    old = source.stops
+    _stop(holder)
+    studio.until(lambda: owner.group.reason is not None, "the stop")
+    owner.reset()
+    _is_held(studio, "its beats still arrive")
+    # An order that was under way while the arm was stopped and resumed.
+    holder.line.send(json.dumps({"do": "hold", "id": 99, "kind": "joint", "args": _JOG, "stops": old}))
+    holder.number = 99
+    _is_held(studio, "the order is old")
+
+
+def test_a_motion_ends_in_a_browser(studio: RunningStudio, operator: Page) -> None:
+    studio.torque()
+    operator.evaluate(
+        """(jog) => {
+            const button = Object.assign(document.createElement("button"), {id: "jog", textContent: "J1 +"});
+            document.getElementById("hw-main").prepend(button);
+            hexwire.holdButton(button, "joint", jog);
+        }""",
+        _JOG,
+    )
+    button = operator.locator("#jog")
+    for way in ("mouse", "key", "blur", "freeze", "close"):
+        operator.mouse.up()
+        if way == "key":
+            button.focus()
+            operator.keyboard.down("Space")
+        else:
+            button.hover()
+            operator.mouse.down()
+        _moves(studio)
+        if way == "mouse":
+            operator.mouse.up()
+        elif way == "key":
+            operator.keyboard.up("Space")
+        elif way == "freeze":
+            source = studio.studio.source.arm
+            assert source is not None
+            source.attended._silence = 0.25
+            operator.evaluate(
+                "setTimeout(() => { const end = Date.now() + 1500; while (Date.now() < end); }, 0); 1"
+            )
+        elif way == "blur":
+            operator.evaluate("window.dispatchEvent(new Event('blur'))")
+        else:
+            operator.close()
+        _is_held(studio, way)
+        if way == "freeze":
+            source.attended._silence = 5.0
+
+
+def test_stop_reaches_the_arm_without_the_live_socket(studio: RunningStudio, operator: Page) -> None:
+    operator.evaluate(
+        """() => {
+            // No new socket can be opened, and the present one closes.
+            WebSocket = class { constructor() { this.readyState = 3; } };
+            WebSocket.OPEN = 1;
+        }"""
+    )
+    live = studio.studio.live
+    studio.studio.soon(lambda: live._tell({"kind": "none"}, None))
+    for socket_ in list(live._sockets):
+        socket_.too_slow = True
+    studio.until(lambda: not live._sockets, "the end of the socket")
+    operator.wait_for_function("!hexwire.connected")
+    operator.keyboard.press("Escape")
+    studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
