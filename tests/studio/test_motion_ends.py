@@ -60,7 +60,7 @@ class _Holder:
         tab = studio.studio.tabs.find(key, self.visitor.cookie.partition("=")[2])
         assert tab is not None
         self.tab = tab
-        studio.studio.take(tab)
+        studio.studio.take(tab, force=True)
         self._stack = contextlib.ExitStack()
         # It reads nothing: what arrives must not keep the farewell away.
         opened = self.visitor.socket(f"/live?tab={key}", max_queue=None)
