@@ -102,8 +102,8 @@ def test_what_must_not_be_changed_and_what_to_think_about() -> None:
     high = Remark(True, "supply 12.1 V is above its limit of 8.0 V")
     plan.receive([seen(1)._replace(remarks=(high,), blocked=high.text)])
     assert (plan.step.blocked, plan.step.warning) == (high.text, "")
-    plan.receive([SeenServo(1, MILLION, False, None)])
-    assert "answers pings but no reads" in plan.step.blocked
+    plan.receive([SeenServo(1, MILLION, False, None, blocked="it tells nothing of itself")])
+    assert plan.step.blocked == "it tells nothing of itself"
     plan.receive([seen(1, kind="12 V")._replace(info=info(1, 2570), remarks=(Remark(True, "old firmware"),))])
     assert plan.step.blocked == ""
     assert plan.step.warning == (

@@ -223,8 +223,6 @@ class ArmSetup:
             # It has the id of a joint already, and only lacks the rate: a set-up was cut off here.
             target = own
         blocked = servo.blocked
-        if servo.info is None:
-            blocked = "it answers pings but no reads: check its cable and its supply"
         warnings = [remark.text for remark in servo.remarks if remark.text != blocked]
         model = servo.info.model_name if servo.info is not None else ""
         if self._so_arm and model and model not in _MODELS:

@@ -6,27 +6,27 @@ lose a servo. Asks and shows nothing; that is the caller's task.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from hexwire.bus.identity import change_identity
-from hexwire.bus.servo_facts import remarks, voltage_class
+from hexwire.bus.servo_facts import remarks
 from hexwire.bus.setup import identify, scan, shares_id
+from hexwire.bus.survey import survey
 from hexwire.errors import NotSupportedError, ServoError, UsageError
 
 from .arm_setup import SeenServo, StepKind
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.bus.setup import Found, ServoInfo
+    from hexwire.bus.setup import ServoInfo
+    from hexwire.bus.survey import Surveyed
 
     from .arm_setup import ArmSetup, SetupStep
 
 __all__ = ["assign", "look"]
 
 _USUAL_IDS = range(21)
-_SETTINGS = ("max_voltage", "min_voltage", "mode")
 
 
 def look(
@@ -53,7 +53,7 @@ def look(
     if bus.timing.baud != setup.baud and _adjustable(bus):
         bus.set_baud(setup.baud)
     found = _found(bus, setup.baud, range(254) if everywhere else _USUAL_IDS, progress)
-    _tell(bus, setup, found)
+    setup.receive(found)
     if not _adjustable(bus) or (setup.step.kind is not StepKind.CONNECT):
         return
     rates = sorted(set(bus.series.baud_codes.values()) - {setup.baud}, reverse=True)
@@ -66,7 +66,7 @@ def look(
             found += _found(bus, baud, range(254) if everywhere else _USUAL_IDS, progress)
         finally:
             bus.set_baud(setup.baud)
-    _tell(bus, setup, found)
+    setup.receive(found)
 
 
 def _adjustable(bus: ServoBus) -> bool:
@@ -82,39 +82,16 @@ def _found(
         # One servo alone answers a ping of all, whatever its id.
         alone, _ = bus.broadcast_ping(1)
         rows = scan(bus, ids=alone)
-    return [_seen(bus, row, baud) for row in rows]
+    known = survey(bus, rows)
+    return [_seen(row, baud, [other.info for other in rows if other.info is not None]) for row in known]
 
 
-def _seen(bus: ServoBus, row: Found, baud: int) -> SeenServo:
-    info = row.info
-    if info is None or info.series is None or row.shared:
-        return SeenServo(row.servo_id, baud, row.shared, info)
-    settings: dict[str, float] = {}
-    registers = bus.series_of(row.servo_id).registers
-    for name in _SETTINGS:
-        if name in registers:
-            settings[name] = bus.read(row.servo_id, name).value
-    supply = bus.read(row.servo_id, "present_voltage").value if "present_voltage" in registers else math.nan
-    kind = voltage_class(settings.get("max_voltage", math.nan))
-    known = remarks(info, settings)
-    found = tuple(remarks(info, settings, supply))
-    blocked = "; ".join(remark.text for remark in found if remark.bad and remark not in known)
-    return SeenServo(row.servo_id, baud, False, info, found, supply, kind, blocked)
-
-
-def _tell(bus: ServoBus, setup: ArmSetup, found: list[SeenServo]) -> None:
-    """Tell the set-up, with the remarks that concern several servos together."""
-    infos = [row.info for row in found if row.info is not None]
-    versions = {info.firmware for info in infos if info.model_name}
-    if len(versions) > 1:
-        found = [row if row.info is None else _mixed(row, row.info, infos) for row in found]
-    setup.receive(found)
-
-
-def _mixed(row: SeenServo, info: ServoInfo, infos: list[ServoInfo]) -> SeenServo:
-    others = [other for other in infos if other is not info]
-    more = [remark for remark in remarks(info, {}, others=others) if remark not in row.remarks]
-    return row._replace(remarks=(*row.remarks, *more))
+def _seen(row: Surveyed, baud: int, others: list[ServoInfo]) -> SeenServo:
+    info, shared = row.found.info, row.found.shared
+    # What remains without the supply does not keep a setting from being stored.
+    harmless = [] if info is None else remarks(info, row.settings, others=others)
+    blocked = "" if shared else "; ".join(one.text for one in row.remarks if one.bad and one not in harmless)
+    return SeenServo(row.found.servo_id, baud, shared, info, tuple(row.remarks), row.supply, row.kind, blocked)
 
 
 def assign(
